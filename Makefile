@@ -59,6 +59,7 @@ bench: setup-dev
 	$(BIN)/python -m tests.bench.frames
 	$(BIN)/python -m tests.bench.recorder
 	-$(BIN)/python -m tests.bench.kills
+	-$(BIN)/python -m tests.bench.router_kills
 	$(BIN)/python -m tests.bench.subscribing
 	$(BIN)/python -m tests.bench.stalls
 	$(BIN)/python -m tests.bench.watching

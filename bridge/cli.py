@@ -17,12 +17,12 @@ from bridge.config import Bridge, ConfigError, Device, Root, listening, load
 from bridge.console import plain_console
 from bridge.drivers import registry
 from bridge.health import Health
+from bridge.ingest.pump import Pump
+from bridge.ingest.vitals import Vitals
 from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
 from bridge.router_watch import RouterWatch
-from bridge.vitals import Vitals
-from bridge.ward import Ward
 from bridge.wording import count
 
 _DONE, _NOT_USED = 0, 1
@@ -127,7 +127,7 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
         with (
             bus,
             closing(alone(bus, ward, "bridge", bridge.id)),
-            Ward(ward, bridge, bus) as running,
+            Pump(ward, bridge, bus) as running,
             _health(bridge, running, bus, connect),
         ):
             _log.info(
@@ -147,7 +147,7 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
     return _DONE
 
 
-def _health(bridge: Bridge, running: Ward, bus: Bus, routers: Routers) -> AbstractContextManager[object]:
+def _health(bridge: Bridge, running: Pump, bus: Bus, routers: Routers) -> AbstractContextManager[object]:
     if not bridge.health:
         return nullcontext()
     vitals = Vitals(lambda: running.infos, lambda: running.turned_s, lambda: bus.connected, routers)

@@ -3,14 +3,22 @@
 import argparse
 import re
 from collections.abc import Callable, Iterable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn, Protocol, TypeVar
 
 from bridge.toml_file import ConfigError, nearest
 
-Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
+P_co = TypeVar("P_co", covariant=True)
 Run = Callable[[argparse.Namespace], int]
 
+_OPTION = re.compile(r"--?[a-z][\w-]*")
 _NO_CHOICE = re.compile(r"(?P<where>.*)invalid choice: '(?P<word>.*)' \(choose from (?P<known>.*)\)", re.DOTALL)
+
+
+class Verbs(Protocol[P_co]):
+    """What `add_subparsers` of argparse gives."""
+
+    def add_parser(self, name: str, **how: Any) -> P_co:
+        """The parser of a verb."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -22,7 +30,7 @@ class Parser(argparse.ArgumentParser):
         """See argparse; what is left over is refused here, where the verb's options are known."""
         given, over = super().parse_known_args(args, namespace)
         if over:
-            self.error(_left_over(over, self._option_string_actions))
+            self.error(_left_over(over, _OPTION.findall(self.format_usage())))
         return given, over
 
     def error(self, message: str) -> NoReturn:

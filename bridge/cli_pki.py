@@ -1,11 +1,13 @@
-"""The verbs `truerate pki ...`: arguments in, exit code out. `show` says by it whether somebody has to act."""
+"""The verbs `truerate pki ...`: arguments in, exit code out; that of `show` tells whether somebody has to act."""
 
 import argparse
 import json
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from bridge.bus import router_file
 from bridge.cli_parser import Verbs, sentence
@@ -17,7 +19,7 @@ from bridge.pki.authority import DAYS
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.identity import Identity, faults
 from bridge.pki.member import Member, Role
-from bridge.pki.report import Row, rows
+from bridge.pki.papers import Lasts
 
 #: no certificate lasts longer, and no date is further off
 _MOST_DAYS = 36_500
@@ -143,11 +145,7 @@ def _issue(given: argparse.Namespace) -> int:
 def _renew(given: argparse.Namespace) -> int:
     folder, now, members = Folder(given.folder), utc_now(), _members(given)
     if given.soon:
-        members += [
-            Member(member.role, member.name)
-            for (member, _), row in zip(folder.members(), _rows(folder, now)[1:], strict=True)
-            if row.trouble
-        ]
+        members += [Member(member.role, member.name) for member, lasts in folder.members() if now >= lasts.soon]
     if not members and not given.soon:
         raise ValueError("whose? Name some, as bridge:bridge-1, or say --soon")
     if not members:
@@ -158,11 +156,6 @@ def _renew(given: argparse.Namespace) -> int:
             _made(folder.renew(member, now, given.days))
         except ValueError as error:
             wrong.append(str(error))
-    if now >= (authority := folder.authority_lasts()).soon:
-        print(
-            f"truerate: the authority itself ends on {authority.ends:%Y-%m-%d}, and with it all certificates: make a new one",
-            file=sys.stderr,
-        )
     if wrong:
         raise ValueError("\n".join(wrong))
     return 0
@@ -188,27 +181,32 @@ def _revoke_list(given: argparse.Namespace) -> int:
     return 0
 
 
-def _rows(folder: Folder, now: datetime) -> list[Row]:
-    return list(rows(folder.members(), folder.authority_lasts(), now))
-
-
 def _show(given: argparse.Namespace) -> int:
     folder = Folder(given.folder)
-    found = _rows(folder, utc_now())
+    rows = list(_rows(folder, utc_now()))
     if given.json:
-        shown = [
-            {"role": r.role, "who": r.who, "until": r.until.isoformat(), "days": r.days, "trouble": r.trouble}
-            for r in found
-        ]
-        print(json.dumps({"certificates": shown, "revoked": folder.revoked()}))
+        print(json.dumps({"certificates": rows, "revoked": folder.revoked()}))
     else:
         table = Columns(
             [Column("role"), Column("who", least=12), Column("until"), Column("days"), Column("what to do", least=20)]
         )
-        for row in found:
-            table.add(row.role, row.who, f"{row.until:%Y-%m-%d}", str(row.days), row.trouble)
+        for row in rows:
+            table.add(row["role"], row["who"], row["until"][:10], str(row["days"]), row["trouble"])
         plain_console().print(table)
-    return 1 if any(row.trouble for row in found) else 0
+    return 1 if any(row["trouble"] for row in rows) else 0
+
+
+def _rows(folder: Folder, now: datetime) -> Iterator[dict[str, Any]]:
+    """A row for each certificate, the authority's first; its trouble is empty where nobody has to act."""
+
+    def row(role: str, who: str, lasts: Lasts, remedy: str) -> dict[str, Any]:
+        trouble = f"expire{'d' if now > lasts.ends else 's soon'}: {remedy}" if now >= lasts.soon else ""
+        until, days = lasts.ends.isoformat(), (lasts.ends - now).days
+        return {"role": role, "who": who, "until": until, "days": days, "trouble": trouble}
+
+    yield row("authority", "", folder.authority_lasts(), "make a new one, and with it all certificates anew")
+    for member, lasts in folder.members():
+        yield row(member.role.value, member.name, lasts, f"truerate pki renew {member.label}")
 
 
 def _check(given: argparse.Namespace) -> int:
@@ -228,44 +226,25 @@ def _router(given: argparse.Namespace) -> int:
         raise ValueError(f"{router.label} is no router")
     wards = [check(ward, "--ward") for ward in dict.fromkeys(given.ward)]
     listen, join = check_endpoints(given.listen, "--listen"), tuple(given.join)
-    if join:
-        check_endpoints(join, "--join")
     if others := [endpoint for endpoint in (*listen, *join) if not endpoint.startswith("tls/")]:
         raise ValueError(f"{others[0]!r}: a router with certificates goes by tls alone, such as 'tls/10.0.0.5:7447'")
-    if router not in (known for known, _ in folder.members()):
-        raise ValueError(
-            f"{router.label}: no certificate in {folder.path}; `truerate pki issue {router.label} --host …` makes one"
-        )
-    known = [member for member, _ in folder.members() if member != router]
-    places = list(dict.fromkeys(place for text in given.member for place in _places(folder, text, wards)))
-    places = places or [(ward, member) for member in known for ward in wards]
-    if missing := [member.label for _, member in places if member not in known]:
+    known = [member for member, _ in folder.members()]
+    places = dict.fromkeys(place for text in given.member for place in _places(folder, text, wards))
+    places = places or dict.fromkeys((ward, member) for member in known if member != router for ward in wards)
+    if missing := [member.label for member in (router, *(one for _, one in places)) if member not in known]:
         raise ValueError(f"{', '.join(missing)}: no certificate in {folder.path}; `truerate pki issue` makes one")
     files = Folder((given.at or folder.path).absolute()).gate(router)
     if given.ca:
         files = replace(files, ca=given.ca)
     else:
-        _admit(folder, router, [member for _, member in places], files)
+        folder.admit(router, dict.fromkeys(member for _, member in places))
+        print(f"{folder.gate(router).ca}: whose certificates are good; to {files.ca} with it", file=sys.stderr)
     title = (
         f"The router {router.name} of {', '.join(wards)}.\n"
         "Written by `truerate pki router`: write it anew rather than change it."
     )
-    print(router_file.rendered(router_file.guarded(listen, files, places, join), title), end="")
+    print(router_file.rendered(router_file.guarded(listen, files, list(places), join), title), end="")
     return 0
-
-
-def _admit(folder: Folder, router: Member, members: list[Member], there: Identity) -> None:
-    """The other file of a router; in words, for standard output is its own."""
-    without = folder.admit(router, members)
-    print(f"{folder.gate(router).ca}: whose certificates are good; to {there.ca} with it", file=sys.stderr)
-    if without:
-        names = " ".join(member.label for member in without)
-        print(
-            f"truerate: {names}: of an earlier truerate, signed by the authority itself; until that is changed a revoked"
-            f" certificate still gets a session, though no sample. truerate pki renew {names}; copy these to their"
-            " machines; then write the routers' files anew, and start the routers again",
-            file=sys.stderr,
-        )
 
 
 def _places(folder: Folder, text: str, wards: list[str]) -> list[tuple[str, Member]]:

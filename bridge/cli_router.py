@@ -50,14 +50,12 @@ def router(args: argparse.Namespace) -> int:
 
 
 def _looked_through(path: Path) -> RouterFile:
-    """A router's own file; BusError where by its certificate it would be of no use."""
+    """Read and check a router's file. Raises BusError where its certificate cannot be used."""
     file = router_check.read(path)
     if file.identity is not None and (wrong := faults(file.identity, datetime.now(UTC), (Role.ROUTER,))):
         raise BusError("\n".join(wrong))
-    for words in file.faults:
+    for words in (*file.faults, *routers_together.faults(file)):
         _log.warning("%s: %s", path, words)
-    for words in routers_together.faults([file]):
-        _log.warning("%s", words)
     return file
 
 

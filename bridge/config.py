@@ -15,7 +15,7 @@ from bridge.drivers.driver import Driver
 from bridge.enrolled import Enrolment
 from bridge.pki.member import Role
 from bridge.pki.papers import Identity
-from bridge.record.settings import Recorder
+from bridge.recording.settings import Recorder
 from bridge.toml_file import ConfigError, load, nearest, options
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal

@@ -1,4 +1,4 @@
-"""Whether a router is there: said when it changes, and why: this program was held up, or its certificate is of no use."""
+"""Logs when the router goes and comes back, and why it may be away."""
 
 import logging
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ _SELDOM_S = 12 * 3600.0
 
 
 class RouterWatch:
-    """To be looked at every_s seconds; times are of a steady clock. routers: where we go, and by which certificate."""
+    """Call `look` every every_s seconds of a steady clock. routers: their endpoints, and our certificate."""
 
     def __init__(self, log: logging.Logger, every_s: float, routers: Routers | None = None) -> None:
         self._log, self._every_s = log, every_s
@@ -25,7 +25,7 @@ class RouterWatch:
         self._ask_s, self._explain_s = float("-inf"), float("inf")
 
     def look(self, now: float, *, connected: bool) -> bool:
-        """Say what is new; whether it was, or is, away since the last look."""
+        """Log what has changed. Returns whether the router was, or is, away since the last look."""
         if self._looked_s is not None and (held_s := now - self._looked_s - self._every_s) > _HELD_UP_S:
             self._held_s, self._held_at_s = held_s, now
         self._looked_s = now

@@ -12,7 +12,7 @@ from bridge import logs, os_words
 from bridge.cli_parser import Parser, Version
 from bridge.toml_file import ConfigError
 from bridge.wire.refusal import Refusal
-from estimator import command
+from estimator.command import INTERRUPTED
 
 log = logging.getLogger("truerate")
 
@@ -21,7 +21,7 @@ VERBS = {
     "estimator.cli_demo": ("demo",),
     "bridge.cli": ("bridge",),
     "bridge.cli_router": ("router",),
-    "bridge.record.cli": ("record", "recording"),
+    "bridge.recording.cli": ("record", "recording"),
     "bridge.cli_pki": ("pki",),
     "estimator.cli_estimator": ("estimator",),
     "estimator.cli_devices": ("devices", "status", "watch"),
@@ -66,14 +66,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             given = build(_first(words)).parse_args(words)
             logs.begin(given.log_format)
-            command.interruptible()
             return int(given.run(given) or 0)
         finally:
             _say_all()
     except (ConfigError, Refusal) as error:
         return _failed(given, str(error.detail if isinstance(error, Refusal) else error), 2)
     except KeyboardInterrupt:
-        return command.INTERRUPTED
+        return INTERRUPTED
     except BrokenPipeError:
         return 1
     except Exception as error:
@@ -104,7 +103,7 @@ def _failed(given: argparse.Namespace, words: str, code: int) -> int:
 def _expected() -> tuple[type[Exception], ...]:
     # Imported late: most commands need none of them.
     from bridge.bus.contract import BusError  # noqa: PLC0415
-    from bridge.recording_error import RecordingError  # noqa: PLC0415
+    from bridge.recording.error import RecordingError  # noqa: PLC0415
     from estimator.calibration_file import CalibrationFileError  # noqa: PLC0415
     from estimator.database import StoreError  # noqa: PLC0415
     from estimator.demo.ward import DemoFailed  # noqa: PLC0415
@@ -143,4 +142,4 @@ def build(verb: str = "") -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    sys.exit(command.over(main()))
+    sys.exit(main())

@@ -5,11 +5,12 @@ import os
 from datetime import UTC, datetime
 from pathlib import Path
 
-from bridge import captures, together
+from bridge import together
 from bridge.bus import router_check
 from bridge.bus.contract import BusError
 from bridge.cli_parser import Verbs, add_verb
 from bridge.config import ConfigError, load
+from bridge.drivers import capture_files
 from bridge.wording import count
 
 
@@ -43,7 +44,9 @@ def _config_check(given: argparse.Namespace) -> None:
                 wrong.append(str(error))
         else:
             wards[file] = ward = load(file, Ward)
-            wrong += [f"{file}: {words}" for words in captures.unreadable(ward.bridge.devices if ward.bridge else ())]
+            wrong += [
+                f"{file}: {words}" for words in capture_files.unreadable(ward.bridge.devices if ward.bridge else ())
+            ]
     # Of a router that cannot be read it is not known what the others would lack.
     wrong += together.faults(wards, routers if len(routers) + len(wards) == len(files) else [], datetime.now(UTC))
     if wrong:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rich.text import Text
 
-from bridge import captures, rivals
 from bridge.bus.self_test import self_test
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.cli_parser import Verbs, add_verb
@@ -17,11 +16,13 @@ from bridge.console import plain_console
 from bridge.doctor import machine, terminals
 from bridge.doctor.finding import Finding, Level, ok, trouble, warning
 from bridge.doctor.router import answers, certificate, router
+from bridge.drivers import capture_files
+from bridge.ingest import duplicate_bridges
 from bridge.scan.ports import find
 from bridge.transport import serial_state
 from estimator.client import Client
 from estimator.config import Ward
-from estimator.loops.compiled import kept
+from estimator.loops.compiled import cache_folder
 from estimator.service import overload
 
 _MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROUBLE: ("✗", "red")}
@@ -52,7 +53,7 @@ def _doctor(given: argparse.Namespace) -> int:
 
 
 def _loops() -> Finding:
-    if (folder := kept()) is not None:
+    if (folder := cache_folder()) is not None:
         return ok("loops", f"what is compiled for this machine is kept in {folder}")
     said = "what is compiled for this machine is kept nowhere: every start takes up to a minute longer"
     return warning(
@@ -77,7 +78,6 @@ def _look(path: Path | None) -> Iterable[Finding]:
     serial = list(dict.fromkeys([*plugged, *named]))
     yield from terminals.permissions(serial, terminals.me())
     yield from terminals.modem_manager()
-    yield from terminals.latency()
     yield from terminals.busy(serial)
     yield from machine.bridges()
     yield from machine.clock(machine.clock_status())
@@ -86,7 +86,7 @@ def _look(path: Path | None) -> Iterable[Finding]:
     yield from said
     if ward is not None:
         yield from terminals.present(devices)
-        for words in captures.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
+        for words in capture_files.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
             yield trouble("files", words, "mend the path in the ward's file, or bring the file there")
         yield from terminals.doubled(devices)
         yield from machine.disk(_places(ward))
@@ -137,7 +137,7 @@ def _running(ward: Ward) -> Iterable[Finding]:
     for words in denied:
         said, _, do = words.partition("; ")
         yield trouble("rights", said, do)
-    clashes = rivals.found(statuses.values())
+    clashes = duplicate_bridges.found(statuses.values())
     for words in clashes:
         yield trouble("bridges of the ward", words, "stop one of them, or take the device out of its file")
     for words in (*overload.found(statuses.values()), *overload.unkept(statuses.values())):

@@ -17,7 +17,6 @@ from typing import Self, TypeVar
 from bridge.bus.contract import Bus, BusError, Declared, Subscription
 from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
-from bridge.bus.together import Together
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import LOCAL
 from bridge.pki.member import Role
@@ -244,8 +243,7 @@ class Client:
         patterns = [self._pattern(what, one) for one in dict.fromkeys(device)]
         if not patterns:
             raise ValueError("an empty list of devices; give one or more, or None for all of the ward")
-        parts = [self._bus.subscribe(pattern, history=history, capacity=queue) for pattern in patterns]
-        return Together(parts, queue) if len(parts) > 1 else parts[0]
+        return self._bus.subscribe(patterns, history=history, capacity=queue)
 
     def _nothing_of(self, device: str | Iterable[str]) -> str:
         names = device if isinstance(device, str) else ", ".join(device)

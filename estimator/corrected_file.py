@@ -16,7 +16,7 @@ from typing import IO
 import numpy as np
 
 from bridge.recording import Recording
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
 from bridge.wire.messages import Quality
 from estimator.corrected import Corrected, Floats
 from estimator.gyro import AXES

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from math import isnan
 from typing import Any
 
-from bridge import rivals
+from bridge.ingest import duplicate_bridges
 from bridge.wire.messages import DeviceInfo, State, Status
 from bridge.wire.refusal import in_words
-from estimator.device.admission import ELSEWHERE
+from estimator.device.source import ELSEWHERE
 from estimator.service import overload
 from estimator.service.law import EVENT
 from estimator.service.quota import FLOODED
@@ -78,7 +78,7 @@ def glance(
     troubles = [] if estimators else ["no estimator is alive: nothing is corrected"]
     troubles += [] if bridges else ["no bridge is alive: no device is read"]
     troubles += [
-        *rivals.found(statuses.values()),
+        *duplicate_bridges.found(statuses.values()),
         *overload.found(statuses.values()),
         *overload.unkept(statuses.values()),
     ]

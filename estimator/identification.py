@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.recording import Recording, RecordingError
-from bridge.recording_units import rate_of
+from bridge.recording.plausible import rate_of
 from estimator.allan_fit import Coefficient, Noise, identify
 from estimator.gyro import AXES, least_step
 from estimator.noise_model import NoiseModel

@@ -4,25 +4,28 @@ from collections import deque
 from collections.abc import Callable
 from math import isnan
 
+import numpy as np
+
 from bridge.wire.messages import Calibration, State, Verdict
 from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
 from estimator.batch.session import Expired, Finished, Ignored, Progress, RestFound, TurnFound
 from estimator.correction import Correction, believed, choose
-from estimator.device.samples import SampleBuffer
+from estimator.device.samples import HOST_NS, SEQUENCE, TIME, WIDTH, Floats, SampleBuffer
 from estimator.gyro import reading_std
 from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
 from estimator.past import Past
 from estimator.remembered import Remembered, calibrated_bias, wider
 from estimator.session_knobs import SessionKnobs
-from estimator.stillness import Stillness, Windows
+from estimator.stillness import Stillness, StillnessState, Windows
 from estimator.track.bias_filter import BiasState
 from estimator.track.evidence import Receipt
 from estimator.track.seconds import Second
+from estimator.track.state import StateStruct, shaped
 from estimator.track.temperature import TemperatureLaw
-from estimator.track.tracker import RestBias, Tracker
+from estimator.track.tracker import RestBias, Tracker, TrackerState
 from estimator.under_way import UnderWay
 
 #: makes of a result what is published and kept, with who asked for it, at a host time
@@ -34,6 +37,67 @@ COASTED = "samples coasted"
 _GOES_ON = "calibrated; the calibration of this boot goes on"
 _WAS_DOUBTED = "the bias was in doubt when the estimator was restarted, a rest has to confirm it"
 _CONFIRMED = "the bias was confirmed at rest"
+
+
+class Taken(StateStruct):
+    """n samples that are still needed, numbered from `first` on, by column; whole numbers as the first and the differences.
+
+    time: the bits of device times, s. rows (n, 8): the other columns of estimator/device/samples.py.
+    """
+
+    first: int
+    time: list[int]
+    rows: Floats
+    sequence: list[int]
+    host_ns: list[int]
+
+    @classmethod
+    def of(cls, buffer: SampleBuffer, end: int) -> "Taken":
+        """What is needed of the samples of a buffer up to before this number."""
+        rows, places = buffer.rows(buffer.begin, end), buffer.places(buffer.begin, end)
+        time = np.ascontiguousarray(rows[:, TIME]).view(np.int64)
+        columns = (np.diff(column, prepend=0).tolist() for column in (places[:, SEQUENCE], places[:, HOST_NS]))
+        return cls(buffer.begin, np.diff(time, prepend=0).tolist(), np.delete(rows, TIME, axis=1), *columns)
+
+    def buffer(self) -> SampleBuffer:
+        """The samples. Raises ValueError."""
+        n = len(self.time)
+        shaped(self.rows, n, WIDTH - 1)
+        if not n == len(self.sequence) == len(self.host_ns):
+            raise ValueError("damaged state: columns of samples of unlike length")
+        time, sequence, host_ns = (
+            np.cumsum(np.array(column, np.int64)) for column in (self.time, self.sequence, self.host_ns)
+        )
+        buffer = SampleBuffer(self.first)
+        places = np.column_stack([sequence, host_ns, np.zeros(n, np.int64)])
+        buffer.put([(np.insert(self.rows, TIME, time.view(np.float64), axis=1), places)])
+        return buffer
+
+
+class LearntState(StateStruct):
+    """All of what a boot has taught that evolves, but for the samples of a calibration under way, and the smoother's history.
+
+    calibration: its number; it goes its own way. asked: who asked for a calibration that is under way, and why. turned: axes
+    whose turns were taken. reached: sequence number and host time of the last sample that the bias knows of.
+    """
+
+    tracker: TrackerState
+    stillness: StillnessState
+    taken: Taken
+    calibration: str
+    under_way: bool
+    asked: tuple[str, str] | None
+    turned: tuple[int, ...]
+    began: float
+    now: float
+    scratch: str
+    moves: float | None
+    silent_until: float
+    silent_c: float | None
+    cancelled: str
+    cancelled_until: float
+    slope_learnt: bool
+    reached: tuple[int, int] | None
 
 
 class Learnt:
@@ -68,6 +132,58 @@ class Learnt:
         self._belief = believed(None, None, knobs.prior)
         self.tracker = Tracker(knobs.track, began, self._belief.model, self._belief.bias_std, law)
         self._past = Past()
+
+    def saved(self, buffer: SampleBuffer, end: int) -> LearntState:
+        """All that evolves: for `encode`, at once. It has learnt from the samples of a buffer up to before this number."""
+        used = self.calibration or self.prior
+        return LearntState(
+            self.tracker.saved(),
+            self._stillness.saved,
+            Taken.of(buffer, end),
+            "" if used is None else used.id,
+            self.under_way is not None,
+            self.asked,
+            self.turned,
+            self.began,
+            self.now,
+            self.scratch,
+            self._moves,
+            self._silent_until,
+            self._silent_c,
+            self._cancelled,
+            self._cancelled_until,
+            self._slope_learnt,
+            self.reached,
+        )
+
+    def go_on(self, saved: LearntState, calibration: Calibration | None, boot: int) -> SampleBuffer:
+        """Go on from what was saved, in a boot of which nothing is known yet: the samples so far. Raises ValueError.
+
+        calibration: the one it names, of this boot or of an earlier one.
+        """
+        if saved.calibration != ("" if calibration is None else calibration.id):
+            raise ValueError(
+                f"the state goes with calibration {saved.calibration or 'none'}, which is not the one given"
+            )
+        own = calibration is not None and calibration.boot == boot
+        self.calibration, self.prior = (calibration, None) if own else (None, calibration)
+        self._belief = believed(self.calibration, self.prior, self._knobs.prior, saved.moves)
+        who, why = saved.asked or ("", "")
+        self.under_way = UnderWay(self._knobs, who, why) if saved.under_way else None
+        buffer = saved.taken.buffer()
+        self._stillness.resume(saved.stillness)
+        first, end = saved.taken.first, saved.stillness.next
+        if not first <= end <= buffer.end:
+            raise ValueError("damaged state: samples are missing")
+        self.tracker.go_on(saved.tracker, self._belief.model, first, buffer.rows(first, end))
+        self._law = saved.tracker.law
+        self.began, self.now, self.scratch, self._moves = saved.began, saved.now, saved.scratch, saved.moves
+        self._silent_until, self._silent_c = saved.silent_until, saved.silent_c
+        self._cancelled, self._cancelled_until = saved.cancelled, saved.cancelled_until
+        self._slope_learnt = saved.slope_learnt
+        if saved.reached is not None:
+            self._past.note(self.tracker.time, *saved.reached)
+        return buffer
 
     # ---- what is known of earlier, or by others --------------------------------------------------------------------
 

@@ -103,6 +103,19 @@ class Life:
         self.reason = self._reason_before = "never seen"
 
     @property
+    def saved(self) -> tuple[str, str, str, str]:
+        """State, the one before it went away, and the reasons of both."""
+        return self.state.name, self._before.name, self.reason, self._reason_before
+
+    def resume(self, saved: tuple[str, str, str, str]) -> None:
+        """Go on from what was saved. Raises ValueError."""
+        state, before, self.reason, self._reason_before = saved
+        try:
+            self.state, self._before = State[state], State[before]
+        except KeyError as error:
+            raise ValueError(f"damaged state: {error} is no state of a device") from None
+
+    @property
     def away(self) -> bool:
         """Whether nothing comes from it."""
         return self.state in AWAY

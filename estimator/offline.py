@@ -8,8 +8,8 @@ from math import isclose
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.faults import SensorFaults
-from bridge.readings import PLAUSIBLE
+from bridge.ingest.plausibility import PLAUSIBLE
+from bridge.ingest.sensor_faults import SensorFaults
 from bridge.recording import TICK_S, Recording, RecordingError, Told
 from bridge.wire import keys
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict

@@ -21,22 +21,50 @@ from estimator.device.samples import CELSIUS, TIME, Samples, known
 from estimator.device.sequence import Sequence
 from estimator.finite import runs
 from estimator.gyro import AXES
-from estimator.learnt import Learnt
+from estimator.learnt import Learnt, LearntState
 from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
 from estimator.remembered import Remembered
 from estimator.session_knobs import SessionKnobs
 from estimator.stillness import too_seldom
 from estimator.track.bias_filter import BiasState
+from estimator.track.state import StateStruct, decode, encode
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import Tracker
 from estimator.under_way import UnderWay
 from estimator.windowed import Second
 
+#: of what `state` gives: another is not gone on with
+VERSION = 1
 #: counted under this: turns that did not come along when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
 #: after a silence this long the bias is less certain from the first sample on, not only once a second was judged
 SILENCE_S = 5.0
+
+
+class SessionState(StateStruct):
+    """A device's session as of the sample with the number `next`, the first that nothing was learnt from.
+
+    begun_s, length_s: device time of that sample, if it is known, and length of its block. latest_s: device time of the sample
+    before. clock: see Blocks.
+    applied, ready: what corrects that block, and the one after it unless more is learnt. life: state, the one before, and both
+    reasons.
+    """
+
+    version: int
+    device: str
+    boot: int
+    next: int
+    first: int
+    last_heard_ns: int
+    begun_s: float | None
+    length_s: float
+    latest_s: float
+    clock: tuple[float | None, float]
+    applied: Correction
+    ready: Correction
+    life: tuple[str, str, str, str]
+    learnt: LearntState
 
 
 class DeviceSession:
@@ -108,7 +136,8 @@ class DeviceSession:
         self._applied = self._ready = self.learnt.correction()
         #: the last whole block in the buffer, while nothing is learnt from it yet
         self._lesson: tuple[int, int] | None = None
-        self._lesson_applied = self._applied  # to that block
+        self._lesson_applied = self._applied  # to that block, which was so long, s
+        self._lesson_s = self._blocks.length_s
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
         if self.learnt.under_way is None:
@@ -149,6 +178,76 @@ class DeviceSession:
         """What was known with a calibration of this very boot, by who had the device meanwhile; it ends one that is under way."""
         self._restore(remembered, calibration, self.tracker.thermometer.reading)
         self.learnt.scratch = ""
+
+    # ---- whole, as bytes --------------------------------------------------------------------------------------------
+
+    def state(self) -> bytes | None:
+        """All that is known of this boot, but for the turns of a calibration under way; None before any of its samples came.
+
+        For `restored`: with the samples from the number on that it tells, it goes on bit for bit.
+        """
+        buffer, next_ = self._blocks.buffer, self.sequence.next
+        if self.boot is None or next_ is None:
+            return None
+        if self._lesson is None:
+            end, applied, length_s = buffer.end, self._applied, self._blocks.length_s
+            begun_s, next_ = self._blocks.begun or (None, next_)
+        else:  # which is before the block that is not over
+            end, applied, length_s = self._lesson[0], self._lesson_applied, self._lesson_s
+            begun_s, next_ = buffer.rows(end, end + 1).item(0, TIME), buffer.place(end)[0]
+        clock = self._blocks.clock if end else (None, 0.0)  # nothing came before
+        latest_s = buffer.rows(end - 1, end).item(0, TIME) if end > buffer.begin else self.learnt.began
+        return encode(
+            SessionState(
+                VERSION,
+                self.device,
+                self.boot,
+                next_,
+                self.sequence.first,
+                self.last_heard_ns,
+                begun_s,
+                length_s,
+                latest_s,
+                clock,
+                applied,
+                self._ready,
+                self.life.saved,
+                self.learnt.saved(buffer, end),
+            )
+        )
+
+    @classmethod
+    def restored(
+        cls,
+        state: bytes,
+        calibration: Calibration | None,
+        device: str,
+        knobs: SessionKnobs | None = None,
+        sequence: Sequence | None = None,
+    ) -> "DeviceSession":
+        """The session that goes on from a state of a device, with the calibration that went with the state.
+
+        It is to be fed from sample number `sequence.next` on, some of which have been corrected before. Turns of a calibration
+        under way are to be taken again, which is said.
+        Raises ValueError: the state is damaged, or of another device, version or calibration.
+        """
+        saved = decode(state, SessionState)
+        if (saved.version, saved.device) != (VERSION, device):
+            raise ValueError(f"a state of {saved.device!r}, version {saved.version}: expected {device!r}, {VERSION}")
+        session = cls(device, knobs, saved.learnt.began, sequence)
+        buffer = session.learnt.go_on(saved.learnt, calibration, saved.boot)
+        session.life.resume(saved.life)
+        session._blocks = Blocks(saved.latest_s)
+        session._blocks.length_s = saved.length_s
+        session._blocks.resume(buffer, saved.clock, saved.begun_s)
+        session._applied, session._ready = saved.applied, saved.ready
+        session.sequence.resume(saved.boot, saved.first, saved.next)
+        session.last_heard_ns, session._unused = saved.last_heard_ns, False
+        if saved.learnt.under_way:
+            session.life.on(Event.CANCEL_TO_START, "hold the device still for 3 seconds")
+        if saved.learnt.turned:
+            session._lost_turns(saved.learnt.turned, Outcome())
+        return session
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
@@ -253,6 +352,7 @@ class DeviceSession:
         resumed: device time of the next sample, and how warm it is then, where a silence is before it.
         """
         self._learn(outcome)
+        self._lesson_s = self._blocks.length_s
         self._blocks.length_s = SHORT_S if self.learnt.awaited else BLOCK_S
         if resumed is not None:
             self.learnt.resumed(*resumed)

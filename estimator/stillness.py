@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.device.samples import ACCEL, CELSIUS, CLIPPED, GYRO, TIME, WIDTH, SampleBuffer
 from estimator.loops.windows import NOISE, SUMMED, TOLD, judged, nothing_known
+from estimator.track.state import StateStruct, shaped
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -203,6 +204,16 @@ class Windows:
         return int(self.found.item(index - 1, 2)) if index else self.begin
 
 
+class StillnessState(StateStruct):
+    """state (5, 4) and recent (16, 7): see loops/windows.py. next: number of the first sample of the next window."""
+
+    state: Floats
+    recent: Floats
+    noise_std: Floats
+    noise_known: bool
+    next: int
+
+
 class Stillness:
     """Samples in, judged windows out; the cut depends on the samples alone, never on how they were batched."""
 
@@ -215,6 +226,22 @@ class Stillness:
         self._state, self._recent = nothing_known(self.knobs.noise_guess)
         self._next = 0  # the number of the first sample of the next window
         self._own = SampleBuffer()
+
+    @property
+    def saved(self) -> StillnessState:
+        """All that evolves, beside the samples from `next` on."""
+        return StillnessState(self._state, self._recent, self.noise_std, self.noise_known, self._next)
+
+    def resume(self, saved: StillnessState) -> None:
+        """Go on from what was saved. Raises ValueError."""
+        state, recent = nothing_known(self.knobs.noise_guess)
+        shaped(saved.state, *state.shape)
+        shaped(saved.recent, *recent.shape)
+        shaped(saved.noise_std, 3, finite=True)
+        if not 0 <= saved.state[1, 0] < 2**53:
+            raise ValueError("damaged state: no state of stillness")
+        self._state, self._recent, self._next = saved.state, saved.recent, saved.next
+        self.noise_std, self.noise_known = saved.noise_std, saved.noise_known
 
     @property
     def fed(self) -> int:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
-from bridge import rivals
+from bridge.ingest import duplicate_bridges
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 
 #: every device's status comes once a second; after so long it is news that none does
@@ -120,7 +120,7 @@ class WardView:
             state, reason = SILENT, silence
         elif trouble:
             reason = f"{trouble}; {reason}" if reason else trouble
-        if clash := rivals.found([status]):
+        if clash := duplicate_bridges.found([status]):
             about["notices"] = {"bridges": clash[0], **about.get("notices", {})}
         return Row(
             name,

@@ -11,8 +11,8 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
-from bridge import rivals
 from bridge.columns import Column, Columns
+from bridge.ingest import duplicate_bridges
 from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, Status
 from bridge.wire.refusal import in_words
 from estimator import glance
@@ -34,7 +34,7 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
     console.print(_hardware(infos))
     console.print()
     console.print(table(statuses) if statuses else "no estimator has said anything of them: is one running?")
-    for words in rivals.found(statuses.values()):
+    for words in duplicate_bridges.found(statuses.values()):
         console.print(Text(f"\n{words}", "bold red"))
     return 0
 

@@ -31,7 +31,7 @@ class Rights:
 
 
 def rights(ward: str, member: Member) -> Rights:
-    """Of a member of a ward; all may try, by a token of their own, whether a router knows them: see self_test."""
+    """Rights of a member of a ward; each member may also declare a token of its own, for the self test."""
     given = _rights(ward, member)
     probe = (keys.build(ward, "alive/probe", role=member.role.value, name=member.name),)
     return replace(given, says=given.says + probe, hears=given.hears + probe)

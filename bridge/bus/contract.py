@@ -5,7 +5,7 @@ the bus; it must be quick and must not raise (what it raises is logged and count
 longer than its timeout.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, Self
 
 
@@ -93,14 +93,16 @@ class Bus(Protocol):
 
     def subscribe(
         self,
-        pattern: str,
+        patterns: str | Sequence[str],
         *,
         history: bool = False,
         capacity: int = 65536,
         all_past: bool = True,
         most_past: int | None = None,
     ) -> Subscription:
-        """Receive what matches. With history, cached messages come first and losses during an outage are repaired.
+        """Receive what matches the pattern, or one of several that do not overlap, in one queue.
+
+        With history, cached messages come first and losses during an outage are repaired.
 
         Of what publishers' caches hold now the last most_past come, by default all; of who is heard of later, all.
 
@@ -126,10 +128,6 @@ class Bus(Protocol):
     @property
     def connected(self) -> bool:
         """Whether a router (or the memory broker) is there now."""
-
-    @property
-    def ports(self) -> frozenset[int]:
-        """Our end of each line to a router over TCP, with TLS or without."""
 
     def close(self) -> None:
         """Close the session and everything declared in it; a second close does nothing."""

@@ -28,7 +28,7 @@ class Inbox:
         self._ready = threading.Condition()
         self._missed: Counter[str] = Counter()
         self._overflowed = 0
-        self._closed = self._woken = False
+        self._over = self._woken = False
         #: when messages came, and how many had come by then; how many have left
         self._came: deque[tuple[float, int]] = deque()
         self._in = self._out = 0
@@ -36,7 +36,7 @@ class Inbox:
     def put(self, messages: Iterable[Message], *, past: bool = False) -> None:
         """Take messages in, of the past or of now; never waits. After close they are discarded."""
         with self._ready:
-            if self._closed:
+            if self._over:
                 return
             before = len(self._messages)
             self._messages.extend(messages)
@@ -91,7 +91,7 @@ class Inbox:
     @property
     def closed(self) -> bool:
         """Whether close() was called."""
-        return self._closed
+        return self._over
 
     def receive(self, timeout_s: float) -> Message | None:
         """The next message, or None when none came in time or the queue is closed."""
@@ -101,7 +101,7 @@ class Inbox:
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
         """Wait up to timeout_s for a first message, then take up to limit without waiting."""
         with self._ready:
-            self._ready.wait_for(lambda: self._messages or self._closed or self._woken, max(0.0, timeout_s))
+            self._ready.wait_for(lambda: self._messages or self._over or self._woken, max(0.0, timeout_s))
             self._woken = False
             taken = min(limit, len(self._messages))
             self._out += taken
@@ -125,63 +125,10 @@ class Inbox:
     def close(self) -> None:
         """Discard what is here and wake every reader; a second close does nothing."""
         with self._ready:
-            self._closed = True
+            self._over = True
             self._messages.clear()
             self._came.clear()
             self._ready.notify_all()
-
-
-class Reading:
-    """What a subscription lets be read of its inbox."""
-
-    _inbox: Inbox
-
-    def receive(self, timeout_s: float) -> Message | None:
-        """See contract.Subscription."""
-        return self._inbox.receive(timeout_s)
-
-    def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """See contract.Subscription."""
-        return self._inbox.drain(limit, timeout_s)
-
-    def wake(self) -> None:
-        """See contract.Subscription."""
-        self._inbox.wake()
-
-    @property
-    def missed(self) -> int:
-        """See contract.Subscription."""
-        return self._inbox.missed
-
-    @property
-    def missed_by_key(self) -> dict[str, int]:
-        """See contract.Subscription."""
-        return self._inbox.missed_by_key
-
-    @property
-    def overflowed(self) -> int:
-        """See contract.Subscription."""
-        return self._inbox.overflowed
-
-    @property
-    def waiting(self) -> int:
-        """See contract.Subscription."""
-        return self._inbox.waiting
-
-    @property
-    def waited_s(self) -> float:
-        """See contract.Subscription."""
-        return self._inbox.waited_s
-
-    @property
-    def caught_up(self) -> bool:
-        """See contract.Subscription."""
-        return True
-
-    @property
-    def closed(self) -> bool:
-        """See contract.Subscription."""
-        return self._inbox.closed
 
 
 def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:

@@ -4,7 +4,9 @@ Narrower than zenoh's own on purpose: it accepts newlines, quotes and 65,000 cha
 the session that names it for ever.
 """
 
+import functools
 import re
+from collections.abc import Sequence
 
 from bridge.bus.contract import BusError
 
@@ -12,6 +14,8 @@ MAX_KEY = 200
 _CHUNK = r"[^\s/*$?#\x00-\x1f\x7f-\U0010ffff]+"
 _KEY = re.compile(rf"{_CHUNK}(?:/{_CHUNK})*\Z")
 _PATTERN = re.compile(rf"(?:\*\*?|{_CHUNK})(?:/(?:\*\*?|{_CHUNK}))*\Z")
+#: a chunk that a wildcard matches, with the slash before it
+_ANY = "/[^/@][^/]*"
 _NOT_CANONICAL = re.compile(r"(?:^|/)\*\*/\*")
 
 
@@ -28,6 +32,13 @@ def check_pattern(pattern: str) -> str:
     return pattern
 
 
+def check_patterns(patterns: str | Sequence[str]) -> tuple[str, ...]:
+    """Return one pattern or several, each checked, else raise BusError."""
+    if not patterns:
+        raise BusError("no pattern to subscribe to; give one or more")
+    return tuple(map(check_pattern, (patterns,) if isinstance(patterns, str) else dict.fromkeys(patterns)))
+
+
 def _check(text: str, shape: re.Pattern[str], rule: str) -> str:
     if len(text) > MAX_KEY or not shape.match(text):
         raise BusError(f"{text[:64]!r} ({len(text)} characters) was refused: {rule}")
@@ -36,17 +47,10 @@ def _check(text: str, shape: re.Pattern[str], rule: str) -> str:
 
 def matches(pattern: str, key: str) -> bool:
     """Whether key is among those the pattern names; a chunk beginning with `@` is only matched by itself."""
-    return _match(pattern.split("/"), key.split("/"))
+    return _shape(pattern).fullmatch(f"/{key}") is not None
 
 
-def _match(pattern: list[str], key: list[str]) -> bool:
-    if not pattern:
-        return not key
-    head, rest = pattern[0], pattern[1:]
-    if head == "**":
-        if _match(rest, key):
-            return True
-        return bool(key) and not key[0].startswith("@") and _match(pattern, key[1:])
-    if not key or (head != key[0] and (head != "*" or key[0].startswith("@"))):
-        return False
-    return _match(rest, key[1:])
+@functools.lru_cache(1024)
+def _shape(pattern: str) -> re.Pattern[str]:
+    chunks = {"*": _ANY, "**": f"(?:{_ANY})*"}
+    return re.compile("".join(chunks.get(chunk, f"/{re.escape(chunk)}") for chunk in pattern.split("/")))

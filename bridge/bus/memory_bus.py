@@ -1,6 +1,6 @@
 """The bus without a network: the same contract inside one process, with outages on demand.
 
-For tests, replays and the demo on one machine. Repairs after an outage follow zenoh's advanced publishers.
+For tests, replays and the demo on one machine. Repairs after an outage as publishers with a cache on zenoh do.
 """
 
 import threading
@@ -8,12 +8,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from queue import Empty, SimpleQueue
-from typing import Protocol, Self
+from typing import Any, Self
 
 from bridge.bus.contract import BusError, Message
 from bridge.bus.handlers import Guarded, HandlerError
-from bridge.bus.inbox import Inbox, Reading, newest_last
-from bridge.bus.keyexpr import check_key, check_pattern, matches
+from bridge.bus.inbox import Inbox, newest_last
+from bridge.bus.keyexpr import check_key, check_pattern, check_patterns, matches
 
 
 class MemoryBroker:
@@ -25,8 +25,8 @@ class MemoryBroker:
         self.publishers: list[_Publisher] = []
         self.subscriptions: list[_Subscription] = []
         self.answerers: list[_Answerer] = []
-        self.tokens: list[_Token] = []
         self.watchers: list[_Watcher] = []
+        self.tokens: list[_Token] = []
 
     def stop(self) -> None:
         """Begin an outage: every bus is alone until start()."""
@@ -43,7 +43,7 @@ class MemoryBroker:
     def settle(self) -> None:
         """Bring watchers and subscribers with history up to date after a change of who reaches whom."""
         for watcher in self.watchers:
-            watcher.update(self.tokens)
+            watcher.update()
         for subscription in self.subscriptions:
             for publisher in self.publishers:
                 subscription.repair(publisher)
@@ -53,17 +53,17 @@ class MemoryBus:
     """A session at a broker. See contract.Bus."""
 
     def __init__(self, broker: MemoryBroker) -> None:
-        self._broker = broker
+        self.broker = broker
         self._attached = True
         self._closed = False
 
     def publisher(self, key: str, *, cache: int = 0) -> "_Publisher":
         """See contract.Bus."""
-        return _Publisher(self, self._open(), check_key(key), cache)
+        return _Publisher(self._open(), check_key(key), cache)
 
     def subscribe(
         self,
-        pattern: str,
+        patterns: str | Sequence[str],
         *,
         history: bool = False,
         capacity: int = 65536,
@@ -71,64 +71,62 @@ class MemoryBus:
         most_past: int | None = None,
     ) -> "_Subscription":
         """See contract.Bus."""
-        inbox = Inbox(capacity, all_past=all_past)
-        return _Subscription(self, self._open(), check_pattern(pattern), inbox, most_past, history=history)
+        inbox = _Subscription(self._open(), check_patterns(patterns), capacity, history=history, all_past=all_past)
+        inbox.begin(most_past)
+        return inbox
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Answerer":
         """See contract.Bus."""
-        return _Answerer(self, self._open(), check_pattern(pattern), handler)
+        return _Answerer(self._open(), check_pattern(pattern), handler)
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
         """See contract.Bus."""
-        broker = self._open()
+        self._open()
         check_key(key)
-        with broker.lock:
-            able = [a for a in broker.answerers if self.reaches(a.bus) and matches(a.pattern, key)]
-            done = SimpleQueue[_Question]()
-            for answerer in able:
-                answerer.take(_Question(key, bytes(payload), done))
+        with self.broker.lock:
+            able = [a for a in self.broker.answerers if self.reaches(a.bus) and matches(a.pattern, key)]
         if not able:
             raise BusError(f"nobody answers {key!r}; is the service that should answer running?")
+        done = SimpleQueue[tuple[bytes, str]]()
+        for one in able:
+            threading.Thread(
+                target=one.tell, args=(key, bytes(payload), done.put), name=f"answer {key}", daemon=True
+            ).start()
         deadline, errors = time.monotonic() + timeout_s, list[str]()
         while len(errors) < len(able):
             try:
-                question = done.get(timeout=max(0.0, deadline - time.monotonic()))
+                reply, error = done.get(timeout=max(0.0, deadline - time.monotonic()))
             except Empty:
                 raise BusError(f"no answer to {key!r} within {timeout_s:g} s") from None
-            if question.reply:
-                return question.reply
-            errors.append(question.error)
+            if reply:
+                return reply
+            errors.append(error)
         raise BusError(f"{key!r} was answered with an error: {'; '.join(errors)}")
 
     def declare_alive(self, key: str) -> "_Token":
         """See contract.Bus."""
-        return _Token(self, self._open(), check_key(key))
+        return _Token(self._open(), check_key(key))
 
     def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> "_Watcher":
         """See contract.Bus."""
-        return _Watcher(self, self._open(), check_pattern(pattern), on_change)
+        return _Watcher(self._open(), check_pattern(pattern), on_change)
 
     @property
     def connected(self) -> bool:
         """See contract.Bus."""
-        return self._attached and self._broker.running and not self._closed
-
-    @property
-    def ports(self) -> frozenset[int]:
-        """See contract.Bus."""
-        return frozenset()
+        return self._attached and self.broker.running and not self._closed
 
     def detach(self) -> None:
         """Begin an outage of this bus alone."""
-        with self._broker.lock:
+        with self.broker.lock:
             self._attached = False
-            self._broker.settle()
+            self.broker.settle()
 
     def attach(self) -> None:
         """End it."""
-        with self._broker.lock:
+        with self.broker.lock:
             self._attached = True
-            self._broker.settle()
+            self.broker.settle()
 
     def reaches(self, other: "MemoryBus") -> bool:
         """Whether what happens in this bus is noticed in the other one; a bus always reaches itself."""
@@ -136,20 +134,11 @@ class MemoryBus:
 
     def close(self) -> None:
         """See contract.Bus."""
-        broker = self._broker
+        broker = self.broker
         with broker.lock:
-            if self._closed:
-                return
-            kinds: tuple[Sequence[_Declared], ...] = (
-                broker.publishers,
-                broker.subscriptions,
-                broker.answerers,
-                broker.watchers,
-                broker.tokens,
-            )
-            for declared in [one for kind in kinds for one in kind]:
-                if declared.bus is self:
-                    declared.close()
+            kinds = broker.publishers, broker.subscriptions, broker.answerers, broker.watchers, broker.tokens
+            for declared in [one for kind in kinds for one in kind if one.bus is self]:
+                declared.close()
             self._closed = True
 
     def __enter__(self) -> Self:
@@ -158,78 +147,78 @@ class MemoryBus:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _open(self) -> MemoryBroker:
+    def _open(self) -> Self:
         if self._closed:
             raise BusError("this bus is closed; open a new one")
-        return self._broker
+        return self
 
 
-class _Declared(Protocol):
-    bus: MemoryBus
+class _Declared:
+    """Something that is among others of its kind at the broker until it is closed."""
 
-    def close(self) -> None: ...
+    def __init__(self, bus: MemoryBus, kind: list[Any]) -> None:
+        self.bus, self.lock, self._kind = bus, bus.broker.lock, kind
+        with self.lock:
+            kind.append(self)
+            self._changed()
+
+    def close(self) -> None:
+        with self.lock:
+            if self in self._kind:
+                self._kind.remove(self)
+                self._changed()
+
+    def _changed(self) -> None:
+        """It came or went."""
 
 
-class _Publisher:
-    def __init__(self, bus: MemoryBus, broker: MemoryBroker, key: str, cache: int) -> None:
-        self.bus, self.key, self._broker = bus, key, broker
-        self.cached: deque[tuple[int, Message]] = deque(maxlen=cache)
-        self._sequence = 0
-        self._closed = False
-        with broker.lock:
-            broker.publishers.append(self)
+class _Publisher(_Declared):
+    def __init__(self, bus: MemoryBus, key: str, cache: int) -> None:
+        self.key, self.cached, self._sequence = key, deque[tuple[int, Message]](maxlen=cache), 0
+        super().__init__(bus, bus.broker.publishers)
 
     def put(self, payload: bytes) -> None:
         message = Message(self.key, bytes(payload))
-        with self._broker.lock:
-            if self._closed:
+        with self.lock:
+            if self not in self._kind:
                 raise BusError(f"the publisher of {self.key!r} is closed")
             self._sequence += 1
             self.cached.append((self._sequence, message))
-            for subscription in self._broker.subscriptions:
+            for subscription in self.bus.broker.subscriptions:
                 subscription.offer(self, self._sequence, message)
 
     @property
     def wanted(self) -> bool:
-        with self._broker.lock:
-            return self.cached.maxlen != 0 or any(s.hears(self) for s in self._broker.subscriptions)
-
-    def close(self) -> None:
-        with self._broker.lock:
-            if not self._closed:
-                self._closed = True
-                self._broker.publishers.remove(self)
+        with self.lock:
+            return self.cached.maxlen != 0 or any(s.hears(self) for s in self.bus.broker.subscriptions)
 
 
-class _Subscription(Reading):
+class _Subscription(_Declared, Inbox):
+    caught_up = True
+
     def __init__(
-        self,
-        bus: MemoryBus,
-        broker: MemoryBroker,
-        pattern: str,
-        inbox: Inbox,
-        most_past: int | None,
-        *,
-        history: bool,
+        self, bus: MemoryBus, patterns: tuple[str, ...], capacity: int, *, history: bool, all_past: bool
     ) -> None:
-        self.bus, self._broker, self._pattern, self._inbox, self._history = bus, broker, pattern, inbox, history
-        self._last: dict[_Publisher, int] = {}
-        with broker.lock:
-            broker.subscriptions.append(self)
-            pasts = [past for publisher in broker.publishers if (past := self._news(publisher))]
-            self._inbox.put(newest_last([past[-most_past:] if most_past else past for past in pasts]), past=True)
+        Inbox.__init__(self, capacity, all_past=all_past)
+        self._patterns, self._history, self._last = patterns, history, dict[_Publisher, int]()
+        _Declared.__init__(self, bus, bus.broker.subscriptions)
+
+    def begin(self, most_past: int | None) -> None:
+        with self.lock:
+            pasts = [past for publisher in self.bus.broker.publishers if (past := self._news(publisher))]
+            self.put(newest_last([past[-most_past:] if most_past else past for past in pasts]), past=True)
 
     def offer(self, publisher: _Publisher, sequence: int, message: Message) -> None:
         if self.hears(publisher):
             self._last[publisher] = sequence
-            self._inbox.put([message])
+            self.put([message])
 
     def hears(self, publisher: _Publisher) -> bool:
-        return publisher.bus.reaches(self.bus) and matches(self._pattern, publisher.key)
+        return publisher.bus.reaches(self.bus) and any(matches(pattern, publisher.key) for pattern in self._patterns)
 
     def repair(self, publisher: _Publisher) -> None:
         past = publisher not in self._last
-        self._inbox.put(self._news(publisher), past=past)
+        self.put(self._news(publisher), past=past)
 
     def _news(self, publisher: _Publisher) -> list[Message]:
         """What it has kept, and was not heard here."""
@@ -239,87 +228,55 @@ class _Subscription(Reading):
         new = [(n, message) for n, message in publisher.cached if n > (last or 0)]
         if new:
             if last is not None:
-                self._inbox.add_missed(new[0][0] - last - 1, publisher.key)
+                self.add_missed(new[0][0] - last - 1, publisher.key)
             self._last[publisher] = new[-1][0]
         return [message for _, message in new]
 
     def close(self) -> None:
-        with self._broker.lock:
-            if self in self._broker.subscriptions:
-                self._broker.subscriptions.remove(self)
-        self._inbox.close()
+        _Declared.close(self)
+        Inbox.close(self)
 
 
-class _Question:
-    def __init__(self, key: str, payload: bytes, done: "SimpleQueue[_Question]") -> None:
-        self.key, self.payload, self.done = key, payload, done
-        self.reply: bytes | None = None
-        self.error = "an empty answer"
+class _Answerer(_Declared):
+    def __init__(self, bus: MemoryBus, pattern: str, handler: Callable[[str, bytes], bytes]) -> None:
+        self.pattern, self._handler = pattern, Guarded(handler, f"queries on {pattern}")
+        super().__init__(bus, bus.broker.answerers)
+
+    def tell(self, key: str, payload: bytes, done: Callable[[tuple[bytes, str]], None]) -> None:
+        try:
+            done((self._handler(key, payload), "an empty answer"))
+        except HandlerError as error:
+            done((b"", str(error)))
 
 
-class _Answerer:
-    def __init__(
-        self, bus: MemoryBus, broker: MemoryBroker, pattern: str, handler: Callable[[str, bytes], bytes]
-    ) -> None:
-        self.bus, self.pattern, self._broker = bus, pattern, broker
-        self._handler = Guarded(handler, f"queries on {pattern}")
-        self._questions: SimpleQueue[_Question | None] = SimpleQueue()
-        with broker.lock:
-            broker.answerers.append(self)
-        threading.Thread(target=self._run, name=f"answer {pattern}", daemon=True).start()
+class _Token(_Declared):
+    def __init__(self, bus: MemoryBus, key: str) -> None:
+        self.key = key
+        super().__init__(bus, bus.broker.tokens)
 
-    def take(self, question: _Question) -> None:
-        self._questions.put(question)
-
-    def _run(self) -> None:
-        while question := self._questions.get():
-            try:
-                question.reply = self._handler(question.key, question.payload)
-            except HandlerError as error:
-                question.error = str(error)
-            question.done.put(question)
-
-    def close(self) -> None:
-        with self._broker.lock:
-            if self in self._broker.answerers:
-                self._broker.answerers.remove(self)
-                self._questions.put(None)
+    def _changed(self) -> None:
+        self.bus.broker.settle()
 
 
-class _Token:
-    def __init__(self, bus: MemoryBus, broker: MemoryBroker, key: str) -> None:
-        self.bus, self.key, self._broker = bus, key, broker
-        with broker.lock:
-            broker.tokens.append(self)
-            broker.settle()
-
-    def close(self) -> None:
-        with self._broker.lock:
-            if self in self._broker.tokens:
-                self._broker.tokens.remove(self)
-                self._broker.settle()
-
-
-class _Watcher:
-    def __init__(
-        self, bus: MemoryBus, broker: MemoryBroker, pattern: str, on_change: Callable[[str, bool], None]
-    ) -> None:
-        self.bus, self._broker, self._pattern = bus, broker, pattern
+class _Watcher(_Declared):
+    def __init__(self, bus: MemoryBus, pattern: str, on_change: Callable[[str, bool], None]) -> None:
+        self._pattern, self._alive, self._changes = pattern, set[str](), SimpleQueue[tuple[str, bool] | None]()
         self._on_change = Guarded(on_change, f"liveliness of {pattern}")
-        self._alive: set[str] = set()
-        self._changes: SimpleQueue[tuple[str, bool] | None] = SimpleQueue()
-        with broker.lock:
-            broker.watchers.append(self)
-            self.update(broker.tokens)
+        super().__init__(bus, bus.broker.watchers)
         threading.Thread(target=self._run, name=f"watch {pattern}", daemon=True).start()
 
-    def update(self, tokens: list[_Token]) -> None:
+    def update(self) -> None:
+        tokens = self.bus.broker.tokens
         alive = {t.key for t in tokens if t.bus.reaches(self.bus) and matches(self._pattern, t.key)}
-        for key in sorted(self._alive - alive):
-            self._changes.put((key, False))
-        for key in sorted(alive - self._alive):
-            self._changes.put((key, True))
+        for key in sorted(self._alive ^ alive, key=lambda key: (key in alive, key)):
+            self._changes.put((key, key in alive))
         self._alive = alive
+
+    def _changed(self) -> None:
+        if self in self._kind:
+            self.update()
+        else:
+            self._changes.put(None)
 
     def _run(self) -> None:
         while change := self._changes.get():
@@ -327,9 +284,3 @@ class _Watcher:
                 self._on_change(*change)
             except HandlerError:
                 continue  # already logged; the next change may well be handled
-
-    def close(self) -> None:
-        with self._broker.lock:
-            if self in self._broker.watchers:
-                self._broker.watchers.remove(self)
-                self._changes.put(None)

@@ -1,216 +1,75 @@
-"""A router's own file, JSON5, looked through: it must be safe, and its rules those of the roles."""
+"""Checks a router's own file, JSON5: whatever differs from what truerate writes for the same endpoints, files and members."""
 
 import ipaddress
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bridge.bus import router_limits, zenoh_settings
-from bridge.bus.access import access_control
+from bridge.bus import router_file
 from bridge.bus.router import endpoints_of
 from bridge.bus.routers import secured
-from bridge.bus.zenoh_session import TLS_INSTEAD, read_settings
+from bridge.bus.zenoh_session import read_settings, with_defaults
 from bridge.pki.member import Member
 from bridge.pki.papers import Identity
 from bridge.wire import keys
-from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.refusal import Refusal
 
-#: what an endpoint may say behind its `#`
-_ITS_OWN = ("iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp")
+#: options of an endpoint, behind its `#`, that loosen nothing
+_HARMLESS = ("iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp")
+#: settings that are a site's own
+_OWN = (".id", ".listen.endpoints", ".connect.endpoints")
+_SHORT = 80  # values that are shown
 
 
 @dataclass(frozen=True, slots=True)
 class RouterFile:
-    """What one says: where it listens, whom it joins, who it is, and who to those; whom it lets in, and into which ward."""
+    """Where a router listens, which routers it joins, its certificate, and the wards of the members it has rules for."""
 
     path: Path
-    id: str
     listen: tuple[str, ...]
     join: tuple[str, ...]
     identity: Identity | None
-    joins_as: Identity | None
-    members: frozenset[str]
-    places: frozenset[tuple[str, str]]
+    places: frozenset[tuple[str, str]]  # ward, common name
     faults: tuple[str, ...]
+
+    @property
+    def members(self) -> frozenset[str]:
+        """Common names that it has rules for."""
+        return frozenset(name for _, name in self.places)
 
 
 def read(path: Path) -> RouterFile:
-    """Read and look through a file; BusError where zenoh itself does not take it."""
+    """Read and check a file; BusError where zenoh itself does not take it."""
     said = read_settings(str(path))
-    tls = said["transport"]["link"]["tls"]
-    files, others = (
-        [tls[name] for name in ("root_ca_certificate", f"{way}_certificate", f"{way}_private_key")]
-        for way in ("listen", "connect")
-    )
-    access = said["access_control"]
-    return RouterFile(
-        path,
-        said["id"] or "",
-        endpoints_of(said["listen"]["endpoints"]),
-        endpoints_of(said["connect"]["endpoints"]),
-        Identity(*files) if all(files) else None,
-        Identity(*others) if all(others) else None,
-        frozenset(name for subject in access["subjects"] or () for name in subject.get("cert_common_names") or ()),
-        _who_where(access),
-        tuple(_faults(said)),
-    )
-
-
-def _faults(said: dict[str, Any]) -> Iterator[str]:
-    """What is unsafe, or would make a ward fall silent."""
-    if said["mode"] != "router":
-        yield f"mode is {said['mode']!r}; a router's is 'router'"
-    for what in ("multicast", "gossip"):
-        if said["scouting"][what]["enabled"] is not False:
-            yield f"scouting.{what}.enabled must be false: else this router tells the whole network that it is here"
-    if said["adminspace"]["enabled"]:
-        yield "adminspace.enabled must be false: else its settings can be read over the network"
-    for may, done in (("read", "read"), ("write", "changed")):
-        if said["adminspace"]["permissions"][may]:
-            yield f"adminspace.permissions.{may} must be false: else its settings can be {done} over the network, with zenohd"
-    if said["plugins"]:
-        yield f"plugins: {', '.join(said['plugins'])}: zenohd loads them, and no rule holds for what they open: leave them out"
-    if said["transport"]["shared_memory"]["enabled"]:
-        yield "transport.shared_memory.enabled must be false: what lies in there passes by every limit of size"
-    if said["timestamping"]["enabled"] is not False:
-        yield "timestamping.enabled must be false: else subscribers with history drop messages"
-    tls = said["transport"]["link"]["tls"]
-    if instead := [name for name in TLS_INSTEAD if tls[name]]:
-        yield (
-            f"transport.link.tls: {', '.join(instead)}: goes before the files, which alone are looked through: use"
-            f" {', '.join(name.removesuffix('_base64') for name in instead)}"
-        )
-    yield from router_limits.faults(said)
-    yield from _of_endpoints(said)
-
-
-def _of_endpoints(said: dict[str, Any]) -> Iterator[str]:
     listen, join = (endpoints_of(said[way]["endpoints"]) for way in ("listen", "connect"))
-    if not listen:
-        yield "listen.endpoints is empty: it listens nowhere"
-    if said["listen"]["exit_on_failure"] is False:
-        yield "listen.exit_on_failure must be true: else it runs on where its port is taken, and nobody finds it"
-    if join and (said["connect"]["exit_on_failure"] or said["connect"]["timeout_ms"] not in (None, -1)):
-        yield "connect: timeout_ms must be -1 and exit_on_failure false: else it ends, or stays alone, while the other is away"
-    yield from open_to_others(listen)
-    if in_the_clear := [endpoint for endpoint in join if not secured(endpoint) and not loopback(endpoint)]:
-        yield f"connect: {', '.join(in_the_clear)}: all of the ward would go there for everybody to read; use tls/..."
-    taken = said["transport"]["link"]["protocols"]
-    for endpoint in (*listen, *join):
-        if taken and endpoint.partition("/")[0] not in taken:
-            yield f"{endpoint}: transport.link.protocols has {', '.join(taken)} alone: zenoh does not take it"
-        named = [one.partition("=")[0] for one in endpoint.partition("#")[2].split(";")]
-        if others := [name for name in named if name and name not in _ITS_OWN]:
-            yield f"{endpoint}: {', '.join(others)}: goes before what the file says for all, and is not looked through"
-    if any(secured(endpoint) for endpoint in listen):
-        yield from _unguarded(said)
-    if any(secured(endpoint) for endpoint in join):
-        yield from _unproven(said["transport"]["link"]["tls"])
+    tls = said["transport"]["link"]["tls"]
+    files = [tls[name] for name in ("root_ca_certificate", "listen_certificate", "listen_private_key")]
+    identity = Identity(*files) if all(files) else None
+    places: list[tuple[str, Member]] = []
+    faults = list(_of_endpoints(listen, join))
+    try:
+        places = _places(said["access_control"])
+        if any(map(secured, listen)) and identity is None:
+            faults.append(
+                "transport.link.tls: root_ca_certificate, listen_certificate and listen_private_key are needed"
+            )
+        else:
+            guarded = any(map(secured, listen)) and identity
+            ours = router_file.guarded(listen, guarded, places, join) if guarded else router_file.plain(listen, join)
+            faults += _differing("", said, with_defaults(ours))
+    except (ValueError, Refusal) as error:
+        faults.append(f"access_control: {error}")
+    return RouterFile(
+        path, listen, join, identity, frozenset((ward, one.common_name) for ward, one in places), tuple(faults)
+    )
 
 
 def open_to_others(listen: Sequence[str]) -> Iterator[str]:
-    """That whoever reaches a router there needs no certificate."""
+    """Endpoints that other machines reach without a certificate."""
     if reached := [endpoint for endpoint in listen if not secured(endpoint) and not loopback(endpoint)]:
         yield f"{', '.join(reached)}: whoever reaches it reads and commands the ward; use tls/..., or 127.0.0.1"
-
-
-def _unproven(tls: dict[str, Any]) -> Iterator[str]:
-    """What a router that joins others shows them, and asks of them."""
-    for name in ("connect_certificate", "connect_private_key"):
-        if not tls[name]:
-            yield f"transport.link.tls.{name} is missing: the routers that it joins would not let it in"
-    if not tls["verify_name_on_connect"]:
-        yield "transport.link.tls.verify_name_on_connect must be true: else whoever has a certificate plays the router joined"
-
-
-def _unguarded(said: dict[str, Any]) -> Iterator[str]:
-    tls, access = said["transport"]["link"]["tls"], said["access_control"]
-    for name in ("root_ca_certificate", "listen_certificate", "listen_private_key"):
-        if not tls[name]:
-            yield f"transport.link.tls.{name} is missing"
-    for name in ("enable_mtls", "close_link_on_expiration"):
-        if not tls[name]:
-            yield f"transport.link.tls.{name} must be true: else whoever has no certificate, or an expired one, is let in"
-    if not any(_limits(one) for one in said["low_pass_filter"]):
-        yield f"low_pass_filter: messages of more than {MAX_PAYLOAD} bytes pass; `truerate pki router` writes it"
-    if not access["enabled"] or access["default_permission"] != "deny":
-        yield "access_control must be enabled, with default_permission 'deny': else every certificate may do everything"
-        return
-    if [rule for rule in access["rules"] or () if rule["permission"] != "allow"]:
-        yield "access_control: a rule that denies is not needed, and is not looked through: leave out who may not"
-    try:
-        expected = access_control(_places(access))
-    except (ValueError, Refusal) as error:
-        yield f"access_control: {error}"
-        return
-    yield from _differing(access, expected)
-
-
-def _differing(access: dict[str, Any], expected: dict[str, Any]) -> Iterator[str]:
-    subjects = [{name: value for name, value in one.items() if value} for one in access["subjects"] or ()]
-    if subjects != expected["subjects"]:
-        yield "access_control: each subject is one common name, which is its id too, and nothing else"
-    there = {rule["id"]: rule for rule in access["rules"] or ()}
-    if len(there) < len(access["rules"] or ()):
-        yield "access_control: two rules have the same id: zenoh does not start with them"
-    for rule in expected["rules"]:
-        found = there.pop(rule["id"], None)
-        if found is None:
-            yield f"access_control: the rule {rule['id']!r} is missing: its holder would silently get or give nothing"
-        elif any(sorted(found[name] or ()) != sorted(rule[name]) for name in ("flows", "messages", "key_exprs")):
-            yield f"access_control: the rule {rule['id']!r} is not that of its role; `truerate pki router` writes it anew"
-    for name in there:
-        yield f"access_control: the rule {name!r} gives somebody more than a role has"
-    given = sorted((policy["subjects"], sorted(policy["rules"])) for policy in access["policies"] or ())
-    for policy in expected["policies"]:
-        if (own := (policy["subjects"], sorted(policy["rules"]))) not in given:
-            yield f"access_control: the policy of {policy['subjects'][0]} does not have just its rules"
-        else:
-            given.remove(own)
-    if given:
-        yield "access_control: each member has one policy, and each policy one member, as `truerate pki router` writes them"
-
-
-def _limits(one: dict[str, Any]) -> bool:
-    """Whether a filter keeps out what is too large, all of it."""
-    ours = zenoh_settings.size_limit()
-    wide = all(set(ours[name]) <= set(one[name] or ours[name]) for name in ("flows", "messages", "key_exprs"))
-    return (
-        wide and not one.get("interfaces") and not one.get("link_protocols") and one["size_limit"] <= ours["size_limit"]
-    )
-
-
-def _places(access: dict[str, Any]) -> list[tuple[str, Member]]:
-    """Which member the policies give rules in which ward; ValueError where a name is none."""
-    wards = {rule["id"]: _ward(rule) for rule in access["rules"] or ()}
-    found = {
-        (wards.get(rule, ""), Member.parse(name))
-        for policy in access["policies"] or ()
-        for name in policy["subjects"]
-        for rule in policy["rules"]
-    }
-    order = list(dict.fromkeys(wards.values()))
-    names = [subject["id"] for subject in access["subjects"] or ()]
-    known = [place for place in found if place[0] in order and place[1].common_name in names]
-    return sorted(known, key=lambda place: (names.index(place[1].common_name), order.index(place[0])))
-
-
-def _who_where(access: dict[str, Any]) -> frozenset[tuple[str, str]]:
-    """The same by ward and common name; nothing where a name is none, which is said of already."""
-    try:
-        return frozenset((ward, member.common_name) for ward, member in _places(access))
-    except (ValueError, Refusal):
-        return frozenset()
-
-
-def _ward(rule: dict[str, Any]) -> str:
-    """The one ward a rule is of, or nothing that could be one's name."""
-    found = {
-        key[len(keys.ROOT) + 1 :].partition("/")[0] for key in rule["key_exprs"] if key.startswith(f"{keys.ROOT}/")
-    }
-    return found.pop() if len(found) == 1 else ""
 
 
 def loopback(endpoint: str) -> bool:
@@ -221,3 +80,74 @@ def loopback(endpoint: str) -> bool:
         return protocol.startswith("unixsock") or host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def _of_endpoints(listen: Sequence[str], join: Sequence[str]) -> Iterator[str]:
+    if not listen:
+        yield "listen.endpoints is empty: it listens nowhere"
+    yield from open_to_others(listen)
+    if in_the_clear := [endpoint for endpoint in join if not secured(endpoint) and not loopback(endpoint)]:
+        yield f"connect: {', '.join(in_the_clear)}: all of the ward would go there for everybody to read; use tls/..."
+    for endpoint in (*listen, *join):
+        named = [one.partition("=")[0] for one in endpoint.partition("#")[2].split(";")]
+        if others := [name for name in named if name and name not in _HARMLESS]:
+            yield f"{endpoint}: {', '.join(others)}: goes before what the file says for all: leave it out"
+
+
+def _differing(where: str, said: Any, ours: Any) -> Iterator[str]:
+    """Each setting that differs, a sentence that begins with its name; lists of tables are compared by their ids."""
+    if where in _OWN:
+        return
+    if isinstance(said, dict) or isinstance(ours, dict):
+        there, wanted = (one if isinstance(one, dict) else {} for one in (said, ours))
+        for name in dict.fromkeys((*there, *wanted)):
+            yield from _differing(f"{where}.{name}", there.get(name), wanted.get(name))
+    elif _tables(said) and _tables(ours):
+        there, wanted = _by_id(said or []), _by_id(ours or [])
+        if len(there) < len(said or []):
+            yield f"{where[1:]}: two of them have the same id, or are of the same member"
+        for name in dict.fromkeys((*there, *wanted)):
+            if name not in wanted:
+                yield f"{where[1:]}: {name} is not one of ours: leave it out"
+            elif name not in there:
+                yield f"{where[1:]}: {name} is missing"
+            else:
+                yield from _differing(f"{where}[{name}]", there[name], wanted[name])
+    elif _plain(said) != _plain(ours):
+        has, expected = json.dumps(said), json.dumps(ours)
+        if len(has + expected) < _SHORT:
+            yield f"{where[1:]} is {has}; `truerate pki router` writes {expected}"
+        else:
+            yield f"{where[1:]} is not what `truerate pki router` writes: write the file anew"
+
+
+def _tables(value: Any) -> bool:
+    return value is None or (isinstance(value, list) and all(isinstance(one, dict) for one in value))
+
+
+def _by_id(tables: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    return {str(one.get("id") or one.get("subjects") or at): one for at, one in enumerate(tables)}
+
+
+def _plain(value: Any) -> Any:
+    """With lists in one order; zenoh has an empty one for none."""
+    return (sorted(value, key=str) or None) if isinstance(value, list) else value
+
+
+def _places(access: dict[str, Any]) -> list[tuple[str, Member]]:
+    """Each member's wards, in the file's order, by the rules that it is given; ValueError where a name is none."""
+    wards = {rule["id"]: _ward(rule) for rule in access["rules"] or ()}
+    found = {
+        (ward, Member.parse(name)): None
+        for policy in access["policies"] or ()
+        for name in policy["subjects"]
+        for rule in policy["rules"]
+        if (ward := wards.get(rule))
+    }
+    return list(found)
+
+
+def _ward(rule: dict[str, Any]) -> str:
+    """The ward of a rule's first key; empty where that is of none."""
+    first = str(next(iter(rule["key_exprs"] or ()), ""))
+    return first.removeprefix(f"{keys.ROOT}/").partition("/")[0] if first.startswith(f"{keys.ROOT}/") else ""

@@ -1,6 +1,7 @@
-"""A router's own file, JSON5, made: it serves zenohd and `truerate router` alike. Pure."""
+"""Makes a router's own file, JSON5, for zenohd and `truerate router` alike. Pure."""
 
 import json
+import re
 from collections.abc import Sequence
 
 from bridge.bus import zenoh_settings
@@ -9,6 +10,7 @@ from bridge.pki.member import Member
 from bridge.pki.papers import Identity
 from bridge.wire import keys
 
+_INNERMOST, _WIDTH = re.compile(r"[\[{][^\[\]{}]*[\]}]"), 100
 # Over every part, why it is there.
 _WHY = {
     "connect": "other routers, which this one joins",
@@ -23,44 +25,30 @@ _WHY = {
 
 
 def rendered(settings: zenoh_settings.Settings, title: str) -> str:
-    """As JSON5, each part under a line that says why."""
+    """The settings as JSON5, each part under a line that says why."""
     parts = []
     for part, value in settings.items():
         why = f"  // {_WHY[part]}\n" if part in _WHY else ""
-        parts.append(f"{why}  {json.dumps(part)}: {_indented(value)}")
+        shown = _INNERMOST.sub(_on_one_line, json.dumps(value, indent=2)).replace("\n", "\n  ")
+        parts.append(f"{why}  {json.dumps(part)}: {shown}")
     head = "".join(f"// {line}\n" for line in title.splitlines())
     return f"{head}{{\n" + ",\n".join(parts) + "\n}\n"
 
 
-def plain(listen: Sequence[str]) -> zenoh_settings.Settings:
-    """For one machine, which nobody else can reach."""
-    return zenoh_settings.router(listen, keys.VIEWED)
+def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Settings:
+    """Settings of a router that only its own machine can reach."""
+    settings = zenoh_settings.router(listen, keys.VIEWED)
+    return zenoh_settings.joined(settings, join) if join else settings
 
 
 def guarded(
     listen: Sequence[str], identity: Identity, places: Sequence[tuple[str, Member]], join: Sequence[str] = ()
 ) -> zenoh_settings.Settings:
-    """For others to come: certificates on both sides, and rules for each member in its ward."""
+    """Settings of a router for other machines: certificates on both sides, and rules for each member in its ward."""
     return zenoh_settings.secured_router(listen, keys.VIEWED, identity, access_control(places), join)
 
 
-def _indented(value: object) -> str:
-    """Lists of words on one line, everything else by levels."""
-    return _laid_out(value, 1)
-
-
-def _laid_out(value: object, level: int) -> str:
-    inner, outer = "  " * (level + 1), "  " * level
-    if isinstance(value, dict) and value:
-        flat = json.dumps(value)
-        if len(flat) + 2 * level < 80 and not any(isinstance(item, dict | list) for item in value.values()):
-            return flat
-        rows = [f"{inner}{json.dumps(key)}: {_laid_out(item, level + 1)}" for key, item in value.items()]
-        return "{\n" + ",\n".join(rows) + f"\n{outer}}}"
-    if isinstance(value, list) and value:
-        flat = json.dumps(value)
-        if len(flat) + 2 * level < 110 and not any(isinstance(item, dict) for item in value):
-            return flat
-        rows = [f"{inner}{_laid_out(item, level + 1)}" for item in value]
-        return "[\n" + ",\n".join(rows) + f"\n{outer}]"
-    return json.dumps(value)
+def _on_one_line(match: re.Match[str]) -> str:
+    """Where there is room for it."""
+    flat = " ".join(match[0].split()).replace("[ ", "[").replace(" ]", "]").replace("{ ", "{").replace(" }", "}")
+    return flat if len(flat) < _WIDTH else match[0]

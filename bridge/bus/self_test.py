@@ -1,4 +1,4 @@
-"""Whether a router's rules let us do what our role may, and nothing else: tried with a token, since denials are silent."""
+"""Tests with a token whether a router's rules let us do what our role may, and nothing else: denials are silent."""
 
 import threading
 from collections.abc import Callable, Sequence

@@ -10,12 +10,12 @@ import logging
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import zenoh
-from zenoh import handlers
 
 from bridge import os_words
 from bridge.bus import zenoh_settings
@@ -28,6 +28,10 @@ _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 _RETRY_S = 0.1
+#: messages between zenoh and our thread, which always drains: a full channel would stop the session's receiving
+CHANNEL = 65536
+#: how often several channels are looked at, none of which has anything
+POLL_S = 0.005
 #: how zenoh says what is wrong with a file
 _MESSAGE = re.compile(r'Message \{ msg: "(?P<words>.*)", location: Some\(Location \{ line: (?P<line>\d+)', re.DOTALL)
 _UNKNOWN = re.compile(r"unknown field `(.*?)`, expected (.*)", re.DOTALL)
@@ -66,11 +70,19 @@ def read_settings(path: str) -> zenoh_settings.Settings:
     if words := os_words.unreadable(Path(path)):
         raise BusError(f"{path}: {words}")
     with as_bus_error(f"{path}: zenoh cannot read it"):
-        config = zenoh.Config.from_file(path)
-        said = {part: json.loads(config.get_json(part)) for part in _PARTS}
-        tls = said["transport"]["link"]["tls"]
-        tls |= {name: json.loads(config.get_json(f"transport/link/tls/{name}")) for name in TLS_INSTEAD}
-        return said
+        return _whole(zenoh.Config.from_file(path))
+
+
+def with_defaults(settings: zenoh_settings.Settings) -> zenoh_settings.Settings:
+    """Settings as `read_settings` reads them from a file."""
+    return _whole(zenoh.Config.from_json5(json.dumps(settings)))
+
+
+def _whole(config: zenoh.Config) -> zenoh_settings.Settings:
+    said = {part: json.loads(config.get_json(part)) for part in _PARTS}
+    tls = said["transport"]["link"]["tls"]
+    tls |= {name: json.loads(config.get_json(f"transport/link/tls/{name}")) for name in TLS_INSTEAD}
+    return said
 
 
 def close_session(session: zenoh.Session) -> None:
@@ -89,6 +101,30 @@ class Channel(Protocol[_T_co]):
         """The next, or None where there is none yet."""
 
 
+class Joined(Generic[_T]):
+    """Several channels read as one, each in its turn. One that is closed closes all."""
+
+    def __init__(self, channels: Sequence[Channel[_T]]) -> None:
+        self._channels = deque(channels)
+
+    def try_recv(self) -> _T | None:
+        """See Channel."""
+        for _ in range(len(self._channels)):
+            item = self._channels[0].try_recv()
+            self._channels.rotate(-1)
+            if item is not None:
+                return item
+        return None
+
+    def recv(self) -> _T:
+        """See Channel: zenoh has nothing that waits for several, so each is looked at every POLL_S."""
+        if len(self._channels) == 1:
+            return self._channels[0].recv()
+        while (item := self.try_recv()) is None:
+            time.sleep(POLL_S)
+        return item
+
+
 class Undeclared(Protocol):
     """What zenoh gives for something declared."""
 
@@ -104,17 +140,14 @@ class Home(Protocol):
     def run(self, work: Callable[[], None], name: str) -> None:
         """Run work in a thread that closing waits for; work must end when its channel does."""
 
-    def past(self, selector: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
-        """What caches of publishers hold, as it comes."""
-
-    def learn(self, keys: set[str]) -> None:
-        """Make zenoh remember keys that cached messages came by."""
+    def forget(self, declared: "Declared") -> None:
+        """It was closed."""
 
 
 class Declared:
     """Something declared in a bus; see contract.Declared."""
 
-    def __init__(self, bus: Home, declared: Undeclared) -> None:
+    def __init__(self, bus: Home, *declared: Undeclared) -> None:
         self._bus, self._declared = bus, declared
         self._lock = threading.Lock()
         self._closed = False
@@ -126,9 +159,10 @@ class Declared:
             if self._closed:
                 return
             self._closed = True
-            self._bus.declared.discard(self)
+            self._bus.forget(self)
             try:
-                self._declared.undeclare()
+                for one in self._declared:
+                    one.undeclare()
             except zenoh.ZError:
                 _log.debug("already gone with its session")
 

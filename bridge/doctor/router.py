@@ -9,7 +9,7 @@ from bridge.doctor.finding import Finding, Level, ok, trouble, warning
 
 
 def certificate(routers: Routers) -> Iterator[Finding]:
-    """What is wrong with it, or will be within days."""
+    """Whether the certificate is valid, or ends within days."""
     lasts = routers.lasts()
     if wrong := routers.faults():
         yield trouble(
@@ -24,7 +24,7 @@ def certificate(routers: Routers) -> Iterator[Finding]:
 
 
 def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = ZenohBus) -> list[Finding]:
-    """Joins each of them and leaves again; one that does not answer is there for nothing when another is gone."""
+    """Connect to each router, and leave again: the spare one has to answer too."""
     routers = Routers.of(endpoints)
     reached, silent = list[str](), dict[str, str]()
     for endpoint in routers:
@@ -40,5 +40,5 @@ def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = 
 
 
 def answers(findings: Sequence[Finding]) -> bool:
-    """Whether one of them does."""
+    """Whether one of the routers answered."""
     return any(finding.level is Level.OK for finding in findings)

@@ -1,4 +1,4 @@
-"""Serial ports: may we open them, who else has them, does anybody probe them, are they held up."""
+"""Serial ports: may we open them, who else has them, does anybody probe them."""
 
 import grp
 import os
@@ -13,9 +13,7 @@ from bridge.transport.holders import PROC, Holder, holders, is_bridge
 RULES = "configs/udev/99-truerate.rules"
 _INSTALL = f"sudo cp {RULES} /etc/udev/rules.d/ && sudo udevadm control --reload && sudo udevadm trigger"
 _RULE_FOLDERS = (Path("/etc/udev/rules.d"), Path("/run/udev/rules.d"))
-_USB_SERIAL = Path("/sys/bus/usb-serial/devices")
 _IGNORED = "ID_MM_DEVICE_IGNORE"
-_SLOW_MS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,27 +68,6 @@ def _read(path: Path) -> str:
         return path.read_text(errors="replace")
     except OSError:
         return ""
-
-
-def latency(devices: Path = _USB_SERIAL) -> list[Finding]:
-    """How long FTDI adapters hold bytes back."""
-    timers = {path.parent.name: _number(path) for path in sorted(devices.glob("*/latency_timer"))}
-    slow = {name: ms for name, ms in timers.items() if ms > _SLOW_MS}
-    if not slow:
-        return [
-            ok(
-                "FTDI latency",
-                f"{_count(len(timers), 'adapter')} at {_SLOW_MS} ms or less" if timers else "no FTDI adapter",
-            )
-        ]
-    return [
-        warning(
-            "FTDI latency",
-            f"{', '.join(f'{name}: {ms} ms' for name, ms in slow.items())}; samples come in clumps, up to so late",
-            f"{_INSTALL}; until the next boot: "
-            + "; ".join(f"echo 1 | sudo tee {devices}/{name}/latency_timer" for name in slow),
-        )
-    ]
 
 
 def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
@@ -165,13 +142,6 @@ def _group(gid: int) -> str:
         return grp.getgrgid(gid).gr_name
     except KeyError:
         return str(gid)
-
-
-def _number(path: Path) -> int:
-    try:
-        return int(path.read_text())
-    except (OSError, ValueError):
-        return 0
 
 
 def _list(having: Iterable[Holder]) -> str:

@@ -5,7 +5,7 @@ A driver opens its device, reads, and closes. It knows nothing of the bus, of cl
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import msgspec
 import numpy as np
@@ -40,7 +40,7 @@ class Identity:
 
     tick_bits: width of the device's tick counter, for unwrapping; sequence_bits likewise.
     has_clock: False where the device tells no time: its ticks are then a count of its samples, its rate a promise; time is
-    made of them behind the door.
+    made of them by the intake.
     """
 
     boot: int
@@ -62,7 +62,7 @@ class Readings:
     """n consecutive samples as the device sent them: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,).
 
     ticks (n,) and sequence are as sent, wrapping at Identity's widths. clipped (n,): whose rates are beyond its range, as the
-    device itself says; None: of none. receive_time_ns is by `bridge.host_time.now_ns`, which nobody sets. Not yet validated.
+    device itself says; None: of none. receive_time_ns is by `host_time.now_ns`, a clock that nobody sets. Not yet validated.
     """
 
     boot: int
@@ -111,14 +111,6 @@ class Driver(Protocol):
 
     def close(self) -> None:
         """Close; never raises, a second close does nothing. May be called from another thread to end a read."""
-
-
-@runtime_checkable
-class Paced(Protocol):
-    """A driver, or a decoder, of a device that can send faster while it is calibrated."""
-
-    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - it is all there is to say
-        """Whether it is being calibrated now; told when that changes, and called from the thread that reads."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,37 +13,32 @@ from bridge.framing.packets import BadPacket
 from bridge.wire.refusal import Tally
 
 UNSETTLED, UNTIMED = "samples_before_settled", "time_missing"
-MISSING, CLIPPED, RESTARTED = "missing_messages", "clipped_by_its_own_word", "clock_set_back_by_settings"
+MISSING, CLIPPED = "missing_messages", "clipped_by_its_own_word"
 TICK_S = 1e-4
 _MODEL = "Xsens MT"
-_COUNTS, _TICKS = 1 << 16, 1 << 32
+_COUNTS = 1 << 16
 _REORDERED = _COUNTS // 2  # beyond, a count has gone back
 _BITS = 620  # a message as it is told to be, ten bits a byte
 _NO_RATE = 200  # messages
-_SAME_CLOCK_S = 1.0
 
 
 class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """ask: who it is, for which it stops measuring for a moment. rate_hz: what it is told to send, and keeps; 0: nothing.
 
-    calibration_rate_hz: its rate during a calibration. gyro_range_dps: its full scale, where it is known.
+    gyro_range_dps: its full scale, where it is known.
     """
 
     ask: bool = False
     rate_hz: int = 0
-    calibration_rate_hz: int = 0
     gyro_range_dps: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, rate_hz in (("rate_hz", self.rate_hz), ("calibration_rate_hz", self.calibration_rate_hz)):
-            if rate_hz and not 1 <= rate_hz <= 2000:
-                raise ValueError(f"{name} is {rate_hz}; 1 to 2000 is taken")
-            if "://" not in self.port and rate_hz * _BITS > self.baud:
-                need = f"{rate_hz * _BITS}"
-                raise ValueError(f"{name} is {rate_hz}, which needs a baud of {need} or more, here and in the device")
-        if self.calibration_rate_hz and not self.rate_hz:
-            raise ValueError("calibration_rate_hz needs rate_hz, to go back to")
+        if self.rate_hz and not 1 <= self.rate_hz <= 2000:
+            raise ValueError(f"rate_hz is {self.rate_hz}; 1 to 2000 is taken")
+        if "://" not in self.port and self.rate_hz * _BITS > self.baud:
+            need = f"{self.rate_hz * _BITS}"
+            raise ValueError(f"rate_hz is {self.rate_hz}, which needs a baud of {need} or more, here and in the device")
         if not 0 <= self.gyro_range_dps <= 50_000:
             raise ValueError(f"gyro_range_dps is {self.gyro_range_dps:g}; 0, for unknown, to 50000 is taken")
 
@@ -60,8 +55,6 @@ class MtData2Decoder:
         self._timed = Timed()
         self._assembly: Assembly | None = None
         self._celsius: float | None = None
-        self._shift = 0  # of its time, after it was set back
-        self._last: tuple[int, int] | None = None  # shifted time, and host time
         self._without_rate = 0
         self.opened()
 
@@ -72,7 +65,6 @@ class MtData2Decoder:
             self._assembly.opened()
         self._counter: int | None = None
         self._lost = 0  # messages since the last sample
-        self._last = None
         if self._asks:
             self._settings.begin()
 
@@ -92,12 +84,6 @@ class MtData2Decoder:
         """The next command."""
         return self._settings.command()
 
-    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - the contract of drivers
-        """Send faster during a calibration, where that was chosen; a rate that changes needs a clock that goes on."""
-        fast = self._options.calibration_rate_hz
-        if fast and self._timed.tells:
-            self._settings.want(fast if on else self._options.rate_hz)
-
     def _took(self, message: Message, receive_time_ns: int) -> list[Notice]:
         if message.kind == mtdata2.MTDATA2:
             try:
@@ -109,15 +95,15 @@ class MtData2Decoder:
             self._woke()
             return []
         notices = self._settings.answered(message)
+        if message.kind == mtdata2.GOTO_MEASUREMENT + 1:
+            self._counter = None  # which begins anew
         if self._assembly is not None:
             self._assembly.about = self._about()
-            if self._settings.resumed and self._settings.sends_hz:
-                self._assembly.paced(self._settings.sends_hz)
         return notices
 
     def _woke(self) -> None:
         """It has booted."""
-        self._counter, self._lost, self._last, self._shift = None, 0, None, 0
+        self._counter, self._lost = None, 0
         if self._assembly is not None:
             self._assembly.rebooted()
         if self._asks:
@@ -144,36 +130,27 @@ class MtData2Decoder:
         if self._assembly is None or not fits:
             self.faults.add(UNSETTLED if self._assembly is None else UNTIMED)
             return notices
-        tick = self._tick(data.time or 0, receive_time_ns)
-        about = (data.gyro, data.accel, self._celsius)
-        self._assembly.add(tick, *about, receive_time_ns=receive_time_ns, missing=lost, clipped=data.gyro_clipped)
+        self._assembly.add(
+            data.time or 0,
+            data.gyro,
+            data.accel,
+            self._celsius,
+            receive_time_ns=receive_time_ns,
+            missing=lost,
+            clipped=data.gyro_clipped,
+        )
         return notices
 
     def _count(self, counter: int | None) -> None:
         """Follow the count of messages."""
         if counter is None:
             return
-        if self._counter is not None and not self._settings.resumed:
+        if self._counter is not None:
             missing = (counter - self._counter - 1) % _COUNTS
             if 0 < missing < _REORDERED:
                 self.faults.add(MISSING, missing)
                 self._lost += missing
         self._counter = counter
-
-    def _tick(self, time: int, now_ns: int) -> int:
-        """Its time, made to go on where it begins anew because it was told to measure again: that is no boot."""
-        tick = (time + self._shift) % _TICKS
-        if self._settings.resumed:
-            self._settings.resumed = False
-            if self._last is not None:
-                expected = (self._last[0] + round((now_ns - self._last[1]) * 1e-9 / TICK_S)) % _TICKS
-                off = (tick - expected + _TICKS // 2) % _TICKS - _TICKS // 2
-                if abs(off) * TICK_S > _SAME_CLOCK_S:
-                    self.faults.add(RESTARTED)
-                    self._shift = (expected - time) % _TICKS
-                    tick = expected
-        self._last = tick, now_ns
-        return tick
 
     def _about(self) -> About:
         settings, range_dps = self._settings, self._options.gyro_range_dps
@@ -182,7 +159,7 @@ class MtData2Decoder:
 
 KIND = stream_kind(
     "mtdata2",
-    "Xsens' motion trackers, MTData2: port, baud, ask, rate_hz, calibration_rate_hz, gyro_range_dps",
+    "Xsens' motion trackers, MTData2: port, baud, ask, rate_hz, gyro_range_dps",
     MtData2Options,
     MtData2Decoder,
 )

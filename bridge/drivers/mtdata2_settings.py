@@ -1,18 +1,15 @@
-"""What an Xsens motion tracker is asked and told: one request at a time, each again until it is answered.
+"""What an Xsens motion tracker is asked and told. Time is an argument.
 
 In its config state, which it is called into and sent out of again; what it is told it keeps, power or not.
 """
 
-from collections import deque
-from collections.abc import Iterable
-
 from bridge.drivers.driver import Notice
+from bridge.drivers.requests import Requests
 from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Message, encode
 
 _ASKED = (mtdata2.REQ_PRODUCT, mtdata2.REQ_DEVICE, mtdata2.REQ_FIRMWARE)
-_AGAIN_NS = 500_000_000
-_TIMES = 5
+_AGAIN_S, _TIMES = 0.5, 5
 _ALWAYS = 0xFFFF  # in every message
 _WARMTH_HZ = 10
 
@@ -20,59 +17,46 @@ _WARMTH_HZ = 10
 class Settings:
     """One device's. rate_hz: what it is to send, 0 for what it sends.
 
-    model, firmware, sends_hz: empty and 0 until answered. resumed: it has begun to measure again, to be set back by who saw it.
+    model, firmware, sends_hz: empty and 0 until answered.
     """
 
     def __init__(self, rate_hz: float) -> None:
         self.model, self.firmware, self.sends_hz = "", "", 0.0
-        self.resumed = False
         self._wanted_hz = rate_hz
-        self._requests: deque[tuple[int, bytes]] = deque()
-        self._out: deque[bytes] = deque()
-        self._times, self._asked_ns = 0, 0
+        self._requests = Requests(_AGAIN_S, _TIMES)
         self._given_up = False
 
     @property
     def settled(self) -> bool:
         """Nothing is waited for."""
-        return self._given_up or not self._requests
+        return self._given_up or self._requests.key is None
 
     def begin(self, *, woken: bool = False) -> None:
         """Ask and set everything: the device was opened, or has booted and said so."""
-        self._out.clear()
+        self._given_up = False
+        self._requests.clear()
         if woken:
-            self._out.append(encode(mtdata2.WAKE_UP_ACK))  # else it would begin to measure
-        self._visit(_ASKED)
-
-    def want(self, rate_hz: float) -> None:
-        """Another rate from now on."""
-        if rate_hz != self._wanted_hz:
-            self._wanted_hz = rate_hz
-            self._visit([kind for kind, _ in self._requests if kind in _ASKED])
+            self._requests.tell(encode(mtdata2.WAKE_UP_ACK))  # else it would begin to measure
+        for kind in (mtdata2.GOTO_CONFIG, *_ASKED):
+            self._requests.add(kind, encode(kind))
+        if self._wanted_hz:
+            self._requests.add(mtdata2.SET_OUTPUT, encode(mtdata2.SET_OUTPUT, self._output()))
+        self._back()
 
     def command(self) -> bytes:
         """The next one to send; empty if none."""
-        return self._out.popleft() if self._out else b""
+        return self._requests.command()
 
     def passed(self, now_ns: int) -> list[Notice]:
         """Ask what is open, for the first time or again; what is not answered is given up, but never the way back."""
-        if not self._requests or (self._times and 0 <= now_ns - self._asked_ns < _AGAIN_NS):
-            return []
-        if self._times == _TIMES:
-            return self._failed("does not answer")
-        self._times += 1
-        self._asked_ns = now_ns
-        self._out.append(encode(*self._requests[0]))
-        return []
+        return self._failed("does not answer") if self._requests.passed(now_ns) else []
 
     def answered(self, message: Message) -> list[Notice]:
         """A message that is no data."""
-        if not self._requests:
-            return []
-        if message.kind == mtdata2.ERROR:
+        kind = self._requests.key
+        if kind is not None and message.kind == mtdata2.ERROR:
             return self._failed(f"answers error {message.data.hex()}")
-        kind, _ = self._requests[0]
-        if message.kind != kind + 1:
+        if not isinstance(kind, int) or message.kind != kind + 1:
             return []
         match kind:
             case mtdata2.REQ_PRODUCT:
@@ -83,10 +67,7 @@ class Settings:
                 self.firmware = ".".join(map(str, message.data[:3]))
             case mtdata2.SET_OUTPUT:
                 self.sends_hz = _rate_in(message.data)
-            case mtdata2.GOTO_MEASUREMENT:
-                self.resumed = True
-        self._requests.popleft()
-        self._times = 0
+        self._requests.answered()
         return []
 
     def measures(self) -> None:
@@ -94,22 +75,19 @@ class Settings:
         if self._given_up:
             self._requests.clear()
 
-    def _visit(self, asked: Iterable[int]) -> None:
-        there = [(mtdata2.GOTO_CONFIG, b""), *((kind, b"") for kind in asked), *self._output()]
-        self._requests = deque([*there, (mtdata2.GOTO_MEASUREMENT, b"")])
-        self._times, self._given_up = 0, False
+    def _back(self) -> None:
+        self._requests.add(mtdata2.GOTO_MEASUREMENT, encode(mtdata2.GOTO_MEASUREMENT))
 
     def _failed(self, how: str) -> list[Notice]:
-        kind, _ = self._requests[0]
-        self._requests = deque([(mtdata2.GOTO_MEASUREMENT, b"")])
-        self._times, self._given_up = 0, True
+        kind = self._requests.key
+        self._requests.clear()
+        self._back()
+        self._given_up = True
         what = "what it sends was not changed" if self._wanted_hz else "who it is was not learnt"
         return [Notice("settings", f"to request {kind:02X} it {how}: {what}")]
 
-    def _output(self) -> list[tuple[int, bytes]]:
+    def _output(self) -> bytes:
         """All that is of use, and nothing else."""
-        if not self._wanted_hz:
-            return []
         rate_hz = round(self._wanted_hz)
         wanted = {
             mtdata2.PACKET_COUNTER: _ALWAYS,
@@ -119,8 +97,7 @@ class Settings:
             mtdata2.TEMPERATURE: min(rate_hz, _WARMTH_HZ),
             mtdata2.STATUS: _ALWAYS,
         }
-        data = b"".join(what.to_bytes(2, "big") + often.to_bytes(2, "big") for what, often in wanted.items())
-        return [(mtdata2.SET_OUTPUT, data)]
+        return b"".join(what.to_bytes(2, "big") + often.to_bytes(2, "big") for what, often in wanted.items())
 
 
 def _rate_in(data: bytes) -> float:

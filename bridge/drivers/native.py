@@ -16,30 +16,25 @@ _ASK_AGAIN = 16  # packets
 
 
 class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """rate_hz: what the device is told to send; 0: what it sends is left as it is. calibration_rate_hz: during a calibration."""
+    """rate_hz: what the device is told to send; 0: what it sends is left as it is."""
 
     rate_hz: float = 0.0
-    calibration_rate_hz: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, rate_hz in (("rate_hz", self.rate_hz), ("calibration_rate_hz", self.calibration_rate_hz)):
-            if rate_hz and not 0.1 <= rate_hz <= 100_000:
-                raise ValueError(f"{name} is {rate_hz:g}; 0.1 to 100000 is taken")
-        if self.calibration_rate_hz and not self.rate_hz:
-            raise ValueError("calibration_rate_hz needs rate_hz, to go back to")
+        if self.rate_hz and not 0.1 <= self.rate_hz <= 100_000:
+            raise ValueError(f"rate_hz is {self.rate_hz:g}; 0.1 to 100000 is taken")
 
 
 class NativeDecoder:
-    """The decoder of the native protocol; it sends ASK when it needs to know whose the packets are, and rates where chosen.
+    """The decoder of the native protocol; it sends ASK when it needs to know whose the packets are, and a rate where chosen.
 
     Readings come out after the identity of their boot only. Packets of an unknown boot are held back, and the device is
     asked; what cannot be held, or turns out to be of another boot, is counted in `faults` by samples.
     """
 
-    def __init__(self, rate_hz: float = 0.0, calibration_rate_hz: float = 0.0) -> None:
+    def __init__(self, rate_hz: float = 0.0) -> None:
         self.faults = Tally()
-        self._rates_hz = (rate_hz, calibration_rate_hz or rate_hz)
         self._wanted_hz = rate_hz
         self._held: deque[tuple[packets.Data, int]] = deque()  # and when they came
         self.opened()
@@ -59,12 +54,6 @@ class NativeDecoder:
         held, self._held = self._held, deque()
         self._forget(sum(len(data.ticks) for data, _ in held))
         return []
-
-    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - the contract of drivers
-        """Send at the other rate, where one was chosen for calibrations."""
-        wanted_hz = self._rates_hz[on]
-        if wanted_hz != self._wanted_hz:
-            self._wanted_hz, self._told, self._tell = wanted_hz, 0, True
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
         """The events these bytes complete, in order."""
@@ -144,13 +133,13 @@ def _readings(data: packets.Data, receive_time_ns: int, hello: packets.Hello) ->
 
 def _decoder(options: StreamOptions | None) -> NativeDecoder:
     if isinstance(options, NativeOptions):
-        return NativeDecoder(options.rate_hz, options.calibration_rate_hz)
+        return NativeDecoder(options.rate_hz)
     return NativeDecoder()
 
 
 KIND = stream_kind(
     "native",
-    "truerate's own serial protocol (COBS frames with a CRC-32): port, baud, rate_hz, calibration_rate_hz",
+    "truerate's own serial protocol (COBS frames with a CRC-32): port, baud, rate_hz",
     NativeOptions,
     _decoder,
 )

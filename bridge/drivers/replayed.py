@@ -16,16 +16,15 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
-from bridge import host_time, os_words
+from bridge import os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Readings
 from bridge.drivers.takes import Take
-from bridge.record import stretches
-from bridge.record.stretches import Recorded
-from bridge.recording import MAX_BYTES, RecordingError, load
+from bridge.recording import MAX_BYTES, RecordingError, load, stretches
+from bridge.recording.stretches import Recorded
+from bridge.transport import host_time
 from bridge.wire.refusal import Tally
 
-_CHUNK_S = 0.02  # host seconds between deliveries
-_MAX_CHUNK = 512  # samples
+_MAX_CHUNK = 4096  # samples
 _SALT = secrets.randbits(64)  # one for all devices of a playback: who shared a boot number still does
 _reading = threading.Lock()
 _log = logging.getLogger(__name__)
@@ -171,8 +170,7 @@ class ReplayedDriver:
             raise DeviceLost(f"{self.place}: closed")
         if playback.over:
             raise DeviceLost(f"{self.place}: the recording is over", over=True)
-        wait_s = max(_CHUNK_S, playback.wait_s(time.monotonic() - self._start_s))
-        self._closed.wait(min(timeout_s, wait_s))
+        self._closed.wait(min(timeout_s, playback.wait_s(time.monotonic() - self._start_s)))
         return playback.due(time.monotonic() - self._start_s, host_time.now_ns())
 
     def close(self) -> None:

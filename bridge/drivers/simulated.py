@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DriverKind, Event
 from bridge.drivers.native import NativeDecoder
+from bridge.transport import host_time
 
 if TYPE_CHECKING:
     from bridge.sim.virtual_device import VirtualDevice
@@ -21,20 +21,18 @@ _TURN_S = 0.02
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The seed decides what the device is and does; speed is how many times faster than life it lives.
 
-    calibration_rate_hz: what it sends while it is calibrated; 0: no other rate. life: after its calibration, `lively`, a rest of
+    life: after its calibration, `lively`, a rest of
     some seconds after each movement, or as on a `ward`: lying, asleep, sitting, walking, in a bed that turns.
     """
 
     seed: int = 0
     rate_hz: float = 104.0
-    calibration_rate_hz: float = 0.0
     speed: float = 1.0
     life: Literal["lively", "ward"] = "lively"
 
     def __post_init__(self) -> None:
-        for name, rate_hz in (("rate_hz", self.rate_hz), ("calibration_rate_hz", self.calibration_rate_hz or 1.0)):
-            if not 1 <= rate_hz <= 2000:
-                raise ValueError(f"{name} is {rate_hz:g}; 1 to 2000 is taken")
+        if not 1 <= self.rate_hz <= 2000:
+            raise ValueError(f"rate_hz is {self.rate_hz:g}; 1 to 2000 is taken")
         if not 0.01 <= self.speed <= 100:
             raise ValueError(f"speed is {self.speed:g}; 0.01 to 100 is taken")
         if not 0 <= self.seed < 2**32:
@@ -58,9 +56,8 @@ class SimulatedDriver:
         self._options = options
         self._draw_boot = draw_boot
         self._closed = threading.Event()
-        self._decoder = NativeDecoder(options.rate_hz, options.calibration_rate_hz)
+        self._decoder = NativeDecoder(options.rate_hz)
         self.faults = self._decoder.faults
-        self.calibrating = self._decoder.calibrating
         self._born_s = 0.0
 
     def open(self) -> None:

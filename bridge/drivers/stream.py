@@ -1,14 +1,12 @@
 """Every driver of a device that sends bytes: a decoder of its protocol on a transport, which know nothing of each other."""
 
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from msgspec import Struct
 
-from bridge import host_time
-from bridge.drivers.driver import DeviceLost, DriverKind, Event, Paced, Readings
+from bridge.drivers.driver import DeviceLost, DriverKind, Event, Readings
 from bridge.transport import address
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
@@ -19,7 +17,7 @@ _UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # and as many of each
 class Decoder(Protocol):
     """One device's protocol: any chunking of its bytes in, events out. Without I/O and clock; lives as long as the driver.
 
-    faults: counts what could not be understood, by label. One that is Paced, too, is told of calibrations.
+    faults: counts what could not be understood, by label.
     """
 
     faults: Tally
@@ -53,9 +51,8 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """A decoder behind a transport; Paced where the decoder is.
+    """A decoder behind a transport.
 
-    keeps: what came waits to be read, and `read_kept` takes it.
     bytes_in, samples_in: how many came, and were understood, since it was opened.
     """
 
@@ -64,10 +61,7 @@ class StreamDriver:
         self.faults = decoder.faults
         self._transport = address.transport(options.port, options.baud)
         self._transport.faults = decoder.faults
-        self.keeps = self._transport.keeps
         self._decoder = decoder
-        if isinstance(decoder, Paced):
-            self.calibrating = decoder.calibrating
         self._unread: deque[Chunk] = deque(maxlen=_UNREAD_CHUNKS)
         self.bytes_in = self.samples_in = 0
 
@@ -88,26 +82,6 @@ class StreamDriver:
             if lost.over and (rest := self._rest()):
                 return rest  # the next call says that it is over
             raise
-
-    def read_kept(self, within_s: float) -> list[Event]:
-        """What came meanwhile, without waiting; raises DeviceLost. Called from one thread, in place of read.
-
-        What takes longer than within_s to be understood waits for the next call.
-        """
-        events: list[Event] = []
-        until_s = time.monotonic() + within_s
-        if data := self._decoder.to_send():
-            self._transport.write(data)
-        try:
-            while (chunk := self._transport.read(0.0)).data:
-                events += self._feed(chunk)
-                if time.monotonic() > until_s:
-                    return events
-        except DeviceLost as lost:
-            events += self._rest() if lost.over else []
-            if not events:  # else the next call says so
-                raise
-        return events + self._feed(Chunk(b"", host_time.now_ns()))
 
     def _feed(self, chunk: Chunk) -> list[Event]:
         events = self._counted(self._decoder.feed(chunk.data, chunk.receive_time_ns))

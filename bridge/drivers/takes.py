@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.drivers.driver import Identity
-from bridge.record.stretches import Stretch
 from bridge.recording import TICK_S, Recording
+from bridge.recording.stretches import Stretch
 from bridge.wire.messages import BootCause
 
 _BOOTS = 2**64

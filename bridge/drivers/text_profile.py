@@ -11,7 +11,7 @@ import msgspec
 from bridge.drivers.assembly import About, Assembly
 from bridge.drivers.driver import Event, Notice
 from bridge.drivers.stream import StreamOptions, stream_kind
-from bridge.text.lines import Line, Lines
+from bridge.framing.lines import ANY_END, Line, Lines
 from bridge.text.profile import Profile, load_profile, shipped
 from bridge.text.rows import DECIMAL_TICK_S, CsvReader, Header, Reader, Refused, RegexReader, Row
 from bridge.text.units import TIMES
@@ -22,6 +22,7 @@ from bridge.wire.refusal import Tally
 LINE_TOO_LONG, LINE_BEGUN, LINE_CUT, BANNER_ODD = "line_too_long", "line_begun", "line_cut", "banner_odd"
 SCALE_FAULT, NO_CLOCK = "known_scale_fault", "no_clock"
 _COUNTED_HZ = 100.0
+MAX_LINE = 1024  # bytes; a logger's header row of many sensors reaches some hundreds
 
 
 class TextDecoder:
@@ -45,7 +46,7 @@ class TextDecoder:
         self._profile = profile
         self._captured, self._told = captured, 0
         self._refused = refused
-        self._lines = Lines()
+        self._lines = Lines(MAX_LINE, ANY_END)
         self._banners = [re.compile(rf"(?:{banner})\Z") for banner in profile.banners]
         self._ignore = [re.compile(pattern) for pattern in profile.ignore]
         device = profile.device
@@ -90,15 +91,18 @@ class TextDecoder:
 
     def _take(self, line: Line, receive_time_ns: int) -> list[Event]:
         """A line; events only if what came before it is of another kind."""
+        text = line.data.decode("utf-8", "replace").strip()
+        if not text:
+            return []
         if line.too_long:
-            self._refuse(Refused(LINE_BEGUN if line.begun else LINE_TOO_LONG, "it has no end"), line.text)
-        elif self._is_banner(line.text):
+            self._refuse(Refused(LINE_BEGUN if line.begun else LINE_TOO_LONG, "it has no end"), text)
+        elif self._is_banner(text):
             self._booting = True
             self._assembly.rebooted()
         elif line.begun:
-            self._refuse(Refused(LINE_BEGUN, "the first line after an opening may be the end of one"), line.text)
-        elif not any(pattern.fullmatch(line.text) for pattern in self._ignore):
-            read = self._reader.read(line.text)
+            self._refuse(Refused(LINE_BEGUN, "the first line after an opening may be the end of one"), text)
+        elif not any(pattern.fullmatch(text) for pattern in self._ignore):
+            read = self._reader.read(text)
             if isinstance(read, Header):
                 return self._began()
             if isinstance(read, Row):
@@ -106,7 +110,7 @@ class TextDecoder:
                 came_ns = self._told_ns(read.tick) if self._captured else receive_time_ns
                 self._assembly.add(*read, receive_time_ns=came_ns)
             else:
-                self._refuse(read, line.text)
+                self._refuse(read, text)
         return []
 
     def _told_ns(self, tick: int) -> int:

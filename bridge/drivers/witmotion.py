@@ -16,7 +16,6 @@ UNSETTLED, UNTIMED = "samples_before_settled", "time_missing"
 _MODEL = "WitMotion"
 _FORGOTTEN = 8  # cycles in a row without their time
 _COUNTED_S = 1.0
-_SEEN = 0.25  # of a period that was told
 _BITS_A_CYCLE = 330  # time, acceleration and rate, ten bits a byte
 _FASTEST_HZ = 200.0
 
@@ -32,28 +31,22 @@ class Word(StrEnum):
 class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """rate_hz: what it is told to send, together with its time; 0: what it sends is left as it is.
 
-    calibration_rate_hz: its rate during a calibration, of a device that sends its time.
     keep_settings: tell it nothing and ask nothing; rate_hz is then what it is known to send.
     """
 
     baud: int = 9600
     rate_hz: float = 0.0
-    calibration_rate_hz: float = 0.0
     keep_settings: bool = False
     temperature: Word = Word.ACCEL
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, rate_hz in (("rate_hz", self.rate_hz), ("calibration_rate_hz", self.calibration_rate_hz)):
-            if rate_hz and rate_hz not in RATES_HZ.values():
-                raise ValueError(
-                    f"{name} is {rate_hz:g}; {', '.join(f'{rate:g}' for rate in RATES_HZ.values())} is taken"
-                )
-            if "://" not in self.port and rate_hz * _BITS_A_CYCLE > self.baud:
-                need = f"{rate_hz * _BITS_A_CYCLE:.0f}"
-                raise ValueError(f"{name} is {rate_hz:g}, which needs a baud of {need} or more, here and in the device")
-        if self.calibration_rate_hz and (self.keep_settings or not self.rate_hz):
-            raise ValueError("calibration_rate_hz needs rate_hz, to go back to, and settings that may be changed")
+        rate_hz = self.rate_hz
+        if rate_hz and rate_hz not in RATES_HZ.values():
+            raise ValueError(f"rate_hz is {rate_hz:g}; {', '.join(f'{one:g}' for one in RATES_HZ.values())} is taken")
+        if "://" not in self.port and rate_hz * _BITS_A_CYCLE > self.baud:
+            need = f"{rate_hz * _BITS_A_CYCLE:.0f}"
+            raise ValueError(f"rate_hz is {rate_hz:g}, which needs a baud of {need} or more, here and in the device")
 
 
 class WitMotionDecoder:
@@ -67,10 +60,7 @@ class WitMotionDecoder:
         self._cycles = Cycles(self.faults)
         self._assembly: Assembly | None = None
         self._timed = Timed()
-        self._calibrating = False
-        self._time_ms = 0  # of the latest sample
         self._boot = 0  # that was told
-        self._notices: list[Notice] = []
         self.opened()
 
     def opened(self) -> None:
@@ -92,8 +82,7 @@ class WitMotionDecoder:
                 self._take(sample, receive_time_ns)
         if not self._asked and self._frames.checked is not None and not self._options.keep_settings:
             self._ask()
-        events += [*self._settings.passed(receive_time_ns), *self._notices]
-        self._notices.clear()
+        events += self._settings.passed(receive_time_ns)
         return events + self._assembled()
 
     def finish(self) -> list[Event]:
@@ -104,26 +93,14 @@ class WitMotionDecoder:
         """The next command."""
         return self._settings.command()
 
-    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - the contract of drivers
-        """Send faster during a calibration, where that was chosen; a rate that changes needs a clock that goes on."""
-        self._calibrating = on
-        self._pace()
-
     def _ask(self) -> None:
         self._asked = True
         self._settings.begin(checked=bool(self._frames.checked))
 
-    def _pace(self) -> None:
-        fast = self._options.calibration_rate_hz
-        self._settings.want(fast if fast and self._calibrating and self._timed.tells else self._options.rate_hz)
-
     def _answered(self, data: bytes) -> list[Notice]:
-        settings = self._settings
-        notices = settings.answered(data)
+        notices = self._settings.answered(data)
         if self._assembly is not None:
             self._assembly.about = self._about()
-            if settings.coming_hz and settings.coming_hz == settings.sends_hz:
-                self._paced(self._assembly)
         return notices
 
     def _take(self, sample: Sample, receive_time_ns: int) -> None:
@@ -132,16 +109,8 @@ class WitMotionDecoder:
             self.faults.add(UNSETTLED if self._assembly is None else UNTIMED)
             return
         time_ms = sample.time_ms or 0
-        coming_hz = self._settings.coming_hz
-        if coming_hz and abs((time_ms - self._time_ms) * 1e-3 * coming_hz - 1) < _SEEN:
-            self._paced(assembly)
-        self._time_ms = time_ms
         celsius = self._celsius(sample)
         assembly.add(time_ms, sample.gyro, sample.accel, celsius, receive_time_ns=receive_time_ns)
-
-    def _paced(self, assembly: Assembly) -> None:
-        assembly.paced(self._settings.coming_hz)
-        self._settings.coming_hz = 0.0
 
     def _decided(self, *, timed: bool, now_ns: int) -> Assembly | None:
         """Where a sample goes; None while, or as long as, it does not fit what the device is: one that tells time, or none."""
@@ -155,10 +124,6 @@ class WitMotionDecoder:
         if not self._settled or not (timed or rate_hz) or not self._timed.settle():
             return None
         self._assembly = Assembly(self.faults, self._about(rate_hz), 1e-3 if timed else None)
-        if self._options.calibration_rate_hz:
-            untold = "" if timed else "it sends no time, so its rate is left as it is during a calibration"
-            self._notices.append(Notice("calibration rate", untold))
-        self._pace()
         return self._assembly
 
     @property
@@ -199,7 +164,7 @@ class WitMotionDecoder:
 
 KIND = stream_kind(
     "witmotion",
-    "WitMotion's sensors, serial or Bluetooth: port, baud, rate_hz, calibration_rate_hz, keep_settings, temperature",
+    "WitMotion's sensors, serial or Bluetooth: port, baud, rate_hz, keep_settings, temperature",
     WitMotionOptions,
     WitMotionDecoder,
 )

@@ -1,14 +1,13 @@
-"""What a WitMotion device is asked and told: one command at a time, 0.1 s apart, each question again until it is answered.
+"""What a WitMotion device is asked and told, 0.1 s between commands. Time is an argument.
 
 Nothing is saved: what was changed is lost with power. Registers are those of the WIT Standard Communication Protocol; a
 serial answer does not say which register it is of, so one question is open at a time.
 """
 
 import struct
-from collections import deque
-from dataclasses import dataclass
 
 from bridge.drivers.driver import Notice
+from bridge.drivers.requests import Requests
 
 CONTENT, RATE, VERSION, STILL_TIME = 0x02, 0x03, 0x2E, 0x63
 RATES_HZ = {1: 0.2, 2: 0.5, 3: 1.0, 4: 2.0, 5: 5.0, 6: 10.0, 7: 20.0, 8: 50.0, 9: 100.0, 11: 200.0}
@@ -16,23 +15,17 @@ _CODES = {rate_hz: code for code, rate_hz in RATES_HZ.items()}
 TIME_ACCEL_GYRO = 0x07  # of CONTENT
 _UNLOCK = bytes.fromhex("FF AA 69 88 B5")
 _READ = 0x27
-_BETWEEN_NS, _AGAIN_NS = 100_000_000, 500_000_000
+_SPACING_S, _AGAIN_S = 0.1, 0.5
 _TIMES = 3  # a question, and a setting that is found to be other than told
 _OFF_OLD, _LONGEST = 1, 0xFFFF
 _CALIBRATES = "gyro auto-calibration"
 _DISTURBS = "which disturbs the calibration: turn it off with WitMotion's own program"
 
 
-@dataclass(slots=True)
-class _Question:
-    register: int
-    times: int = 0
-
-
 class Settings:
     """One device's. rate_hz: what it is to send, 0 for what it sends. writes: whether it may be told anything.
 
-    firmware, sends_hz: empty and 0 until answered. coming_hz: the rate it was told to have, until that is seen; else 0.
+    firmware, sends_hz: empty and 0 until answered.
     """
 
     def __init__(self, rate_hz: float, *, writes: bool) -> None:
@@ -40,66 +33,42 @@ class Settings:
         self._wanted_hz = rate_hz
         self._writes = writes
         self._noticed = ""
-        self.begin(checked=True)
-        self._open.clear()
+        self._requests = Requests(_AGAIN_S, _TIMES, _SPACING_S)
 
     def begin(self, *, checked: bool) -> None:
         """Ask and set everything: the device was opened, or has booted. checked: it speaks the serial form."""
         self._checked = checked
-        self._open = deque(_Question(register) for register in (VERSION, CONTENT, STILL_TIME))
-        self._commands: deque[bytes] = deque()
         self._told = {CONTENT: 0, STILL_TIME: 0}
-        self._now_ns = self._sent_ns = self._asked_ns = 0
-        self.coming_hz = 0.0
+        self._requests.clear()
+        for register in (VERSION, CONTENT, STILL_TIME):
+            self._ask(register)
 
     @property
     def settled(self) -> bool:
         """Nothing is waited for."""
-        return not self._open and not self._commands
-
-    def want(self, rate_hz: float) -> None:
-        """Another rate from now on."""
-        if self._writes and rate_hz != self._wanted_hz:
-            self._wanted_hz = rate_hz
-            self._told[CONTENT] = 0
-            self._ask(CONTENT)
+        return self._requests.key is None and not self._requests.sending
 
     def command(self) -> bytes:
         """The next one to send; empty if none, or if the device has not had the time for the last one."""
-        if not self._commands or (self._sent_ns and self._now_ns - self._sent_ns < _BETWEEN_NS):
-            return b""
-        self._sent_ns = self._now_ns
-        command = self._commands.popleft()
-        if command[2] == RATE:
-            self.coming_hz = RATES_HZ[command[3]]
-        return command
+        return self._requests.command()
 
     def passed(self, now_ns: int) -> list[Notice]:
         """Ask what is open, for the first time or again; a device that does not answer one is left alone."""
-        self._now_ns = now_ns
-        if not self._open or self._commands:
+        if not self._requests.passed(now_ns):
             return []
-        question = self._open[0]
-        if question.times and 0 <= now_ns - self._asked_ns < _AGAIN_NS:
-            return []
-        if question.times == _TIMES:
-            self._open.clear()
-            return self._notice(f"it does not say whether it calibrates its gyro by itself, {_DISTURBS}")
-        question.times += 1
-        self._asked_ns = now_ns
-        self._commands.extend((_UNLOCK, _command(_READ, question.register)))
-        return []
+        self._requests.clear()
+        return self._notice(f"it does not say whether it calibrates its gyro by itself, {_DISTURBS}")
 
     def answered(self, data: bytes) -> list[Notice]:
         """Registers came: of the open question, or where the form tells it, of the register it tells."""
-        if not self._open or self._commands:
+        register, values = self._requests.key, struct.unpack(f"<{len(data) // 2}H", data)
+        if register is None or self._requests.sending:
             return []
-        register, values = self._open[0].register, struct.unpack(f"<{len(data) // 2}H", data)
         if not self._checked:
             if values[0] != register:
                 return []
             values = values[1:]
-        self._open.popleft()
+        self._requests.answered()
         match register:
             case 0x2E:
                 self.firmware = str(values[0])
@@ -117,8 +86,8 @@ class Settings:
             return
         self._told[CONTENT] += 1
         if self._checked:
-            self._commands += [_UNLOCK, _command(CONTENT, TIME_ACCEL_GYRO)]
-        self._commands += [_UNLOCK, _command(RATE, _CODES[self._wanted_hz])]
+            self._requests.tell(_UNLOCK, _command(CONTENT, TIME_ACCEL_GYRO))
+        self._requests.tell(_UNLOCK, _command(RATE, _CODES[self._wanted_hz]))
         self._ask(CONTENT)
 
     def _calibrates(self, still_time: int) -> list[Notice]:
@@ -126,7 +95,7 @@ class Settings:
         off = _OFF_OLD if still_time in (0, _OFF_OLD) else _LONGEST
         if still_time != off and self._writes and self._told[STILL_TIME] < _TIMES:
             self._told[STILL_TIME] += 1
-            self._commands += [_UNLOCK, _command(STILL_TIME, off)]
+            self._requests.tell(_UNLOCK, _command(STILL_TIME, off))
             self._ask(STILL_TIME)
             return []
         if still_time == _OFF_OLD:
@@ -135,8 +104,7 @@ class Settings:
         return self._notice(f"it calibrates its gyro by itself {when}{_DISTURBS}")
 
     def _ask(self, register: int) -> None:
-        if all(question.register != register or question.times for question in self._open):
-            self._open.append(_Question(register))
+        self._requests.add(register, _UNLOCK, _command(_READ, register))
 
     def _notice(self, text: str) -> list[Notice]:
         if text == self._noticed:

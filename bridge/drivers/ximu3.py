@@ -8,7 +8,7 @@ from bridge.drivers.assembly import About, Assembly, Vector
 from bridge.drivers.driver import Battery, Event, Identity, Notice
 from bridge.drivers.stream import StreamOptions, stream_kind
 from bridge.drivers.ximu3_settings import SAMPLES_HZ, Settings
-from bridge.framing.lines import Lines
+from bridge.framing.lines import Line, Lines
 from bridge.framing.packets import BadPacket
 from bridge.framing.ximu3 import LONGEST, Charge, Inertial, Message, Reply, Said, Temperature, decode
 from bridge.wire.refusal import Tally
@@ -30,19 +30,16 @@ class _Held(NamedTuple):
 class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """rate_hz: what it is to be told to send, 400 divided by a whole number; else what it sends is left as it is.
 
-    calibration_rate_hz: its rate during a calibration; a serial line of 115200 baud carries no more than 200.
-    keep_settings: tell it nothing, ask only.
+    A serial line of 115200 baud carries no more than 200. keep_settings: tell it nothing, ask only.
     """
 
     rate_hz: float | None = None
-    calibration_rate_hz: float = SAMPLES_HZ
     keep_settings: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, rate_hz in (("rate_hz", self.rate_hz), ("calibration_rate_hz", self.calibration_rate_hz)):
-            if rate_hz is not None and not 1 <= rate_hz <= SAMPLES_HZ:
-                raise ValueError(f"{name} is {rate_hz:g}; 1 to {SAMPLES_HZ:g} is taken")
+        if self.rate_hz is not None and not 1 <= self.rate_hz <= SAMPLES_HZ:
+            raise ValueError(f"rate_hz is {self.rate_hz:g}; 1 to {SAMPLES_HZ:g} is taken")
 
 
 class Ximu3Decoder:
@@ -50,11 +47,10 @@ class Ximu3Decoder:
 
     def __init__(self, options: Ximu3Options | None = None) -> None:
         self.faults = Tally()
-        self._calibration_rate_hz = options.calibration_rate_hz if options else SAMPLES_HZ
         self._settings = Settings(
             options.rate_hz if options else None, writes=options is None or not options.keep_settings
         )
-        self._lines = Lines(LONGEST, self.faults)
+        self._lines = Lines(LONGEST)
         self._assembly = Assembly(self.faults, self._about(), 1e-6)
         self._said = {error: deque[str](maxlen=_REMEMBERED) for error in (False, True)}
         self._temperature_c: float | None = None
@@ -78,7 +74,7 @@ class Ximu3Decoder:
         events: list[Event] = []
         for line in self._lines.feed(data):
             try:
-                message = decode(line)
+                message = _decoded(line)
             except BadPacket as bad:
                 self.faults.add(bad.label)
                 continue
@@ -97,14 +93,6 @@ class Ximu3Decoder:
     def to_send(self) -> bytes:
         """The next command: each by itself, as a datagram takes it."""
         return self._settings.command()
-
-    def set_rate(self, rate_hz: float | None) -> None:
-        """Send at another rate for a while, at most 400 Hz; None: at the chosen one again."""
-        self._settings.pace(rate_hz)
-
-    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - the contract of decoders
-        """Send as fast as it can during a calibration."""
-        self.set_rate(self._calibration_rate_hz if on else None)
 
     def _took(self, message: Message, receive_time_ns: int) -> list[Event]:
         match message:
@@ -181,13 +169,19 @@ class Ximu3Decoder:
         )
 
 
+def _decoded(line: Line) -> Message | None:
+    if line.too_long:
+        raise BadPacket("line_too_long")
+    return decode(line.data)
+
+
 def _scaled(vector: Vector, by: float) -> Vector:
     return vector[0] * by, vector[1] * by, vector[2] * by
 
 
 KIND = stream_kind(
     "ximu3",
-    "x-io's x-IMU3 and what speaks its protocol, binary or ASCII: port, baud, rate_hz, calibration_rate_hz, keep_settings",
+    "x-io's x-IMU3 and what speaks its protocol, binary or ASCII: port, baud, rate_hz, keep_settings",
     Ximu3Options,
     Ximu3Decoder,
 )

@@ -1,40 +1,47 @@
-"""Lines of a byte stream, without I/O: whatever ends with 0x0A, text or not."""
+"""Lines of a byte stream, without I/O: any chunking in, whole lines out, bounded memory."""
 
-from bridge.wire.refusal import Tally
+import re
+from typing import NamedTuple
 
-END = b"\n"
-TOO_LONG = "line_too_long"
+LINE_FEED, ANY_END = b"\n", b"\r\n"
+
+
+class Line(NamedTuple):
+    """One line without its end. begun: it is the first after an opening, and may be the end of one; too_long: it was cut."""
+
+    data: bytes
+    begun: bool
+    too_long: bool
 
 
 class Lines:
-    """Any chunking of bytes in, whole lines out without their end; what is too long is counted, memory is bounded."""
+    """Splits at any byte of `ends`; empty lines are passed over. Of a line that is too long only the beginning is kept."""
 
-    def __init__(self, longest: int, faults: Tally) -> None:
-        self.faults = faults
+    def __init__(self, longest: int, ends: bytes = LINE_FEED) -> None:
         self._longest = longest
-        self._partial = b""
-        self._overlong = False
+        self._end = re.compile(b"[" + ends + b"]")
+        self.opened()
 
     def opened(self) -> None:
-        """Forget what was begun."""
-        self._partial, self._overlong = b"", False
+        """Forget the line that was begun: the port was opened (again)."""
+        self._partial = bytearray()
+        self._too_long = False
+        self._begun = True
 
-    def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes as they came and return the lines they complete, in order; none is empty."""
-        *ended, rest = data.split(END)
+    def feed(self, data: bytes) -> list[Line]:
+        """The lines that these bytes end, in order."""
+        *ended, rest = self._end.split(data)
         lines = []
         for piece in ended:
             self._keep(piece)
-            if self._overlong:
-                self.faults.add(TOO_LONG)
-            elif self._partial:
-                lines.append(self._partial)
-            self.opened()
+            if self._partial:
+                lines.append(Line(bytes(self._partial), self._begun, self._too_long))
+            self._partial.clear()
+            self._too_long = self._begun = False
         self._keep(rest)
         return lines
 
     def _keep(self, piece: bytes) -> None:
-        if self._overlong or len(self._partial) + len(piece) > self._longest:
-            self._partial, self._overlong = b"", True
-        else:
-            self._partial += piece
+        room = self._longest - len(self._partial)
+        self._too_long |= len(piece) > room
+        self._partial += piece[:room]

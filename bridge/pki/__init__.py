@@ -1,1 +1,1 @@
-"""Who is who on the bus: certificates, one for each role, made here or brought along."""
+"""Certificates, which say who is who on the bus: made here, or brought along."""

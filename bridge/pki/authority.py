@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 from cryptography.x509.oid import NameOID
 
-from bridge.pki.chain import ISSUER_OF
+from bridge.pki.identity import ISSUER_OF
 from bridge.pki.member import Member, Role
 
 DAYS, CA_DAYS = 90, 3650
@@ -37,22 +37,19 @@ class Pair:
     key: bytes
 
 
-def new_authority(name: str, now: datetime, days: int = CA_DAYS, key: bytes | None = None) -> Pair:
-    """A new authority, of a new key or of `key`, which signs itself."""
-    own = ec.generate_private_key(ec.SECP256R1()) if key is None else _private(key)
-    made = _signing(_subject(name), _subject(name), own, 1, now - EARLIER, now + timedelta(days=days))
-    return Pair(_signed(made, own), _pem(own))
+def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
+    """A new authority, which signs itself."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    made = _begun(name, _subject(name), key, now - EARLIER, now + timedelta(days=days), below=1)
+    return Pair(_signed(made, key), _pem(key))
 
 
 def new_issuer(authority: Pair, member: Member) -> Pair:
-    """What signs the certificates of one member, as long as the authority lasts."""
-    ca, signer = x509.load_pem_x509_certificate(authority.certificate), _private(authority.key)
-    key = ec.generate_private_key(ec.SECP256R1())
-    subject = _subject(f"{ISSUER_OF}{member.common_name}")
-    made = _signing(subject, ca.subject, key, 0, ca.not_valid_before_utc, ca.not_valid_after_utc).add_extension(
-        x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False
-    )
-    return Pair(_signed(made, signer), _pem(key))
+    """A new issuer, which signs the certificates of one member, and is valid as long as the authority."""
+    ca, key = x509.load_pem_x509_certificate(authority.certificate), ec.generate_private_key(ec.SECP256R1())
+    name = f"{ISSUER_OF}{member.common_name}"
+    made = _begun(name, ca.subject, key, ca.not_valid_before_utc, ca.not_valid_after_utc, below=0)
+    return Pair(_signed(made, _private(authority.key)), _pem(key))
 
 
 def issue(
@@ -65,51 +62,44 @@ def issue(
     key: bytes | None = None,
     usages: Sequence[x509.ObjectIdentifier] = (),
 ) -> Pair:
-    """A certificate for a member, of a new key or of `key`; behind it that of an issuer, up to which others may not reach.
+    """A certificate for a member, of a new key or of `key`, followed by its issuer's.
 
     hosts: names and addresses that a router is reached at; clients refuse a router by any other. usages: those of the
     role, unless told otherwise. Raises ValueError.
     """
-    check_hosts(member, hosts)
+    names = check_hosts(member, hosts)
     ca = x509.load_pem_x509_certificate(authority.certificate)
-    signer = _private(authority.key)
     if ends > ca.not_valid_after_utc:
         raise ValueError(
             f"the authority itself ends on {ca.not_valid_after_utc:%Y-%m-%d}; say fewer --days, or make a new one"
         )
     own = ec.generate_private_key(ec.SECP256R1()) if key is None else _private(key)
-    public = own.public_key()
-    names = [_host(host) for host in hosts] or [x509.UniformResourceIdentifier(f"urn:truerate:{member.common_name}")]
     usage = list(usages) or [Usage.CLIENT_AUTH, *([Usage.SERVER_AUTH] if member.role is Role.ROUTER else [])]
     made = (
-        _begun(_subject(member.common_name), ca.subject, public, begins, ends)
-        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(_may(signs_certificates=False), critical=True)
+        _begun(member.common_name, ca.subject, own, begins, ends)
         .add_extension(x509.ExtendedKeyUsage(usage), critical=False)
         .add_extension(x509.SubjectAlternativeName(names), critical=False)
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(public), critical=False)
-        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False)
     )
     between = authority.certificate if ca.issuer != ca.subject else b""
-    return Pair(_signed(made, signer) + between, _pem(own))
+    return Pair(_signed(made, _private(authority.key)) + between, _pem(own))
 
 
-def check_hosts(member: Member, hosts: Sequence[str]) -> None:
-    """ValueError where a router is reached nowhere."""
+def check_hosts(member: Member, hosts: Sequence[str]) -> list[x509.GeneralName]:
+    """The alternative names of a member's certificate. Raises ValueError for a router without hosts, and for an invalid host."""
     if member.role is Role.ROUTER and not hosts:
         raise ValueError("a router's certificate names where it is reached: say --host NAME, or an address, for each")
+    return [_host(host) for host in hosts] or [x509.UniformResourceIdentifier(f"urn:truerate:{member.common_name}")]
 
 
-def check_host(text: str) -> str:
-    """A name or an address by which a router is reached; ValueError says what one looks like."""
+def _host(text: str) -> x509.GeneralName:
     try:
-        ipaddress.ip_address(text)
+        return x509.IPAddress(ipaddress.ip_address(text))
     except ValueError:
         if len(text) > 253 or not _NAME.match(text):
             raise ValueError(
                 f"--host {text!r} is no name and no address; one looks like ward-3.example or 10.0.0.5, without a port"
             ) from None
-    return text
+    return x509.DNSName(text)
 
 
 def _private(pem: bytes) -> ec.EllipticCurvePrivateKey:
@@ -129,7 +119,8 @@ def _pem(key: ec.EllipticCurvePrivateKey) -> bytes:
 
 
 def _signed(made: x509.CertificateBuilder, signer: ec.EllipticCurvePrivateKey) -> bytes:
-    return made.sign(signer, hashes.SHA256()).public_bytes(serialization.Encoding.PEM)
+    by = x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key())
+    return made.add_extension(by, critical=False).sign(signer, hashes.SHA256()).public_bytes(serialization.Encoding.PEM)
 
 
 def _subject(name: str) -> x509.Name:
@@ -137,37 +128,19 @@ def _subject(name: str) -> x509.Name:
 
 
 def _begun(
-    subject: x509.Name, issuer: x509.Name, public: ec.EllipticCurvePublicKey, begins: datetime, ends: datetime
+    name: str,
+    issuer: x509.Name,
+    key: ec.EllipticCurvePrivateKey,
+    begins: datetime,
+    ends: datetime,
+    below: int | None = None,
 ) -> x509.CertificateBuilder:
-    return (
-        x509.CertificateBuilder()
-        .subject_name(subject)
-        .issuer_name(issuer)
-        .public_key(public)
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(begins)
-        .not_valid_after(ends)
-    )
-
-
-def _signing(
-    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePrivateKey, below: int, begins: datetime, ends: datetime
-) -> x509.CertificateBuilder:
-    """Of who signs certificates, with so many that sign others below it."""
-    public = key.public_key()
-    return (
-        _begun(subject, issuer, public, begins, ends)
-        .add_extension(x509.BasicConstraints(ca=True, path_length=below), critical=True)
-        .add_extension(_may(signs_certificates=True), critical=True)
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(public), critical=False)
-    )
-
-
-def _may(*, signs_certificates: bool) -> x509.KeyUsage:
-    return x509.KeyUsage(
-        digital_signature=not signs_certificates,
-        key_cert_sign=signs_certificates,
-        crl_sign=signs_certificates,
+    """A certificate yet to be signed. below: the path length of an authority; None for a certificate that signs no others."""
+    signs = below is not None
+    may = x509.KeyUsage(
+        digital_signature=not signs,
+        key_cert_sign=signs,
+        crl_sign=signs,
         content_commitment=False,
         key_encipherment=False,
         data_encipherment=False,
@@ -175,10 +148,15 @@ def _may(*, signs_certificates: bool) -> x509.KeyUsage:
         encipher_only=False,
         decipher_only=False,
     )
-
-
-def _host(text: str) -> x509.GeneralName:
-    try:
-        return x509.IPAddress(ipaddress.ip_address(text))
-    except ValueError:
-        return x509.DNSName(text)
+    return (
+        x509.CertificateBuilder()
+        .subject_name(_subject(name))
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(begins)
+        .not_valid_after(ends)
+        .add_extension(x509.BasicConstraints(ca=signs, path_length=below), critical=True)
+        .add_extension(may, critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+    )

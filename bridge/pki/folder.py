@@ -1,4 +1,4 @@
-"""The folder of an authority: its own pair, one pair a member, in `issuers` what signs each, and the names that were revoked.
+"""The folder of an authority: its own pair, a pair per member, an issuer per member, and the revoked names.
 
 A file is written beside, then renamed: whole or not at all. A renewal keeps the private key, so only one file changes and
 a pair never is of two. Private keys are 0600 from their first byte on.
@@ -10,8 +10,8 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from bridge.pki.authority import DAYS, EARLIER, Pair, check_host, check_hosts, issue, new_authority, new_issuer
-from bridge.pki.identity import Identity, certificates, common_name, hosts_of, lasts_of, signer
+from bridge.pki.authority import DAYS, EARLIER, Pair, check_hosts, issue, new_authority, new_issuer
+from bridge.pki.identity import Identity, certificates, hosts_of, lasts_of, signer
 from bridge.pki.member import Member
 from bridge.pki.papers import Lasts
 
@@ -19,81 +19,71 @@ _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.tx
 
 
 class Folder:
-    """Where `truerate pki` keeps what it makes. Every method raises ValueError, or OSError of the disk's."""
+    """The folder that `truerate pki` works in. Methods raise ValueError, and OSError of the disk."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def make(self, name: str, now: datetime) -> None:
-        """A new authority, in a folder that has none, or only the key of one that was broken off before it signed."""
-        key = self.path / f"{_CA}.key"
-        if (self.path / f"{_CA}.pem").exists() or (self.path / _ISSUERS).exists():
+        """Make an authority in a folder that has none."""
+        if any((self.path / there).exists() for there in (f"{_CA}.pem", f"{_CA}.key", _ISSUERS)):
             raise ValueError(f"{self.path}: there is an authority here already; all its certificates would be void")
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        _keep(self.path / _CA, new_authority(name, now, key=key.read_bytes() if key.exists() else None))
+        _keep(self.path / _CA, new_authority(name, now))
 
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
-        """A first pair for a role and a name, of the generation that is not revoked."""
+        """Make the first pair of a member, in the generation that is not revoked."""
         member = self.current(member)
         files = self.identity(member)
         if Path(files.certificate).exists():
             raise ValueError(
                 f"{files.certificate} is there already: `truerate pki renew {member.label}` makes it last longer"
             )
-        named = [check_host(host) for host in hosts]
-        check_hosts(member, named)  # before an issuer is made
-        pair = issue(self._begun(member, now), member, now - EARLIER, now + timedelta(days=days), hosts=named)
+        check_hosts(member, hosts)  # before an issuer is made
+        pair = issue(self.issuer(member), member, now - EARLIER, now + timedelta(days=days), hosts=hosts)
         _keep(self.path / member.file, pair)
         return files
 
     def renew(self, member: Member, now: datetime, days: int | None = None) -> Identity:
-        """The same name, the same key, the same hosts, the same issuer; from now on, by default for as long as before."""
+        """Make a new certificate with the same name, key, hosts and issuer, by default for as long as the one before."""
         member = self.current(member)
         files = self.identity(member)
-        if not Path(files.certificate).exists():
+        if missing := [path for path in (files.certificate, files.key) if not Path(path).exists()]:
             raise ValueError(
-                f"{files.certificate}: there is none to renew; `truerate pki issue {member.label}` makes one"
+                f"{missing[0]}: is not there, and a renewal needs the certificate and its key: copy it back from the machine of"
+                f" {member.label}, or make new ones: truerate pki issue {member.label}, where it had some after revoke"
             )
         own = certificates(files.certificate)[0]
         hosts, lasted = hosts_of(own), lasts_of(own)
-        if not Path(files.key).exists():
-            raise ValueError(
-                f"{files.key} is not there, and a renewal keeps the key: copy it back from the machine of {member.label}, or"
-                f" give that a new one: truerate pki revoke {member.label}, then issue"
-            )
         key = Path(files.key).read_bytes()
-        if days is None:  # the authority's own end is another's to see to
-            ends = now + (lasted.ends - lasted.begins - EARLIER)
-            if now < (authority := self.authority_lasts()).ends:
-                ends = min(ends, authority.ends)
-        else:
+        if days is not None:
             ends = now + timedelta(days=days)
-        pair = issue(self._begun(member, now), member, now - EARLIER, ends, hosts=hosts, key=key)
+        elif now < (last := self.authority_lasts().ends):
+            ends = min(now + (lasted.ends - lasted.begins - EARLIER), last)
+        else:
+            raise ValueError(f"the authority itself ends on {last:%Y-%m-%d}: make a new one, and all certificates anew")
+        pair = issue(self.issuer(member), member, now - EARLIER, ends, hosts=hosts, key=key)
         _write(Path(files.certificate), pair.certificate, 0o644)
         return files
 
     def issuer(self, member: Member) -> Pair:
-        """What signs this member's certificates, and nobody else's; made where there is none yet."""
+        """The issuer of a member, made where there is none yet."""
         here = self.path / _ISSUERS / member.file
         if not Path(f"{here}.pem").exists():
-            pair = new_issuer(self._authority(), member)
+            if not all((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
+                raise self._none()
+            pair = new_issuer(_pair(self.path / _CA), member)
             here.parent.mkdir(mode=0o700, exist_ok=True)
             _keep(here, pair)
         return _pair(here)
 
-    def admit(self, router: Member, members: Iterable[Member]) -> list[Member]:
-        """Write what a router verifies its members by: their issuers. Those who have none, of an earlier truerate.
-
-        That had all signed by the authority itself, by which they are then verified; and whoever was revoked, too.
-        """
-        issuers = {member: signer(self.identity(member).certificate) for member in (router, *members)}
-        without = [member for member, issuer in issuers.items() if not issuer]
-        authority = (self.path / f"{_CA}.pem").read_bytes() if without else b""
-        _write(Path(self.gate(router).ca), b"".join(issuers.values()) + authority, 0o644)
-        return without
+    def admit(self, router: Member, members: Iterable[Member]) -> None:
+        """Write the issuers of a router's members, by which it verifies them."""
+        issuers = [signer(self.identity(member).certificate) for member in (router, *members)]
+        _write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:
-        """Never use this name again: the member that was, whose common name the routers' rules must lose."""
+        """Revoke the current generation of a member, and return it: no router's rules may name it from now on."""
         member = self.current(member)
         if not Path(self.identity(member).certificate).exists():
             raise ValueError(f"{self.path}: {member.label} has no certificate that could be revoked")
@@ -102,7 +92,7 @@ class Folder:
         return member
 
     def revoked(self) -> dict[str, str]:
-        """When and why, by common name; ValueError where a line names nobody, for whoever was in it is not let in again."""
+        """When and why each common name was revoked. Raises ValueError where a line names no member."""
         found = dict(line.partition(" ")[::2] for line in self._lines())
         for name in found:
             try:
@@ -125,53 +115,33 @@ class Folder:
         return now
 
     def members(self) -> Iterator[tuple[Member, Lasts]]:
-        """Everybody who has a certificate that is not revoked, and how long that lasts."""
+        """Each member whose certificate is not revoked, and how long that certificate is valid."""
         for path in sorted(self.path.glob("*.pem")):
             try:
                 member = Member.parse(path.stem.replace(".", ":"))
             except ValueError:
                 continue  # of the authority, of a router, or somebody's own
-            own = certificates(str(path))[0]
-            if (name := common_name(own)) != member.common_name:
-                raise ValueError(f"{path}: it is for {name!r}; a copy? Keep it in another folder")
             if member == self.current(member):
-                yield member, lasts_of(own)
+                yield member, lasts_of(certificates(str(path))[0])
 
     def authority_lasts(self) -> Lasts:
-        """How long the authority itself does."""
+        """How long the authority's certificate is valid."""
         if not (path := self.path / f"{_CA}.pem").exists():
             raise self._none()
         return lasts_of(certificates(str(path))[0])
 
     def identity(self, member: Member) -> Identity:
-        """Its files, whether they are there or not."""
+        """Paths of a member's files, whether they exist or not."""
         here = self.path / member.file
         return Identity(str(self.path / f"{_CA}.pem"), f"{here}.pem", f"{here}.key")
 
     def gate(self, router: Member) -> Identity:
-        """A router's files, as `identity`, but for what it verifies others by: see `admit`."""
+        """Paths of a router's files, with the file of `admit` as the authorities it trusts."""
         return replace(self.identity(router), ca=str(self.path / f"{router.file}{_MEMBERS}"))
 
-    def _begun(self, member: Member, now: datetime) -> Pair:
-        """The issuer of a member; ValueError where the authority is not valid yet, and with it nothing that it signs."""
-        if now < (begins := self.authority_lasts().begins):
-            raise ValueError(
-                f"{self.path}: the authority begins on {begins:%Y-%m-%d %H:%M} UTC, and here it is {now:%Y-%m-%d %H:%M}: nobody"
-                " would take what it signs. Is this machine's clock right? If it was wrong when the authority was made, make"
-                " a new one, in another folder"
-            )
-        return self.issuer(member)
-
-    def _authority(self) -> Pair:
-        if not all((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
-            raise self._none()
-        return _pair(self.path / _CA)
-
     def _none(self) -> ValueError:
-        if (here := self.path / f"{_CA}.pem").exists():
-            return ValueError(f"{self.path / _CA}.key is not there: bring it here from where it is kept")
         if (self.path / _ISSUERS).exists():
-            return ValueError(f"{here} is not there: bring it back; every machine of the ward has it")
+            return ValueError(f"{self.path}: ca.pem or ca.key is not there: bring it here from where it is kept")
         return ValueError(
             f"{self.path}: no authority here; `truerate pki init --ward WARD --folder {self.path}` makes one"
         )
@@ -195,7 +165,7 @@ def _pair(here: Path) -> Pair:
 
 
 def _keep(here: Path, pair: Pair) -> None:
-    """The key first: a certificate is there with its key, or not at all."""
+    """Write a pair, the key first: there is no certificate without its key."""
     _write(Path(f"{here}.key"), pair.key, 0o600)
     _write(Path(f"{here}.pem"), pair.certificate, 0o644)
 

@@ -1,4 +1,4 @@
-"""The files by which a program says who it is: where they are. What is in them is looked at in identity.py."""
+"""Where the files of a certificate are, and how long it is valid; identity.py checks their content."""
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -8,7 +8,7 @@ _SOON = timedelta(days=14)
 
 @dataclass(frozen=True, slots=True)
 class Lasts:
-    """From when until when a certificate is good."""
+    """From when until when a certificate is valid."""
 
     begins: datetime
     ends: datetime
@@ -21,7 +21,7 @@ class Lasts:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Paths of PEM files: whose word counts (ca), who we are, and the key that proves it."""
+    """Paths of PEM files: the trusted authorities, the certificate, and its private key."""
 
     ca: str
     certificate: str

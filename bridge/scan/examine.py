@@ -7,11 +7,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.scan.guess import Candidate, Guess, booted_by, guesses
 from bridge.scan.ports import Found
-from bridge.transport import address, serial_state
+from bridge.transport import address, host_time, serial_state
 from bridge.transport.holders import holders
 from bridge.transport.transport import Chunk, Transport
 

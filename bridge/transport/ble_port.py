@@ -10,10 +10,9 @@ from concurrent.futures import CancelledError, Future
 from typing import Final, NamedTuple
 from urllib.parse import parse_qsl
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.toml_file import nearest
-from bridge.transport import ble_loop, ble_radio
+from bridge.transport import ble_loop, ble_radio, host_time
 from bridge.transport.ble_radio import BleakRadio, Connection, Radio, RadioFault
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
@@ -41,8 +40,6 @@ class Place(NamedTuple):
 
 class BlePort:
     """One connection. Notifications wait in a bounded inbox; of those nobody takes the oldest go, and are counted."""
-
-    keeps = False
 
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - the air has no speed
         self.place = f"ble://{address}"
@@ -76,7 +73,7 @@ class BlePort:
         raise DeviceUnavailable(f"{self.place}: closed")
 
     def read(self, timeout_s: float) -> Chunk:
-        """The next notification; raises DeviceLost, when all that came before have been read."""
+        """The notifications that came, in one piece; raises DeviceLost, when all have been read."""
         inbox = self._inbox
         if inbox is None:
             raise DeviceLost(f"{self.place}: closed")
@@ -148,13 +145,14 @@ class Inbox:
             self._news.notify()
 
     def take(self, timeout_s: float) -> Chunk | None:
-        """The oldest notification, waiting for one unless it is over."""
+        """All that wait, waiting for one unless it is over."""
         with self._news:
             self._news.wait_for(lambda: self._chunks or self.over, timeout_s)
             if not self._chunks:
                 return None
-            chunk = self._chunks.popleft()
-            self._bytes -= len(chunk.data)
+            chunk = Chunk(b"".join(part.data for part in self._chunks), self._chunks[-1].receive_time_ns)
+            self._chunks.clear()
+            self._bytes = 0
             return chunk
 
     def lost_bytes(self) -> int:

@@ -3,8 +3,9 @@
 Everything here runs in the thread of `ble_loop`.
 """
 
+import contextlib
 import importlib.util
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Final, Protocol
 
 if TYPE_CHECKING:
@@ -51,13 +52,10 @@ class BleakRadio:
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
         """Connect; raises RadioFault."""
         from bleak import BleakClient  # noqa: PLC0415 - an extra
-        from bleak.exc import BleakError  # noqa: PLC0415
 
         client = BleakClient(address, disconnected_callback=lambda _: lost(), timeout=CONNECT_S)
-        try:
+        with _told():
             await client.connect()
-        except (BleakError, OSError, EOFError) as error:
-            raise RadioFault(words(error)) from None
         return _BleakConnection(client)
 
 
@@ -66,40 +64,39 @@ class _BleakConnection:
         self._client = client
 
     async def listen(self, characteristic: str, heard: Callable[[bytes], None]) -> None:
-        from bleak.exc import BleakError  # noqa: PLC0415
-
         self._check(characteristic)
-        try:
+        with _told():
             await self._client.start_notify(characteristic, lambda _, data: heard(bytes(data)))
-        except (BleakError, OSError, EOFError) as error:
-            raise RadioFault(words(error)) from None
 
     async def write(self, characteristic: str, data: bytes) -> None:
-        from bleak.exc import BleakError  # noqa: PLC0415
-
         self._check(characteristic)
         found = self._client.services.get_characteristic(characteristic)
         assert found is not None
         answered = "write" in found.properties
         piece = len(data) if answered else found.max_write_without_response_size
-        try:
+        with _told():
             for start in range(0, len(data), piece):
                 await self._client.write_gatt_char(found, data[start : start + piece], response=answered)
-        except (BleakError, OSError, EOFError) as error:
-            raise RadioFault(words(error)) from None
 
     async def close(self) -> None:
-        from bleak.exc import BleakError  # noqa: PLC0415
-
-        try:
+        with contextlib.suppress(RadioFault), _told():
             await self._client.disconnect()
-        except (BleakError, OSError, EOFError):
-            return
 
     def _check(self, characteristic: str) -> None:
         there = {each.uuid: each.properties for each in self._client.services.characteristics.values()}
         if characteristic not in there:
             raise RadioFault(no_characteristic(characteristic, there))
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    """Raise what bleak, or the system under it, raises as a RadioFault."""
+    from bleak.exc import BleakError  # noqa: PLC0415
+
+    try:
+        yield
+    except (BleakError, OSError, EOFError) as error:
+        raise RadioFault(words(error)) from None
 
 
 def no_characteristic(wanted: str, there: Mapping[str, Sequence[str]]) -> str:

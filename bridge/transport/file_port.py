@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import unquote
 
-from bridge import host_time, os_words
+from bridge import os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
-from bridge.transport import url
+from bridge.transport import host_time, url
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
@@ -23,8 +23,6 @@ class FilePort:
 
     At its end the device is lost for good. What is sent to it goes nowhere.
     """
-
-    keeps = False
 
     def __init__(self, address: str, baud: int) -> None:
         self.place = f"file://{address}"

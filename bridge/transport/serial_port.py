@@ -13,16 +13,15 @@ from typing import NamedTuple
 
 import serial
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
-from bridge.transport import serial_state
+from bridge.transport import host_time, serial_state
 from bridge.transport.holders import holders
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
 _FAULTS = (serial.SerialException, OSError, termios.error)
 _WRITE_TIMEOUT_S = 1.0
-_MOST_BYTES = 4096
+_MOST_BYTES = 65_536
 
 
 class _Open(NamedTuple):
@@ -40,8 +39,6 @@ class SerialPort:
     never lowered, neither here nor by the system on close, so only the first to open a port after it was plugged in may
     boot the board. (To lower them would silence boards with a USB of their own, and reset an ESP32.)
     """
-
-    keeps = False
 
     def __init__(self, port: str, baud: int) -> None:
         self.place = port

@@ -1,113 +1,64 @@
 """A device that is a TCP server: `tcp://host:port`."""
 
 import contextlib
-import os
+import select
 import socket
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
-from bridge.transport import net_fault, url
-from bridge.transport.receiver import RECEIVER, Kept
+from bridge.transport import host_time, net_fault, url
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
 EXAMPLE = "tcp://10.0.0.5:8000"
 _CONNECT_S = 1.5  # less than a bridge waits for a device's thread to end
-_WRITE_S = 0.05  # the system's buffers take what little is sent, unless nothing was taken for long
-_MOST_BYTES = 16_384  # understood in some 10 ms, be it what it may
+_WRITE_S = 1.0
+_MOST_BYTES = 16_384
 # A device that lost power says no goodbye: after 3 s of silence it is asked, and given up 3 s later.
 _IDLE_S, _ASK_EVERY_S, _ASKS = 3, 1, 3
-
-
-class Connection:
-    """An open connection; what comes is kept by the receiver's thread until it is taken."""
-
-    def __init__(self, made: socket.socket) -> None:
-        self.socket = made
-        self.kept: Kept[Chunk] = Kept()
-        self.loss: OSError | None = None  # behind the last of what is kept
-        self.over = False
-        made.settimeout(_WRITE_S)  # for writes; this also makes reads never wait
-        self._fd = made.fileno()
-        self._paused = False
-        RECEIVER.add(self._fd, self._receive)
-
-    def take(self, timeout_s: float) -> Chunk | None:
-        """The next of what came; None if there is none, or at the end."""
-        chunk = self.kept.take(timeout_s)
-        if self._paused and not self.over and not self.kept.full:
-            self._paused = False
-            with contextlib.suppress(OSError):  # closed meanwhile
-                RECEIVER.add(self._fd, self._receive)
-        return chunk
-
-    def close(self) -> None:
-        """Disconnect."""
-        self.over = True
-        RECEIVER.remove(self._fd)
-        with contextlib.suppress(OSError):
-            self.socket.shutdown(socket.SHUT_RDWR)
-        self.socket.close()
-        self.kept.end()
-
-    def _receive(self) -> None:
-        """In the receiver's thread."""
-        try:
-            data = os.read(self._fd, _MOST_BYTES)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            self._end(error)
-            return
-        if not data:
-            self._end(None)
-            return
-        self.kept.put(Chunk(data, host_time.now_ns()), len(data))
-        if self.kept.full:  # the rest waits where it is, and in the end at the device
-            RECEIVER.remove(self._fd)
-            self._paused = True  # not before: who takes meanwhile would let it go on just before it is stopped
-
-    def _end(self, error: OSError | None) -> None:
-        RECEIVER.remove(self._fd)
-        self.loss, self.over = error, True
-        self.kept.end()
 
 
 class TcpPort:
     """One connection. Whatever came before the device closed it is read before the loss is told."""
 
-    keeps = True
-
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - a network has no speed
         self.place = f"tcp://{address}"
         self.faults = Tally()
         self._address = parsed(address)
-        self._connection: Connection | None = None
+        self._socket: socket.socket | None = None
 
     def open(self) -> None:
         """Connect; raises DeviceUnavailable."""
         self.close()
         try:
-            self._connection = Connection(_connected(self._address))
+            self._socket = _connected(self._address)
+            self._socket.settimeout(0.0)
         except OSError as error:
             raise DeviceUnavailable(net_fault.cause(error, self.place)) from None
 
     def read(self, timeout_s: float) -> Chunk:
         """What came; raises DeviceLost."""
         opened = self._opened()
-        was_over = opened.over
-        chunk = opened.take(0.0 if was_over else timeout_s)
-        if chunk is not None:
-            return chunk
-        if was_over or self._connection is not opened:  # before it was looked whether something is left
-            raise DeviceLost(self._loss(opened))
-        return Chunk(b"", host_time.now_ns())
+        try:
+            data = _received(opened, timeout_s)
+        except OSError as error:
+            self._opened()
+            raise DeviceLost(net_fault.loss(error, self.place)) from None
+        if data is None:
+            return Chunk(b"", host_time.now_ns())
+        if not data:
+            self._opened()
+            raise DeviceLost(f"{self.place}: the device closed the connection")
+        return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
         """Send; raises DeviceLost when it is not taken. A connection that broke is told of by read, behind what came over it."""
         opened = self._opened()
         try:
-            opened.socket.sendall(data)
+            opened.settimeout(_WRITE_S)
+            try:
+                opened.sendall(data)
+            finally:
+                opened.settimeout(0.0)
         except TimeoutError:
             raise DeviceLost(f"{self.place}: the device does not take what is sent to it") from None
         except ConnectionError:
@@ -117,22 +68,30 @@ class TcpPort:
 
     def close(self) -> None:
         """Disconnect, ending a read in another thread."""
-        opened, self._connection = self._connection, None
+        opened, self._socket = self._socket, None
         if opened is not None:
+            with contextlib.suppress(OSError):
+                opened.shutdown(socket.SHUT_RDWR)
             opened.close()
 
-    def _opened(self) -> Connection:
-        opened = self._connection
+    def _opened(self) -> socket.socket:
+        opened = self._socket
         if opened is None:
             raise DeviceLost(f"{self.place}: closed")
         return opened
 
-    def _loss(self, opened: Connection) -> str:
-        if self._connection is None:
-            return f"{self.place}: closed"
-        if opened.loss is None:
-            return f"{self.place}: the device closed the connection"
-        return net_fault.loss(opened.loss, self.place)
+
+def _received(opened: socket.socket, timeout_s: float) -> bytes | None:
+    """What came; None if nothing did within timeout_s, nothing at all when the connection was ended."""
+    try:
+        return opened.recv(_MOST_BYTES)  # mostly something is there already
+    except BlockingIOError:
+        poll = select.poll()
+        poll.register(opened, select.POLLIN)
+        poll.poll(timeout_s * 1e3)
+    with contextlib.suppress(BlockingIOError):
+        return opened.recv(_MOST_BYTES)
+    return None
 
 
 def parsed(address: str) -> tuple[str, int]:

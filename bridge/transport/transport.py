@@ -6,7 +6,7 @@ from bridge.wire.refusal import Tally
 
 
 class Chunk(NamedTuple):
-    """Bytes, and the host time (host_time.py) right after they came; of datagrams, one each."""
+    """Bytes, and the host time (host_time.py) right after the last of them came."""
 
     data: bytes
     receive_time_ns: int
@@ -15,12 +15,10 @@ class Chunk(NamedTuple):
 class Transport(Protocol):
     """One way to one device. It can be opened again after a close or a loss.
 
-    keeps: what comes is stamped and kept in the background, so that read may be late, and with a timeout of 0 never waits.
     place: where it leads, for people. faults: counts what it had to drop, by label; a driver gives it its own tally.
     read and write are called from one thread, close from any.
     """
 
-    keeps: bool
     place: str
     faults: Tally
 
@@ -28,7 +26,7 @@ class Transport(Protocol):
         """Open; raises DeviceUnavailable with the cause and what to do."""
 
     def read(self, timeout_s: float) -> Chunk:
-        """What came, waiting at most timeout_s for a first byte; empty if none. Raises DeviceLost."""
+        """All that came, up to some 64 kB, waiting at most timeout_s for a first byte; empty if none. Raises DeviceLost."""
 
     def write(self, data: bytes) -> None:
         """Send; raises DeviceLost, also when the device does not take it within a second."""

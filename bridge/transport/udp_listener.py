@@ -1,25 +1,30 @@
 """One UDP port and everybody who waits at it: datagrams are told apart by the host they come from."""
 
+import contextlib
 import logging
+import select
 import socket
 import threading
+import time
+from collections import deque
 from typing import Any, Final, NamedTuple
 
-from bridge import host_time
-from bridge.transport.receiver import RECEIVER, Kept
+from bridge.transport import host_time
 
 ALL = "0.0.0.0"  # noqa: S104 - devices are on other machines
 _LONGEST = 65_535
 _BUFFER_BYTES = 1 << 21
-_AT_ONCE = 64  # datagrams, before other ports have their turn
+_MOST_BYTES = 1 << 20  # that wait for one device
+_AT_ONCE = 1024  # datagrams
+_GATHER_S = 0.002  # so that one look finds what came of many devices; stamps are late by no more
 
 _log = logging.getLogger(__name__)
 
 Peer = tuple[Any, ...]  # as a socket names it: host, port, and more with IPv6
 
 
-class Datagram(NamedTuple):
-    """One, with the host it is from, who sent it, and the host time right after it came."""
+class Heard(NamedTuple):
+    """Datagrams of one host, in one piece: the bytes, the host, who sent the last, and the host time right after that came."""
 
     data: bytes
     host: str
@@ -32,32 +37,45 @@ class Taken(Exception):
 
 
 class Channel:
-    """Where one device's datagrams wait. `lost`: those there was no room for."""
+    """One device's datagrams that wait to be read. `lost`: those there was no room for."""
 
     def __init__(self, hosts: frozenset[str]) -> None:
         self.hosts: Final = hosts
-        self.kept: Kept[Datagram] = Kept()
         self.lost = 0
+        self._waiting: deque[Heard] = deque()
+        self._bytes_in = self._bytes_out = 0  # each counted by one thread
 
-    def offer(self, datagram: Datagram) -> None:
+    def offer(self, heard: Heard) -> None:
         """Keep it, if there is room."""
-        if self.kept.full:
+        if self._bytes_in - self._bytes_out >= _MOST_BYTES:
             self.lost += 1
-        else:
-            self.kept.put(datagram, max(1, len(datagram.data)))
+            return
+        self._bytes_in += len(heard.data)
+        self._waiting.append(heard)
+
+    def take(self) -> list[Heard]:
+        """All that wait, up to some 64 kB."""
+        taken, size = [], 0
+        while self._waiting and size < _LONGEST:
+            taken.append(self._waiting.popleft())
+            size += len(taken[-1].data)
+        self._bytes_out += size
+        return taken
 
 
 class Listener:
-    """A bound socket and the channels of those who wait at it. `join` makes and shares them."""
+    """A bound socket, its thread, and the channels of those who wait at it. `join` makes and shares them."""
 
     def __init__(self, host: str, port: int) -> None:
         self.where: Final = (host, port)
         self.strangers = 0  # datagrams of hosts that nobody waits for
+        self._closed = False
         self._channels: dict[str, Channel] = {}
         self._anyone: Channel | None = None
         self._socket = bound(host, port)
         self._socket.settimeout(0)
-        RECEIVER.add(self._socket.fileno(), self._receive)
+        self._thread = threading.Thread(target=self._run, name=f"udp port {port}", daemon=True)
+        self._thread.start()
 
     def send(self, data: bytes, to: Peer) -> None:
         """A datagram to a device, from the port it sends to; raises OSError."""
@@ -81,24 +99,33 @@ class Listener:
 
     def close(self) -> None:
         """Free the port."""
-        RECEIVER.remove(self._socket.fileno())
+        self._closed = True
+        with contextlib.suppress(OSError):  # it is connected to nobody, but this ends the wait for datagrams
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
         self._socket.close()
 
+    def _run(self) -> None:
+        poll = select.poll()
+        poll.register(self._socket, select.POLLIN)
+        while poll.poll() and not self._closed:
+            self._receive()
+            time.sleep(_GATHER_S)
+
     def _receive(self) -> None:
-        """In the receiver's thread."""
         for _ in range(_AT_ONCE):
             try:
                 data, sender = self._socket.recvfrom(_LONGEST)
             except ConnectionError:  # an earlier answer was refused
                 continue
-            except OSError:  # no more, or closed
+            except BlockingIOError:
                 return
             self._sort(data, plain(sender[0]), sender)
 
     def _sort(self, data: bytes, host: str, sender: Peer) -> None:
         channel = self._channels.get(host, self._anyone)
         if channel is not None:
-            channel.offer(Datagram(data, host, sender, host_time.now_ns()))
+            channel.offer(Heard(data, host, sender, host_time.now_ns()))
             return
         self.strangers += 1
         if self.strangers == 1:
@@ -121,12 +148,11 @@ def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Channel
 
 
 def leave(listener: Listener, channel: Channel) -> None:
-    """Wait no longer; whoever waits for the channel is woken. The last one closes the port."""
+    """Wait no longer. The last one closes the port."""
     with _lock:
         if listener.remove(channel):
             del _listeners[listener.where]
             listener.close()
-    channel.kept.end()
 
 
 def bound(host: str, port: int) -> socket.socket:

@@ -2,16 +2,18 @@
 
 import contextlib
 import socket
+import threading
+import time
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
-from bridge.transport import net_fault, udp_listener, url
+from bridge.transport import host_time, net_fault, udp_listener, url
 from bridge.transport.transport import Chunk
-from bridge.transport.udp_listener import Channel, Listener, Peer, Taken
+from bridge.transport.udp_listener import Channel, Heard, Listener, Peer, Taken
 from bridge.wire.refusal import Tally
 
 EXAMPLE = "udp://:8000?from=10.0.0.5"
 _FORGOTTEN_NS = 3_000_000_000
+_TURN_S = 0.01
 # What `faults` counts, in datagrams: no room for them, of another device, of hosts that no device of ours is at.
 OVERFLOW, OTHERS, STRANGERS = "datagrams_overflow", "datagrams_of_others", "datagrams_of_strangers"
 
@@ -22,13 +24,12 @@ class UdpPort:
     Several devices may send to one port, told apart by `from`.
     """
 
-    keeps = True
-
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - a network has no speed
         self.place = f"udp://{address}"
         self.faults = Tally()
         self._host, self._port, self._from = parsed(address)
         self._joined: tuple[Listener, Channel] | None = None
+        self._closed = threading.Event()
 
     def open(self) -> None:
         """Listen; raises DeviceUnavailable."""
@@ -46,19 +47,30 @@ class UdpPort:
                 f"tell them apart by their hosts, as in {EXAMPLE}"
             ) from None
         self._strangers = self._joined[0].strangers
+        self._closed.clear()
 
     def read(self, timeout_s: float) -> Chunk:
-        """The next datagram; raises DeviceLost once closed."""
+        """The datagrams that came, in one piece; raises DeviceLost once closed."""
+        until_s = time.monotonic() + timeout_s
+        while not (heard := self._heard()):
+            left_s = until_s - time.monotonic()
+            if left_s <= 0:
+                return Chunk(b"", host_time.now_ns())
+            self._closed.wait(min(left_s, _TURN_S))
+        return Chunk(b"".join(part.data for part in heard), heard[-1].receive_time_ns)
+
+    def _heard(self) -> list[Heard]:
+        """What came of the device that is listened to: two devices in one stream would be no stream."""
         listener, channel = self._opened()
         self._account(listener, channel)
-        while (datagram := channel.kept.take(timeout_s)) is not None:
-            data, host, sender, receive_time_ns = datagram
-            if self._peer is None or host == self._peer[0] or receive_time_ns - self._heard_ns >= _FORGOTTEN_NS:
-                self._peer, self._heard_ns = (host, sender), receive_time_ns
-                return Chunk(data, receive_time_ns)
-            self.faults.add(OTHERS)  # two devices in one stream would be no stream
-        self._opened()
-        return Chunk(b"", host_time.now_ns())
+        heard = []
+        for one in channel.take():
+            if self._peer is None or one.host == self._peer[0] or one.receive_time_ns - self._heard_ns >= _FORGOTTEN_NS:
+                self._peer, self._heard_ns = (one.host, one.sender), one.receive_time_ns
+                heard.append(one)
+            else:
+                self.faults.add(OTHERS)
+        return heard
 
     def write(self, data: bytes) -> None:
         """Send to where the latest datagram came from; nowhere before there was one. Raises DeviceLost once closed."""
@@ -70,6 +82,7 @@ class UdpPort:
     def close(self) -> None:
         """Listen no more, ending a read in another thread."""
         joined, self._joined = self._joined, None
+        self._closed.set()
         if joined is not None:
             udp_listener.leave(*joined)
 

@@ -9,14 +9,12 @@ from typing import NamedTuple, Self
 from bridge import os_words
 from bridge.framing.lines import Lines
 from bridge.virtual_ximu3.device import VirtualXimu3
-from bridge.wire.refusal import Tally
 
 ANNOUNCED_AT = 10_000
 REPLY_PORT = 1000  # what a device listens on is so much above what it sends to: 9000 for 8000, as x-io has it
 _DATAGRAM = 1400
 _LONGEST_COMMAND = 1024
 _MOST_CLIENTS = 8
-_MOST_WAITING = 1 << 18  # bytes for a client that does not read
 _COMMANDS = 64  # of one connection, before the others have their turn
 
 
@@ -46,8 +44,7 @@ class _Client:
     def __init__(self, connection: socket.socket) -> None:
         connection.setblocking(False)  # noqa: FBT003 - the socket's own word
         self.connection = connection
-        self.lines = Lines(_LONGEST_COMMAND, Tally())
-        self.waiting = b""
+        self.lines = Lines(_LONGEST_COMMAND)
 
 
 class Ports:
@@ -55,7 +52,6 @@ class Ports:
 
     def __init__(self, device: VirtualXimu3, udp: Address | None, tcp: Address | None) -> None:
         self.device = device
-        self.slow = 0  # clients that were sent away because they did not read
         self._udp_to = udp = udp and udp.resolved()
         self._udp = self._listener = None
         self._clients: list[_Client] = []
@@ -82,8 +78,8 @@ class Ports:
 
     def send(self, messages: list[bytes]) -> None:
         """Send to whoever listens; UDP in datagrams of whole messages."""
-        for client in self._clients:
-            client.waiting += b"".join(messages)
+        for client in tuple(self._clients):
+            self._tell(client, b"".join(messages))
         if self._udp is None or self._udp_to is None:
             return
         datagram = b""
@@ -96,13 +92,11 @@ class Ports:
             self._datagram(datagram, self._udp_to)
 
     def serve(self) -> None:
-        """Answer the commands that came, take new clients, and send what waits."""
+        """Answer the commands that came, and take new clients."""
         self._serve_udp()
         self._accept()
         for client in tuple(self._clients):
-            if not self._serve_client(client):
-                self._clients.remove(client)
-                client.connection.close()
+            self._serve_client(client)
 
     def announcement(self, ip: str) -> bytes:
         """What tells x-io's programs that it is there. Without `sync`: real devices would set their clocks by it."""
@@ -154,22 +148,28 @@ class Ports:
             else:
                 connection.close()
 
-    def _serve_client(self, client: _Client) -> bool:
-        """False when it is gone, or is to go."""
+    def _serve_client(self, client: _Client) -> None:
         try:
-            with contextlib.suppress(BlockingIOError):
-                data = client.connection.recv(_LONGEST_COMMAND)
-                if not data:
-                    return False
-                client.waiting += b"".join(self.device.answer(line, "TCP") for line in client.lines.feed(data))
-            with contextlib.suppress(BlockingIOError):
-                client.waiting = client.waiting[client.connection.send(client.waiting) :]
+            data = client.connection.recv(_LONGEST_COMMAND)
+        except BlockingIOError:
+            return
         except OSError:
-            return False
-        if len(client.waiting) > _MOST_WAITING:
-            self.slow += 1
-            return False
-        return True
+            data = b""
+        if data:
+            self._tell(client, b"".join(self.device.answer(line.data, "TCP") for line in client.lines.feed(data)))
+        else:
+            self._leave(client)
+
+    def _tell(self, client: _Client, data: bytes) -> None:
+        try:
+            client.connection.sendall(data)
+        except OSError:  # it is gone, or does not read: the system keeps some seconds for it
+            self._leave(client)
+
+    def _leave(self, client: _Client) -> None:
+        if client in self._clients:
+            self._clients.remove(client)
+        client.connection.close()
 
 
 def _bound(kind: socket.SocketKind, at: Address) -> socket.socket:

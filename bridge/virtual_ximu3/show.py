@@ -16,10 +16,11 @@ from bridge.wire.refusal import Reason, Refusal, Tally, in_words
 _TURN_S = 0.02
 _AT_ONCE = 4096
 _ANNOUNCE_EVERY_S = 1.0
-_SILENT_S = 5.0
 _PATIENCE_S = 2.0
 MOST_DEVICES = 64
-_NAMED = 20  # devices
+_MISSING = (
+    "no %s rates of %s in ward %s yet: do bridge and estimator run (`truerate devices`)? --raw needs no estimator"
+)
 
 _log = logging.getLogger(__name__)
 
@@ -47,11 +48,9 @@ class Show:
         self._wanted = wanted
         self._ports: dict[str, Ports] = {}
         self._without: set[str] = set()  # devices for which there was no port
-        self._heard: dict[str, tuple[str, float]] = {}  # device -> its bridge, and when
+        self._bridges: dict[str, str] = {}  # of devices, those that were heard first
         self._shown: set[str] = set()  # devices of which rates were passed on
-        self._others: set[str] = set()  # devices that are there, and not wanted
-        self._began_s = time.monotonic()
-        self._waited = False
+        self._patient_until_s = time.monotonic() + _PATIENCE_S
         self._announced_s = float("-inf")
         self._announce_to = wanted.announce and wanted.announce.resolved()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -77,24 +76,15 @@ class Show:
         for ports in self._ports.values():
             ports.serve()
         self._announce()
-        if not self._waited and time.monotonic() - self._began_s > _PATIENCE_S:
-            self._waited = True
-            if words := self.waits_for():
-                _log.warning("%s", words)
-
-    def waits_for(self) -> str:
-        """What is still to come before all that is wanted is shown, in words; empty when it is."""
-        wanted = self._wanted.devices or tuple(self._ports) or ("any device",)
-        missing = [device for device in wanted if device not in self._shown]
-        if not missing:
-            return ""
-        kind = "corrected" if self._wanted.corrected else "raw"
-        unheard = [device for device in missing if device not in self._heard]
-        if not unheard:
-            return f"waiting for {kind} rates of {', '.join(missing)}: is an estimator running? --raw shows raw ones"
-        there = sorted({*self._heard, *self._others} - {*missing})
-        known = f"there are {', '.join(there[:_NAMED])}" if there else "no device is heard: is a bridge running?"
-        return f"waiting for {', '.join(unheard)} in ward {self._wanted.ward}; {known}"
+        if time.monotonic() > self._patient_until_s:
+            self._patient_until_s = float("inf")
+            missing = [
+                device for device in self._wanted.devices or self._ports or ("any device",) if device not in self._shown
+            ]
+            if missing:
+                _log.warning(
+                    _MISSING, "corrected" if self._wanted.corrected else "raw", ", ".join(missing), self._wanted.ward
+                )
 
     @property
     def over(self) -> bool:
@@ -114,31 +104,20 @@ class Show:
             key = keys.parse(message.key)
             device = key.device
             if self._wanted.devices and device not in self._wanted.devices:
-                if len(self._others) < _NAMED:
-                    self._others.add(device)
                 return
             ports = self._ports.get(device) or self._found(device)
             if ports is None:
                 self.refused.add("of devices that have no port here")
                 return
-            if "bridge" in key.ids and not self._hears(device, key.ids["bridge"], samples=key.what == "raw"):
-                self.refused.add("of a second bridge")
+            bridge = key.ids.get("bridge", "")
+            if bridge and self._bridges.setdefault(device, bridge) != bridge:
+                self.refused.add("of a second bridge")  # two streams in one would be none
                 return
             ports.send(_passed_on(ports.device, key.what, message))
             if key.what == ("corrected" if self._wanted.corrected else "raw"):
                 self._shown.add(device)
         except Refusal as refusal:
             self.refused.add(refusal.reason)
-
-    def _hears(self, device: str, bridge: str, *, samples: bool) -> bool:
-        """One bridge a device, until no samples come from it: two streams in one would be none."""
-        now_s = time.monotonic()
-        owner, heard_s = self._heard.get(device, (bridge, now_s))
-        if owner != bridge and now_s - heard_s < _SILENT_S:
-            return False
-        if samples:
-            self._heard[device] = bridge, now_s
-        return True
 
     def _found(self, device: str) -> Ports | None:
         """The ports of a device that was not heard before; None where there is no room for it."""

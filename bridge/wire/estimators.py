@@ -1,23 +1,18 @@
 """What the estimators of a ward say to each other: what each has, and what another would need to go on with it."""
 
-import math
-
-import numpy as np
-from numpy.typing import NDArray
-
 from bridge.wire import checks, keys
 from bridge.wire import truerate_pb2 as pb
-from bridge.wire.batches import MAX_CELSIUS, MAX_SEQUENCE
-from bridge.wire.checks import MAX_EPOCH, MAX_NAME, MAX_SENTENCE, clean
+from bridge.wire.batches import MAX_SEQUENCE
+from bridge.wire.checks import MAX_EPOCH, MAX_SENTENCE, clean
 from bridge.wire.envelope import parse_key, read, same_id
 from bridge.wire.messages import VERSION, Calibration, Checkpoint, CommandReply, Holding, Move, Owned, Verdict
 from bridge.wire.records import calibration_in, calibration_message
 from bridge.wire.refusal import Reason, Refusal
 
 MAX_HOLDINGS, MAX_MOVES, MAX_PARTS, MAX_ANSWERS = 512, 8, 64, 8
-#: elements of a filter's state; its covariance
-STATE, _MAX_STATE, _MAX_COVARIANCE = 6, 1e6, 1e12
-_MAX_LOAD, _MAX_DEVICE_S = 1e4, 1e12
+#: bytes of a session's state; of more a device is gone on with by its calibration alone
+MAX_STATE = 56_000
+_MAX_LOAD = 1e4
 #: what every method of calibration determines, first in its covariance
 _DETERMINED = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
@@ -73,56 +68,29 @@ def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
         boot=checkpoint.boot,
         epoch=checkpoint.epoch,
         time_ns=checkpoint.time_ns,
-        x=checkpoint.x.tolist(),
-        covariance=checkpoint.covariance.ravel().tolist(),
-        device_time_s=checkpoint.device_time_s,
-        temperature_c=checkpoint.temperature_c,
-        powered_s=checkpoint.powered_s,
-        doubted=checkpoint.doubted,
-        asked_by=clean(checkpoint.asked_by, MAX_NAME),
-        asked_why=clean(checkpoint.asked_why, MAX_SENTENCE),
         bridge=checkpoint.bridge,
-        turned=checkpoint.turned,
-        answers=[_answer_of(verb, reply) for verb, reply in checkpoint.answers[-MAX_ANSWERS:]],
-        lag_k=checkpoint.lag_k,
-        boot_repeated=checkpoint.boot_repeated,
         calibration=None if checkpoint.calibration is None else calibration_message(checkpoint.calibration),
+        answers=[_answer_of(verb, reply) for verb, reply in checkpoint.answers[-MAX_ANSWERS:]],
+        boot_repeated=checkpoint.boot_repeated,
+        state=checkpoint.state if len(checkpoint.state) <= MAX_STATE else b"",
     ).SerializeToString()
 
 
 def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
-    """What is published under checkpoint/<device>."""
+    """What is published under checkpoint/<device>; `state` is looked through by whoever restores a session from it."""
     place = parse_key(key, "checkpoint")
     raw = read(pb.Checkpoint, payload)
     same_id(raw.device, place, "device")
-    n = STATE if raw.x else 0
-    x = checks.vector(raw.x, "x", n, -_MAX_STATE, _MAX_STATE)
-    covariance = checks.vector(raw.covariance, "covariance", n * n, -_MAX_COVARIANCE, _MAX_COVARIANCE).reshape(n, n)
-    if n and not _believable(covariance):
-        raise Refusal(Reason.RANGE, "covariance is of no six numbers: not symmetric, or with a negative variance")
-    powered_s = raw.powered_s
-    if powered_s != -math.inf:
-        checks.number(powered_s, "powered_s", -_MAX_DEVICE_S, _MAX_DEVICE_S)
-    calibration = _in_use(calibration_in(raw.calibration), raw.device) if raw.HasField("calibration") else None
     return Checkpoint(
         device=raw.device,
         boot=raw.boot,
         epoch=checks.whole(raw.epoch, "epoch", MAX_EPOCH),
         time_ns=checks.time_ns(raw.time_ns, "time_ns"),
-        x=x,
-        covariance=covariance,
-        device_time_s=checks.number(raw.device_time_s, "device_time_s", -_MAX_DEVICE_S, _MAX_DEVICE_S),
-        temperature_c=checks.number_or_nan(raw.temperature_c, "temperature_c", -MAX_CELSIUS, MAX_CELSIUS),
-        powered_s=powered_s,
-        doubted=raw.doubted,
-        asked_by=checks.text(raw.asked_by, "asked_by"),
-        asked_why=checks.text(raw.asked_why, "asked_why", MAX_SENTENCE),
-        calibration=calibration,
         bridge=keys.check_id(raw.bridge, "bridge") if raw.bridge else "",
-        turned=tuple(checks.whole(axis, "an axis", 2) for axis in raw.turned[:3]),
+        calibration=_in_use(calibration_in(raw.calibration), raw.device) if raw.HasField("calibration") else None,
         answers=tuple(_answer(answer) for answer in raw.answers[-MAX_ANSWERS:]),
-        lag_k=checks.number(raw.lag_k, "lag_k", -MAX_CELSIUS, MAX_CELSIUS),
         boot_repeated=raw.boot_repeated,
+        state=raw.state,
     )
 
 
@@ -144,14 +112,6 @@ def _in_use(calibration: Calibration, device: str) -> Calibration:
         said = f"{calibration.verdict.name}, of {', '.join(calibration.parameters) or 'nothing'}"
         raise Refusal(Reason.RANGE, f"the calibration is {said}; one in use is ACCEPTED, of {', '.join(_DETERMINED)}")
     return calibration
-
-
-def _believable(covariance: NDArray[np.float64]) -> bool:
-    """Whether a filter can go on from it, rounding aside."""
-    worst = 1e-9 * float(np.abs(covariance).max())
-    if np.abs(covariance - covariance.T).max() > worst:
-        return False
-    return bool(np.linalg.eigvalsh(covariance)[0] >= -worst)
 
 
 def _holding(raw: pb.Holding) -> Holding:

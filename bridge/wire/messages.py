@@ -405,29 +405,17 @@ class Owned:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """What another estimator needs to go on with a device.
-
-    x (6,), covariance (6, 6): bias, rad/s, and its slope by temperature, rad/s/K; empty when the bias is not known.
-    """
+    """What another estimator needs to go on with a device."""
 
     device: str
     boot: int
     epoch: int
     time_ns: int
-    x: Floats
-    covariance: Floats
-    device_time_s: float  # of that bias, by the device's clock
-    temperature_c: float  # NaN when unknown
-    powered_s: float  # when it was switched on, by its clock; minus infinity when unknown
-    doubted: bool
-    asked_by: str  # who has asked for a recalibration that is under way; empty when none is
-    asked_why: str
-    calibration: Calibration | None  # in use: of this boot, or of an earlier one
     bridge: str = ""  # whose samples of it are taken
-    turned: tuple[int, ...] = ()  # axes whose turns were taken of a calibration under way
+    calibration: Calibration | None = None  # in use: of this boot, or of an earlier one
     answers: tuple[tuple[str, "CommandReply"], ...] = ()  # verbs of the last few commands, and what they were answered
-    lag_k: float = 0.0  # by how much warmer the device was then than temperature_c, which is an average
     boot_repeated: bool = False  # another power-up had this number, too, and this one is not calibrated yet
+    state: bytes = b""  # of the session: see DeviceSession.restored
 
 
 @dataclass(frozen=True, slots=True)

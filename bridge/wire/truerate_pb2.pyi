@@ -468,46 +468,28 @@ class Move(_message.Message):
     def __init__(self, time_ns: _Optional[int] = ..., came: _Optional[int] = ..., left: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
 
 class Checkpoint(_message.Message):
-    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "x", "covariance", "device_time_s", "temperature_c", "powered_s", "doubted", "asked_by", "asked_why", "calibration", "bridge", "turned", "answers", "lag_k", "boot_repeated")
+    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "bridge", "calibration", "answers", "boot_repeated", "state")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
     EPOCH_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
-    X_FIELD_NUMBER: _ClassVar[int]
-    COVARIANCE_FIELD_NUMBER: _ClassVar[int]
-    DEVICE_TIME_S_FIELD_NUMBER: _ClassVar[int]
-    TEMPERATURE_C_FIELD_NUMBER: _ClassVar[int]
-    POWERED_S_FIELD_NUMBER: _ClassVar[int]
-    DOUBTED_FIELD_NUMBER: _ClassVar[int]
-    ASKED_BY_FIELD_NUMBER: _ClassVar[int]
-    ASKED_WHY_FIELD_NUMBER: _ClassVar[int]
-    CALIBRATION_FIELD_NUMBER: _ClassVar[int]
     BRIDGE_FIELD_NUMBER: _ClassVar[int]
-    TURNED_FIELD_NUMBER: _ClassVar[int]
+    CALIBRATION_FIELD_NUMBER: _ClassVar[int]
     ANSWERS_FIELD_NUMBER: _ClassVar[int]
-    LAG_K_FIELD_NUMBER: _ClassVar[int]
     BOOT_REPEATED_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
     epoch: int
     time_ns: int
-    x: _containers.RepeatedScalarFieldContainer[float]
-    covariance: _containers.RepeatedScalarFieldContainer[float]
-    device_time_s: float
-    temperature_c: float
-    powered_s: float
-    doubted: bool
-    asked_by: str
-    asked_why: str
-    calibration: Calibration
     bridge: str
-    turned: _containers.RepeatedScalarFieldContainer[int]
+    calibration: Calibration
     answers: _containers.RepeatedCompositeFieldContainer[Answer]
-    lag_k: float
     boot_repeated: bool
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., x: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., device_time_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., powered_s: _Optional[float] = ..., doubted: _Optional[bool] = ..., asked_by: _Optional[str] = ..., asked_why: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., bridge: _Optional[str] = ..., turned: _Optional[_Iterable[int]] = ..., answers: _Optional[_Iterable[_Union[Answer, _Mapping]]] = ..., lag_k: _Optional[float] = ..., boot_repeated: _Optional[bool] = ...) -> None: ...
+    state: bytes
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., bridge: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., answers: _Optional[_Iterable[_Union[Answer, _Mapping]]] = ..., boot_repeated: _Optional[bool] = ..., state: _Optional[bytes] = ...) -> None: ...
 
 class Answer(_message.Message):
     __slots__ = ("verb", "request_id", "accepted", "message")

@@ -6,7 +6,7 @@ from math import degrees, inf
 
 import numpy as np
 
-from bridge.recording_units import ABSURD
+from bridge.recording.plausible import ABSURD
 from bridge.wire.messages import Verdict
 from estimator.batch.axes import foreign_axes
 from estimator.batch.capture import Capture, Floats, History, Movement, Rest, Samples, TurnCapture

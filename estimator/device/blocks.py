@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 
-from estimator.device.samples import TIME, Floats, SampleBuffer, Samples, Wholes
+from estimator.device.samples import SEQUENCE, TIME, Floats, SampleBuffer, Samples, Wholes
 
 #: length of a block, s: a second; half of one while somebody waits for what comes of a calibration's first rest, or of turns
 BLOCK_S, SHORT_S = 1.0, 0.5
@@ -32,6 +32,22 @@ class Blocks:
         anew = Blocks(self.latest)
         anew._first_s, anew._later_s = self._first_s, self._later_s
         return anew
+
+    @property
+    def begun(self) -> tuple[float, int] | None:
+        """Device time and sequence number of the first sample of the block that is not over; None before there is one."""
+        return (self._block[0][0].item(0, TIME), self._block[0][1].item(0, SEQUENCE)) if self._block else None
+
+    @property
+    def clock(self) -> tuple[float | None, float]:
+        """Device time of the first sample, and by how much device time is later than the device's clock."""
+        return self._first_s, self._later_s
+
+    def resume(self, buffer: SampleBuffer, clock: tuple[float | None, float], begun: float | None) -> None:
+        """Go on with these samples, where a block of the present length begins at a device time, if that is known."""
+        self.buffer, (self._first_s, self._later_s) = buffer, clock
+        if begun is not None:
+            self._end_after(begun)
 
     @property
     def seconds(self) -> float:

@@ -94,12 +94,17 @@ class Samples:
 
 
 class SampleBuffer:
-    """Samples of one boot, numbered from 0 on in the order they were put in; rows that were read are not written to again."""
+    """Samples of one boot, numbered from `first` on in the order they came; rows that were read are not written to again."""
 
-    def __init__(self) -> None:
-        self._first = 0  # the number of the first sample that there is room for
+    def __init__(self, first: int = 0) -> None:
+        self._first = first  # the number of the first sample that there is room for
         self._begin = self._end = 0  # where in that room the samples are
         self._rows, self._places = np.empty((_ROOM, WIDTH)), np.empty((_ROOM, 3), np.int64)
+
+    @property
+    def begin(self) -> int:
+        """The number of the first sample that is not forgotten."""
+        return self._first + self._begin
 
     @property
     def end(self) -> int:

@@ -40,6 +40,16 @@ class Sequence:
         self.boot = boot
         self.next = None
 
+    @property
+    def first(self) -> int:
+        """The number of the first sample of this boot that was heard."""
+        return self._first
+
+    def resume(self, boot: int, first: int, next_: int) -> None:
+        """Go on within a boot that was first heard at a sample, from the sample with another number on."""
+        self.begin(boot)
+        self._first, self.next = first, next_
+
     def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
         """Boots, latest last, that were heard before anything is known of here: what comes of them is of the past.
 

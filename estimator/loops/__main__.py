@@ -3,12 +3,15 @@
 import sys
 from time import monotonic
 
-from estimator.loops.compiled import kept, ready
+from estimator.loops.compiled import cache_folder, ready
 
 if __name__ == "__main__":
     print("compiling for this machine, up to a minute …", flush=True)
-    begun, folder = monotonic(), kept()
+    begun = monotonic()
+    folder = cache_folder()
     if folder is None:
-        sys.exit("nowhere to keep it: set NUMBA_CACHE_DIR to a folder that truerate may write to, also where it runs")
+        sys.exit(
+            "no folder for the compiled loops: set NUMBA_CACHE_DIR to one that truerate may write to, also where it runs"
+        )
     ready()
     print(f"done in {monotonic() - begun:.1f} s, kept in {folder}")

@@ -1,16 +1,12 @@
-"""Loops over samples as machine code: compiled by Numba when they are first called, and kept beside the source.
+"""Loops over samples compiled by Numba, on their first call, and cached on disk: beside the source, or in NUMBA_CACHE_DIR.
 
-A step of an array of some hundred numbers costs NumPy more for its call than for its arithmetic, and a second of one device has
-hundreds of them. What is compiled is plain loops over floats and arrays, each with the source of its mathematics; it gives the
-same bits in any batching. Numba is imported late: a program that is restarted has other things to do first.
+A NumPy call on some hundred numbers costs more than its arithmetic, and a second of one device would need hundreds of calls.
+A compiled loop gives the same bits in any batching. Numba is imported on the first call, because the import takes half a second.
 """
 
-import contextlib
 import functools
 import logging
-import sys
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any, ParamSpec, TypeVar
@@ -22,64 +18,37 @@ log = logging.getLogger(__name__)
 
 #: an index out of bounds is an IndexError, as in Python: it costs a twentieth
 _SAFE: dict[str, Any] = {"error_model": "numpy", "boundscheck": True}
-_BLAS = "scipy.linalg.cython_blas"
-_lock = threading.RLock()
-_all: list[Callable[[], Any]] = []
-_told = False
+_makers: list[Callable[[], Any]] = []
 
 
 def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """The same function as machine code of this signature (Numba's language); division by zero gives what it does in NumPy."""
+    """Decorator: compile a function for one signature (Numba's notation). Arguments are passed by position."""
 
-    def of(function: Callable[P, R]) -> Callable[P, R]:
-        made: Any = None
-
-        def make() -> Any:
-            nonlocal made
-            with _lock:
-                if made is None:
-                    made = _made(function, signature)
-            return made
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        make = functools.cache(functools.partial(_compile, function, signature))
 
         @functools.wraps(function)
-        def call(*args: Any) -> Any:  # none comes by its name, which takes longer
-            return (made or make())(*args)
+        def call(*args: Any) -> Any:
+            return make()(*args)
 
-        _all.append(make)
+        _makers.append(make)
         return call  # type: ignore[return-value]
 
-    return of
+    return decorate
 
 
 def ready() -> None:
-    """Have all loops at hand: seconds on the first start on a machine, a fraction of one later."""
+    """Load all loops: up to a minute on the first start on a machine, while they are compiled; less than a second later."""
     _load()
-    with _without_blas():
-        for make in _all:
-            make()
+    for make in _makers:
+        make()
 
 
-@contextlib.contextmanager
-def _without_blas() -> Iterator[None]:
-    """Numba looks for scipy's BLAS, which no loop here needs: loading it is a sixth of the time until an estimator is back.
-
-    For who is about to start: another thread that loads scipy meanwhile would not find it either.
-    """
-    if _BLAS in sys.modules:
-        yield
-        return
-    sys.modules[_BLAS] = None  # type: ignore[assignment] # as Python has it: there is none
-    try:
-        yield
-    finally:
-        sys.modules.pop(_BLAS, None)
-
-
-def kept() -> str | None:
-    """The folder where loops are kept for the next start; None where there is none that may be written to."""
+def cache_folder() -> str | None:
+    """The folder where compiled loops are cached; None where Numba finds none to write to."""
     _load()
-    stats = _all[0]().stats
-    return stats.cache_path if stats.cache_hits or stats.cache_misses else None
+    stats = _makers[0]().stats
+    return str(stats.cache_path) if stats.cache_hits or stats.cache_misses else None
 
 
 def _load() -> None:
@@ -89,39 +58,14 @@ def _load() -> None:
             import_module(f"{package}.{module.name}")
 
 
-def _made(function: Callable[..., Any], signature: str) -> Any:
-    from numba import njit  # noqa: PLC0415
-    from numba.core.errors import NumbaError  # noqa: PLC0415
-
-    from estimator.loops._kept import Kept  # noqa: PLC0415
-
-    def keep() -> Any:
-        made = njit(**_SAFE)(function)
-        made._cache = Kept(function)  # noqa: SLF001 - where cache=True puts one of Numba's own
-        made.compile(signature)
-        made.disable_compile()
-        return made
+def _compile(function: Callable[..., Any], signature: str) -> Any:
+    from numba import njit  # noqa: PLC0415 - see above
 
     try:
-        made = keep()
-    except NumbaError:
-        raise
-    except Exception as error:  # noqa: BLE001 - no place to keep it, or what was kept is damaged: neither has a type of its own
-        try:
-            Kept(function).flush()
-            made = keep()
-        except Exception:  # noqa: BLE001 - as above
-            log.warning("%s is compiled anew at every start (%s)", function.__name__, error)
-            return njit(signature, **_SAFE)(function)
-        log.warning("%s is compiled anew: what was kept of it is damaged (%s)", function.__name__, error)
-    if not made.stats.cache_hits:
-        _tell()
+        made = njit(signature, cache=True, **_SAFE)(function)
+    except Exception as error:  # noqa: BLE001 - no folder to cache in, or a damaged file there: neither has a type of its own
+        log.warning("%s is not cached, and compiled at every start: %s", function.__name__, error)
+        return njit(signature, **_SAFE)(function)
+    if made.stats.cache_misses:
+        log.info("compiled %s for this machine; the next start finds it cached", function.__name__)
     return made
-
-
-def _tell() -> None:
-    """Why it takes seconds, once."""
-    global _told  # noqa: PLW0603
-    if not _told:
-        _told = True
-        log.info("compiling for this machine, up to a minute; the next start finds it done")

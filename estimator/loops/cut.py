@@ -8,14 +8,14 @@ from estimator.loops.compiled import compiled
 Floats = NDArray[np.float64]
 
 #: room for windows that wait to see how it goes on: two of them are longer than 0.125 s, and none waits long
-_WAITING = 64
+WAITING = 64
 
 
 def nothing_gathered() -> tuple[Floats, Floats]:
-    """The state (9,) ahead of the first window, and the room (_WAITING, 6) for those that wait."""
+    """The state (9,) ahead of the first window, and the room (WAITING, 6) for those that wait."""
     state = np.zeros(9)
     state[0] = -np.inf
-    return state, np.empty((_WAITING, 6))
+    return state, np.empty((WAITING, 6))
 
 
 def let_go(state: Floats, moved: float | None) -> None:

@@ -8,11 +8,11 @@ from estimator.loops.compiled import compiled
 Floats = NDArray[np.float64]
 
 
-@compiled("f8[:, ::1](f8[:], f8[:, :], f8[:, ::1], f8, f8, UniTuple(f8, 3))")
+@compiled("Tuple((f8[::1], f8[:, ::1], f8[:, ::1]))(f8[:], f8[:, :], f8[:, ::1], f8, f8, UniTuple(f8, 3))")
 def carried(
     x: Floats, P: Floats, span: Floats, kept: float, strength: float, noise: tuple[float, float, float]
-) -> Floats:
-    """(49, 24): state, F and Q, one above the other, of track/gravity.py after a span (rows of span.py) from a state x (24,).
+) -> tuple[Floats, Floats, Floats]:
+    """State (24,), F and Q (24, 24) of track/gravity.py after a span (rows of span.py) from a state x (24,).
 
     P (24, 24): its covariance; an angle that is in doubt, by the bias or the matrix, leaves gravity off by half of its square,
     too, which no F tells: noise (second order; A. H. Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
@@ -22,8 +22,7 @@ def carried(
     turned, pushed, posed = noise
     bias, g, v, a, m = 0, 6, 9, 12, 15  # where the parts of the state begin
     end, push, push_by_accel, seconds = span[:3], span[3], span[12:15], span[33, 0]
-    rows, after = np.zeros((49, 24)), np.empty(3)
-    moved, F, Q = rows[0], rows[1:25], rows[25:]
+    moved, F, Q, after = np.empty(24), np.zeros((24, 24)), np.zeros((24, 24)), np.empty(3)
     for i in range(24):
         moved[i], F[i, i] = x[i], 1.0
     for i in range(3):
@@ -78,31 +77,4 @@ def carried(
             Q[v + i, v + j] = seconds**2 / 4 * tilted
         Q[v + i, v + i] += pushed
         Q[a + i, a + i] = posed
-    return rows
-
-
-@compiled("void(f8[:, ::1], f8, f8, f8[:], f8)")
-def wandered(rows: Floats, warmer: float, walk: float, bend: Floats, over: float) -> None:
-    """Let what `carried` has, (2 n + 1, n), also go on by the slope while it becomes warmer, K, and by the bias's walk.
-
-    walk: a variance. bend (3,): by how much the slope changes, over so many kelvin; so does the bias, by half of it.
-    """
-    n = rows.shape[1]
-    x, F, Q = rows[0], rows[1 : n + 1], rows[n + 1 :]
-    for i in range(3):
-        x[i] += warmer * x[3 + i]
-        F[i, 3 + i] = warmer
-        Q[3 + i, 3 + i] = bend[i] ** 2
-        Q[i, i] = (bend[i] * over / 2) ** 2 + walk
-
-
-@compiled("f8[:, ::1](f8[:], f8[:, :], f8[:, ::1], f8[:])")
-def noted(x: Floats, P: Floats, rows: Floats, known: Floats) -> Floats:
-    """(3 m + 1, m): of the first m states what is beyond those known (m,), P (n, n), and F and Q of `carried`."""
-    n, m = len(x), len(known)
-    kept = np.empty((3 * m + 1, m))
-    for i in range(m):
-        kept[0, i] = x[i] - known[i]
-        for k in range(m):
-            kept[1 + i, k], kept[1 + m + i, k], kept[1 + 2 * m + i, k] = P[i, k], rows[1 + i, k], rows[1 + n + i, k]
-    return kept
+    return moved, F, Q

@@ -87,6 +87,12 @@ class Boots:
         self._look_up(device, info)
         return outcome
 
+    def resumed(self, device: Device) -> Outcome | None:
+        """A session goes on that another estimator began: its bridge may have said what it is."""
+        info = self._devices.info(device.admission.source.owner, device.name)
+        device.session.sequence.recall(partial(self._before, device.name, device.session.boot or 0))
+        return None if info is None or info.boot != device.session.boot else self.introduced(device, info, None)
+
     def _look_up(self, device: Device, info: DeviceInfo) -> None:
         """What earlier boots teach of temperature, and of how far this one may be from them."""
 

@@ -9,11 +9,8 @@ from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowBatch
 from bridge.wire.refusal import Reason
-from estimator.device.admission import Source
+from estimator.device.admission import Admission
 from estimator.device.correct import Cut, Rates
-from estimator.device.reorder_buffer import ReorderBuffer
-from estimator.device.samples import Samples
-from estimator.remembered import Remembered
 from estimator.service import published
 from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.session import DeviceSession
@@ -48,13 +45,11 @@ class Device:
         self.name = name
         #: of our turn at it; in all that is said of it
         self.epoch = epoch
-        #: whom it is heard from, and under what key
-        self.source = Source(silence_s)
+        #: which of its messages are taken, and the key under which they come
+        self.admission = Admission(silence_s)
         self.key = ""
         #: when it gave its last sign of life
         self.heard = now
-        #: the boot of samples that were refused as old, and when they came
-        self.outdated = 0, float("-inf")
         #: when it is to be kept how far it is: soon, or who is killed again and again had ever more to do again, but not at first
         self.checkpoint_due, self.recorded = now + FIRST_CHECKPOINT_S, 0.0
         #: calibrations, encoded, that are said once they are kept; until then all that names them waits
@@ -69,10 +64,7 @@ class Device:
         self.latest: Status | None = None
         self._delay_s: float | None = None  # of the first that was published since it was asked for
         self._bus, self._ward, self._knobs = bus, ward, knobs
-        self.session = DeviceSession(name, knobs, began)
-        self.reorder_buffer = ReorderBuffer()
-        #: of the session that failed last: boot, the number that follows what it took in, and when the last of that was received
-        self._came_to = 0, 0, 0
+        self.session = DeviceSession(name, knobs, began, self.admission.sequence)
         #: the boot number under which another power-up came, until that one is calibrated
         self.repeated: int | None = None
         #: samples that were corrected and published, or are to be: in this round, or once it is clear that there is a device
@@ -130,12 +122,6 @@ class Device:
             self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         wanted = self._windowed is not None and self._windowed.wanted
         self.session.windowed = wanted
-
-    def known(self, batch: Samples) -> bool:
-        """Whether the session has no boot, as the one before it has failed, and that one had taken in all of the batch."""
-        boot, following, received_ns = self._came_to
-        before = batch.boot == boot and batch.sequence + batch.n <= following
-        return self.session.boot is None and before and batch.receive_time_ns <= received_ns
 
     def say_status(self, time_ns: int) -> None:
         """Publish what is known of it now, unless that is not kept yet."""
@@ -204,8 +190,8 @@ class Device:
         silent_s = now - self.heard if now - self.heard > SILENT_S else 0.0
         said = self.session.status(
             time_ns,
-            bridge=self.source.owner,
-            refused_bridges=self.source.refused(now),
+            bridge=self.admission.source.owner,
+            refused_bridges=self.admission.source.refused(now),
             epoch=self.epoch,
             silent_s=silent_s,
             more=more,
@@ -219,19 +205,16 @@ class Device:
 
     def restart(self, lost: int, uncounted: int) -> None:
         """A session without a boot: the next batch that follows what came, or a later one, begins it. See Sequence.anew."""
-        before = self.session.sequence
-        self.reorder_buffer = ReorderBuffer(before.next or 0)
-        if before.boot is not None:
-            self._came_to = before.boot, before.next or 0, self.session.last_heard_ns
-        self.session = DeviceSession(self.name, self._knobs, sequence=before.anew(lost, uncounted))
+        sequence = self.admission.restart(lost, uncounted, self.session.last_heard_ns)
+        self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
-    def resume(self, known: Checkpoint, remembered: Remembered | None, reason: str) -> None:
-        """Begin the boot of a checkpoint, of a device that sends nothing now, for this reason."""
-        self.source.owner = known.bridge
-        self.session.begin_boot(known.boot, known.device_time_s, remembered)
-        if remembered is None and known.calibration is not None:
-            self.session.believe(known.calibration)
-        self.session.silence(reason)
+    def take_over(self, known: Checkpoint) -> None:
+        """Go on from a checkpoint. Raises ValueError where its state is none; nothing has changed then."""
+        self.session = DeviceSession.restored(
+            known.state, known.calibration, self.name, self._knobs, self.admission.sequence
+        )
+        self.repeated = known.boot if known.boot_repeated else None
+        self.admission.begin_at(self.session.sequence.next or 0)
 
     def leave(self) -> list[Publisher]:
         """It is another estimator's: take back what is said of it now; some may still be asked for."""

@@ -6,14 +6,13 @@ import time
 from collections.abc import Callable, Container, Sequence
 from functools import partial
 
-from bridge import rivals
 from bridge.bus.contract import Message
+from bridge.ingest import duplicate_bridges
 from bridge.wire import codec, keys
-from bridge.wire.refusal import Reason, Refusal, Tally
-from estimator.device.admission import Ruling
+from bridge.wire.refusal import Refusal, Tally
 from estimator.device.correct import Cut, correct
-from estimator.device.reorder_buffer import ReorderBuffer
 from estimator.device.samples import Samples
+from estimator.device.source import BEGINS, Ruling
 from estimator.door import Door
 from estimator.outcome import Outcome
 from estimator.service.boots import Boots
@@ -78,7 +77,7 @@ class Intake:
         before = self._devices.info(info.bridge, info.device)
         self._devices.note(info)
         device = self._devices.get(info.device)
-        if device is None or device.source.owner != info.bridge or device.session.boot != info.boot:
+        if device is None or device.admission.source.owner != info.bridge or device.session.boot != info.boot:
             return
 
         def introduced() -> None:
@@ -92,16 +91,15 @@ class Intake:
         for device in list(self._holding.values()):
             if device.key in waiting:
                 continue
-            self._handle(device, device.reorder_buffer.overdue(now))
-            if not device.reorder_buffer:
+            self._handle(device, device.admission.waiting.overdue(now))
+            if not device.admission.waiting:
                 del self._holding[device.name]
         self._publish()
 
     def leave(self, device: Device) -> None:
         """It is another estimator's, and what waits for its turn is, too."""
         self._holding.pop(device.name, None)
-        for late in device.reorder_buffer.drop():
-            device.session.sequence.refuse(late, MOVED)
+        device.admission.leave(MOVED)
         device.drop_waiting()
 
     def refused(self) -> dict[str, int]:
@@ -124,7 +122,7 @@ class Intake:
         device = self._devices.get(samples.device) or self._newcomer(samples, now)
         if device is None:
             return
-        if device.source.owns(samples.bridge, now):
+        if device.admission.source.owns(samples.bridge, now):
             device.key = key
             before = counted(device)
             try:
@@ -132,42 +130,37 @@ class Intake:
             except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
                 self._guarded.failed(device, error, before, came=samples.n)
             return
-        if device.session.sequence.events.add(device.source.label(samples.bridge, now), samples.n) == samples.n:
+        if (
+            device.session.sequence.events.add(device.admission.source.label(samples.bridge, now), samples.n)
+            == samples.n
+        ):
             # How many there are of them stands in its status.
-            log.warning("%s (said once)", rivals.words([samples.device], device.source.owner, (samples.bridge,)))
+            log.warning(
+                "%s (said once)",
+                duplicate_bridges.words([samples.device], device.admission.source.owner, (samples.bridge,)),
+            )
 
     def _take(self, device: Device, batch: Samples, now: float) -> None:
-        session, buffer = device.session, device.reorder_buffer
-        if session.sequence.boot is None and device.known(batch):
-            session.sequence.refuse(batch, Reason.DUPLICATE)
-            return
-        ruling = device.source.judge(batch, session.sequence, now)
-        if ruling is Ruling.LATE:  # what is only said again is no sign of life: it may be a recording
-            device.outdated = batch.boot, now
-            session.sequence.fresh(batch)  # which counts it
-            return
+        admission = device.admission
+        ruling, released = admission.judge(batch, now)
+        if ruling is Ruling.LATE:
+            return  # what is only said again is no sign of life: it may be a recording
         device.heard = now
         if ruling is Ruling.RANGE:
-            session.sequence.refuse(batch, Reason.RANGE)
-            if session.count_event("refused leap") == 1:
+            if device.session.count_event("refused leap") == 1:
                 log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
             return
-        if ruling is Ruling.JUMP:
-            self._handle(device, buffer.drop())
-            session.sequence.jump(batch)
-        elif ruling is not Ruling.TAKE:
+        self._handle(device, released)
+        if ruling in BEGINS:
             self._publish()  # what is of the boot before
-            for late in buffer.drop():
-                session.sequence.refuse(late, Reason.OLD_BOOT)
-            if session.boot is not None:
-                device.reorder_buffer = buffer = ReorderBuffer()  # where this one begins is not known
             device.drop_waiting()
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
-        if not buffer.held and batch.sequence == session.sequence.next:
-            self._handle_one(device, batch)
-            return
-        self._handle(device, buffer.feed(batch, session.sequence.next, now))
-        if buffer:
+        ready = admission.in_order(batch, now)
+        if len(ready) == 1:
+            self._handle_one(device, ready[0])
+        else:
+            self._handle(device, ready)
+        if admission.waiting:
             self._holding[device.name] = device
 
     def _handle(self, device: Device, batches: list[Samples]) -> None:

@@ -55,4 +55,4 @@ class Isolation:
 def counted(device: Device) -> Before:
     """What `failed` needs to know."""
     sequence = device.session.sequence
-    return device.reorder_buffer.samples, sequence.samples_in, sequence.samples_out, device.told
+    return device.admission.waiting.samples, sequence.samples_in, sequence.samples_out, device.told

@@ -26,13 +26,13 @@ class Lost:
         silent_s = now - device.heard
         if silent_s <= min(self._silence_s, SETTLED_S) or device.key in self._waiting:
             return
-        which = device.name, device.session.boot or 0, device.source.owner
+        which = device.name, device.session.boot or 0, device.admission.source.owner
         if silent_s > self._silence_s or self._presence.gone(*which, now):
             self._lose(device, now)
 
     def _lose(self, device: Device, now: float) -> None:
-        name, owner = device.name, device.source.owner
-        boot, outdated_s = device.outdated
+        name, owner = device.name, device.admission.source.owner
+        boot, outdated_s = device.admission.outdated
         speaks = device.heard < outdated_s and now - outdated_s <= self._silence_s
         if speaks and self._presence.heard(name, boot, owner):
             if device.session.silence(_OUTDATED.format(bridge=owner), Event.OUTDATED):

@@ -13,13 +13,13 @@ from dataclasses import replace
 from functools import partial
 
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
+from bridge.wire.messages import Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
 from estimator.remembered import Remembered
 from estimator.service.clerk import Clerk
 from estimator.service.device import Device
 from estimator.service.earlier import Earlier
-from estimator.service.replicas import Replicas
+from estimator.service.replicas import Replicas, calibrated
 from estimator.service.store import Store, StoreError
 
 log = logging.getLogger(__name__)
@@ -109,26 +109,36 @@ class Record:
         """What is known of this very boot, on disk or not yet."""
         if device.repeated == boot:
             return None  # all of it is of another power-up
-        said = self._replicas.recall(device.name, boot, self._now_ns())
+        said = self._replicas.calibration(device.name, boot)
         before = self._store.made_before(device.name, boot)
-        if said is not None and said.calibration is not None and before.has(said.calibration):
+        if said is not None and before.has(said):
             said = None  # who says so has not heard of it
-        theirs = None if said is None else said.calibration
         pending = [c for c in self._of_device(device.name) if c.boot == boot]
-        if pending and (theirs is None or theirs.id != pending[-1].id):
+        if pending and (said is None or said.id != pending[-1].id):
             return Remembered(pending[-1], None)
-        if said is not None and theirs is not None:
-            if (later := self._later(theirs)) is not None:
-                return said.under(later)
-            self.keep(device, theirs)
-            return said
+        if said is not None:
+            later = self._later(said)
+            if later is None:
+                self.keep(device, said)
+            ours = self._store.recall(device.name, boot, self._now_ns())
+            same = ours is not None and ours.calibration is not None and ours.calibration.id == (later or said).id
+            return ours if same else Remembered(later or said, None)
         if self._replicas.repeated(device.name, boot):
             self.repeat(device, boot)
-            return said
+            return None
         ours = self._store.recall(device.name, boot, self._now_ns())
         if before.seen_ns is not None and (ours is None or ours.calibration is None):
             device.repeated = boot  # as before we were restarted: whoever has its calibration is to know
-        return _joined(said, ours)
+        return ours
+
+    def holds(self, device: Device, known: Checkpoint) -> bool:
+        """Whether a checkpoint of another estimator holds, by what is kept here; its calibration is kept, then."""
+        if (said := calibrated(known)) is None:
+            return True
+        if self._store.made_before(device.name, known.boot).has(said) or self._later(said) is not None:
+            return False
+        self.keep(device, said)
+        return True
 
     def calibration(self, device: Device, c: Calibration, now: float) -> None:
         """Keep a calibration, and the bias with it, and then say it: who hears of one can rely on it, unless the disk fails.
@@ -250,7 +260,7 @@ class Record:
             calibration="" if used is None else used.id,
             asked=learnt.asked,
             reached=None if learnt.turned else learnt.reached,
-            bridge=device.source.owner,
+            bridge=device.admission.source.owner,
         )
         self._write(save, lambda: self._noting.discard(device.name), soon=force)
 
@@ -289,15 +299,3 @@ class Record:
             then()
 
         self._clerk.do(write, done, soon=soon)
-
-
-def _joined(said: Remembered | None, ours: Remembered | None) -> Remembered | None:
-    """What another has said of a boot that it had no calibration of, and what is kept here."""
-    if said is None:
-        return ours
-    if ours is None or ours.calibration is None:
-        return said
-    # Whoever had the device after us has not heard of our calibration.
-    if said.bias is None and not said.doubted:
-        return replace(ours, asked=said.asked or ours.asked)
-    return said.under(ours.calibration)

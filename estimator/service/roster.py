@@ -60,7 +60,7 @@ class Roster(dict[str, Device]):
 
     def _heard(self, name: tuple[str, str]) -> bool:
         bridge, device = name
-        return device in self and self[device].source.owner == bridge
+        return device in self and self[device].admission.source.owner == bridge
 
     def _forget(self, now: float) -> bool:
         gone = [d for d in self.values() if d.worthless and now - d.heard > self._silence_s]

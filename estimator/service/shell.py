@@ -15,11 +15,11 @@ from bridge.wire import keys
 from bridge.wire.messages import Checkpoint
 from bridge.wire.refusal import Tally
 from estimator.config import Estimator
-from estimator.device.reorder_buffer import ReorderBuffer
 from estimator.device.samples import Samples
 from estimator.device_knobs import treatment
 from estimator.lifecycle import Event
 from estimator.outcome import Outcome
+from estimator.remembered import Remembered
 from estimator.restore import changed
 from estimator.service.boots import Boots
 from estimator.service.clerk import Clerk
@@ -35,7 +35,7 @@ from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.presence import Presence
 from estimator.service.quota import FLOODED, Quotas
 from estimator.service.record import Record
-from estimator.service.replicas import remembered_of
+from estimator.service.replicas import calibrated
 from estimator.service.resumed import Resumed
 from estimator.service.roster import Roster
 from estimator.service.stock import Stock
@@ -103,9 +103,10 @@ class Service:
         self._devices = Roster(self.counts, settings.silence_s)
         self._resumed = Resumed(self._record.reached(), time.monotonic())
         self._stock = Stock(self._devices, self.counts, vitals or Vitals())
+        self._boots = Boots(self._devices, self._record, self._guarded)
         self._intake = Intake(
             self._devices,
-            Boots(self._devices, self._record, self._guarded),
+            self._boots,
             self._stock,
             self._guarded,
             self._resumed,
@@ -216,9 +217,10 @@ class Service:
         if taken:
             self._cluster.say(self._devices, now)
         for name, backlog in taken.items():
+            self._take_over(name, now)
             ours += backlog
-            if not backlog:
-                self._take_silent(name, now)
+            if not backlog and name in self._devices:
+                self._devices[name].session.silence(SILENT)
         return ours
 
     def _give_away(self, names: list[str], now: float) -> None:
@@ -236,14 +238,29 @@ class Service:
             del self._devices[device.name]
             self._left += [(now + LINGER_S, publisher) for publisher in device.leave()]
 
-    def _take_silent(self, name: str, now: float) -> None:
-        """A device that sends nothing: it goes on being said of it that it is lost, and what is known of it."""
+    def _take_over(self, name: str, now: float) -> None:
+        """Go on with a device where another estimator was; without its state it begins with its first sample, as any."""
         known = self._cluster.replicas.of(name)
-        if known is None or not self._devices.room(now, 0):
+        if known is None or not known.state or not self._devices.room(now, 0):
             return
-        device = self._devices[name] = self._made(name, now)
+        device = self._made(name, now)
+        try:
+            if not self._record.holds(device, known):
+                return
+            device.take_over(known)
+        except ValueError as error:
+            log.warning("%s: its checkpoint is not used: %s", name, error)
+            self.counts.add("checkpoint messages refused, damaged")
+            return
+        self._devices[name] = device
         device.heard = now - max(0.0, (self._now_ns() - known.time_ns) / 1e9)
-        self._guarded(device, partial(device.resume, known, remembered_of(known, self._now_ns()), SILENT))
+        if known.bridge:
+            device.admission.source.owns(known.bridge, device.heard)
+        self._guarded(device, self._resume, device)
+
+    def _resume(self, device: Device) -> None:
+        if (outcome := self._boots.resumed(device)) is not None:
+            self._tell(device, outcome)
 
     def _made(self, name: str, now: float, began: float = 0.0) -> Device:
         """A device that is ours; began: device time, s, if it is known when its boot begins."""
@@ -255,8 +272,8 @@ class Service:
 
     def _adopt(self, known: Checkpoint) -> None:
         """Another has calibrated it while neither heard of the other: its turns are not to be taken again."""
-        device, remembered = self._devices.get(known.device), remembered_of(known, self._now_ns())
-        if device is None or remembered is None or (calibration := remembered.calibration) is None:
+        device, calibration = self._devices.get(known.device), calibrated(known)
+        if device is None or calibration is None:
             return
         session = device.session
         if session.boot != calibration.boot or session.calibration is not None:
@@ -271,7 +288,7 @@ class Service:
 
         def adopted() -> None:
             device.repeated = None
-            session.adopt(remembered, calibration)
+            session.adopt(Remembered(calibration, None), calibration)
             log.info("%s: %s", device.name, session.life.reason)
             self._record.keep(device, calibration)
             device.say_status(self._now_ns())
@@ -288,9 +305,9 @@ class Service:
         device = self._made(name, now, batch.first_s)
         lately = self._cluster.replicas.lately_from(name, self._now_ns())
         if known := lately or self._resumed.bridge(name, batch.receive_time_ns):
-            device.source.owns(known, now)
+            device.admission.source.owns(known, now)
         if self._cluster.company:
-            device.reorder_buffer = ReorderBuffer(batch.sequence)
+            device.admission.begin_at(batch.sequence)
         self._devices[name] = device
         return device
 
@@ -343,7 +360,7 @@ class Service:
                 # Who was silent before is no more so by that, and no less.
                 was_silent = now - device.heard > self.settings.silence_s + STATUS_S
                 device.heard = min(now, device.heard + now - self._looked) if was_silent else now
-                device.source.hold(now)
+                device.admission.source.hold(now)
                 if not connected:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
         self._looked = now

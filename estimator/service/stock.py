@@ -3,7 +3,7 @@
 import logging
 
 from bridge.wire.refusal import Tally
-from estimator.device.admission import ELSEWHERE
+from estimator.device.source import ELSEWHERE
 from estimator.service.device import Device
 from estimator.service.law import EVENT, Account, Conservation
 from estimator.service.resumed import DONE
@@ -60,5 +60,5 @@ def _account(device: Device) -> Account:
     sequence = device.session.sequence
     dropped, refused = sequence.dropped.total(), sequence.events.total(ELSEWHERE)
     return Account(
-        sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.reorder_buffer.samples
+        sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.admission.waiting.samples
     )

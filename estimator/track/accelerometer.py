@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from estimator.track.evidence import Receipt
 from estimator.track.seconds import Second
+from estimator.track.state import StateStruct
 
 #: m/s², readings that are all the same deviate less from their mean, which is rounded
 _ROUNDING = 1e-9
@@ -27,42 +28,49 @@ class AccelerometerKnobs:
     scale_std: float = 0.05
 
 
+class AccelerometerState(StateStruct):
+    """disbelieved: given up for the rest of this boot. alive: whether its readings have ever changed."""
+
+    disbelieved: bool = False
+    balance: int = 0
+    row: int = 0
+    alive: bool = False
+
+
 class Accelerometer:
     """Seconds, and receipts of gravity, in; whether to go on with it out."""
 
     def __init__(self, knobs: AccelerometerKnobs | None = None) -> None:
         self.knobs = knobs or AccelerometerKnobs()
-        #: given up for the rest of this boot
-        self.disbelieved = False
-        self._balance = self._row = 0
-        self._alive = False
+        self.state = AccelerometerState()
 
     def fit(self, second: Second) -> bool:
         """Whether the readings of the next second can be gravity and a wearer's movement."""
         fit = self._fit(second)
         if not fit:
-            self._row = 0  # one that is silent, or frozen, is against nothing any more
+            self.state.row = 0  # one that is silent, or frozen, is against nothing any more
         return fit
 
     def _fit(self, second: Second) -> bool:
-        if self.disbelieved or second.accel is None or second.accel_std is None:
+        if self.state.disbelieved or second.accel is None or second.accel_std is None:
             return False
         changing = max(second.accel_std.tolist()) > _ROUNDING
-        self._alive |= changing
-        return (changing or not self._alive) and self.knobs.weakest < second.accel_strength < self.knobs.strongest
+        self.state.alive |= changing
+        return (changing or not self.state.alive) and self.knobs.weakest < second.accel_strength < self.knobs.strongest
 
     def heard(self, receipt: Receipt) -> None:
         """Note what gravity said of a second."""
         against = receipt.test_ratio > 1
-        self._row = self._row + 1 if against else 0
-        self._balance = max(0, self._balance + (1 if against else -1))
-        self.disbelieved |= self._balance >= self.knobs.patience
+        state = self.state
+        state.row = state.row + 1 if against else 0
+        state.balance = max(0, state.balance + (1 if against else -1))
+        state.disbelieved |= state.balance >= self.knobs.patience
 
     def anew(self) -> None:
         """What was believed so far is no more: nothing speaks against what is believed now."""
-        self._balance = self._row = 0
+        self.state.balance = self.state.row = 0
 
     @property
     def contradicts(self) -> bool:
         """Whether it has been against what is believed for some seconds now."""
-        return self._row >= self.knobs.in_a_row and not self.disbelieved
+        return self.state.row >= self.knobs.in_a_row and not self.state.disbelieved

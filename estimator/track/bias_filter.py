@@ -6,28 +6,25 @@ evidence that needs more of its own (gravity.py) appends it. Knobs, state and re
 goes on as if it had never stopped.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from math import exp, expm1, inf, isfinite, isnan, radians
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.loops.gravity import wandered
-from estimator.loops.weigh import inverse, stacked, weighed
 from estimator.track.evidence import Evidence, Receipt
-from estimator.track.kalman import Bare
-from estimator.track.since import NOW, Since
+from estimator.track.state import StateStruct, shaped
 from estimator.track.temperature import TemperatureLaw
+from estimator.track.walk import Walks
 
 Floats = NDArray[np.float64]
 
 BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: states of the filter itself
 OWN = 6
-_NOTHING, _NO_WALK = np.zeros(3), np.zeros((3, 3))
-#: a gain, what it was taken in by, and the moment it was measured if that was late: see Since.taken
-_Taken = tuple[Floats, Floats, Since | None]
+_NOTHING = np.zeros(3)
 #: K, a slope changes by steps of temperature this long: in a second's own, squared and added up, next to nothing is left of
 #: what it changes over hours, and a thermometer's noise would add up too
 _BEND_K = 1.0
@@ -99,6 +96,22 @@ def start(
     return BiasState(np.concatenate([bias, np.zeros(3)]), P, time, temperature_c, powered)
 
 
+class FilterState(StateStruct):
+    """now; unsure (3,): variance of the slope as the law had it; walks since what waits to be taken was measured."""
+
+    now: BiasState
+    unsure: Floats
+    walks: Walks
+
+
+class Step(NamedTuple):
+    """A step of the state x (n,) by F (n, n), with Q (n, n) added to its covariance."""
+
+    x: Floats
+    F: Floats
+    Q: Floats
+
+
 class BiasFilter:
     """The filter at work; `state` may be copied at any time."""
 
@@ -108,28 +121,42 @@ class BiasFilter:
         self.law = law
         #: (6,) what the law's curvature moved the state by in the last step, None without a law
         self.bent: Floats | None = None
-        self._since: list[Since] = []
         self.restart(state)
 
     def _take(self, state: BiasState) -> None:
-        n = len(state.x)
-        self._kf = Bare(n)
-        self._kf.inv = inverse
+        self._kf = _filter(len(state.x))
         self._kf.x = np.array(state.x, float)  # (n,): filterpy's own default is (n, 1)
         self._kf.P = np.array(state.P, float)
         #: (3, 3) by how much the bias was doubted since the last step, if it was
         self.widened: Floats | None = None
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
         self._bent_c = state.bent_c
-        #: variance (3, 3) of the walk in the last step, and what was taken in since: most steps nothing is taken of later
-        self._walked, self._taken = _NO_WALK, list[_Taken]()
-        self._stepped: Since | None = None  # the walk since what was measured in the last step, once somebody asked
-        self._since.clear()
+        #: variance (3,) of the walk in the last step, and gain and H of what was taken in since
+        self._walked, self._taken = _NOTHING, list[tuple[Floats, Floats]]()
+        self._walks = Walks.none(len(state.x))
 
     def restart(self, state: BiasState) -> None:
         """Forget all that came since, and go on from a state."""
         self._take(state)
         self._unsure = self._law_var(self.temperature_c)
+
+    @property
+    def saved(self) -> FilterState:
+        """All that evolves from second to second."""
+        return FilterState(self.state, self._unsure, self._walks)
+
+    def resume(self, saved: FilterState, law: TemperatureLaw | None) -> None:
+        """Go on from what was saved, under a law. Raises ValueError."""
+        n = len(saved.now.x)
+        shaped(saved.now.x, n, finite=True)
+        shaped(saved.now.P, n, n, finite=True)
+        shaped(saved.unsure, 3)
+        saved.walks.check(n)
+        if n < OWN or not isfinite(saved.now.time) or (np.diag(saved.now.P) < 0).any():
+            raise ValueError("damaged state: no state of a bias filter")
+        self.law = law
+        self._take(saved.now)
+        self._unsure, self._walks = saved.unsure, saved.walks
 
     def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
         """What a state tells of the bias at a time before its own: a walk is as long backward as it is forward."""
@@ -156,27 +183,28 @@ class BiasFilter:
             self._kf.x.copy(), self._kf.P.copy(), self.time, self.temperature_c, self._powered, self._bent_c
         )
 
-    def predict(self, time: float, temperature_c: float = np.nan, carried: Floats | None = None) -> Floats | None:
+    def predict(self, time: float, temperature_c: float = np.nan, carried: Step | None = None) -> Step | None:
         """Let the bias walk to a device time, and all else go on as it is carried, which moves neither bias nor slope.
 
-        carried (2 n + 1, n): the state it goes on to, by which F, with which Q added, one above the other; is written to, and is
-        what it comes to with the walk. Time that goes backward is no time for a walk: None.
+        carried: is written to, and returned with the walk. Time that goes backward is no time for a walk: None.
         """
-        dt, n = time - self.time, len(self._kf.x)
-        known = isfinite(temperature_c)
-        rows = _stays(n).copy() if carried is None else carried
+        dt, known = time - self.time, isfinite(temperature_c)
+        step = _stays(self._kf.x) if carried is None else carried
         if not dt > 0:
             if carried is not None:
-                self._step(rows, moved=True)
+                self._step(step)
             return None
         warmer = temperature_c - self.temperature_c
         if isfinite(warmer):
             bend, over, self.bent = self._bend(warmer, temperature_c)
         else:
             warmer, bend, over, self.bent = 0.0, _NOTHING, 0.0, None
-        wandered(rows, warmer, self.walked(dt, known=known), bend, over)
-        self._step(rows, moved=carried is not None)
-        self._walked, self._stepped = rows[n + 1 : n + 4, BIAS].copy(), None
+        # The bias changes by the slope, by half of what the slope itself changes by over so many kelvin, and by its walk.
+        self._walked = (over / 2 * bend) ** 2 + self.walked(dt, known=known)
+        step.x[BIAS] += warmer * step.x[SLOPE]
+        step.F.flat[3 : 3 * len(step.x) : len(step.x) + 1] = warmer
+        step.Q.flat[: OWN * len(step.x) : len(step.x) + 1] = np.concatenate([self._walked, bend**2])
+        self._step(step)
         self._taken.clear()
         if self.bent is not None:
             self._kf.x[:OWN] += self.bent
@@ -185,18 +213,19 @@ class BiasFilter:
             first, self.temperature_c = isnan(self.temperature_c), temperature_c
             if first and self.law is not None:
                 self.expect(self.law)
-        return rows
+        return step
 
-    def _step(self, rows: Floats, *, moved: bool) -> None:
-        n = rows.shape[1]
-        F, Q = rows[1 : n + 1], rows[n + 1 :]
-        self._kf.Q = Q  # handed over filterpy would look whether it is a number
-        self._kf.predict(F=F)
-        self._kf.let_go()
-        if moved:
-            self._kf.x = rows[0]
-        for since in self._since:
-            since.step(F, Q)
+    def settle(self) -> None:
+        """A second is over: leave nothing of rounding between both triangles of the covariance."""
+        P = self._kf.P + self._kf.P.T
+        P *= 0.5
+        self._kf.P = P
+
+    def _step(self, step: Step) -> None:
+        self._kf.predict(F=step.F, Q=step.Q)
+        self._kf.x = step.x.copy()  # F is only its derivative
+        if len(self._walks):
+            self._walks.step(step.F, self._walked)
 
     def expect(self, law: TemperatureLaw) -> None:
         """From now on believe the slope of a law in place of what was known of it."""
@@ -207,8 +236,7 @@ class BiasFilter:
             P = self._kf.P
             P[SLOPE, :] = P[:, SLOPE] = 0.0
             P[SLOPE, SLOPE] = np.diag(self._unsure)
-            for since in {self._latest(), *self._since}:
-                since.cross[SLOPE] = 0.0
+            self._walks.cross[:, SLOPE] = 0.0
 
     def follow(self, law: TemperatureLaw) -> None:
         """From now on go on by a law that the slope, as it is known, was learnt under."""
@@ -263,27 +291,18 @@ class BiasFilter:
         self._kf.P[BIAS, BIAS] += cov
         self.widened = cov if self.widened is None else self.widened + cov
 
-    def since(self) -> Since:
-        """The moment of what was measured in the last step, for what is to be taken later."""
-        latest = self._latest()
-        if latest not in self._since:
-            self._since = [*self._since, latest]
-        return latest
+    def wait(self) -> None:
+        """What was measured in the last step is to be taken later, by `take_first`."""
+        self._walks.begin(self._walked, self._taken)
 
-    def _latest(self) -> Since:
-        if self._stepped is None:
-            self._stepped = Since(len(self._kf.x), self._walked)
-            for taken in self._taken:
-                self._stepped.taken(*taken)
-        return self._stepped
-
-    def remembers(self, evidence: Evidence) -> bool:
-        """Whether the state goes on from when this was measured: it was not begun anew since."""
-        return evidence.since is None or evidence.since in self._since
+    @property
+    def waiting(self) -> int:
+        """How many measurements wait; none of what was measured before the state was begun anew does."""
+        return len(self._walks)
 
     def forget(self) -> None:
         """What was measured before now and has not been taken will not be."""
-        self._since.clear()
+        self._walks = Walks.none(len(self._kf.x))
 
     def extend(self, own: BiasState) -> None:
         """Go on with a state that has other parts behind the filter's own six."""
@@ -291,79 +310,85 @@ class BiasFilter:
 
     def weigh(self, evidence: Evidence) -> Receipt:
         """What `update` would say of a measurement, which is not taken."""
-        kind, z, H, R, gate, _, _, since = evidence
-        rows, nis, _ = weighed(z, H, R, self._kf.x, self._kf.P, NOW if since is None else since.rows, 0)
-        return self._receipt(kind, rows[:, 0], rows[:, 1:], nis, gate)
+        if not _sound(evidence):
+            return self._refused(evidence)
+        H, P = evidence.H, self._kf.P
+        y, S = evidence.z - H @ self._kf.x, H @ P @ H.T + evidence.R
+        return self._receipt(evidence, y, S, float(y @ _inverse(S) @ y))
 
-    def _receipt(self, kind: str, innovation: Floats, cov: Floats, nis: float, gate: float) -> Receipt:
-        # filterpy would turn all of x into NaN for ever, with P still looking perfect.
-        finite = isfinite(nis)
-        nis = nis if finite else inf
-        ratio = nis / gate
-        reason = "not finite" if not finite else "outside the gate" if ratio > 1 else ""
-        return Receipt(self.time, kind, innovation, cov, ratio, not reason, reason, nis)
+    def update(self, evidence: Evidence) -> Receipt:
+        """Take a measurement of now by filterpy, and undo that if it is not believable."""
 
-    def update(self, evidence: Evidence, weighed: Receipt | None = None) -> Receipt:
-        """Weigh a measurement against the estimate, unless it was weighed just now; take it if it is believable."""
-        receipt = weighed or self.weigh(evidence)
-        R = evidence.R
+        def take(R: Floats) -> None:
+            self._kf.update(evidence.z, R=R, H=evidence.H)
+
+        receipt = self._tried(evidence, take)
+        if receipt.accepted:
+            self._taken.append((self._kf.K, evidence.H))
+            if len(self._walks):
+                self._walks.taken(self._kf.K, evidence.H)
+        return receipt
+
+    def take_first(self, evidence: Evidence) -> Receipt:
+        """Take the measurement that has waited longest; the bias has walked on since."""
+        H, noise, self._kf.M = self._walks.sight(evidence.H)
+
+        def take(R: Floats) -> None:
+            self._kf.update_correlated(evidence.z, R=R + noise, H=H)
+            self.settle()
+
+        receipt = self._tried(evidence, take)
+        self._walks.first_taken(self._kf.K if receipt.accepted else np.zeros(self._kf.M.shape), H)
+        return receipt
+
+    def _tried(self, evidence: Evidence, take: Callable[[Floats], None]) -> Receipt:
+        """Have a measurement taken with its covariance, or undo that."""
+        if not _sound(evidence):
+            return self._refused(evidence)
+        kf = self._kf
+        x, P = kf.x, kf.P  # filterpy puts others in their place
+        take(evidence.R)
+        receipt = self._receipt(evidence, kf.y, kf.S, float(kf.y @ kf.SI @ kf.y))
         if not receipt.accepted:
-            if not evidence.soft or not isfinite(receipt.nis):
+            kf.x, kf.P = x, P
+            if not evidence.soft:
                 return receipt
             # What is seen is then just within the gate, whatever makes it unlikely: the state may be the wrong one.
-            R = R + (receipt.test_ratio - 1) * receipt.innovation_cov
-        self._take_in(evidence.z, evidence.H, R, evidence.since)
-        self._leave(evidence)
-        return receipt if receipt.accepted else receipt._replace(accepted=True, reason="")
-
-    def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt] | None:
-        """Take two measurements of now, the first without common_var, as one after the other, which is one step.
-
-        None, and neither is taken, where one is not believable.
-        """
-        rows, m, n = stacked(*first[1:4], *then[1:4]), len(first.z), len(self._kf.x)
-        z, H, R = rows[:, -1], rows[:, :n], rows[:, n:-1]
-        said, nis, first_nis = weighed(z, H, R, self._kf.x, self._kf.P, NOW, m)
-        receipts = (
-            self._receipt(first.kind, said[:m, 0], said[:m, 1 : m + 1], first_nis, first.gate),
-            self._receipt(then.kind, said[m:, 0], said[m:, m + 1 :], nis, then.gate),
-        )
-        if not (receipts[0].accepted and receipts[1].accepted):
-            return None
-        self._take_in(z, H, R, None)
-        self._leave(then)
-        return receipts
-
-    def _leave(self, evidence: Evidence) -> None:
-        """In doubt what is the same error in all measurements of a kind: no number of them tells of it."""
+            take(evidence.R + (receipt.test_ratio - 1) * receipt.innovation_cov)
+            receipt = receipt._replace(accepted=True, reason="")
         if evidence.common_var is not None and any(evidence.common_var.tolist()):
-            H = evidence.H
-            seen = ((H @ self._kf.P) * H).sum(axis=1)
-            self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
+            # In doubt stays what is the same error in all measurements of a kind: no number of them tells of it.
+            seen = ((evidence.H @ kf.P) * evidence.H).sum(axis=1)
+            kf.P = kf.P + evidence.H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ evidence.H
+        return receipt
 
-    def _take_in(self, z: Floats, H: Floats, R: Floats, late: Since | None) -> None:
-        kf = self._kf
-        if late is None:
-            kf.R = R  # as Q
-            kf.update(z, H=H)
-        else:
-            H, noise, kf.M = late.sight(H)
-            kf.R = R + noise
-            kf.update_correlated(z, H=H)
-            kf.P = (kf.P + kf.P.T) / 2
-            self._since = [since for since in self._since if since is not late]
-        kf.let_go()
-        taken = kf.K, H, late
-        if self._stepped is None:
-            self._taken.append(taken)
-        elif self._stepped is not late and self._stepped not in self._since:
-            self._stepped.taken(*taken)
-        for since in self._since:
-            if since is not late:
-                since.taken(*taken)
+    def _refused(self, evidence: Evidence) -> Receipt:
+        """What is not finite, or claims to be without noise, never gets to filterpy: x would be NaN for ever, P look perfect."""
+        return self._receipt(evidence, evidence.z - evidence.H @ self._kf.x, evidence.R, inf)
+
+    def _receipt(self, evidence: Evidence, innovation: Floats, cov: Floats, nis: float) -> Receipt:
+        ratio = nis / evidence.gate
+        reason = "not finite" if not isfinite(nis) else "outside the gate" if ratio > 1 else ""
+        return Receipt(self.time, evidence.kind, innovation, cov, ratio, not reason, reason, nis)
 
 
-@cache
-def _stays(n: int) -> Floats:
-    """(2 n + 1, n) what is carried nowhere; not to be written to."""
-    return np.eye(2 * n + 1, n, -1)
+def _filter(n: int) -> Any:
+    from filterpy.kalman import KalmanFilter  # noqa: PLC0415 - it brings SciPy and Matplotlib: a second for every command
+
+    kf = KalmanFilter(dim_x=n, dim_z=3)
+    kf.inv = _inverse
+    return kf
+
+
+def _inverse(S: Floats) -> Floats:
+    return np.asarray(1 / S if len(S) == 1 else np.linalg.inv(S))
+
+
+def _stays(x: Floats) -> Step:
+    return Step(x.copy(), np.eye(len(x)), np.zeros((len(x), len(x))))
+
+
+def _sound(evidence: Evidence) -> bool:
+    """Whether all of a measurement is finite, and no part of it without noise."""
+    finite = isfinite(float(evidence.z.sum()) + float(evidence.R.sum()) + float(evidence.H.sum()))
+    return finite and min(evidence.R.diagonal().tolist()) > 0.0

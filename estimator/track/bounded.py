@@ -7,14 +7,15 @@ swings is seen in the stretch itself. The bias of that mean is an older one than
 from dataclasses import dataclass, replace
 from math import radians
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.loops.rest import upright
 from estimator.track.bias_filter import BIAS, SLOPE, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
-from estimator.track.zaru import INSISTED
+from estimator.track.state import StateStruct, shaped
+from estimator.track.zaru import INSISTED, upright
 
 Floats = NDArray[np.float64]
 VERTICAL = "bounded vertical"
@@ -51,33 +52,49 @@ class _Refused:
     celsius: float
 
 
+class BoundedState(StateStruct):
+    """The seconds of the stretch so far, and what stretches before it said against the bias, by kind of evidence."""
+
+    seconds: list[_Kept] = msgspec.field(default_factory=list)
+    refused: dict[str, _Refused] = msgspec.field(default_factory=dict)
+
+
 class Bounded:
     """Quiet seconds in, a receipt for each whole stretch out."""
 
     def __init__(self, knobs: BoundedKnobs | None = None) -> None:
         self.knobs = knobs or BoundedKnobs()
-        self._refused: dict[str, _Refused] = {}
-        self._seconds: list[_Kept] = []
+        self.state = BoundedState()
+
+    def restore(self, state: BoundedState) -> None:
+        """Go on from a state. Raises ValueError."""
+        for _, _, *means, _ in state.seconds:
+            for mean in means:
+                shaped(mean, 3)
+        for refused in state.refused.values():
+            shaped(refused.said, 3)
+            shaped(refused.cov, 3, 3)
+        self.state = state
 
     def broken(self) -> None:
         """The stretch is over."""
-        self._seconds.clear()
+        self.state.seconds.clear()
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
         """Take the next second, to the end of which the filter has gone on; receipts when it completes a stretch.
 
         up (3,) points as gravity's reading does, None without an accelerometer.
         """
-        self._seconds.append(
+        self.state.seconds.append(
             (second.start, second.end, second.mean, second.mean_var, second.common_var, bias.temperature_c)
         )
-        seconds = self._seconds[-1][1] - self._seconds[0][0]
+        seconds = self.state.seconds[-1][1] - self.state.seconds[0][0]
         if seconds < self.knobs.stretch_s:
             return []
         starts, ends, means, variances, commons, celsius = (
-            np.array(column) for column in zip(*self._seconds, strict=True)
+            np.array(column) for column in zip(*self.state.seconds, strict=True)
         )
-        self._seconds.clear()
+        self.state.seconds.clear()
         lasted = (ends - starts)[:, None]
         z = (means * lasted).sum(axis=0) / seconds
         colder = np.nan_to_num(celsius - bias.temperature_c)[:, None]
@@ -109,12 +126,12 @@ class Bounded:
     def _judged(self, evidence: Evidence, bias: BiasFilter) -> Receipt:
         """Take it, or refuse it as long as it does not insist."""
         kind, receipt = evidence.kind, bias.update(evidence)
-        before = self._refused.pop(kind, None)
+        before = self.state.refused.pop(kind, None)
         if receipt.accepted:
             return receipt
         refused = _against(before, evidence, receipt.innovation, bias)
         if refused.count < (self.knobs.vertical_insist if kind == VERTICAL else self.knobs.insist):
-            self._refused[kind] = refused
+            self.state.refused[kind] = refused
             return receipt
         bias.widen(float(np.mean(receipt.innovation**2)) * np.eye(3))
         bias.update(evidence)

@@ -6,8 +6,9 @@ from math import degrees
 
 import numpy as np
 
-from estimator.track.consistency import Consistency
+from estimator.track.consistency import Consistency, ConsistencyState
 from estimator.track.evidence import Receipt
+from estimator.track.state import StateStruct
 from estimator.track.zaru import INSISTED, JUMPED, UNPROVEN
 
 #: parts of the bias, across gravity and along it, of which either may be off while rests agree with the other
@@ -26,6 +27,19 @@ class DoubtKnobs:
     inflation: float = 3.0
 
 
+class DoubtState(StateStruct):
+    """By part: contradictions since a rest last agreed, and how far off the latest was, rad/s, and its kind.
+
+    agreed: parts that rests have agreed with since the bias was doubted.
+    """
+
+    why: str
+    contradictions: dict[str, int]
+    refused: dict[str, tuple[float, str]]
+    agreed: set[str]
+    consistency: ConsistencyState
+
+
 class Doubt:
     """Receipts in; a reason to doubt, or to trust again, out."""
 
@@ -35,9 +49,21 @@ class Doubt:
         self.why = ""
         self.last_receipt: Receipt | None = None
         self.consistency = Consistency()
-        #: by part: what contradicted since a rest last agreed, and the latest of it
-        self._contradictions, self._refused = dict.fromkeys(_PARTS, 0), dict[str, Receipt]()
-        self._agreed = set[str]()  # parts that rests have agreed with since it was doubted
+        self._contradictions, self._refused = dict.fromkeys(_PARTS, 0), dict[str, tuple[float, str]]()
+        self._agreed = set[str]()
+
+    @property
+    def state(self) -> DoubtState:
+        """All that evolves."""
+        return DoubtState(self.why, self._contradictions, self._refused, self._agreed, self.consistency.state)
+
+    def restore(self, state: DoubtState) -> None:
+        """Go on from a state. Raises ValueError."""
+        if not set(state.contradictions) == set(_PARTS) >= {*state.refused, *state.agreed}:
+            raise ValueError("damaged state: parts of a bias that there are not")
+        self.why, self._contradictions, self._refused = state.why, state.contradictions, state.refused
+        self._agreed = state.agreed
+        self.consistency.restore(state.consistency)
 
     @property
     def stands(self) -> bool:
@@ -76,7 +102,7 @@ class Doubt:
         if not receipt.accepted:
             # A stretch is as good as many seconds.
             self._contradictions[part] += self.knobs.contradictions if receipt.kind.startswith("bounded") else 1
-            self._refused[part] = receipt
+            self._refused[part] = float(np.max(np.abs(receipt.innovation))), receipt.kind
             self._agreed.discard(part)
         elif receipt.reason != UNPROVEN:
             self._contradictions[part] = 0
@@ -91,7 +117,8 @@ class Doubt:
         reason = None
         against = [self._refused[part] for part in _PARTS if self._contradictions[part] >= self.knobs.contradictions]
         if against:
-            by, kind = max((degrees(float(np.max(np.abs(refused.innovation)))), refused.kind) for refused in against)
+            off, kind = max(against)
+            by = degrees(off)
             reason = f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
             if kind.startswith("bounded"):
                 reason = f"quiet, it reads {by:.2f} °/s off: turning slowly, or the bias jumped"

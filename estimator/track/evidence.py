@@ -5,8 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.track.since import Since
-
 Floats = NDArray[np.float64]
 
 #: the largest believable NIS by degrees of freedom: false alarm 1e-6
@@ -17,7 +15,6 @@ class Evidence(NamedTuple):
     """A measurement z (m,) = H (m, n) x, with covariance R (m, m).
 
     common_var (m,): the part of R that is the same error in every measurement; no number of them gets below it.
-    since: when it was measured, where that was not now.
     gate: the largest NIS believed. soft: beyond it R grows until it is not, and nothing is refused.
     """
 
@@ -28,7 +25,6 @@ class Evidence(NamedTuple):
     gate: float
     common_var: Floats | None = None
     soft: bool = False
-    since: Since | None = None
 
 
 class Receipt(NamedTuple):

@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from estimator.loops.gravity import carried
 from estimator.loops.span import DRIFT, END, PUSH
 from estimator.strapdown import Span
-from estimator.track.bias_filter import OWN, BiasFilter, BiasState
+from estimator.track.bias_filter import OWN, BiasFilter, BiasState, Step
 from estimator.track.evidence import Evidence, Receipt
-from estimator.track.lasting import Lasting, LastingKnobs
+from estimator.track.lasting import Lasting, LastingKnobs, LastingState
+from estimator.track.state import StateStruct
 
 Floats = NDArray[np.float64]
 
@@ -68,6 +69,13 @@ class GravityKnobs:
     first: float = 4.0
 
 
+class GravityState(StateStruct):
+    """known: whether g and v in the filter's state are of now."""
+
+    known: bool
+    lasting: LastingState
+
+
 class Gravity:
     """Carries gravity along in one filter."""
 
@@ -90,6 +98,15 @@ class Gravity:
         self.lose()
         return replace(state, x=x, P=P)
 
+    @property
+    def state(self) -> GravityState:
+        """All that evolves, beside what is in the filter's state."""
+        return GravityState(self.known, self._lasting.state)
+
+    def restore(self, state: GravityState) -> None:
+        """Go on from a state."""
+        self.known, self._lasting.state = state.known, state.lasting
+
     def lose(self) -> None:
         """The way gravity went is not known."""
         self.known = False
@@ -97,7 +114,7 @@ class Gravity:
 
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
-    ) -> Floats:
+    ) -> Step:
         """How the filter goes on (BiasFilter.predict) over a span summed up with its own bias, matrix and accelerometer bias.
 
         gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn rad, unseen_push m/s: see Second.
@@ -106,18 +123,12 @@ class Gravity:
             self._begin(span, bias)
         knobs, T = self.knobs, span.seconds
         kept = self._accel_kept(span)
-        return carried(
-            bias.x,
-            bias.cov,
-            span.rows,
-            kept,
-            G,
-            (
-                gyro_noise**2 * T + (knobs.way_share * span.way) ** 2 + unseen_turn**2,
-                knobs.accel_noise**2 * T + unseen_push**2,
-                knobs.accel_walk**2 * T + (1 - kept**2) * self._accel_var,
-            ),
+        noise = (
+            gyro_noise**2 * T + (knobs.way_share * span.way) ** 2 + unseen_turn**2,
+            knobs.accel_noise**2 * T + unseen_push**2,
+            knobs.accel_walk**2 * T + (1 - kept**2) * self._accel_var,
         )
+        return Step(*carried(bias.x, bias.cov, span.rows, kept, G, noise))
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
         """The velocity of a span just carried over, measured as zero: on the mean, and at the end of one at rest."""

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.track.state import StateStruct
+
 Floats = NDArray[np.float64]
 
 
@@ -35,33 +37,39 @@ class LastingKnobs:
     one: float = 2.0
 
 
+class LastingState(StateStruct):
+    """shared: c. before: the innovation before, m/s."""
+
+    shared: float = 0.0
+    before: tuple[float, float, float] | None = None
+
+
 class Lasting:
     """Innovations in, one a second of movement; how much larger R is to be out."""
 
     def __init__(self, knobs: LastingKnobs | None = None) -> None:
         self.knobs = knobs or LastingKnobs()
-        self._shared = 0.0
-        self._before: list[float] | None = None
+        self.state = LastingState()
 
     @property
     def factor(self) -> float:
         """How many times R is what it would be of a velocity that is another each second."""
         knobs = self.knobs
-        return min(knobs.most, 1.0 + knobs.growth * max(0.0, self._shared - knobs.bounded))
+        return min(knobs.most, 1.0 + knobs.growth * max(0.0, self.state.shared - knobs.bounded))
 
     def heard(self, innovation: Floats, var: float, end: Floats, seconds: float) -> None:
         """Take the next innovation (3,) m/s, in axes of its span's end (3, 3), of a measurement of variance var unmultiplied."""
-        now: list[float] = innovation.tolist()
-        if self._before is not None:
+        state, (a, b, c) = self.state, innovation.tolist()
+        if state.before is not None:
             # end' before · now: of three numbers Python is quicker than NumPy.
             (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = end.tolist()
-            (x, y, z), (a, b, c) = self._before, now
+            x, y, z = state.before
             along = a * (x * xx + y * yx + z * zx) + b * (x * xy + y * yy + z * zy) + c * (x * xz + y * yz + z * zz)
             shared = along / (3 * var)
             one = self.knobs.one
-            self._shared += min(1.0, seconds / self.knobs.memory_s) * (max(-one, min(one, shared)) - self._shared)
-        self._before = now
+            state.shared += min(1.0, seconds / self.knobs.memory_s) * (max(-one, min(one, shared)) - state.shared)
+        state.before = a, b, c
 
     def broken(self) -> None:
         """The next innovation has no neighbour."""
-        self._before = None
+        self.state.before = None

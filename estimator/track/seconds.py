@@ -15,6 +15,7 @@ from estimator.gyro import COARSE_STEP
 from estimator.loops import second as loop
 from estimator.loops.cut import cut, let_go, nothing_gathered
 from estimator.stillness import Windows
+from estimator.track.state import StateStruct, shaped
 from estimator.track.unseen import HOLE, unseen
 
 Floats = NDArray[np.float64]
@@ -73,6 +74,19 @@ class Second(NamedTuple):
         return len(self.dt)
 
 
+class SecondsState(StateStruct):
+    """gathered (9,) and waiting (k, 6): see loops/cut.py. before (9,): the last sample ahead of the second that is gathered.
+
+    step (3,): the least difference of readings ever seen. noisy: axes that never repeat themselves at rest.
+    """
+
+    gathered: Floats
+    waiting: Floats
+    before: Floats | None
+    step: Floats
+    noisy: tuple[bool, bool, bool]
+
+
 class Seconds:
     """Windows in, seconds out; the cut depends on the samples alone."""
 
@@ -85,6 +99,32 @@ class Seconds:
         self._step = np.full(3, np.inf)  # the least ever seen
         self._noisy = np.zeros(3, bool)  # axes that never repeat themselves at rest
         self._all_noisy = False
+
+    @property
+    def state(self) -> SecondsState:
+        """All that evolves, beside the samples of what is gathered and of what waits."""
+        x, y, z = self._noisy.tolist()
+        waiting = self._waiting[: int(self._state[1])]
+        return SecondsState(self._state, waiting, self._before, self._step, (x, y, z))
+
+    def restore(self, state: SecondsState, first: int, samples: Floats) -> None:
+        """Go on from a state, with the samples (n, 9) of the windows so far, numbered from `first` on.
+
+        Raises ValueError, also where the state tells of other samples.
+        """
+        shaped(state.gathered, 9)
+        shaped(state.waiting, int(state.gathered[1]), 6)
+        shaped(state.step, 3)
+        if state.before is not None:
+            shaped(state.before, 9)
+        numbers = [*state.waiting[:, 3:5].ravel().tolist(), *state.gathered[[4] if state.gathered[2] else []].tolist()]
+        if not all(first <= number <= first + len(samples) for number in numbers):
+            raise ValueError("damaged state: samples are missing")
+        self._state, self._step, self._before = state.gathered, state.step, state.before
+        self._waiting[: len(state.waiting)] = state.waiting
+        self._parts = [(first, samples)] if len(samples) else []
+        self._noisy = np.array(state.noisy)
+        self._all_noisy = all(state.noisy)
 
     @property
     def spikes(self) -> int:

@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.loops.gravity import noted
-from estimator.track.bias_filter import BIAS, OWN
-from estimator.track.kalman import rts_smoother
+from estimator.track.bias_filter import BIAS, OWN, Step
 
 Floats = NDArray[np.float64]
 _NOTHING = np.zeros(OWN)
@@ -46,15 +44,17 @@ class History:
     def __len__(self) -> int:
         return len(self._steps)
 
-    def add(self, time: float, x: Floats, P: Floats, steps: Floats, bent: Floats | None = None) -> None:
-        """Note the state x (n,), P (n, n) at a time, and the steps of BiasFilter.predict that led there.
+    def add(self, time: float, x: Floats, P: Floats, step: Step, bent: Floats | None = None) -> None:
+        """Note the state x (n,), P (n, n) at a time, and the step of BiasFilter.predict that led there.
 
         bent (6,) was added for certain.
         """
         known = self._steps[-1].known if self._steps else _NOTHING
-        known = known if known is _NOTHING else steps[1 : 1 + OWN, :OWN] @ known
+        F = step.F[:OWN, :OWN]
+        known = known if known is _NOTHING else F @ known
         known = known if bent is None else known + bent
-        self._steps.append(_Step(time, noted(x, P, steps, known), known))
+        rows = np.concatenate([(x[:OWN] - known)[None], P[:OWN, :OWN], F, step.Q[:OWN, :OWN]])
+        self._steps.append(_Step(time, rows, known))
         if self._most is not None and len(self._steps) > self._most:
             self._thin()
 
@@ -81,6 +81,8 @@ class History:
         rows, known = np.array([step.rows for step in steps]), np.array([step.known for step in steps])
         x, P = rows[:, 0], rows[:, _P]
         if len(steps) > 1:
+            from filterpy.kalman import rts_smoother  # noqa: PLC0415 - as in bias_filter.py
+
             # A slope that is known exactly, where there is no temperature, would make P singular.
             P = P + 1e-24 * np.eye(OWN)
             onward = steps[1:]

@@ -17,6 +17,11 @@ class TemperatureLaw:
     quadratic: Floats
     cov: Floats
 
+    def __post_init__(self) -> None:
+        for array, shape in ((self.linear, (3,)), (self.quadratic, (3,)), (self.cov, (3, 2, 2))):
+            if array.shape != shape:
+                raise ValueError(f"a temperature law has {array.shape}, expected {shape}")
+
     def slope(self, celsius: float) -> Floats:
         """(3,) rad/s/K at a temperature."""
         return self.linear + 2 * (celsius - self.reference_c) * self.quadratic

@@ -1,14 +1,12 @@
 """Whether gravity turns while a gyro seems to rest: slowly about a horizontal axis, which no other sensor tells from a bias."""
 
 from dataclasses import dataclass
+from math import atan2, hypot, sqrt
 
-import numpy as np
-from numpy.typing import NDArray
+import msgspec
 
-from estimator.loops.rest import nothing_held, tilted
 from estimator.track.seconds import Second
-
-Floats = NDArray[np.float64]
+from estimator.track.state import StateStruct
 
 G = 9.80665
 
@@ -26,32 +24,49 @@ class TiltKnobs:
     settled_s: float = 5.0
 
 
+class TiltState(StateStruct):
+    """seen: whether gravity turns. means: of the last while, time, mean of gravity's reading, variance of it along an axis."""
+
+    seen: bool = False
+    means: list[tuple[float, tuple[float, float, float], float]] = msgspec.field(default_factory=list)
+
+
 class Tilt:
     """Quiet seconds in; whether they tilt out."""
 
     def __init__(self, knobs: TiltKnobs | None = None) -> None:
         self.knobs = knobs or TiltKnobs()
-        self.seen = False
-        self._state = nothing_held()
-        self._numbers = self.knobs.over_s, self.knobs.sigmas, self.knobs.accel_floor**2, self.knobs.settled_s
+        self.state = TiltState()
 
     def over(self) -> None:
         """The device moves."""
-        self._state[0, 0] = 0.0
-        self.seen = False
+        self.state = TiltState()
 
     def watch(self, second: Second) -> bool:
         """Take the next second; whether gravity has turned since the device became quiet, or within over_s."""
-        mean, std = second.accel_mean, second.accel_std
-        if mean is None or std is None:
+        if second.accel_mean is None or second.accel_std is None:
             return False
-        found = tilted(self._state, (second.start + second.end) / 2, mean, std, second.samples, self._numbers)
-        if found:
-            self.seen = found > 0
-        return found > 0
+        state, knobs, now = self.state, self.knobs, (second.start + second.end) / 2
+        a, b, c = second.accel_mean.tolist()
+        square = a * a + b * b + c * c
+        var = sum(std * std for std in second.accel_std.tolist()) / (3 * second.samples) + knobs.accel_floor**2
+        means = state.means = [then for then in state.means if now - then[0] <= knobs.over_s]
+        turned = False
+        if means:
+            begun, (x, y, z), var_then = means[0]
+            crossed = hypot(y * c - z * b, z * a - x * c, x * b - y * a)
+            turned = atan2(crossed, x * a + y * b + z * c) > knobs.sigmas * sqrt((var + var_then) / square)
+            if turned:
+                means.clear()
+                state.seen = True
+            elif now - begun >= knobs.settled_s:
+                state.seen = False
+        means.append((now, (a, b, c), var))
+        return turned
 
     def would_show(self, rate: float, second: Second) -> bool:
         """Whether a turn at such a rate, rad/s, would by the latest second have been seen."""
-        seen_s = (second.start + second.end) / 2 - float(self._state[1, 0])
-        least = (self.knobs.sigmas + 1) * np.sqrt(2) * self.knobs.accel_floor / G
+        means = self.state.means
+        seen_s = (second.start + second.end) / 2 - (means[0][0] if means else 0.0)
+        least = (self.knobs.sigmas + 1) * sqrt(2) * self.knobs.accel_floor / G
         return bool(seen_s >= min(least / rate, self.knobs.over_s - 1.5))

@@ -9,17 +9,18 @@ from numpy.typing import NDArray
 from estimator.gyro import GyroModel
 from estimator.stillness import Windows
 from estimator.strapdown import Span, sum_up
-from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs
-from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, start
-from estimator.track.bounded import Bounded, BoundedKnobs
-from estimator.track.doubt import Doubt, DoubtKnobs
+from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs, AccelerometerState
+from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, FilterState, Step, start
+from estimator.track.bounded import Bounded, BoundedKnobs, BoundedState
+from estimator.track.doubt import Doubt, DoubtKnobs, DoubtState
 from estimator.track.evidence import GATES, Evidence, Receipt
-from estimator.track.gravity import ACCEL_BIAS, GRAVITY, MATRIX, Gravity, GravityKnobs
-from estimator.track.seconds import CLIPPED, Second, SecondKnobs, Seconds
+from estimator.track.gravity import ACCEL_BIAS, GRAVITY, MATRIX, SIZE, Gravity, GravityKnobs, GravityState
+from estimator.track.seconds import CLIPPED, Second, SecondKnobs, Seconds, SecondsState
 from estimator.track.smoother import History, Smoothed
+from estimator.track.state import StateStruct
 from estimator.track.temperature import TemperatureLaw
-from estimator.track.thermometer import Thermometer, ThermometerKnobs
-from estimator.track.zaru import UNPROVEN, Zaru, ZaruKnobs
+from estimator.track.thermometer import Thermometer, ThermometerKnobs, ThermometerState
+from estimator.track.zaru import UNPROVEN, Zaru, ZaruKnobs, ZaruState
 
 Floats = NDArray[np.float64]
 
@@ -67,6 +68,25 @@ class RestBias:
     end: float
 
 
+class TrackerState(StateStruct):
+    """All of a tracker that evolves, but for the smoother's history: what is smoothed later begins here."""
+
+    filter: FilterState
+    law: TemperatureLaw | None
+    law_refuted: bool
+    gravity: GravityState
+    zaru: ZaruState
+    bounded: BoundedState
+    seconds: SecondsState
+    thermometer: ThermometerState
+    accelerometer: AccelerometerState
+    doubt: DoubtState
+    evidenced: bool
+    evidence_time: float
+    gap: tuple[float, float] | None
+    kept: BiasState | None
+
+
 class Tracker:
     """Windows in; the bias, and a reason to doubt or to trust it, out.
 
@@ -99,6 +119,40 @@ class Tracker:
         known = bool((state.std < self.knobs.bias_std).all())
         self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), Bounded(self.knobs.bounded)
         self._kept: BiasState | None = None  # what was restored, while seconds come that it knows of
+
+    def saved(self) -> TrackerState:
+        """All that evolves: for `encode`, at once, as it goes on to evolve."""
+        return TrackerState(
+            self._filter.saved,
+            self._law,
+            self.law_refuted,
+            self._gravity.state,
+            self._zaru.saved(self._filter),
+            self._bounded.state,
+            self.seconds.state,
+            self.thermometer.state,
+            self._accelerometer.state,
+            self.doubt.state,
+            self._evidenced,
+            self._evidence_time,
+            self._gap,
+            self._kept,
+        )
+
+    def go_on(self, saved: TrackerState, model: GyroModel, first: int, samples: Floats) -> None:
+        """Go on from what was saved, bit for bit; samples: see Seconds.restore. Raises ValueError, and is then of no use."""
+        self._model, self._law, self.law_refuted = model, saved.law, saved.law_refuted
+        self._filter.resume(saved.filter, saved.law)
+        if len(self._filter.x) not in (OWN, SIZE):
+            raise ValueError("damaged state: no state of a bias filter")
+        self._gravity.restore(saved.gravity)
+        self._zaru.restore(saved.zaru, self._filter)
+        self._bounded.restore(saved.bounded)
+        self.seconds.restore(saved.seconds, first, samples)
+        self.thermometer.state, self._accelerometer.state = saved.thermometer, saved.accelerometer
+        self.doubt.restore(saved.doubt)
+        self._evidenced, self._evidence_time, self._gap = saved.evidenced, saved.evidence_time, saved.gap
+        self._kept = saved.kept
 
     # ---- what is known --------------------------------------------------------------------------------------------
 
@@ -156,7 +210,7 @@ class Tracker:
     @property
     def events(self) -> dict[str, int]:
         """What was found wrong with the readings, counted."""
-        disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.disbelieved else {}
+        disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.state.disbelieved else {}
         spikes = {"spike": self.seconds.spikes} if self.seconds.spikes else {}
         return {**spikes, **disbelieved}
 
@@ -209,7 +263,7 @@ class Tracker:
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
         """Go on from a state that was kept, at a temperature; what comes of the time before it teaches nothing of the bias."""
         self._believe(model, state)
-        self._zaru.rested = False
+        self._zaru.state.rested = False
         self.doubt.anew()
         self._evidence_time = min(state.time, now)
         self._kept = replace(self._filter.state, lag_k=state.lag_k) if now < state.time else None
@@ -242,9 +296,9 @@ class Tracker:
         self.seconds.skip(windows)
         end = windows.ended
         self._lost_way(end - self.time)
-        steps = self._filter.predict(end, self.thermometer.at(end))
-        if steps is not None:
-            self._history.add(end, self._filter.x, self._filter.cov, steps, self._filter.bent)
+        step = self._filter.predict(end, self.thermometer.at(end))
+        if step is not None:
+            self._history.add(end, self._filter.x, self._filter.cov, step, self._filter.bent)
         self.doubt.interrupted()
 
     def take(self, windows: Windows) -> list[Receipt]:
@@ -258,7 +312,7 @@ class Tracker:
         """Learn from the next of its seconds; receipts of what rest there was."""
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:
-            self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.rested)
+            self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.state.rested)
         return heard
 
     def _second(self, second: Second) -> list[Receipt]:
@@ -279,24 +333,25 @@ class Tracker:
             off = np.abs(second.gyro - self._filter.x[BIAS]).max() if second.flaw == CLIPPED else 0.0
             self._lost_way(second.end - second.start, turned=bool(off > self.knobs.quiet_gyro))
         # Known whole only later, over a gap much later: it was as warm as it was then.
-        steps = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
+        step = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
         receipts = [] if second.flaw else self._evidence(second, span)
-        if steps is not None:
+        if step is not None:
             since, widened = min(self._evidence_time, second.start), self._filter.widened
             since = since if self._evidenced else -np.inf
-            Q = steps[len(self._filter.x) + 1 :]
+            Q = step.Q
             if self._filter.against_law > self.knobs.refuted_sigmas:
                 Q[SLOPE, SLOPE] += self._filter.unlearn()
                 self._law, self.law_refuted = None, True
             if widened is not None:
                 Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
                 self._history.doubt(widened, since, second.end)
-            self._history.add(second.end, self._filter.x, self._filter.cov, steps, self._filter.bent)
+            self._history.add(second.end, self._filter.x, self._filter.cov, step, self._filter.bent)
         if receipts and any(r.accepted and r.reason != UNPROVEN for r in receipts):
             if second.end - self._evidence_time >= self.knobs.gap_s:
                 begin = self._evidence_time if self._gap is None else self._gap[0]
                 self._gap = begin, second.end
             self._evidence_time, self._evidenced = second.end, True
+        self._filter.settle()
         return receipts
 
     def _lost_way(self, seconds: float, *, turned: bool = False) -> None:
@@ -311,7 +366,7 @@ class Tracker:
     def _without_accelerometer(self) -> None:
         """Go on with the gyro alone; one that was given up has misled the bias by nobody knows how much."""
         self._gravity.lose()
-        if self._accelerometer.disbelieved and len(self._filter.x) > OWN:
+        if self._accelerometer.state.disbelieved and len(self._filter.x) > OWN:
             state, doubt = self._filter.state, self.knobs.bias_std**2 * np.eye(3)
             self._believe(self._model, state)
             self._filter.widen(doubt)
@@ -320,7 +375,7 @@ class Tracker:
             since = min(self._evidence_time, now - self.knobs.seconds.length_s)
             self._history.doubt(doubt, since if self._evidenced else -np.inf, now)
 
-    def _carried(self, second: Second) -> tuple[Span | None, Floats | None]:
+    def _carried(self, second: Second) -> tuple[Span | None, Step | None]:
         """The way of a second, and where it takes gravity; None where the way it went is not known."""
         if second.flaw or second.accel is None:
             self._gravity.lose()
@@ -338,7 +393,7 @@ class Tracker:
         quiet = max(second.std.tolist()) < self.knobs.quiet_gyro and (
             second.accel_std is None or max(second.accel_std.tolist()) < self.knobs.quiet_accel
         )
-        resting = quiet and self._zaru.at_rest(second)
+        resting = quiet and self._zaru.at_rest(second, self._filter)
         gravity, up = None, None
         if span is not None:
             gravity, up = self._gravity.evidence(span, resting=resting), self._filter.x[GRAVITY]

@@ -5,20 +5,20 @@ checked and always usable. A turn about the vertical is invisible, and a bed or 
 lie inside its gate. When it stays outside but constant for long, it is believed; in another pose it becomes horizontal by itself.
 """
 
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from math import ceil, radians
+from math import ceil, hypot, inf, radians, sqrt
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.loops.rest import calm, measured, together, upright
 from estimator.track.bias_filter import BIAS, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.gravity import GRAVITY
 from estimator.track.seconds import Second
-from estimator.track.tilt import Tilt, TiltKnobs
+from estimator.track.state import StateStruct, shaped
+from estimator.track.tilt import Tilt, TiltKnobs, TiltState
 
 Floats = NDArray[np.float64]
 
@@ -66,97 +66,138 @@ class ZaruKnobs:
     tilt: TiltKnobs = field(default_factory=TiltKnobs)
 
 
+class ZaruState(StateStruct):
+    """What rests have shown. means (k, 2, 3): of the latest quiet seconds, with their variance; quiet: how many in a row.
+
+    rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether the latest second of rest
+    is one. rested: whether a rest has been one since a restart. blind: whether it was not seen, and has not been seen to rest
+    since. surprised: kinds of evidence that the gap has been held against. in_question: variance of what was believed for its
+    insistence alone. waiting: what is to be judged with what follows, from and to when. contradiction: since when, and what was
+    measured then, z and R. surprises, judged: what became of what waited, until somebody asks.
+    """
+
+    tilt: TiltState
+    ever_proven: bool
+    means: Floats = msgspec.field(default_factory=lambda: np.zeros((0, 2, 3)))
+    quiet: int = 0
+    quiet_until: float = inf
+    rests: int = 0
+    gap_s: float = 0.0
+    proven: bool = False
+    rested: bool = True
+    blind: bool = False
+    surprised: set[str] = msgspec.field(default_factory=lambda: {"zaru", "zaru level", "zaru vertical"})
+    in_question: float = 0.0
+    waiting: list[tuple[Evidence, float, float]] = msgspec.field(default_factory=list)
+    contradiction: tuple[float, Floats, Floats] | None = None
+    surprises: list[Receipt] = msgspec.field(default_factory=list)
+    judged: list[Receipt] = msgspec.field(default_factory=list)
+
+
 class Zaru:
     """Seconds in, receipts out; feeds one BiasFilter."""
 
     def __init__(self, knobs: ZaruKnobs | None = None, *, known: bool = False) -> None:
         """known: whether the bias is known well enough to hold a rest against."""
         self.knobs = knobs or ZaruKnobs()
-        self._means = np.zeros((_RECENT, 2, 3))  # of the latest quiet seconds, with their variance
-        self._quiet = 0  # how many there have been in a row
-        self._quiet_until = np.inf
-        self._rests = 0  # seconds in a row
-        self._in_question = 0.0  # variance of what was believed for its insistence alone
-        self._surprises: list[Receipt] = []
-        self._judged: list[Receipt] = []
-        self._gap_s = 0.0  # how long the device moved before this rest
-        self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
-        self._blind = False  # whether it was not seen, and has not been seen to rest since
-        self._proven = False  # whether the latest second of rest is one
-        self._ever_proven = known
-        #: whether a rest has been one since a restart: before, what is quiet has nothing to be held against
-        self.rested = True
-        self._tilt = Tilt(self.knobs.tilt)
-        self._waiting: deque[_Waiting] = deque()
-        self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
+        self.tilt = Tilt(self.knobs.tilt)
+        self.state = ZaruState(self.tilt.state, ever_proven=known)
+
+    def saved(self, bias: BiasFilter) -> ZaruState:
+        """All that evolves, beside what the filter has forgotten already."""
+        self.state.tilt = self.tilt.state
+        self._drop_forgotten(bias)
+        return self.state
+
+    def restore(self, state: ZaruState, bias: BiasFilter) -> None:
+        """Go on from a state, with a filter that goes on from its own. Raises ValueError."""
+        n = len(bias.x)
+        shaped(state.means, -1, 2, 3)
+        for evidence, _, _ in state.waiting:
+            m = len(evidence.z)
+            if m not in GATES:
+                raise ValueError("damaged state: what waits is no measurement")
+            shaped(evidence.z, m, finite=True)
+            shaped(evidence.H, m, n, finite=True)
+            shaped(evidence.R, m, m, finite=True)
+            if evidence.common_var is not None:
+                shaped(evidence.common_var, m)
+        if state.contradiction is not None:
+            _, z, R = state.contradiction
+            shaped(z, -1)
+            shaped(R, len(z), len(z))
+        self.state, self.tilt.state = state, state.tilt
 
     def moved(self, bias: BiasFilter) -> None:
         """What was seen of a rest is over."""
-        self._in_question, self._contradiction, self._blind = 0.0, None, False
+        self.state.in_question, self.state.contradiction, self.state.blind = 0.0, None, False
         self._over(bias)
 
     def unseen(self, bias: BiasFilter, seconds: float) -> None:
         """For so long nobody saw it: it may rest still. What is in question stays so, and what contradicts waits no less."""
         self._lengthen(seconds)
-        self._blind = True
+        self.state.blind = True
         self._over(bias)
 
     def interrupted(self, bias: BiasFilter, seconds: float) -> None:
         """The device was quiet still for so long, but not at rest."""
-        if self._blind:  # what is still shows only some time after a hole
+        if self.state.blind:  # what is still shows only some time after a hole
             self._lengthen(seconds)
         else:
-            self._contradiction = None
+            self.state.contradiction = None
         self._judge(bias)
 
     def _lengthen(self, seconds: float) -> None:
-        if self._contradiction is not None:
-            since, z, R = self._contradiction
-            self._contradiction = since + seconds, z, R
+        if self.state.contradiction is not None:
+            since, z, R = self.state.contradiction
+            self.state.contradiction = since + seconds, z, R
 
     def _over(self, bias: BiasFilter) -> None:
-        self._quiet = self._rests = 0
-        self._tilt.over()
+        self.state.quiet = self.state.rests = 0
+        self.state.means = self.state.means[:0]
+        self.tilt.over()
         self._judge(bias)
 
     def _judge(self, bias: BiasFilter) -> None:
         """What waits, without what would have followed."""
-        if self._waiting:
-            evidence, begun, ended = self._waiting.pop()
-            self._waiting.append((self._at_edge(evidence), begun, ended))
+        if self.state.waiting:
+            evidence, begun, ended = self.state.waiting.pop()
+            self.state.waiting.append((self._at_edge(evidence), begun, ended))
         self._drop_forgotten(bias)
-        while self._waiting:
-            self._judged.append(self._late(bias))
+        while self.state.waiting:
+            self.state.judged.append(self._late(bias))
         bias.forget()
 
     def judged(self) -> list[Receipt]:
         """What became, since this was asked last, of what waited as its rest ended."""
-        judged, self._judged = self._judged, []
+        judged, self.state.judged = self.state.judged, []
         return judged
 
     def _drop_forgotten(self, bias: BiasFilter) -> None:
         """What was measured before the filter was begun anew is in what it was begun from."""
-        while self._waiting and not bias.remembers(self._waiting[0][0]):
-            self._waiting.popleft()
+        del self.state.waiting[: len(self.state.waiting) - bias.waiting]
 
     def surprises(self) -> list[Receipt]:
         """What surprised since this was asked last, as it was before the filter was told to expect it."""
-        surprises, self._surprises = self._surprises, []
+        surprises, self.state.surprises = self.state.surprises, []
         return surprises
 
-    def at_rest(self, second: Second) -> bool:
+    def at_rest(self, second: Second, bias: BiasFilter) -> bool:
         """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
         knobs = self.knobs
-        quiet = calm(self._means, self._quiet, second.mean, second.mean_var, knobs.quasi_static**2, knobs.scatter)
-        self._quiet += 1
-        if self._tilt.watch(second):
-            self._waiting.clear()
-        if second.start - self._quiet_until >= knobs.gap_s:
-            self._gap_s, self._surprised = second.start - self._quiet_until, set()
-        self._quiet_until = second.end
+        self.state.quiet += 1
+        latest = np.array([[second.mean, second.mean_var]])
+        self.state.means = np.concatenate([self.state.means[1 - _RECENT :], latest])
+        quiet = _calm(self.state.means, knobs.quasi_static**2, knobs.scatter)
+        if self.tilt.watch(second):
+            self.state.waiting.clear()
+            bias.forget()
+        if second.start - self.state.quiet_until >= knobs.gap_s:
+            self.state.gap_s, self.state.surprised = second.start - self.state.quiet_until, set()
+        self.state.quiet_until = second.end
         resting = second.still and quiet
-        self._rests = self._rests + 1 if resting else 0
-        self._blind = self._blind and not resting
+        self.state.rests = self.state.rests + 1 if resting else 0
+        self.state.blind = self.state.blind and not resting
         return resting
 
     def take(
@@ -168,33 +209,36 @@ class Zaru:
         state; within a rest it is taken together with the parts across what was known of it, in one step.
         """
         # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
-        proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
-        self._ever_proven |= proven
-        self.rested |= proven
-        checked = up is not None and self._ever_proven
+        proven = self.state.proven = self.state.quiet >= self.knobs.proven_after and (
+            up is not None or self.state.rests > 1
+        )
+        self.state.ever_proven |= proven
+        self.state.rested |= proven
+        checked = up is not None and self.state.ever_proven
         motion_var = self.knobs.quasi_static**2 if proven else self._unproven_var(second, checked=checked)
         var, said = second.mean_var + motion_var, None
-        if gravity is not None and (self._tilt.seen or self._begins(proven=proven)):
+        if gravity is not None and (self.tilt.state.seen or self._begins(proven=proven)):
             said, gravity, up = bias.update(gravity), None, bias.x[GRAVITY]
         if up is None or second.accel_mean is None:
-            rows = measured(_AXES, second.mean, var, second.common_var, len(bias.x))
-            receipts = self._gated(_part("zaru", rows, 0, 3, GATES[3]), second, bias)
-        elif self._tilt.seen:
+            receipts = self._gated(_along("zaru", _AXES, second, var, GATES[3], bias), second, bias)
+        elif self.tilt.state.seen:
             bias.forget()
             z = second.mean - bias.x[BIAS]
-            self._contradiction = None
+            self.state.contradiction = None
             nothing = Receipt(bias.time, "zaru", z, np.diag(var), np.inf, accepted=False, reason=REFUSED_TILT)
             return [nothing], said
         else:
-            rows = measured(upright(up), second.mean, var, second.common_var, len(bias.x))
-            level, also = self._level(_part("zaru level", rows, 0, 2, GATES[2]), gravity, second, bias)
+            axes = upright(up)
+            evidence = _along("zaru level", axes[:2], second, var, GATES[2], bias)
+            level, also = self._level(evidence, gravity, second, bias)
             said = said or also
-            receipts = [level, *self._gated(_part("zaru vertical", rows, 2, 3, self.knobs.vertical_gate), second, bias)]
+            evidence = _along("zaru vertical", axes[2:], second, var, self.knobs.vertical_gate, bias)
+            receipts = [level, *self._gated(evidence, second, bias)]
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
 
     def _begins(self, *, proven: bool) -> bool:
         """Whether gravity may have more to say than within a rest, and is to be heard before anything is held against it."""
-        return self._rests == 1 or (proven and "zaru level" not in self._surprised)
+        return self.state.rests == 1 or (proven and "zaru level" not in self.state.surprised)
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
         """(3,) of the motion there may be; who slows down or turns back within the second is no nearer to rest than that."""
@@ -207,44 +251,41 @@ class Zaru:
     def _level(
         self, evidence: Evidence, gravity: Evidence | None, second: Second, bias: BiasFilter
     ) -> tuple[Receipt, Receipt | None]:
-        """The two parts across gravity, after what gravity says, in one step as a rule.
+        """The two parts across gravity, after what gravity says.
 
         A bias that surprises there has moved, along the vertical as far as anyone knows.
         """
         self._adapt(evidence, bias)
-        both = None if gravity is None else bias.update_both(gravity, evidence)
-        if both is not None:
-            return both[1], both[0]
         said = None if gravity is None else bias.update(gravity)
-        weighed = bias.weigh(evidence)
-        if 1 < weighed.test_ratio < np.inf and self._checked(second, weighed.innovation):
-            return self._believed(weighed, evidence, bias, JUMPED), said
-        return bias.update(evidence, weighed), said
+        receipt = bias.update(evidence)
+        if 1 < receipt.test_ratio < np.inf and self._checked(second, receipt.innovation):
+            return self._believed(receipt, evidence, bias, JUMPED), said
+        return receipt, said
 
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
         """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""
         self._adapt(evidence, bias)
         self._drop_forgotten(bias)
-        if self._waiting and self._waiting[0][0].H.shape != evidence.H.shape:
-            self._waiting.clear()  # the accelerometer came or went
+        if self.state.waiting and self.state.waiting[0][0].H.shape != evidence.H.shape:
+            self.state.waiting.clear()  # the accelerometer came or went
             bias.forget()
         evidence = self._questioned(evidence)
-        late = Evidence(*evidence[:-1], bias.since())
-        self._waiting.append((late, second.start, second.end))
-        weighed = bias.weigh(_mean(evidence, self._waiting) if len(self._waiting) > 1 else evidence)
+        bias.wait()
+        self.state.waiting.append((evidence, second.start, second.end))
+        weighed = bias.weigh(_mean(evidence, self.state.waiting) if len(self.state.waiting) > 1 else evidence)
         if weighed.accepted:
-            self._contradiction = None
-            ready = len(self._waiting) + 1 - ceil(self._waits(evidence, weighed))
+            self.state.contradiction = None
+            ready = len(self.state.waiting) + 1 - ceil(self._waits(evidence, weighed))
             return [self._late(bias) for _ in range(ready)]
-        begun = self._waiting[0][1]
-        self._waiting.clear()
+        begun = self.state.waiting[0][1]
+        self.state.waiting.clear()
         bias.forget()
         if not self._insisted(weighed.time, begun, evidence.z, evidence.R, bias):
             return [weighed]
-        self._contradiction = None
+        self.state.contradiction = None
         # It may still turn: how sure that can be stays in question until it has moved and rests again.
-        self._in_question = float(np.mean(weighed.innovation**2)) / 4
-        return [self._believed(weighed, self._questioned(late), bias, INSISTED)]
+        self.state.in_question = float(np.mean(weighed.innovation**2)) / 4
+        return [self._believed(weighed, self._questioned(evidence), bias, INSISTED)]
 
     def _at_edge(self, evidence: Evidence) -> Evidence:
         if evidence.kind != "zaru":
@@ -252,15 +293,15 @@ class Zaru:
         return evidence._replace(R=evidence.R + self.knobs.edge**2 * np.eye(len(evidence.R)))
 
     def _questioned(self, evidence: Evidence) -> Evidence:
-        if not self._in_question:
+        if not self.state.in_question:
             return evidence
         common = np.zeros(len(evidence.z)) if evidence.common_var is None else evidence.common_var
-        return evidence._replace(common_var=np.maximum(common, self._in_question))
+        return evidence._replace(common_var=np.maximum(common, self.state.in_question))
 
     def _late(self, bias: BiasFilter) -> Receipt:
         """Take what has waited longest; the bias has walked on since."""
-        evidence, _, _ = self._waiting.popleft()
-        receipt = bias.update(evidence)
+        evidence, _, _ = self.state.waiting.pop(0)
+        receipt = bias.take_first(evidence)
         unproven = min(evidence.R.diagonal().tolist()) >= self.knobs.unproven**2
         return receipt._replace(reason=receipt.reason or UNPROVEN) if unproven else receipt
 
@@ -270,7 +311,7 @@ class Zaru:
         Else the latest always does: it may be the last of its rest.
         """
         own, seen = evidence.R.diagonal().tolist(), weighed.innovation_cov.diagonal().tolist()
-        most, waiting = float(max(own)), len(self._waiting)
+        most, waiting = float(max(own)), len(self.state.waiting)
         for var, R in zip(seen, own, strict=True):
             if var - R / waiting > most:
                 return 1
@@ -284,25 +325,25 @@ class Zaru:
 
     def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
         """A first rest after a gap that surprises shows a walk faster than was thought, within reason: in all axes alike."""
-        if evidence.kind in self._surprised or not self._proven:
+        if evidence.kind in self.state.surprised or not self.state.proven:
             return
-        self._surprised.add(evidence.kind)
+        self.state.surprised.add(evidence.kind)
         weighed = bias.weigh(evidence)
         if _SURPRISE[len(evidence.z)] < weighed.nis < np.inf:
-            self._surprises.append(weighed)
-            most = (self.knobs.hurry * bias.knobs.rate_random_walk) ** 2 * self._gap_s
+            self.state.surprises.append(weighed)
+            most = (self.knobs.hurry * bias.knobs.rate_random_walk) ** 2 * self.state.gap_s
             bias.widen(min(float(np.mean(weighed.innovation**2)), most) * np.eye(3))
 
     def _checked(self, second: Second, innovation: Floats) -> bool:
         """Whether a turn at such a rate would by now have been seen to tilt gravity."""
-        if self._rests < self.knobs.sure_rests:
+        if self.state.rests < self.knobs.sure_rests:
             return False
-        return self._tilt.would_show(float(np.linalg.norm(innovation)), second)
+        return self.tilt.would_show(float(np.linalg.norm(innovation)), second)
 
     def _insisted(self, now: float, start: float, z: Floats, R: Floats, bias: BiasFilter) -> bool:
-        if self._contradiction is None or not self._same(*self._contradiction, now, z, R, bias):
-            self._contradiction = start, z, R
-        return now - self._contradiction[0] >= self.knobs.insist_s
+        if self.state.contradiction is None or not self._same(*self.state.contradiction, now, z, R, bias):
+            self.state.contradiction = start, z, R
+        return now - self.state.contradiction[0] >= self.knobs.insist_s
 
     def _same(self, since: float, z0: Floats, R0: Floats, now: float, z: Floats, R: Floats, bias: BiasFilter) -> bool:
         if len(z0) != len(z):
@@ -312,14 +353,49 @@ class Zaru:
         return bool(apart @ np.linalg.solve(R + R0 + walk, apart) <= GATES[len(z)])
 
 
-def _part(kind: str, rows: Floats, begin: int, end: int, gate: float) -> Evidence:
-    """Some of the rows that loops/rest.py has measured."""
-    n, part = rows.shape[1] - 5, slice(begin, end)
-    return Evidence(kind, rows[part, n + 3], rows[part, :n], rows[part, n + begin : n + end], gate, rows[part, n + 4])
+def upright(up: Floats) -> Floats:
+    """(3, 3) unit vectors: two across up (3,), and along it."""
+    u: list[float] = (up / sqrt(float(up @ up))).tolist()
+    # Crossed with the axis that it is farthest from.
+    least = min(range(3), key=lambda i: abs(u[i]))
+    i, j = (least + 1) % 3, (least + 2) % 3
+    across, length = [0.0, 0.0, 0.0], hypot(u[i], u[j])
+    across[i], across[j] = -u[j] / length, u[i] / length
+    (x, y, z), (a, b, c) = u, across
+    return np.array([across, [y * c - z * b, z * a - x * c, x * b - y * a], u])
+
+
+def _calm(means: Floats, motion_var: float, scatter: float) -> bool:
+    """Whether means (k, 2, 3), with their variances, scatter less than so many times what they may; two are always calm.
+
+    motion_var: of a resting body, which no variance tells of.
+    """
+    k = len(means)
+    if k <= 2:
+        return True
+    middle, noise = means.sum(axis=0) / k
+    spread = np.square(means[:, 0] - middle).sum(axis=0) / (k - 1)
+    return bool((spread < scatter * (noise + motion_var)).all())
+
+
+def _along(kind: str, axes: Floats, second: Second, var: Floats, gate: float, bias: BiasFilter) -> Evidence:
+    """The mean of a second, of variance var (3,), as a measurement of the bias along axes (m, 3)."""
+    H = np.zeros((len(axes), len(bias.x)))
+    H[:, BIAS] = axes
+    return Evidence(kind, axes @ second.mean, H, (axes * var) @ axes.T, gate, np.square(axes) @ second.common_var)
 
 
 def _mean(latest: Evidence, waiting: Iterable[_Waiting]) -> Evidence:
-    """All that wait, the latest among them, as one: what is common to them does not average out."""
-    common = np.zeros(len(latest.z)) if latest.common_var is None else latest.common_var
-    rows = together(np.array([e.z for e, _, _ in waiting]), np.array([e.R for e, _, _ in waiting]), common)
-    return Evidence(latest.kind, rows[:, -1], latest.H, rows[:, :-1], *latest[4:])
+    """All that wait, the latest among them, as one: what is common to them does not average out.
+
+    Each counts by what it is worth: in a plain mean the first seconds, which are no proof, hid a turn from those that are.
+    """
+    z, R = np.array([e.z for e, _, _ in waiting]), np.array([e.R.ravel() for e, _, _ in waiting])
+    m = len(latest.z)
+    worth = 1 / R[:, :: m + 1].max(axis=1)
+    worth /= worth.sum()
+    square = worth * worth
+    cov = (square @ R).reshape(m, m)
+    if latest.common_var is not None:
+        cov.flat[:: m + 1] += (1 - square.sum()) * latest.common_var
+    return latest._replace(z=worth @ z, R=cov)

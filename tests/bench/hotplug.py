@@ -19,9 +19,9 @@ from rich.console import Console
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.stream import StreamOptions
+from bridge.ingest.pump import Pump
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from bridge.ward import Ward
 from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch
 
@@ -88,7 +88,7 @@ def pull(folder: Path, times: int) -> Outcome:
         devices = tuple(
             Device(name, "native", StreamOptions(port=str(p.link))) for name, p in ((PULLED, port), (BESIDE, two))
         )
-        with MemoryBus(broker) as bus, Ward("w", Bridge(id="b1", batch_ms=20, devices=devices), bus):
+        with MemoryBus(broker) as bus, Pump("w", Bridge(id="b1", batch_ms=20, devices=devices), bus):
             ears.until(lambda: bool(ears.there and ears.heard and ears.beside))
             files, threads = _open_files(), threading.active_count()
             for _ in range(times):
@@ -109,7 +109,7 @@ def pull(folder: Path, times: int) -> Outcome:
 def waiting_percent(folder: Path, devices: int, seconds: float) -> float:
     """CPU time, in percent of a core, of a bridge whose devices are all missing."""
     missing = tuple(Device(f"d{i}", "native", StreamOptions(port=str(folder / f"gone-{i}"))) for i in range(devices))
-    with MemoryBus(MemoryBroker()) as bus, Ward("w", Bridge(id="b1", batch_ms=1000, devices=missing), bus):
+    with MemoryBus(MemoryBroker()) as bus, Pump("w", Bridge(id="b1", batch_ms=1000, devices=missing), bus):
         time.sleep(1.0)
         spent, begun = time.process_time(), time.monotonic()
         time.sleep(seconds)

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 from rich.console import Console
 
-from tests.bridge.record.kills import killed
+from tests.bridge.recording.kills import killed
 
 GOAL_S = 1.0
 

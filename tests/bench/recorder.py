@@ -13,8 +13,8 @@ from pathlib import Path
 from rich.console import Console
 
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.record.survey import survey
-from tests.bridge.record.crowd import RATE_HZ, WARD, Crowd
+from bridge.recording.survey import survey
+from tests.bridge.recording.crowd import RATE_HZ, WARD, Crowd
 
 ENDPOINT, GOAL = "tcp/127.0.0.1:7541", 10.0
 _TICKS = os.sysconf("SC_CLK_TCK")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bridge.drivers.assembly import ODD_TIME, About, Assembly
 from bridge.drivers.driver import Event, Identity, Readings
-from bridge.intake import Intake
+from bridge.ingest.intake import Intake
 from bridge.wire.messages import SampleBatch, SampleFlag
 from bridge.wire.refusal import Tally
 

@@ -13,10 +13,9 @@ from bridge.drivers.driver import DeviceLost, Event, Readings
 from bridge.drivers.stream import StreamDriver
 from bridge.drivers.witmotion import UNSETTLED
 from bridge.framing import ximu3_encode
-from bridge.intake import Intake
-from bridge.link import Link
+from bridge.ingest.device_thread import DeviceThread
+from bridge.ingest.intake import Intake
 from tests.bridge.mtdata2_device import item, message, reals
-from tests.bridge.test_mavlink_driver import Sender
 from tests.bridge.witmotion_device import motion, time
 
 #: fewer than a rate is measured by, so that all of them are held
@@ -29,19 +28,14 @@ def ximu3() -> bytes:
     return b"".join(ximu3_encode.inertial(times, np.ones((FEW, 3)), np.ones((FEW, 3))))
 
 
-def mavlink(samples: int = FEW) -> bytes:
-    sender = Sender()
-    return b"".join(sender.highres(1_000_000 + round(n * STEP_S * 1e6)) for n in range(samples))
-
-
 def printed() -> bytes:
     """The first line after an opening is never taken: it may be the end of one."""
     return b"".join(f"{1000 + round(n * STEP_S * 1e3)},1,2,3,4,5,6\r\n".encode() for n in range(FEW + 1))
 
 
-def mtdata2() -> bytes:
+def mtdata2(samples: int = FEW) -> bytes:
     return b"".join(
-        message(0x36, item(0x1060, (n * 100).to_bytes(4)) + reals(0x8020, (0.1, 0.2, 0.3))) for n in range(FEW)
+        message(0x36, item(0x1060, (n * 100).to_bytes(4)) + reals(0x8020, (0.1, 0.2, 0.3))) for n in range(samples)
     )
 
 
@@ -92,7 +86,6 @@ def to_the_end(driver: StreamDriver) -> list[Event]:
     ("driver", "capture", "more"),
     [
         ("ximu3", ximu3, {}),
-        ("mavlink", mavlink, {}),
         ("mtdata2", mtdata2, {}),
         ("witmotion", witmotion, {"keep_settings": True}),
         ("text_profile", printed, {"profile": "p.toml"}),
@@ -113,7 +106,7 @@ def test_what_is_held_comes_out_at_the_end_of_a_capture(
 
 
 def ended(driver: StreamDriver, name: str) -> None:
-    link = Link("wrist", driver, Intake("wrist", "b1", name, driver.place))
+    link = DeviceThread("wrist", driver, Intake("wrist", "b1", name, driver.place))
     link.start()
     link._thread.join(20.0)
     assert link.over
@@ -132,13 +125,13 @@ def test_a_capture_of_garbage_ends_with_words(tmp_path: Path, caplog: pytest.Log
 
 def test_a_capture_of_another_device_says_which(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "other.bin"
-    path.write_bytes(mavlink(200))
+    path.write_bytes(mtdata2(200))
     ended(opened(path, "ximu3"), "ximu3")
-    assert "they look like driver = 'mavlink'" in caplog.text
+    assert "they look like driver = 'mtdata2'" in caplog.text
 
 
 def test_an_empty_capture_says_so_and_a_good_one_ends_quietly(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.link")
+    caplog.set_level("INFO", "bridge.ingest.device_thread")
     path = tmp_path / "a.bin"
     path.write_bytes(b"")
     ended(opened(path, "ximu3"), "ximu3")

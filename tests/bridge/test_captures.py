@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from bridge import captures, os_words
+from bridge import os_words
 from bridge.config import Bridge, Root, load
+from bridge.drivers import capture_files
 from estimator.cli import main
 
 FILE = """ward = "w"
@@ -60,7 +61,7 @@ def test_a_file_that_may_not_be_read_is_named(folder: Path) -> None:
     (folder / "there.npz").chmod(0)
     root = load(ward(folder, "there.npz", "there.npz"), Root)
     assert isinstance(root.bridge, Bridge)
-    assert all("no permission" in words for words in captures.unreadable(root.bridge.devices))
+    assert all("no permission" in words for words in capture_files.unreadable(root.bridge.devices))
 
 
 def test_errors_of_the_system_have_no_numbers(tmp_path: Path) -> None:

@@ -1,11 +1,9 @@
 """[devices]: what is an enrolment and what is not."""
 
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
-from bridge import together
 from bridge.config import ConfigError, Root, load
 from bridge.enrolled import MOST_BYTES, Enrolment, places
 from tests.bridge.test_keys import HOSTILE
@@ -56,13 +54,3 @@ def test_what_is_wrong_is_said(tmp_path: Path, table: str, words: str) -> None:
         load(path, Root)
     assert words in str(error.value)
     assert "[devices]" in str(error.value)
-
-
-def test_a_bridges_devices_are_to_be_enrolled(tmp_path: Path) -> None:
-    path = tmp_path / "w.toml"
-    devices = "".join(f'[[bridge.devices]]\nid = "{name}"\ndriver = "simulated"\n' for name in ("a", "b", "c"))
-    path.write_text(f'ward = "w"\n[devices]\nenrolled = ["a", "b2/b"]\n[bridge]\nid = "b1"\n{devices}')
-    assert together.faults({path: load(path, Root)}, [], datetime.now(UTC)) == [
-        f"{path}: [devices]: 'b' is enrolled by 'b2', and listed by 'b1'",
-        f"{path}: [devices]: 'c' of [[bridge.devices]] is not enrolled: the estimator would not use it",
-    ]

@@ -12,7 +12,7 @@ import pytest
 
 from bridge.config import listening
 from bridge.health import AT_ONCE, Asked, Family, Health
-from bridge.vitals import Vitals
+from bridge.ingest.vitals import Vitals
 from tests.bridge.asking import get
 from tests.estimator.stream import info
 

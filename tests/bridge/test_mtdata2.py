@@ -13,8 +13,8 @@ from bridge.drivers.mtdata2 import MtData2Decoder, MtData2Options
 from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Messages, decode, encode
 from bridge.framing.packets import BadPacket
-from bridge.intake import Intake
-from bridge.join import joined
+from bridge.ingest.intake import Intake
+from bridge.ingest.merge_readings import joined
 from bridge.wire.messages import BootCause, SampleFlag
 from bridge.wire.refusal import Tally
 from tests.bridge.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, real, reals
@@ -149,26 +149,6 @@ def test_waking_up_is_a_boot(asks: bool) -> None:
     assert bench.device.measuring
 
 
-@pytest.mark.parametrize("restarts", [False, True])
-def test_the_rate_goes_up_for_a_calibration_and_down_after_it_in_one_boot(restarts: bool) -> None:
-    decoder = MtData2Decoder(options(rate_hz=100, calibration_rate_hz=400))
-    bench = Bench(MtDevice(restarts=restarts), decoder).run(3)
-    decoder.calibrating(True)
-    bench.run(3)
-    assert bench.device.rate_hz == 400
-    decoder.calibrating(False)
-    bench.run(3)
-    assert [one.rate_hz for one in bench.identities if one.has_temperature] == [100.0, 400.0, 100.0]
-    assert len({one.boot for one in bench.identities}) == 1
-    assert in_order(bench.counts)
-    assert decoder.faults.as_dict().get("clock_set_back_by_settings", 0) == 2 * restarts
-    intake = bench.taken()
-    assert intake.dropped.as_dict() == {}
-    assert set(intake.events.as_dict()) <= {"gaps", "missing_samples", "rate_changed"}, (
-        "it measures nothing while it is told"
-    )
-
-
 @pytest.mark.parametrize("timed", [True, False])
 def test_every_lost_message_is_counted_by_clock_and_by_count(timed: bool) -> None:
     bench = Bench(MtDevice(timed=timed), MtData2Decoder(None)).run(2)
@@ -208,7 +188,6 @@ def test_what_the_device_itself_calls_clipped_is_marked_though_its_range_is_unkn
     [
         ({"rate_hz": 2001}, "rate_hz is 2001; 1 to 2000"),
         ({"rate_hz": 400, "baud": 115_200}, "needs a baud of 248000"),
-        ({"calibration_rate_hz": 400}, "needs rate_hz"),
         ({"gyro_range_dps": -1.0}, "gyro_range_dps is -1"),
     ],
 )

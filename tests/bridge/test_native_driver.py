@@ -54,19 +54,16 @@ def rate(rate_hz: float) -> bytes:
 
 
 def test_a_device_is_told_its_rate_until_it_has_it_but_not_for_ever() -> None:
-    decoder = NativeDecoder(100.0, 200.0)
+    decoder = NativeDecoder(100.0)
     assert decoder.to_send() == ASK
-    decoder.feed(hello(), 1)
+    decoder.feed(hello(rate_hz=100.0), 1)
     assert decoder.to_send() == b""
-    decoder.calibrating(True)
-    assert decoder.to_send() == rate(200.0)
-    decoder.feed(hello(rate_hz=200.0), 1)
-    assert decoder.to_send() == b""
-    decoder.calibrating(False)
+    decoder = NativeDecoder(100.0)
+    decoder.to_send()
     said = []
     for _ in range(9):
-        said.append(decoder.to_send())
         decoder.feed(hello(rate_hz=200.0), 1)
+        said.append(decoder.to_send())
     assert said == 5 * [rate(100.0)] + 4 * [b""]
     decoder.feed(hello(2, rate_hz=104.0), 1)
     assert decoder.to_send() == rate(100.0), "another boot has forgotten it"
@@ -76,7 +73,6 @@ def test_a_device_of_no_chosen_rate_is_told_none() -> None:
     decoder = NativeDecoder()
     decoder.to_send()
     decoder.feed(hello(), 1)
-    decoder.calibrating(True)
     assert decoder.to_send() == b""
 
 

@@ -1,4 +1,4 @@
-"""A ward of devices on the network: read by whoever takes, whole, and opened again when they went."""
+"""A ward of devices on the network: published whole, and opened again when a connection broke."""
 
 import socket
 import threading
@@ -10,10 +10,10 @@ import pytest
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.stream import StreamOptions
+from bridge.ingest.pump import Pump
 from bridge.sim.virtual_device import VirtualDevice, demo_device
 from bridge.transport import udp_listener
-from bridge.ward import Ward
-from tests.bridge.published.hearing import Listener, unbroken
+from tests.bridge.ingest.published.hearing import Listener, unbroken
 from tests.bridge.transport.test_network import free_port
 
 
@@ -119,8 +119,8 @@ def devices() -> Iterator[dict[str, TcpDevice | UdpDevice]]:
         device.stop()
 
 
-def ward(devices: dict[str, TcpDevice | UdpDevice], bus: MemoryBus) -> Ward:
-    return Ward(
+def ward(devices: dict[str, TcpDevice | UdpDevice], bus: MemoryBus) -> Pump:
+    return Pump(
         "w",
         Bridge(
             id="b1",
@@ -174,8 +174,7 @@ def alive(listener: Listener) -> dict[str, bool]:
 def test_a_device_that_falls_silent_on_the_network_is_told_of(
     devices: dict[str, TcpDevice | UdpDevice], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bridge.link._SILENT_S", 1.0)
-    monkeypatch.setattr("bridge.link._WATCH_S", 0.1)
+    monkeypatch.setattr("bridge.ingest.device_thread._SILENT_S", 1.0)
     broker = MemoryBroker()
     listener = Listener(broker)
     with MemoryBus(broker) as bus, ward(devices, bus):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.drivers.native import NativeDecoder
-from bridge.intake import Intake
+from bridge.ingest.intake import Intake
 from bridge.sim.faults import Dribble, HeldUp, NotANumber, Stuck, TemperatureLeap
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Motion, Still

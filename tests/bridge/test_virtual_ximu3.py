@@ -401,43 +401,16 @@ def test_one_bridge_a_device_and_no_strangers() -> None:
             shown.close()
 
 
-def test_who_waits_for_a_device_that_is_not_there_is_told_who_is() -> None:
+def test_rates_that_do_not_come_are_told_of_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("bridge.virtual_ximu3.show._PATIENCE_S", 0.0)
     with MemoryBus(MemoryBroker()) as bus:
         shown = Show(bus, Wanted("w", devices=("nobody",), tcp=tcp()))
         try:
-            assert shown.waits_for() == "waiting for nobody in ward w; no device is heard: is a bridge running?"
-            put_raw(bus, raw(0), "b1")
-            shown.turn()
-            assert shown.waits_for() == "waiting for nobody in ward w; there are chest"
-        finally:
-            shown.close()
-
-
-def test_who_waits_for_corrected_rates_is_told_of_raw_ones() -> None:
-    with MemoryBus(MemoryBroker()) as bus:
-        shown = Show(bus, Wanted("w", tcp=tcp()))
-        try:
-            assert shown.waits_for().startswith("waiting for any device in ward w; no device is heard")
-            put_raw(bus, raw(0), "b1")
-            shown.turn()
-            assert shown.waits_for().startswith("waiting for corrected rates of chest: is an estimator running?")
-            bus.publisher(keys.build("w", "corrected", device="chest")).put(codec.encode_corrected(corrected(raw(0))))
-            shown.turn()
-            assert shown.waits_for() == ""
-        finally:
-            shown.close()
-
-
-def test_it_is_said_once_and_after_a_while(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    with MemoryBus(MemoryBroker()) as bus:
-        shown = Show(bus, Wanted("w", devices=("nobody",), tcp=tcp()))
-        try:
-            shown.turn()
-            assert "waiting" not in caplog.text
-            monkeypatch.setattr("bridge.virtual_ximu3.show._PATIENCE_S", 0.0)
             for _ in range(3):
                 shown.turn()
-            assert caplog.text.count("waiting for nobody") == 1
+            assert caplog.text.count("no corrected rates of nobody in ward w yet") == 1
         finally:
             shown.close()
 

@@ -14,7 +14,7 @@ from bridge.drivers.driver import Event, Identity, Notice, Readings
 from bridge.drivers.witmotion import WitMotionDecoder, WitMotionOptions, Word
 from bridge.drivers.witmotion_cycle import Cycles
 from bridge.framing.witmotion import WitFrames
-from bridge.intake import Intake
+from bridge.ingest.intake import Intake
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 from tests.bridge.witmotion_device import WitDevice, checked, motion, time, unchecked
@@ -163,34 +163,6 @@ def test_a_port_opened_again_is_the_same_boot_where_the_clock_went_on() -> None:
     assert len({identity.boot for identity in bench.identities}) == 1
 
 
-def test_the_rate_goes_up_for_a_calibration_and_down_after_it_with_nothing_lost() -> None:
-    bench = Bench(WitDevice(), WitMotionDecoder(options(rate_hz=50.0, calibration_rate_hz=200.0))).run(6)
-    bench.decoder.calibrating(True)
-    bench.run(4)
-    assert bench.device.rate_hz == 200.0
-    bench.decoder.calibrating(False)
-    bench.run(4)
-    assert [identity.rate_hz for identity in bench.identities] == [50.0, 200.0, 50.0]
-    assert len({identity.boot for identity in bench.identities}) == 1
-    counts = rates(bench.events)
-    assert counts == list(range(counts[0], counts[-1] + 1))
-    intake = Intake("d", "b", "witmotion", "p")
-    batches = [batch for event in bench.events for batch in intake.take(event)]
-    assert sum(map(len, batches)) == len(counts)
-    assert intake.events.as_dict() == {"rate_changed": 2}
-    assert not intake.info(0, {}).notices, "it is as at first"
-    assert "rate_changed" not in bench.decoder.faults.as_dict()
-
-
-def test_a_device_that_tells_no_time_keeps_its_rate_and_that_is_said() -> None:
-    decoder = WitMotionDecoder(options(rate_hz=50.0, calibration_rate_hz=200.0))
-    bench = Bench(WitDevice(bluetooth=True), decoder).run(4)
-    decoder.calibrating(True)
-    bench.run(4)
-    assert bench.device.rate_hz == 50.0
-    assert "it sends no time, so its rate is left as it is during a calibration" in bench.notices
-
-
 def test_every_lost_sample_of_a_device_with_a_clock_is_counted() -> None:
     bench = Bench(WitDevice(), WitMotionDecoder(options(rate_hz=100.0))).run(6)
     intake = Intake("d", "b", "witmotion", "p")
@@ -264,8 +236,6 @@ def test_a_calendar_that_nobody_has_set_goes_on_at_its_first_midnight() -> None:
     [
         ({"rate_hz": 104.0}, "rate_hz is 104; 0.2"),
         ({"rate_hz": 50.0, "baud": 9600}, "needs a baud of 16500"),
-        ({"calibration_rate_hz": 200.0}, "needs rate_hz"),
-        ({"rate_hz": 50.0, "calibration_rate_hz": 200.0, "keep_settings": True}, "needs rate_hz"),
     ],
 )
 def test_options_that_cannot_work_are_refused_in_words(change: dict[str, object], words: str) -> None:

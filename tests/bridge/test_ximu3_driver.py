@@ -254,7 +254,6 @@ def test_a_device_that_refuses_is_said_to_disturb_until_it_no_longer_does() -> N
 
 def test_settings_may_be_left_alone() -> None:
     run = Run(Device(), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100, keep_settings=True)))
-    run.decoder.calibrating(True)
     run.pass_s(3.0)
     assert all(b"null" in command for command in run.device.heard)
     assert run.device.settings[CORRECTION] is True
@@ -262,10 +261,8 @@ def test_settings_may_be_left_alone() -> None:
 
 
 def test_a_rate_that_is_refused_stays_as_it_is() -> None:
-    run = Run(Device(refuses=True))
-    run.pass_s(2.0)
-    run.decoder.calibrating(True)
-    run.pass_s(3.0)
+    run = Run(Device(refuses=True), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100)))
+    run.pass_s(5.0)
     assert {identity.rate_hz for identity in run.identities} == {50.0}
     assert sequences(run.events) == list(range(250))
     heard = len(run.device.heard)
@@ -319,26 +316,6 @@ def test_a_chosen_rate_is_set() -> None:
     assert run.decoder.faults.as_dict() == {}
 
 
-@pytest.mark.parametrize("usual", [1, 2, 4, 8, 40])
-def test_a_calibration_has_the_highest_rate_and_not_a_sample_is_missed(usual: int) -> None:
-    run = Run(Device(divisor=usual))
-    run.pass_s(20.0)
-    assert run.identities[-1].rate_hz == 400 / usual
-    run.decoder.calibrating(True)
-    run.pass_s(3.0)
-    assert run.identities[-1].rate_hz == 400.0
-    run.decoder.calibrating(True)
-    run.pass_s(1.0)
-    run.decoder.calibrating(False)
-    run.pass_s(10.0)
-    assert run.identities[-1].rate_hz == 400 / usual
-    assert run.device.settings[DIVISOR] == usual
-    assert len({identity.boot for identity in run.identities}) == 1
-    numbers = sequences(run.events)
-    assert numbers == list(range(len(numbers)))
-    assert run.decoder.faults.as_dict() == {}
-
-
 def test_a_rate_is_told_as_the_one_the_device_was_made_for() -> None:
     for period_us, rate_hz in [(20_055, 50.0), (19_950, 50.0), (2_503, 400.0), (9_615, 1e6 / 9_615)]:
         decoder = Ximu3Decoder()
@@ -351,8 +328,6 @@ def test_options_out_of_range_are_refused() -> None:
     for wrong in (0.5, 500.0):
         with pytest.raises(ValueError, match=r"rate_hz is .*; 1 to 400 is taken"):
             Ximu3Options(port="/dev/null", rate_hz=wrong)
-        with pytest.raises(ValueError, match=r"calibration_rate_hz is .*; 1 to 400 is taken"):
-            Ximu3Options(port="/dev/null", calibration_rate_hz=wrong)
 
 
 def test_a_simulated_body_is_read_back() -> None:

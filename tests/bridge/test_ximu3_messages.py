@@ -13,7 +13,6 @@ from bridge.framing import ximu3_encode
 from bridge.framing.lines import Lines
 from bridge.framing.packets import BadPacket
 from bridge.framing.ximu3 import Charge, Inertial, Message, Reply, Said, Temperature, decode
-from bridge.wire.refusal import Tally
 from tests.bridge import xio
 
 # User manual, section "Data messages": each at 1 s, binary and ASCII. (Its binary temperature is printed big-endian.)
@@ -129,21 +128,6 @@ def test_unprintable_and_endless_texts_are_made_fit_to_be_shown() -> None:
     assert len(said.text) < 200
 
 
-@given(st.lists(st.binary(max_size=6)))
-def test_lines_of_any_chunking(chunks: list[bytes]) -> None:
-    lines = Lines(1000, Tally())
-    assert [line for chunk in chunks for line in lines.feed(chunk)] == [
-        line for line in b"".join(chunks).split(b"\n")[:-1] if line
-    ]
-
-
-def test_an_endless_line_is_counted_once_and_the_next_is_read() -> None:
-    lines = Lines(10, Tally())
-    assert [line for _ in range(1000) for line in lines.feed(b"abcdef")] == []
-    assert lines.feed(b"\nwhole\n" + 11 * b"x" + b"\n") == [b"whole"]
-    assert lines.faults.as_dict() == {"line_too_long": 2}
-
-
 def samples(n: int, rng: np.random.Generator) -> list[bytes]:
     """Messages full of bytes that have to be stuffed."""
     time_us = rng.choice(np.array([0x0A, 0xDB, 0x0ADB, 0x0A0A0ADBDB, 1 << 63, 12345], np.uint64), n)
@@ -153,9 +137,9 @@ def samples(n: int, rng: np.random.Generator) -> list[bytes]:
 
 def ours(data: bytes) -> list[xio.Row]:
     rows: list[xio.Row] = []
-    for line in Lines(4096, Tally()).feed(data):
+    for line in Lines(4096).feed(data):
         try:
-            message = decode(line)
+            message = decode(line.data)
         except BadPacket:
             continue
         if isinstance(message, Inertial):

@@ -205,8 +205,7 @@ def test_uncached_messages_of_several_publishers_pass_a_subscription_with_histor
         assert got == 20_000
 
 
-def test_the_keys_of_many_publishers_are_learnt() -> None:
-    """Without it each message would search the caches of all; what it costs, tests/bench/subscribing.py measures."""
+def test_all_of_many_publishers_comes() -> None:
     endpoint = free_endpoint()
     with Router([endpoint]), ZenohBus([endpoint]) as a, ZenohBus([endpoint]) as b:
         subscription = b.subscribe("t/*", history=True)
@@ -218,7 +217,6 @@ def test_the_keys_of_many_publishers_are_learnt() -> None:
             for publisher in publishers:
                 publisher.put(b"")
         assert eventually_counts(subscription, 20_000)
-        assert b._known == {f"t/{n}" for n in range(1000)}
 
 
 def test_closing_leaves_no_thread_behind() -> None:

@@ -325,7 +325,7 @@ def test_a_bar_is_shown_to_who_waits_at_a_terminal(recorded: Path, tmp_path: Pat
     done = subprocess.run([sys.executable, "-c", code], stderr=slave, capture_output=False, stdout=subprocess.DEVNULL,
                           check=False, env=environment)  # fmt: skip
     os.close(slave)
-    shown = os.read(master, 100_000).decode()
+    shown = os.read(master, 100_000).decode(errors="replace")
     os.close(master)
     assert done.returncode == 0, shown
     assert "correcting" in shown

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from bridge.wire import codec
-from estimator.device.admission import Source
 from estimator.device.blocks import Blocks
 from estimator.device.sequence import Sequence
+from estimator.device.source import Source
 from estimator.learnt import Learnt
 from estimator.service.device import Device
 from estimator.service.law import EVENT
@@ -115,7 +115,7 @@ def test_a_message_that_cannot_be_published_is_counted_and_those_before_it_are_o
     device._put = failing
     for batch in batches[40:]:
         ward.send([batch])
-        assert not device.reorder_buffer, "what follows waits for nothing"
+        assert not device.admission.waiting, "what follows waits for nothing"
     mine = ward.latest()
     assert mine.events["session failed"] == 1
     assert EVENT not in mine.events

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bridge.drivers.driver import Identity, Readings
-from bridge.intake import Intake
+from bridge.ingest.intake import Intake
 from bridge.sim.motion import Still
 from bridge.sim.script import SessionPlan
 from bridge.wire.messages import BootCause, Verdict

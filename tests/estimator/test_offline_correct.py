@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.drivers.replayed import Playback
 from bridge.drivers.takes import Take
-from bridge.intake import Intake
+from bridge.ingest.intake import Intake
 from bridge.recording import Recording, RecordingError, Told, load
 from bridge.sim.imperfection import DEMO_SPEC, ImuSpec
 from bridge.sim.motion import Piece, Still

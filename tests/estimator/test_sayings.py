@@ -44,11 +44,11 @@ SPEAKERS = (
     "estimator/web/form.py",
     "estimator/web/known.py",
     "estimator/web/report_pages.py",
-    "bridge/account.py",
-    "bridge/rivals.py",
-    "bridge/shares.py",
-    "bridge/timeline.py",
-    "bridge/unheard.py",
+    "bridge/ingest/device_info.py",
+    "bridge/ingest/duplicate_bridges.py",
+    "bridge/ingest/bad_sample_ratio.py",
+    "bridge/ingest/timeline.py",
+    "bridge/ingest/no_data_reason.py",
     "bridge/wire/refusal.py",
     "bridge/transport/net_fault.py",
     "bridge/transport/serial_state.py",
@@ -58,7 +58,8 @@ SPEAKERS = (
 )
 #: what no page shows: logs and counts of the service
 NOT_SHOWN = re.compile(
-    r"%s|%d|^tokens refused|messages refused|messages missed|^commands to|recalibration needed|restored$|by an accelerometer only"
+    r"%s|%d|^tokens refused|messages refused|messages missed|^commands to|recalibration needed|restored$"
+    r"|damaged state|the state goes with|^a state of|by an accelerometer only"
 )
 #: parts of sentences, which are tried as wholes below
 PIECES = {

@@ -20,7 +20,7 @@ from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import config
 from estimator.config import Estimator
 from estimator.database import StoreError, owned
-from estimator.device import admission
+from estimator.device import source
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
@@ -122,12 +122,12 @@ def test_a_second_bridge_silences_nobody(
 def test_a_device_that_moves_to_another_bridge_goes_on(ward: Ward, once: Stream, clock: list[float]) -> None:
     batches = once.batches()
     ward.send(batches[:200], info(1))
-    clock[0] += ward.service.settings.silence_s + admission.OWNED_S + 0.1
+    clock[0] += ward.service.settings.silence_s + source.OWNED_S + 0.1
     for batch in batches[200:]:
         put(ward, batch, "second")
     status = ward.latest()
     assert status.samples_out == len(once)
-    assert ward.service._devices[NAME].source.owner == "second"
+    assert ward.service._devices[NAME].admission.source.owner == "second"
 
 
 def test_one_leap_silences_nobody(ward: Ward, once: Stream) -> None:

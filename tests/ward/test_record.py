@@ -12,17 +12,17 @@ import pytest
 
 from bridge.bus.router import Router
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.record.stretches import read
-from bridge.record.survey import survey
 from bridge.recording import load
+from bridge.recording.stretches import read
+from bridge.recording.survey import survey
 from bridge.wire import keys
 from bridge.wire.messages import Quality
 from estimator.cli import main
 from estimator.demo.audience import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward, free_port
 from estimator.offline import correct
-from tests.bridge.record import crowd
-from tests.bridge.record.kills import killed
+from tests.bridge.recording import crowd
+from tests.bridge.recording.kills import killed
 from tests.ward.parts import living, numbers, wait
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(240)]

@@ -1,4 +1,4 @@
-"""A bridge of many devices, as a process: paced, a share of the devices at a time as bridge.ward does; or a burst, all at once.
+"""A bridge of many devices, as a process: paced, a share of the devices at a time as the pump does; or a burst, all at once.
 
 `python -m tests.bench.load.sender ENDPOINT DEVICES RATE_HZ BATCH paced SECONDS WARM_S` or `... burst MESSAGES 0`
 """
@@ -8,7 +8,7 @@ import sys
 import time
 
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.ward import cached, shares
+from bridge.ingest.pump import cached, shares
 from tests.bench.load.stream import Fleet
 
 

@@ -128,18 +128,14 @@ OWNED = st.builds(
 )  # fmt: skip
 
 
+ANSWERS = st.lists(st.tuples(TEXT, st.builds(CommandReply, TEXT, st.booleans(), TEXT)), max_size=8).map(tuple)
+
+
 @st.composite
 def checkpoints(draw: st.DrawFn) -> Checkpoint:
-    n = draw(st.sampled_from([0, 6]))
-    root = np.array(draw(st.lists(st.floats(-2, 2), min_size=n * n, max_size=n * n)), float).reshape(n, n)
-    return Checkpoint(
-        "d1", draw(U64), draw(TIME), draw(TIME), np.array(draw(st.lists(st.floats(-9, 9), min_size=n, max_size=n)), float),
-        root @ root.T, draw(st.floats(-1e9, 1e9)), draw(st.floats(-100, 100)), draw(st.sampled_from([-INF, 0.0, 17.5])),
-        draw(st.booleans()), draw(TEXT), draw(TEXT), draw(st.none() | calibrations(in_use=True)),
-        draw(st.sampled_from(["", "b1"])), draw(st.sampled_from([(), (0,), (2, 1)])),
-        tuple(draw(st.lists(st.tuples(TEXT, st.builds(CommandReply, TEXT, st.booleans(), TEXT)), max_size=8))),
-        draw(st.floats(-500, 500)), draw(st.booleans()),
-    )  # fmt: skip
+    used = draw(st.none() | calibrations(in_use=True))
+    ids = draw(U64), draw(TIME), draw(TIME), draw(st.sampled_from(["", "b1"]))
+    return Checkpoint("d1", *ids, used, draw(ANSWERS), draw(st.booleans()), draw(st.binary(max_size=100)))
 
 
 def rising(data: st.DataObject, n: int, high: int) -> list[int]:

@@ -34,9 +34,7 @@ from tests.bridge.codec.drawn import (
     CALIBRATION,
     CHECKPOINT,
     CORRECTED,
-    INF,
     INFO,
-    NAN,
     NOTE,
     OWN,
     PARAMETERS,
@@ -101,13 +99,13 @@ DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     ),
     "checkpoint": (
         lambda payload: codec.decode_checkpoint(CHECKPOINT, payload),
-        codec.encode_checkpoint(Checkpoint("d1", 7, 1, 9, np.ones(6), np.eye(6), 1.0, NAN, -INF, True, "a", "b", CAL)),
+        codec.encode_checkpoint(Checkpoint("d1", 7, 1, 9, "b1", CAL, state=b"state")),
     ),
     "command": (lambda payload: codec.decode_command(RPC, payload), codec.encode_command(Command("r1", "anna", "why"))),
     "reply": (codec.decode_reply, codec.encode_reply(CommandReply("r1", True, "done"))),
 }
 
-KEPT = Checkpoint("d1", 7, 1, 9, np.ones(6), np.eye(6), 1.0, 30.0, 0.0, False, "", "", CAL)
+KEPT = Checkpoint("d1", 7, 1, 9, "b1", CAL, state=b"state")
 
 
 def refused(payload: bytes, key: str = RAW, decode: Callable[[str, bytes], Any] = codec.decode_samples) -> Reason:

@@ -14,7 +14,7 @@ from bridge.wire.messages import (
     Verdict,
 )
 from bridge.wire.refusal import Reason
-from tests.bridge.codec.drawn import CHECKPOINT, INF, NAN, OWN
+from tests.bridge.codec.drawn import CHECKPOINT, NAN, OWN
 from tests.bridge.codec.examples import CAL, KEPT, refused
 
 
@@ -25,21 +25,13 @@ from tests.bridge.codec.examples import CAL, KEPT, refused
         ({"calibration": dataclasses.replace(CAL, device="d2")}, Reason.FOREIGN_ID),
         ({"calibration": dataclasses.replace(CAL, verdict=Verdict.REFUSED)}, Reason.RANGE),
         ({"calibration": dataclasses.replace(CAL, parameters=(), covariance=np.zeros((0, 0)))}, Reason.RANGE),
-        ({"x": np.ones(5)}, Reason.LENGTH),
-        ({"x": np.ones(0)}, Reason.LENGTH),
-        ({"x": np.full(6, NAN)}, Reason.NON_FINITE),
-        ({"covariance": -np.eye(6)}, Reason.RANGE),
-        ({"covariance": np.tri(6)}, Reason.RANGE),
-        ({"covariance": np.ones((6, 6)) - 0.1 * np.eye(6)}, Reason.RANGE),
-        ({"covariance": np.eye(5)}, Reason.LENGTH),
         ({"epoch": 2**63}, Reason.RANGE),
-        ({"powered_s": INF}, Reason.NON_FINITE),
-        ({"device_time_s": NAN}, Reason.NON_FINITE),
-        ({"lag_k": NAN}, Reason.NON_FINITE),
     ],
     ids=str,
 )
-def test_a_checkpoint_that_no_filter_could_go_on_from_is_refused(changes: dict[str, Any], reason: Reason) -> None:
+def test_a_checkpoint_that_is_of_no_device_or_no_calibration_is_refused(
+    changes: dict[str, Any], reason: Reason
+) -> None:
     wrong = dataclasses.replace(KEPT, **changes)
     assert refused(codec.encode_checkpoint(wrong), CHECKPOINT, codec.decode_checkpoint) is reason
 

@@ -80,19 +80,6 @@ def test_modem_manager_is_fine_only_with_a_rule(tmp_path: Path) -> None:
     assert only(terminals.modem_manager(proc, [rules]))[0] is Level.OK
 
 
-def test_a_slow_latency_timer_is_found(tmp_path: Path) -> None:
-    assert only(terminals.latency(tmp_path / "gone"))[:2] == (Level.OK, "no FTDI adapter")
-    for name, ms in (("ttyUSB0", "1"), ("ttyUSB1", "16")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "latency_timer").write_text(f"{ms}\n")
-    level, said, do = only(terminals.latency(tmp_path))
-    assert level is Level.WARNING
-    assert said.startswith("ttyUSB1: 16 ms; ")
-    assert f"echo 1 | sudo tee {tmp_path}/ttyUSB1/latency_timer" in do
-    (tmp_path / "ttyUSB1" / "latency_timer").write_text("4")
-    assert only(terminals.latency(tmp_path))[:2] == (Level.OK, "2 adapters at 4 ms or less")
-
-
 def test_a_port_is_for_one_bridge(tmp_path: Path) -> None:
     proc, port, name = tmp_path / "proc", tmp_path / "ttyUSB0", tmp_path / "by-id"
     port.touch()

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from bridge.bus.contract import BusError, Message, Publisher
-from bridge.bus.together import Together
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import keys
 from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
@@ -54,9 +53,9 @@ MAY_SEE_ALIVE = {
     "bridge:b2": {"bridge b1"},
     **{who: set(TOKENS) for who in MEMBERS[2:]},
 }
-# Who looks gets what is now.
-KEPT = {kind: key for kind, key in KEYS.items() if kind != BY_NAME}
-MAY_LOOK_BACK = {who: kinds - {BY_NAME} for who, kinds in MAY_HEAR.items()}
+# These kinds have no cache.
+KEPT = {kind: key for kind, key in KEYS.items() if kind != BY_NAME and not kind.startswith("owned")}
+MAY_LOOK_BACK = {who: kinds & set(KEPT) for who, kinds in MAY_HEAR.items()}
 SOURCES = {kind: next(who for who, kinds in MAY_SAY.items() if kind in kinds) for kind in KEYS}
 WITNESS = "recorder:r2"
 SETTLED_S = 0.5
@@ -78,7 +77,6 @@ def published(ward: GuardedWard, count: int) -> Counts:
         witness = stack.enter_context(ward.bus(WITNESS))
         looks = stack.enter_context(ward.bus("viewer:v1")).subscribe(KEYS[BY_NAME], capacity=total + 1000)
         wide = witness.subscribe(keys.everything(WARD), capacity=2 * total + 1000)
-        heard = Together((wide, looks), 2 * total + 1000)
         time.sleep(SETTLED_S)
         for who in MEMBERS:
             bus = stack.enter_context(ward.bus(who))
@@ -87,11 +85,11 @@ def published(ward: GuardedWard, count: int) -> Counts:
                 may = kind in MAY_SAY[who]
 
                 def all_came(put: int, cell: tuple[str, str] = (who, kind), may: bool = may) -> bool:
-                    _count(said, heard.drain(1 << 20, 0.0))
+                    _count(said, wide.drain(1 << 20, 0.0) + looks.drain(1 << 20, 0.0))
                     return not may or said[cell] >= put
 
                 _put(publisher, payload, count, all_came)
-        _count_all(said, lambda: heard.drain(1 << 20, SETTLED_S), total)
+        _count_all(said, lambda: wide.drain(1 << 20, SETTLED_S) + looks.drain(1 << 20, 0.0), total)
     return said
 
 
@@ -131,7 +129,7 @@ def heard(ward: GuardedWard, count: int) -> Counts:
 
 def past(bus: ZenohBus, key: str) -> list[bytes]:
     """What everybody who answers for the history of a key has of it."""
-    return [reply.ok.payload.to_bytes() for reply in bus.past(f"{key}/@adv/**") if reply.ok is not None]
+    return [reply.ok.payload.to_bytes() for reply in bus.past(key) if reply.ok is not None]
 
 
 def asked(ward: GuardedWard, count: int) -> Counts:

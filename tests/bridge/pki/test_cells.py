@@ -115,12 +115,11 @@ def test_nobody_uses_up_the_numbers_of_somebody_else(ward: GuardedWard) -> None:
     with ward.bus("estimator:e1") as e1, ward.bus("bridge:b1") as b1, ward.bus("bridge:b2") as b2:
         heard = e1.subscribe(keys.pattern(WARD, "raw"), history=True)
         publisher = b1.publisher(own, cache=9)
-        whose = publisher._publisher.id
+        assert publisher.cache is not None
         time.sleep(0.2)
         publisher.put(b"0")
         for number in range(1, 4):  # in its own name, as if its publisher were that of the other
-            b2._session.put(other, b"forged", source_info=zenoh.SourceInfo(whose, number))
-        b2._session.put(f"{other}/@adv/pub/{whose.zid}/{whose.eid}/_", b"\7\0\0\0")
+            b2._session.put(other, b"forged", attachment=publisher.cache.stamp(number))
         time.sleep(0.2)
         for number in range(1, 4):
             publisher.put(b"%d" % number)

@@ -11,9 +11,8 @@ from typing import Any
 import pytest
 import zenoh
 from cryptography import x509
-from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec, ed448, ed25519, rsa
+from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 from cryptography.x509.oid import NameOID
 
@@ -27,7 +26,6 @@ pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: chain")]
 
 DAY = timedelta(days=1)
 ASK, SERVE, ANY = Usage.CLIENT_AUTH, Usage.SERVER_AUTH, Usage.ANY_EXTENDED_KEY_USAGE
-POLICY = x509.CertificatePolicies([x509.PolicyInformation(x509.ObjectIdentifier("1.2.3"), None)])
 HERE = x509.SubjectAlternativeName([x509.IPAddress(ipaddress.ip_address("127.0.0.1"))])
 
 
@@ -41,12 +39,9 @@ class Made:
         *,
         key: Any = None,
         ca: bool = False,
-        below: int | None = None,
         days: tuple[int, int] = (-9, 9),
         may: tuple[x509.ObjectIdentifier, ...] = (),
         hosts: x509.SubjectAlternativeName | None = None,
-        with_: hashes.SHA256 | hashes.SHA512 | hashes.SHA384 | None = None,
-        critical: x509.ExtensionType | None = None,
     ) -> None:
         self.key = key or ec.generate_private_key(ec.SECP256R1())
         subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
@@ -59,16 +54,13 @@ class Made:
             .serial_number(x509.random_serial_number())
             .not_valid_before(utc_now() + days[0] * DAY)
             .not_valid_after(utc_now() + days[1] * DAY)
-            .add_extension(x509.BasicConstraints(ca=ca, path_length=below), critical=True)
+            .add_extension(x509.BasicConstraints(ca=ca, path_length=None), critical=True)
         )
         if may:
             made = made.add_extension(x509.ExtendedKeyUsage(may), critical=False)
-        if critical:
-            made = made.add_extension(critical, critical=True)
         if hosts:
             made = made.add_extension(hosts, critical=False)
-        edwards = isinstance(signer, ed25519.Ed25519PrivateKey | ed448.Ed448PrivateKey)
-        self.certificate: x509.Certificate = made.sign(signer, None if edwards else with_ or hashes.SHA256())
+        self.certificate: x509.Certificate = made.sign(signer, hashes.SHA256())
 
     @property
     def pem(self) -> bytes:
@@ -82,21 +74,6 @@ class Made:
 
 ROOT = Made("a site", ca=True)
 OLD = Made("an old site", ca=True, days=(-99, -1))
-P521 = Made("a P-521 site", ca=True, key=ec.generate_private_key(ec.SECP521R1()))
-MARK = "\ufeff".encode()
-#: on a curve that is not known here
-SM2 = b"""-----BEGIN CERTIFICATE-----
-MIIBfzCCASWgAwIBAgIUEqQuquAeyRgGWQkbyjfVMfLjAgIwCgYIKoEcz1UBg3Uw
-FDESMBAGA1UEAwwJYnJpZGdlOmIxMCAXDTI2MTEyMjAxMjY0MVoYDzIxMDkwMTEx
-MDEyNjQxWjAUMRIwEAYDVQQDDAlicmlkZ2U6YjEwWTATBgcqhkjOPQIBBggqgRzP
-VQGCLQNCAAS5fNWOeRL+T1daN6lysQU//GDZghGXfQ49ecnxCoPq7H3JW8hD1y5h
-nafy1oXOcjQOiuHoZrI1BTG2sB8zZM0ao1MwUTAdBgNVHQ4EFgQUgmBKA19+MPXI
-22vihsH5sGVXju8wHwYDVR0jBBgwFoAUgmBKA19+MPXI22vihsH5sGVXju8wDwYD
-VR0TAQH/BAUwAwEB/zAKBggqgRzPVQGDdQNIADBFAiEAl3gLvHyMFLNnyEC+ynKW
-lfY0/MQdTi91c3eQOq7gI1ACIDL2ai+N4Db4SRqcHatgJ5tL9seQsAhwHoPn+Jic
-tpAD
------END CERTIFICATE-----
-"""
 
 
 class Site:
@@ -105,7 +82,7 @@ class Site:
     def __init__(self, path: Path) -> None:
         self.path, self.endpoint = path, f"tls/127.0.0.1:{free_port()}"
         self.router = self.file("router", Made("router:r", ROOT, may=(ASK, SERVE), hosts=HERE))
-        (path / "all.pem").write_bytes(ROOT.pem + P521.pem)
+        (path / "all.pem").write_bytes(ROOT.pem)
         places = [("w", Member.parse("bridge:b1"))]
         everybody = Identity(str(path / "all.pem"), self.router.certificate, self.router.key)
         settings = router_file.guarded([self.endpoint], everybody, places)
@@ -148,18 +125,11 @@ def over(site: Site, **more: Any) -> Identity:
     return site.file("over", b1(between), between)
 
 
-def too_long(site: Site) -> Identity:
-    first = Made("first", ROOT, ca=True, below=0)
-    second = Made("second", first, ca=True)
-    return site.file("too long", b1(second), first, second)
-
-
 def dos(site: Site) -> Identity:
     made = b1()
     return site.file("dos", made, pem=made.pem.replace(b"\n", b"\r\n"), key=made.secret.replace(b"\n", b"\r\n"))
 
 
-RIGHT = b1()
 CASES: dict[str, tuple[Callable[[Site], Identity], str]] = {
     "right": (lambda site: site.file("right", b1(may=(ASK,))), ""),
     "from Windows": (dos, ""),
@@ -169,53 +139,10 @@ CASES: dict[str, tuple[Callable[[Site], Identity], str]] = {
     "Ed25519": (lambda site: site.file("ed", b1(key=ed25519.Ed25519PrivateKey.generate())), ""),
     "one in between": (over, ""),
     "beside an old authority": (lambda site: site.file("rolled", b1(), ca=OLD.pem + ROOT.pem), ""),
-    "a mark before the certificate": (
-        lambda site: site.file("mark", RIGHT, pem=MARK + RIGHT.pem),
-        "something before -----BEGIN",
-    ),
-    "a mark before the key": (
-        lambda site: site.file("mark", RIGHT, key=MARK + RIGHT.secret),
-        "something before -----BEGIN",
-    ),
-    "a mark before the authority": (
-        lambda site: site.file("mark", RIGHT, ca=MARK + ROOT.pem),
-        "something before -----BEGIN",
-    ),
     "any extended usage": (lambda site: site.file("any", b1(may=(ANY,))), "extended key usage does not let it ask"),
-    "P-521": (
-        lambda site: site.file("p521", b1(key=ec.generate_private_key(ec.SECP521R1()))),
-        "on the curve secp521r1",
-    ),
-    "secp256k1": (lambda site: site.file("k1", b1(key=ec.generate_private_key(ec.SECP256K1()))), "secp256k1"),
-    "RSA of 1024": (
-        lambda site: site.file("1024", b1(key=rsa.generate_private_key(65537, 1024))),
-        "RSA with 1024 bits",
-    ),
-    "RSA of 3000": (
-        lambda site: site.file("3000", b1(key=rsa.generate_private_key(65537, 3000))),
-        "RSA with 3000 bits",
-    ),
-    "RSA by 3": (lambda site: site.file("by 3", b1(key=rsa.generate_private_key(3, 2048))), "exponent 3, which zenoh"),
-    "RSA of 3000 in between": (lambda site: over(site, key=rsa.generate_private_key(65537, 3000)), ""),
-    "a critical extension": (
-        lambda site: site.file("critical", b1(critical=POLICY)),
-        "marked critical, 2.5.29.32, which zenoh does not know",
-    ),
-    "one in between with a critical extension": (
-        lambda site: over(site, critical=POLICY),
-        "'between', in between: an extension that is marked critical",
-    ),
-    "Ed448": (lambda site: site.file("ed448", b1(key=ed448.Ed448PrivateKey.generate())), "a key of another kind"),
-    "SHA-512 on P-256": (lambda site: site.file("512", b1(with_=hashes.SHA512())), "signed otherwise than zenoh takes"),
-    "an authority on P-521": (
-        lambda site: site.file("a521", b1(P521, with_=hashes.SHA384()), ca=P521.pem),
-        "on the curve secp521r1",
-    ),
-    "one in between expired": (lambda site: over(site, days=(-9, -1)), "'between', in between: expired"),
-    "one in between too early": (lambda site: over(site, days=(1, 9)), "'between', in between: not valid before"),
-    "one in between for servers": (lambda site: over(site, may=(SERVE,)), "'between', in between: its extended key"),
-    "a chain too long": (too_long, "'first', in between: at most 0 others"),
-    "an authority's own": (lambda site: site.file("ca", b1(ca=True)), "it is an authority's"),
+    "for servers": (lambda site: site.file("serve", b1(may=(SERVE,))), "extended key usage does not let it ask"),
+    "one in between expired": (lambda site: over(site, days=(-9, -1)), "'between' expired"),
+    "one in between too early": (lambda site: over(site, days=(1, 9)), "'between' is not valid before"),
 }
 
 
@@ -240,17 +167,6 @@ def test_an_authority_that_has_ended_is_said_of_where_no_other_has_signed(site: 
     assert ["expired" in words for words in faults(of_old, utc_now())] == [True]
 
 
-def test_keys_of_kinds_that_nobody_knows_are_said_of(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = b1()
-    assert any("of another kind" in words for words in faults(site.file("sm2", made, pem=SM2), utc_now()))
-
-    def unknown(*_: object) -> None:
-        raise UnsupportedAlgorithm("a curve")
-
-    monkeypatch.setattr("bridge.pki.identity.load_pem_private_key", unknown)
-    assert "of another kind" in faults(site.file("unknown", made), utc_now())[0]
-
-
 @pytest.mark.parametrize(
     ("good", "bad", "words"),
     [
@@ -265,7 +181,7 @@ def test_what_is_packed_as_no_certificate_is_said_of(site: Site, good: bytes, ba
     text = base64.encodebytes(der.replace(good, bad, 1)).decode()
     pem = f"-----BEGIN CERTIFICATE-----\n{text}-----END CERTIFICATE-----\n".encode()
     identity = site.file("odd", made, pem=pem)
-    assert any(f"{identity.certificate}: it cannot be read: {words}" in said for said in faults(identity, utc_now()))
+    assert any(said.startswith(identity.certificate) and words in said for said in faults(identity, utc_now()))
 
 
 def test_a_date_is_judged_by_the_clock_that_is_given(site: Site) -> None:

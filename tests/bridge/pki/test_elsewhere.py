@@ -29,12 +29,6 @@ def open_key(pki: Path) -> Identity:
     return Folder(pki).identity(B1)
 
 
-def key_beside(pki: Path) -> Identity:
-    with (pki / "bridge.b1.pem").open("ab") as file:
-        file.write((pki / "bridge.b1.key").read_bytes())
-    return Folder(pki).identity(B1)
-
-
 def locked_key(pki: Path) -> Identity:
     key = rsa.generate_private_key(65537, 2048)
     form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
@@ -72,7 +66,6 @@ def for_a_viewer(pki: Path) -> Identity:
     [
         (other_key, "not the key of"),
         (open_key, "chmod 600"),
-        (key_beside, "(mode 0644): chmod 600"),
         (locked_key, "locked with a password"),
         (other_authority, "not signed by"),
         (other_of_its_name, "another one of the same name"),

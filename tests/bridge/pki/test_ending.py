@@ -7,11 +7,11 @@ import pytest
 
 from bridge.bus.routers import Routers
 from bridge.health import Health
+from bridge.ingest.vitals import Vitals as BridgeVitals
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 from bridge.router_watch import RouterWatch
-from bridge.vitals import Vitals as BridgeVitals
 from estimator.cli import main
 from estimator.service.vitals import Note, Vitals
 from tests.bridge.asking import get

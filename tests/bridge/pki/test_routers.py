@@ -82,7 +82,7 @@ def test_a_router_says_what_is_unsafe_in_its_file_and_when_its_certificate_ends(
     monkeypatch.setattr("bridge.cli_router.stopped_by_signal", lambda: nullcontext(Stop()))
     assert main(["router", "--config", str(file)]) == 0
     assert caplog.text.count("the certificate that this router began with ends on") == 2
-    assert "with default_permission 'deny'" in caplog.text
+    assert 'default_permission is "allow"' in caplog.text
 
 
 def test_a_router_goes_by_the_issuers_of_its_members_and_not_of_who_was_revoked(pki: Path) -> None:

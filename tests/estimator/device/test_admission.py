@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import SampleBatch
-from estimator.device.admission import NAMED_BRIDGES, PERSISTS_S, Ruling, Source
 from estimator.device.samples import Samples
 from estimator.device.sequence import Sequence
+from estimator.device.source import NAMED_BRIDGES, PERSISTS_S, Ruling, Source
 from tests.estimator.stream import Stream, stream
 
 R = Ruling

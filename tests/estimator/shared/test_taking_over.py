@@ -70,7 +70,7 @@ def test_a_power_up_under_the_same_boot_number_is_not_good_by_what_is_in_the_tak
     assert both.has() == [FIRST]
     said: list[CorrectedBatch] = [codec.decode_corrected(m.key, m.payload) for m in heard.drain(10_000, 0.0)]
     assert said[-1].sequence + len(said[-1]) == again[-1].sequence + len(again[-1])
-    assert {batch.quality for batch in said} == {Quality.BIAS_ONLY}
+    assert Quality.GOOD not in {batch.quality for batch in said}
     assert [c.id for c in both.stores[FIRST].calibrations(NAME)] == [made.id]
 
 

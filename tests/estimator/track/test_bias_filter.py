@@ -50,51 +50,8 @@ def test_weighing_says_what_an_update_would_and_changes_nothing() -> None:
     np.testing.assert_array_equal(bias.state.x, before.x)
     np.testing.assert_array_equal(bias.state.P, before.P)
     taken = bias.update(evidence)
-    assert (taken.accepted, taken.nis, taken.test_ratio) == (weighed.accepted, weighed.nis, weighed.test_ratio)
-
-
-def test_what_was_weighed_just_now_is_not_weighed_again() -> None:
-    once, twice = start(), start()
-    for z in (np.array([0.101, -0.2, 0.002]), np.array([0.2, -0.2, 0.0])):
-        evidence = seen(z, SMALL)
-        receipts = once.update(evidence, once.weigh(evidence)), twice.update(evidence)
-        assert receipts[0].nis == receipts[1].nis
-        np.testing.assert_array_equal(once.state.x, twice.state.x)
-        np.testing.assert_array_equal(once.state.P, twice.state.P)
-
-
-def test_two_taken_in_one_step_are_two_one_after_the_other() -> None:
-    late, one, other = np.array([0.101, -0.2, 0.0015]), np.array([0.1003, -0.2, 0.002]), np.array([0.1, -0.1998])
-    both, each = start(), start()
-    for bias in (both, each):
-        bias.predict(11.0, 20.0)
-        waiting = seen(late, SMALL)._replace(since=bias.since())
-        first = seen(one, SMALL)
-        then = Evidence("part", other, np.eye(2, OWN), 3 * SMALL[:2, :2], GATES[2], np.full(2, 2e-8))
-        receipts = bias.update_both(first, then) if bias is both else (bias.update(first), bias.update(then))
-        assert receipts is not None
-        bias.predict(12.0, 20.5)
-        told = [*receipts, bias.update(waiting)]
-        if bias is both:
-            expected, told_both = bias.state, told
-    np.testing.assert_allclose(each.state.x, expected.x, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(each.state.P, expected.P, rtol=1e-6, atol=1e-16)
-    for a, b in zip(told, told_both, strict=True):
-        assert (a.kind, a.time, a.accepted) == (b.kind, b.time, b.accepted)
-        assert a.nis == pytest.approx(b.nis)
-        np.testing.assert_allclose(a.innovation, b.innovation, rtol=1e-6, atol=1e-15)
-        np.testing.assert_allclose(a.innovation_cov, b.innovation_cov, rtol=1e-6)
-
-
-@pytest.mark.parametrize("which", [0, 1])
-@pytest.mark.parametrize("bad", [1.0, NAN])
-def test_of_two_neither_is_taken_where_one_is_not_believable(which: int, bad: float) -> None:
-    bias = start()
-    before, z = bias.state, [np.array([0.1, -0.2, 0.0]), np.array([0.1, -0.2, 0.0])]
-    z[which][1] = bad
-    assert bias.update_both(seen(z[0], SMALL), seen(z[1], SMALL)) is None
-    np.testing.assert_array_equal(bias.state.x, before.x)
-    np.testing.assert_array_equal(bias.state.P, before.P)
+    assert taken.accepted == weighed.accepted
+    assert (taken.nis, taken.test_ratio) == pytest.approx((weighed.nis, weighed.test_ratio))
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
@@ -324,12 +281,11 @@ def test_saved_state_is_a_copy_and_goes_on_bit_for_bit() -> None:
 def test_a_law_takes_the_place_of_the_slope_for_what_waits_too() -> None:
     bias = start(temperature=20.0)
     bias.predict(11.0, 21.0)
-    waiting = bias.since()
+    bias.wait()
     bias.predict(12.0, 22.0)
     bias.update(seen(np.array([0.1, -0.2, 0.0]), SMALL))
-    assert np.abs(waiting.cross[SLOPE]).max() > 0
     none = np.zeros(3)
     bias.expect(TemperatureLaw(20.0, none, none, 1e-20 * np.tile(np.eye(2), (3, 1, 1))))
-    bias.update(seen(np.array([0.1002, -0.2, 0.0]), SMALL)._replace(since=waiting))
+    bias.take_first(seen(np.array([0.1002, -0.2, 0.0]), SMALL))
     np.testing.assert_allclose(bias.x[SLOPE], none, atol=1e-12)
     assert np.linalg.eigvalsh(bias.cov).min() >= 0

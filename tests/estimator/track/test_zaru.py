@@ -45,7 +45,7 @@ class Rest:
 
     def take(self, second: Second) -> list[Receipt]:
         self.filter.predict(second.end)
-        if not self.zaru.at_rest(second):
+        if not self.zaru.at_rest(second, self.filter):
             self.zaru.interrupted(self.filter, 1.0)
             return []
         return self.zaru.take(second, self.filter, self.up)[0]
@@ -105,11 +105,11 @@ def test_late_it_is_worth_what_it_was_in_time() -> None:
     for seconds in (1, 5):
         bias = BiasFilter(start(np.zeros(3), P0 * np.eye(3), 0.0, knobs), knobs)
         bias.predict(1.0)
-        then = bias.since()
+        bias.wait()
         z = np.radians(0.01) * rng.normal(size=3)
         for second in range(seconds):
             bias.predict(2.0 + second)
-        bias.update(Evidence("late", z, np.eye(3, OWN), R * np.eye(3), GATES[3], since=then))
+        bias.take_first(Evidence("late", z, np.eye(3, OWN), R * np.eye(3), GATES[3]))
         before, shared = P0 + walk, P0 + walk / 2  # of the bias as the measurement ended; and what its mean has of it
         S = P0 + walk / 3 + R
         np.testing.assert_allclose(bias.x[:3], shared / S * z)
@@ -125,12 +125,12 @@ def test_late_it_knows_what_warmth_has_moved_meanwhile() -> None:
     measured = Evidence("zaru", BIAS + np.radians(0.01), np.eye(3, OWN), np.radians(0.006) ** 2 * np.eye(3), GATES[3])
     in_time.predict(1.0, 25.2)
     late.predict(1.0, 25.2)
-    waiting = measured._replace(since=late.since())
+    late.wait()
     in_time.update(measured)
     for second in range(1, 9):
         in_time.predict(1.0 + second, 25.2 + 0.02 * second)
         late.predict(1.0 + second, 25.2 + 0.02 * second)
-    late.update(waiting)
+    late.take_first(measured)
     np.testing.assert_allclose(late.x, in_time.x, rtol=1e-9)
     np.testing.assert_allclose(late.cov, in_time.cov, rtol=1e-6, atol=1e-18)
 
@@ -213,7 +213,7 @@ def test_who_breathes_does_not_rest() -> None:
     judged = []
     for i, second in enumerate(rest.seconds(30.0)):
         breath = np.radians(0.3) * np.sin(2 * np.pi * i / 4.3) * np.array([1.0, 0.0, 0.0])
-        judged.append(rest.zaru.at_rest(second._replace(mean=second.mean + breath)))
+        judged.append(rest.zaru.at_rest(second._replace(mean=second.mean + breath), rest.filter))
     assert not any(judged[3:])
 
 
@@ -325,12 +325,12 @@ def test_what_is_quiet_behind_a_hole_but_no_rest_insists_on_nothing() -> None:
     rest = Rest()
     rest.lives(30.0)
     rest.lives(14.0, 0.5)
-    before = rest.zaru._contradiction
+    before = rest.zaru.state.contradiction
     assert before is not None
     rest.zaru.unseen(rest.filter, 1.0)
     for _ in range(150):
         rest.zaru.interrupted(rest.filter, 1.0)
-    after = rest.zaru._contradiction
+    after = rest.zaru.state.contradiction
     assert after is not None
     assert after[0] == pytest.approx(before[0] + 151.0)
 
@@ -454,11 +454,12 @@ def test_late_no_more_is_known_than_all_that_was_measured_says(leap: float, wait
         if now:
             bias.update(Evidence("now", np.zeros(2), np.eye(2, OWN), now_R * np.eye(2), np.inf))
         H = np.pad(along, ((0, 0), (0, OWN - 3)))
-        waiting.append(Evidence("late", np.zeros(1), H, R * np.eye(1), np.inf, since=bias.since()))
+        waiting.append(Evidence("late", np.zeros(1), H, R * np.eye(1), np.inf))
+        bias.wait()
         while len(waiting) > waits:
-            bias.update(waiting.pop(0))
+            bias.take_first(waiting.pop(0))
     for evidence in waiting:
-        bias.update(evidence)
+        bias.take_first(evidence)
     behind = np.eye(steps, 1 + 2 * steps, 1 + steps)
     seen, var = np.kron(ends - behind, along), np.full(steps, R)
     if now:

@@ -1,0 +1,41 @@
+"""A publisher of zenoh's; one with a cache numbers its messages, so that subscribers know what they lack."""
+
+import zenoh
+
+from bridge.bus.cache import Cache
+from bridge.bus.contract import BusError
+from bridge.bus.zenoh_session import Declared, Home, is_zenohs, said
+
+
+class Publisher(Declared):
+    """See contract.Publisher."""
+
+    def __init__(self, bus: Home, publisher: zenoh.Publisher, key: str, cache: Cache | None) -> None:
+        super().__init__(bus, publisher)
+        self._publisher, self._key, self.cache = publisher, key, cache
+
+    def put(self, payload: bytes) -> None:
+        """See contract.Publisher."""
+        with self._lock:  # messages leave in the order they are numbered
+            if self._closed:
+                raise BusError(f"the publisher of {self._key!r} is closed")
+            try:
+                if self.cache is None:
+                    self._publisher.put(payload)
+                else:
+                    self._publisher.put(payload, attachment=self.cache.stamp(self.cache.next))
+                    self.cache.keep(payload)
+            except BaseException as error:
+                if not is_zenohs(error):
+                    raise
+                raise BusError(f"could not publish on {self._key!r} ({said(error)})") from error
+
+    @property
+    def wanted(self) -> bool:
+        """See contract.Publisher."""
+        if self.cache is not None:
+            return True
+        try:
+            return bool(self._publisher.matching_status.matching)  # type: ignore[attr-defined] # its stub has it wrong
+        except zenoh.ZError:
+            return False  # it is closed

@@ -1,0 +1,31 @@
+"""The ratio of clipped and refused samples of one device over the last minute, in words. Pure: time is an argument."""
+
+from collections import deque
+from collections.abc import Mapping
+
+from bridge.wire.refusal import in_words
+
+_WINDOW_NS = 60_000_000_000
+_NOTABLE = 0.01
+_LEAST_SAMPLES = 200
+
+
+class BadSampleRatio:
+    """Takes the counts of one boot, which only grow, and compares them with those of a minute ago."""
+
+    def __init__(self) -> None:
+        self._past: deque[tuple[int, int, dict[str, int]]] = deque()  # when, samples, counts
+
+    def notable(self, time_ns: int, samples: int, counts: Mapping[str, int]) -> str:
+        """The reasons that concern more than 1 % of the received samples, largest first; empty if there are none."""
+        while len(self._past) > 1 and self._past[1][0] <= time_ns - _WINDOW_NS:
+            self._past.popleft()
+        self._past.append((time_ns, samples, dict(counts)))
+        _, before, counted = self._past[0]
+        came = samples - before
+        if came < _LEAST_SAMPLES:
+            return ""
+        shares = {label: (n - counted.get(label, 0)) / came for label, n in counts.items()}
+        found = sorted(((share, label) for label, share in shares.items() if share > _NOTABLE), reverse=True)
+        said = ", ".join(f"{min(100, 100 * share):.0f} % {in_words(label)}" for share, label in found)
+        return f"of its samples of the last minute {said}" if said else ""

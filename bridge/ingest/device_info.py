@@ -1,0 +1,91 @@
+"""Builds a device's DeviceInfo: model, rate, counts, battery and notices. Pure."""
+
+import math
+from typing import NamedTuple
+
+from bridge.drivers.driver import Battery, Identity, Notice
+from bridge.ingest.timeline import Timeline
+from bridge.wire.checks import MAX_TEXTS
+from bridge.wire.messages import BootCause, DeviceInfo
+
+_NOBODY = Identity(
+    boot=0,
+    boot_cause=BootCause.UNKNOWN,
+    model="",
+    firmware="",
+    rate_hz=0.0,
+    gyro_range=0.0,
+    tick_period_s=0.0,
+    has_accel=False,
+    has_temperature=False,
+)
+
+
+class News(NamedTuple):
+    """The fields of DeviceInfo that are published soon after a change; the others once a second."""
+
+    dropped: dict[str, int]
+    events: dict[str, int]
+    trouble: str
+
+
+class Account:
+    """The latest battery state and notices of one device, with its fixed names: device, bridge, driver, port."""
+
+    def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
+        self._names = (device, bridge, driver, place)
+        self._battery = Battery(math.nan)
+        self._notices: dict[str, str] = {}
+
+    def note(self, event: Battery | Notice) -> None:
+        """Keep the latest battery state, and the latest notice of each name; at most as many names as the wire takes."""
+        if isinstance(event, Battery):
+            self._battery = event
+            return
+        self._notices.pop(event.name, None)
+        if event.text:
+            self._notices[event.name] = event.text
+        while len(self._notices) > MAX_TEXTS:
+            self._notices.pop(next(iter(self._notices)))
+
+    def news(self, identity: Identity | None, dropped: dict[str, int], events: dict[str, int], trouble: str) -> News:
+        """The news of these counts; a device that has not identified itself yet (identity None) is a trouble."""
+        if identity is None and not trouble:
+            trouble = f"{self._names[-1]}: nothing was heard of it yet"
+        return News(dropped, events, trouble)
+
+    def info(
+        self, identity: Identity | None, boot: int, timeline: Timeline, samples: int, time_ns: int, news: News
+    ) -> DeviceInfo:
+        """The whole message; boot 0 before the device has identified itself."""
+        device, bridge, driver, place = self._names
+        known = identity or _NOBODY
+        return DeviceInfo(
+            device=device,
+            bridge=bridge,
+            boot=boot,
+            boot_cause=known.boot_cause,
+            model=known.model,
+            firmware=known.firmware,
+            driver=driver,
+            port=place,
+            rate_hz=known.rate_hz,
+            measured_rate_hz=timeline.rate.hz,
+            gyro_range=known.gyro_range,
+            has_accel=known.has_accel,
+            has_temperature=known.has_temperature,
+            time_ns=time_ns,
+            samples=samples,
+            dropped=news.dropped,
+            events=news.events,
+            trouble=news.trouble,
+            battery_percent=self._battery.percent,
+            charging=self._battery.charging,
+            # The device's own, and what is to be said of its time.
+            notices=dict([*self._notices.items(), *_of_time(timeline, identity)][-MAX_TEXTS:]),
+            has_clock=known.has_clock,
+        )
+
+
+def _of_time(timeline: Timeline, identity: Identity | None) -> list[tuple[str, str]]:
+    return [] if identity is None else list(timeline.notices(identity).items())

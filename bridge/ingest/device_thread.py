@@ -1,0 +1,185 @@
+"""One device's thread: open the device, read it, queue its batches, and open it again when it is lost."""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice
+from bridge.ingest.device_info import News
+from bridge.ingest.intake import Intake
+from bridge.ingest.merge_readings import joined
+from bridge.ingest.no_data_reason import ended, why
+from bridge.transport import host_time
+from bridge.wire.messages import DeviceInfo, SampleBatch
+
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
+_READ_S = 0.2
+_KEPT_SAMPLES = 20_000
+_SILENT_S = 3.0
+_LONGEST_PAUSE_S = 0.05  # what comes meanwhile must have room in the system's buffers
+
+_log = logging.getLogger(__name__)
+
+
+class Taken(NamedTuple):
+    """What the pump takes of a device: batches in order, the boot after them, and whether the device is there.
+
+    boot: 0 while the device has not identified itself. info: its DeviceInfo, where that was wanted.
+    """
+
+    batches: list[SampleBatch]
+    boot: int
+    there: bool
+    info: DeviceInfo | None
+
+
+class DeviceThread:
+    """A device and its thread. `take` may be called from any thread and never waits for the device.
+
+    The thread reads all that came, then pauses until `read_soon`, 50 ms at most: what comes meanwhile waits in the system's
+    buffers, and costs one wake-up. Finished batches wait in a bounded queue; when nobody takes them the oldest are dropped
+    and counted. A device that vanishes is opened again by its own name: each 0.1 s where its driver finds that cheap, as for
+    a port that is not plugged in; else ever later, up to 2 s.
+    """
+
+    def __init__(self, device: str, driver: Driver, intake: Intake) -> None:
+        self.device = device
+        self.over = False  # ended for good: a recording that is played
+        self._driver = driver
+        self._intake = intake
+        self._stop = threading.Event()
+        self._due = threading.Event()  # to read
+        self._heard_s = 0.0
+        self._lock = threading.Lock()  # of the intake and the queue
+        self._queue: deque[SampleBatch] = deque()
+        self._queued = 0
+        self._there = False
+        self._faults: dict[str, int] = {}  # a copy, for other threads
+        self._complaint = ""
+        self._thread = threading.Thread(target=self._run, name=f"device {device}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._thread.start()
+
+    def read_soon(self) -> None:
+        """Wake the thread: `take` follows in a moment."""
+        self._due.set()
+
+    def take(self, wanted: Callable[[int, News], bool] = lambda *_: True) -> Taken:
+        """The batches queued since the last take; wanted(boot, news): whether with a DeviceInfo."""
+        with self._lock:
+            batches = list(self._queue)
+            self._queue.clear()
+            self._queued = 0
+            boot, trouble = self._intake.boot or 0, (self._faults, self._complaint)
+            info = self._intake.info(time.time_ns(), *trouble) if wanted(boot, self._intake.news(*trouble)) else None
+            return Taken(batches, boot, self._there, info)
+
+    def lose(self, batches: Iterable[SampleBatch]) -> None:
+        """Count batches that were taken and could not be published."""
+        with self._lock:
+            for batch in batches:
+                self._intake.overflowed(batch)
+
+    def stop(self, timeout_s: float = 2.0) -> None:
+        """End the thread and close the device; what was read can still be taken."""
+        self._stop.set()
+        self._due.set()
+        if self._thread.is_alive():
+            self._driver.close()  # ends a read
+            self._thread.join(timeout_s)
+            if self._thread.is_alive():
+                _log.error("%s: its driver does not end", self.device)
+
+    def _run(self) -> None:
+        wait_s = 0.0
+        while not self.over and not self._stop.wait(wait_s):
+            wait_s = min(max(2 * wait_s, _FIRST_WAIT_S), _LONGEST_WAIT_S)
+            try:
+                self._driver.open()
+                self._read_on()
+            except DeviceUnavailable as error:
+                if error.soon:
+                    wait_s = _FIRST_WAIT_S
+                self._complain(str(error))
+            except DeviceLost as error:
+                if self._there:  # it had been read from, so try again soon
+                    wait_s = _FIRST_WAIT_S
+                self.over = error.over
+                said = ended(self._driver, self._intake.driver) if error.over else ""
+                self._complain(said or str(error), wrong=bool(said))
+            except Exception as error:  # noqa: BLE001 - a fault of one driver must not silence its device, or the others
+                self._complain(f"its driver failed: {error!r}", trace=True)
+            finally:
+                self._there = False
+                self._driver.close()
+                self._release()
+
+    def _read_on(self) -> None:
+        self._heard_s = time.monotonic()
+        while not self._stop.is_set():
+            self._hear(self._driver.read(_READ_S))
+            self._look()
+            self._due.wait(_LONGEST_PAUSE_S)
+            self._due.clear()
+
+    def _hear(self, events: list[Event]) -> None:
+        """Let events through the intake, and the batches into the queue."""
+        self._faults = self._driver.faults.as_dict()
+        if not events:
+            return
+        with self._lock:
+            # A driver may have something to say of a device that says nothing.
+            if not all(isinstance(event, Notice) for event in events):
+                self._heard_s = time.monotonic()
+                if not self._there:
+                    self._recover()
+            self._intake.host_set_ns = host_time.set_ns(self._intake.host_set_ns)
+            # Of a device that tells time many readings at once cost no more than one.
+            for event in joined(events) if self._intake.has_clock else events:
+                self._keep(self._intake.take(event))
+        said, self._intake.said = self._intake.said, []
+        for words in said:
+            _log.warning("%s: %s", self.device, words)
+
+    def _release(self) -> None:
+        """Queue the readings that the intake holds in doubt of a gap: nothing follows that it could wait for."""
+        with self._lock:
+            self._keep(self._intake.release())
+
+    def _look(self) -> None:
+        """Say so when the device has been silent for long."""
+        if time.monotonic() - self._heard_s > _SILENT_S:
+            self._there = False
+            self._release()
+            self._complain(why(self._driver, self._intake.driver))
+            self._heard_s = time.monotonic()
+
+    def _recover(self) -> None:
+        self._there = True
+        if self._complaint:
+            self._intake.events.add("reconnections")
+        _log.info("%s: %s %s", self.device, "back on" if self._complaint else "reading", self._driver.place)
+        self._complaint = ""
+
+    def _keep(self, batches: list[SampleBatch]) -> None:
+        for batch in batches:
+            self._queue.append(batch)
+            self._queued += len(batch)
+        while self._queued > _KEPT_SAMPLES:
+            lost = self._queue.popleft()
+            self._queued -= len(lost)
+            self._intake.overflowed(lost)
+
+    def _complain(self, complaint: str, *, trace: bool = False, wrong: bool = False) -> None:
+        """Say a new trouble aloud, a known one quietly; an end is none, unless something is wrong with it."""
+        if self._stop.is_set():
+            return
+        known = complaint == self._complaint
+        level = logging.DEBUG if known else logging.INFO if self.over and not wrong else logging.WARNING
+        _log.log(level, "%s: %s", self.device, complaint, exc_info=trace and not known)
+        self._complaint = complaint

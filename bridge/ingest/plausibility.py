@@ -1,0 +1,92 @@
+"""Checks readings: columns of equal length, finite values, rates and accelerations within what a sensor can read."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.drivers.driver import Readings
+from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES
+from bridge.wire.refusal import Reason
+
+PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
+_MAX_COUNT = 2**62
+_SURELY = 0.99  # of a limit's square: the rest is for rounding
+_FEW = 4096  # values; for many more BLAS would wake threads
+_FOUR = 4  # bytes, in which no count is too large
+
+Bools = NDArray[np.bool_]
+
+
+def fault(readings: Readings) -> Reason | None:
+    """Why readings cannot be taken: columns of different lengths, counters that no device reaches."""
+    n, accel, temperature_c = len(readings.ticks), readings.accel, readings.temperature_c
+    whole = (
+        n > 0
+        and readings.gyro.shape == (n, 3)
+        and (accel is None or accel.shape == (n, 3))
+        and (temperature_c is None or temperature_c.shape == (n,))
+    )
+    if not whole:
+        return Reason.LENGTH
+    large = readings.ticks.itemsize > _FOUR and int(readings.ticks.max()) >= _MAX_COUNT
+    if large or not 0 <= readings.sequence < _MAX_COUNT:
+        return Reason.RANGE
+    return None
+
+
+def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools]:
+    """(n,) which samples are finite, and which of those are plausible; gyro_range 0 is unknown."""
+    limit = _limit(gyro_range)
+    # Almost always all are; what is no number is below no limit.
+    if within(readings.gyro, limit) and (readings.accel is None or within(readings.accel, MAX_ACCEL)):
+        every = np.ones(len(readings.gyro), bool)
+        return every, every
+    finite = np.isfinite(readings.gyro).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        plausible = (np.abs(readings.gyro) <= limit).all(axis=1)
+        if readings.accel is not None:
+            finite &= np.isfinite(readings.accel).all(axis=1)
+            plausible &= (np.abs(readings.accel) <= MAX_ACCEL).all(axis=1)
+    return finite, finite & plausible
+
+
+def plain(readings: Readings, gyro_range: float) -> bool:
+    """Whether every value of readings can be published, temperatures too."""
+    accel, temperature_c = readings.accel, readings.temperature_c
+    return (
+        len(readings.ticks) <= MAX_SAMPLES
+        and within(readings.gyro, _limit(gyro_range))
+        and (accel is None or within(accel, MAX_ACCEL))
+        and (temperature_c is None or within(temperature_c, MAX_CELSIUS))
+    )
+
+
+def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
+    """The column, or None where a value of it is unusable: no reason to lose the rates."""
+    if readings.temperature_c is None:
+        return None
+    column = readings.temperature_c[run]
+    return np.ascontiguousarray(column, np.float32) if within(column, MAX_CELSIUS) else None
+
+
+def _limit(gyro_range: float) -> float:
+    return min(MAX_RATE, PLAUSIBLE * gyro_range) if gyro_range else MAX_RATE
+
+
+def within(column: NDArray[np.floating], limit: float) -> bool:
+    """Whether all values are of a magnitude up to limit; what is no number is not."""
+    # Where the sum of all squares is below that of the limit, none is beyond: the usual case, for a third of the price.
+    if column.size <= _FEW and np.vdot(column, column) <= _SURELY * limit * limit:
+        return True
+    return bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)
+
+
+def runs(good: Bools) -> list[slice]:
+    """The unbroken runs of True, none longer than a batch may be."""
+    edges = [0, len(good)]
+    if not good.all():
+        edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0)).tolist()
+    return [
+        slice(begin, min(begin + MAX_SAMPLES, end))
+        for start, end in zip(edges[::2], edges[1::2], strict=True)
+        for begin in range(start, end, MAX_SAMPLES)
+    ]

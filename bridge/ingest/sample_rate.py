@@ -1,0 +1,34 @@
+"""Measures a device's sample rate, and compares it with the nominal one."""
+
+_WINDOW_S = 10.0
+_DIFFERS, _AGREES = 0.02, 0.01  # of the nominal rate
+
+
+class SendingRate:
+    """Of one boot. hz: samples per host second over the last ten seconds or so, missing ones included; 0 until known.
+
+    steady_hz: where two stretches of ten seconds, one after the other, last agreed; 0 until they do.
+    """
+
+    def __init__(self) -> None:
+        self.hz = self.steady_hz = 0.0
+        self._whole_hz = 0.0  # of the last ten seconds that were whole
+        self.differs = False
+        self._since: tuple[int, float] | None = None  # sequence and device time, some seconds ago
+
+    def observe(self, sequence: int, device_s: float, clock_rate: float, nominal_hz: float) -> bool:
+        """Whether the rate begins to differ from the nominal one; clock_rate: host seconds per device second."""
+        if self._since is None:
+            self._since = (sequence, device_s)
+        since, since_s = self._since
+        if device_s - since_s < 1.0:
+            return False
+        self.hz = (sequence - since) / ((device_s - since_s) * clock_rate)
+        if device_s - since_s >= _WINDOW_S:
+            self._since = (sequence, device_s)
+            if abs(self.hz - self._whole_hz) < _DIFFERS * self.hz:
+                self.steady_hz = self.hz
+            self._whole_hz = self.hz
+        before, off = self.differs, abs(self.hz / nominal_hz - 1) if nominal_hz else 0.0
+        self.differs = off > (_AGREES if before else _DIFFERS)
+        return self.differs and not before

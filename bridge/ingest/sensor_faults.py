@@ -1,0 +1,197 @@
+"""Flags readings of a faulty sensor: clipped at full scale, stuck at one value, or with a leap of temperature.
+
+A sensor is stuck that repeats itself where its noise would not let it: all three axes, k times in a row, so that a
+sound sensor of this noise and this step does so less than 1e-5 times in a hundred device years. Noise and step are the
+device's own, from its rests; one whose step is coarser than its noise may repeat itself, and is never called stuck.
+"""
+
+from math import ceil, inf, log, pi, radians, sqrt
+from operator import eq
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.ingest.plausibility import within
+from bridge.wire.messages import SampleFlag
+from bridge.wire.refusal import Tally
+
+CLIPPED_AT = 0.99  # of full scale
+_NEARLY = 0.999  # so far below, nothing is clipped, however it was rounded
+_LEAST_REPEATS = 5
+_BUDGET = 1e-5 / (100 * 365.25 * 86_400)  # false alarms a device second
+_RESTS = 10  # seconds at rest before the noise is known
+_REST_STD = radians(1.0)
+_LEAST_SAMPLES = 8  # of a second
+_MOST_SAMPLES = 1 << 18  # of a clock that hardly moves
+_NOISY = 1.5  # steps: rms of the difference of two readings, below which the step hides the noise
+_LEAP_K, _WARMING_K_PER_S = 2.0, 1.0  # coarse thermometers step by a whole kelvin
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.floating]
+Flags = NDArray[np.uint32]
+
+
+class SensorFaults:
+    """The readings of one boot in order, any batching; `events` counts what is flagged, by samples."""
+
+    def __init__(self, events: Tally) -> None:
+        self._events = events
+        self._stuck = Repeats()
+        self._warmth = Warmth()
+
+    def flags(self, time_s: Floats, gyro: Floats, temperature_c: Floats | None, gyro_range: float) -> Flags:
+        """(n,) SampleFlags of n ≥ 1 good readings at time_s (n,): gyro (n, 3) rad/s, temperature_c (n,); range 0: unknown."""
+        flags = np.zeros(len(gyro), np.uint32)
+        if gyro_range and not within(gyro, _NEARLY * CLIPPED_AT * gyro_range):
+            self._mark(flags, SampleFlag.CLIPPED, np.asarray((np.abs(gyro) >= CLIPPED_AT * gyro_range).any(axis=1)))
+        self._mark(flags, SampleFlag.STUCK, self._stuck.seen(time_s, gyro))
+        if temperature_c is not None:
+            self._mark(flags, SampleFlag.TEMPERATURE_STEP, self._warmth.leapt(time_s, temperature_c))
+        return flags
+
+    def told(self, flags: Flags, clipped: Bools) -> None:
+        """Mark in flags (n,) what the device itself says is clipped (n,)."""
+        self._mark(flags, SampleFlag.CLIPPED, clipped & (flags & np.uint32(SampleFlag.CLIPPED) == 0))
+
+    def _mark(self, flags: Flags, flag: SampleFlag, which: Bools) -> None:
+        if which.any():
+            flags[which] |= np.uint32(flag)
+            self._events.add((flag.name or "").lower(), int(np.count_nonzero(which)))
+
+
+class Repeats:
+    """Readings that repeat the one before on all axes."""
+
+    def __init__(self) -> None:
+        self._last = np.full((1, 3), np.nan)
+        self._run = 0  # repeats, up to the last reading
+        self._began = inf  # the second that is being gathered
+        self._second: list[Floats] = []
+        self._gathered = 0  # samples of it
+        self._stuck = False  # any of it
+        self._noise = SelfRepetition()
+        self._needed: float | None = inf  # None: to be reckoned anew, once it is asked for
+        self._rate_hz = 0.0
+
+    @property
+    def needed(self) -> float:
+        """How many in a row mean stuck; infinite until it is known."""
+        if self._needed is None:
+            self._needed = self._noise.repeats(self._rate_hz)
+        return self._needed
+
+    def seen(self, time_s: Floats, gyro: Floats) -> Bools:
+        """(n,) which of the next readings (n, 3) are stuck; seconds are cut by time, so that batching changes nothing."""
+        stuck = np.zeros(len(gyro), bool)
+        begin = 0
+        while begin < len(gyro):
+            if not self._second:
+                self._began = float(time_s[begin])
+            whole = time_s[-1] < self._began + 1.0
+            end = len(gyro) if whole else begin + int(np.searchsorted(time_s[begin:], self._began + 1.0))
+            end = min(end, begin + _MOST_SAMPLES - self._gathered)
+            if end > begin:
+                part = gyro[begin:end]
+                if self._repeats(part):
+                    stuck[begin:end] = self._too_many(part)
+                    self._stuck |= bool(stuck[begin:end].any())
+                self._last = part[-1:]
+                self._second.append(part)
+                self._gathered += len(part)
+            if end < len(gyro):
+                self._close()
+            begin = end
+        return stuck
+
+    def _repeats(self, gyro: Floats) -> bool:
+        """Whether any of the next readings repeats the one before."""
+        rows = gyro.tolist()
+        if any(map(eq, rows, [*self._last.tolist(), *rows])):
+            return True
+        self._run = 0
+        return False
+
+    def _too_many(self, gyro: Floats) -> Bools:
+        """(n,) which of the next readings come after too many repeats."""
+        same = (gyro == np.concatenate([self._last, gyro[:-1]])).all(axis=1)
+        at = np.arange(len(same))
+        runs = at - np.maximum.accumulate(np.where(same, -1 - self._run, at))
+        self._run = int(runs[-1])
+        return np.asarray(runs >= self.needed)
+
+    def _close(self) -> None:
+        second = np.concatenate(self._second)
+        if not self._stuck and len(second) >= _LEAST_SAMPLES and (second.std(axis=0) < _REST_STD).all():
+            self._noise.learn(second)
+            self._needed, self._rate_hz = None, len(second)
+        self._second, self._gathered, self._stuck = [], 0, False
+
+
+class SelfRepetition:
+    """How often a sound sensor repeats itself at rest, axis by axis."""
+
+    def __init__(self) -> None:
+        # The difference of two readings, rms, in least steps: of the quietest second, and the median of the quietest ten.
+        self._least = self._quiet = np.full(3, inf)
+        self._ten: list[Floats] = []
+        self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
+
+    def learn(self, gyro: Floats) -> None:
+        """A second of readings (n, 3) at rest."""
+        change = np.abs(np.diff(gyro, axis=0))
+        step = np.where(change > 0, change, inf).min(axis=0)
+        self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)
+        self._least = np.minimum(self._least, self._ten[-1])
+        if len(self._ten) == _RESTS:
+            self._quiet = np.minimum(self._quiet, np.median(self._ten, axis=0))
+            self._ten = []
+        equal = change == 0
+        self._pairs += len(equal)
+        self._equal += equal.sum(axis=0)
+        self._tried += equal[:-1].sum(axis=0)
+        self._again += (equal[:-1] & equal[1:]).sum(axis=0)
+
+    def repeats(self, rate_hz: float) -> float:
+        """How many repeats of all axes in a row do not happen by chance, by the budget; infinite where they may.
+
+        By the Gaussian difference of two readings, or by what was counted where that is surely more: filtered noise, and
+        sensors read more often than they measure, repeat themselves, and above all once more, oftener than white noise.
+        """
+        if not np.isfinite(self._quiet).all():
+            return inf
+        hidden = self._least < _NOISY
+        gaussian = 1 / (sqrt(2 * pi) * np.where(hidden, 1.0, self._quiet))
+        first = np.where(hidden, 1.0, np.maximum(gaussian, _at_least(self._equal, self._pairs)))
+        then = np.where(hidden, 1.0, np.maximum(gaussian, _at_least(self._again, self._tried)))
+        p_first, p_then = float(first.prod()), float(then.prod())
+        if p_then >= 1:
+            return inf
+        return max(_LEAST_REPEATS, 1 + ceil(log(_BUDGET / rate_hz / p_first) / log(p_then)))
+
+
+def _at_least(happened: Floats, tried: Floats) -> Floats:
+    """Probabilities that counts speak for, less two standard deviations."""
+    p = (happened + 1) / (tried + 2)
+    return np.asarray(p - 2 * np.sqrt(p * (1 - p) / (tried + 2)))
+
+
+class Warmth:
+    """The temperature that was believed last, and how far from it a sensor can be by now."""
+
+    def __init__(self) -> None:
+        self._believed: tuple[float, float] | None = None  # when, °C
+
+    def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
+        """(n,) which of the next temperatures (n,) are not to be believed; a new level is, once there was time to get there."""
+        at_s, believed_c = self._believed or (float(time_s[0]), float(temperature_c[0]))
+        leaps = np.zeros(len(temperature_c), bool)
+        # Almost always nothing leaps, and no sample has to be looked at alone.
+        if (np.abs(temperature_c - believed_c) <= _LEAP_K).all():
+            self._believed = float(time_s[-1]), float(temperature_c[-1])
+            return leaps
+        for i, (now_s, now_c) in enumerate(zip(time_s.tolist(), temperature_c.tolist(), strict=True)):
+            leaps[i] = abs(now_c - believed_c) > _LEAP_K + _WARMING_K_PER_S * (now_s - at_s)
+            if not leaps[i]:
+                at_s, believed_c = now_s, now_c
+        self._believed = at_s, believed_c
+        return leaps

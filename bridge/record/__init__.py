@@ -1,1 +1,0 @@
-"""Recordings of a ward: written as MCAP while it runs, recovered after an accident, looked into, exported."""

@@ -1,0 +1,243 @@
+"""Exports recordings as a BIDS-Motion dataset (Brain Imaging Data Structure): a tracking system per device, a run per boot.
+
+https://bids-specification.readthedocs.io, "Motion"; Jeung et al., Scientific Data 11, 2024.
+"""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording.error import RecordingError
+from bridge.recording.export import AXES, BEGIN, BOOT, events, make_folder, rows_of
+from bridge.recording.files import check_new, new_file
+from bridge.recording.stretches import Recorded, Stretch
+
+BIDS_VERSION = "1.10.0"
+LABEL = re.compile(r"[0-9a-zA-Z]+\Z")
+_NONE = "n/a"
+_FILES = ("motion.tsv", "motion.json", "channels.tsv", "channels.json")
+_EVENTS = ("events.tsv", "events.json")
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A column of a motion file, with its BIDS type, component and unit."""
+
+    name: str
+    component: str
+    type: str
+    units: str
+    description: str
+    values: NDArray[np.generic]
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """Subject, task and session labels, of letters and digits; never a person's name."""
+
+    subject: str
+    task: str
+    session: str = ""
+
+    def __post_init__(self) -> None:
+        for key, label in (("--subject", self.subject), ("--task", self.task), ("--session", self.session or "none")):
+            if not LABEL.match(label):
+                raise RecordingError(f"{key} {label!r}: BIDS takes letters and digits only, such as 01")
+
+    @property
+    def stem(self) -> str:
+        """Beginning of every file name of the session."""
+        return f"sub-{self.subject}" + (f"_ses-{self.session}" if self.session else "")
+
+    @property
+    def folder(self) -> Path:
+        """The session's folder in a dataset."""
+        return Path(f"sub-{self.subject}", *([f"ses-{self.session}"] if self.session else []))
+
+
+def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path]:
+    """Write a dataset, or add a subject to one, and return the files written. Raises RecordingError."""
+    systems = _systems(list(recorded.stretches))
+    home = folder / session.folder
+    make_folder(folder)
+    (home / "motion").mkdir(parents=True, exist_ok=True)
+    stems = {
+        f"{session.stem}_task-{session.task}_tracksys-{systems[device]}"
+        + (f"_run-{stretch.number}" if len(stretches) > 1 else ""): stretch
+        for device, stretches in recorded.stretches.items()
+        for stretch in stretches
+    }
+    check_new(home / "motion" / f"{stem}_{name}" for stem in stems for name in (*_FILES, *_EVENTS))
+    listed, people = home / f"{session.stem}_scans.tsv", folder / "participants.tsv"
+    known_scans, known_people = _lines(listed, ("filename", "acq_time")), _lines(people, ("participant_id",))
+    paths, scans = [], []
+    for stem, stretch in stems.items():
+        paths += _write(home / "motion", stem, stretch, session.task, systems[stretch.device])
+        began = datetime.fromtimestamp(int(stretch.time_ns[0]) / 1e9, UTC)
+        scans.append((f"motion/{stem}_motion.tsv", f"{began:%Y-%m-%dT%H:%M:%S.%f}Z"))
+        paths += _write_events(home / "motion", stem, recorded, stretch)
+    _add_rows(listed, known_scans, scans)
+    _add_rows(people, known_people, [(f"sub-{session.subject}",)])
+    about = folder / "dataset_description.json"
+    if not about.exists():
+        made_by = {"Name": "truerate", "Version": version("truerate")}
+        told = {
+            "Name": "Recorded by truerate",
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "raw",
+            "GeneratedBy": [made_by],
+        }
+        _write_json(about, told)
+        if not any(folder.glob("README*")):
+            with new_file(folder / "README") as file:
+                file.write(_README.encode())
+    return paths
+
+
+def channels(stretch: Stretch) -> list[Channel]:
+    """The columns of a stretch."""
+    corrected = stretch.corrected
+    vectors: list[tuple[str, str, str, str, NDArray[np.generic] | None]] = [
+        ("gyro", "GYRO", "rad/s", "angular rate as read", stretch.gyro),
+        ("accel", "ACCEL", "m/s^2", "acceleration as read", stretch.accel),
+        ("rate", "GYRO", "rad/s", "angular rate, corrected", corrected.rate if corrected else None),
+        ("ratestd", "MISC", "rad/s", "its standard deviation", corrected.rate_std if corrected else None),
+    ]
+    found = [Channel("time", _NONE, "LATENCY", "s", "since the first sample, device clock", stretch.time_s)]
+    found += [
+        Channel(f"{name}_{axis}", axis, kind, units, words, values[:, column])
+        for name, kind, units, words, values in vectors
+        if values is not None
+        for column, axis in enumerate(AXES)
+    ]
+    if stretch.temperature_c is not None:
+        found.append(Channel("temperature", _NONE, "MISC", "oC", "of the sensor", stretch.temperature_c))
+    if stretch.corrected is not None:
+        words = "of the corrected rate: 0 none, 1 prior, 2 bias only, 3 good, 4 degraded, -1 not corrected"
+        found.append(Channel("quality", _NONE, "MISC", _NONE, words, stretch.corrected.quality))
+    return found
+
+
+def sidecar(stretch: Stretch, task: str, system: str) -> dict[str, Any]:
+    """Content of a *_motion.json file."""
+    found = channels(stretch)
+    counts = {
+        f"{kind}ChannelCount": sum(c.type == kind for c in found) for kind in ("ACCEL", "GYRO", "LATENCY", "MISC")
+    }
+    seconds = float(stretch.time_s[-1])
+    info = stretch.info
+    about: dict[str, Any] = {
+        "TaskName": task,
+        "TrackingSystemName": system,
+        "SamplingFrequency": stretch.rate_hz,
+        "SamplingFrequencyEffective": (len(stretch) - 1) / seconds if seconds else stretch.rate_hz,
+        "RecordingType": "continuous",
+        "RecordingDuration": seconds,
+        "MotionChannelCount": len(found),
+        "TrackedPointsCount": 1,
+        "MissingValues": _NONE,
+        "SpatialAxes": _NONE,
+        **counts,
+    }
+    if info is not None:
+        about |= {"ManufacturersModelName": info.model, "SoftwareVersions": info.firmware}
+    return about
+
+
+def _write(folder: Path, stem: str, stretch: Stretch, task: str, system: str) -> list[Path]:
+    found = channels(stretch)
+    paths = [folder / f"{stem}_{name}" for name in _FILES]
+    with new_file(paths[0]) as file:
+        for rows in rows_of([channel.values for channel in found], _NONE):
+            file.write("".join("\t".join(row) + "\n" for row in rows).encode())
+    _write_json(paths[1], sidecar(stretch, task, system))
+    heads = [
+        "name",
+        "component",
+        "type",
+        "tracked_point",
+        "units",
+        "reference_frame",
+        "sampling_frequency",
+        "description",
+    ]
+    told = [
+        (c.name, c.component, c.type, stretch.device, c.units, "sensor" if c.component != _NONE else _NONE,
+         f"{stretch.rate_hz:g}", c.description)
+        for c in found
+    ]  # fmt: skip
+    _write_table(paths[2], heads, told)
+    _write_json(paths[3], {"reference_frame": {"Levels": {"sensor": {"Description": "the sensor's own axes"}}}})
+    return paths
+
+
+def _write_events(folder: Path, stem: str, recorded: Recorded, stretch: Stretch) -> list[Path]:
+    """Write notes and calibrations within a stretch; no file when there is none."""
+    first, last = int(stretch.time_ns[0]), int(stretch.time_ns[-1])
+    rows = [
+        (f"{(event.time_ns - first) * 1e-9:.3f}", _NONE, event.event.split()[0], f"{event.event}: {event.text}")
+        for event in events(recorded)
+        if event.device == stretch.device and event.event not in (BOOT, BEGIN) and first <= event.time_ns <= last
+    ]
+    paths = [folder / f"{stem}_{name}" for name in _EVENTS] if rows else []
+    if rows:
+        _write_table(paths[0], ("onset", "duration", "trial_type", "description"), rows)
+        _write_json(paths[1], {"description": {"Description": "what was written, or came of it"}})
+    return paths
+
+
+def _systems(devices: Sequence[str]) -> dict[str, str]:
+    """A BIDS label for each device: its letters and digits."""
+    systems = {device: re.sub(r"[^0-9a-zA-Z]", "", device) for device in devices}
+    taken: dict[str, str] = {}
+    for device, label in systems.items():
+        if label in taken:
+            raise RecordingError(
+                f"{taken[label]} and {device} are both {label!r} in BIDS, which takes letters and digits only; rename one"
+            )
+        taken[label] = device
+    return systems
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    with new_file(path) as file:
+        file.write((json.dumps(content, indent=2) + "\n").encode())
+
+
+def _write_table(path: Path, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    with new_file(path) as file:
+        file.write("".join("\t".join(row) + "\n" for row in (heads, *rows)).encode())
+
+
+def _lines(path: Path, heads: Sequence[str]) -> list[str]:
+    """Lines of a table that exists, or the header of a new one. Raises RecordingError where it is not UTF-8."""
+    try:
+        known = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    except UnicodeDecodeError:
+        raise RecordingError(f"{path}: is not UTF-8, which BIDS asks for; save it as UTF-8, or move it away") from None
+    return known or ["\t".join(heads)]
+
+
+def _add_rows(path: Path, known: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Append rows whose first column is not yet in the table."""
+    had = {line.split("\t", 1)[0] for line in known}
+    width = known[0].count("\t") + 1
+    new = ["\t".join((*row, *[_NONE] * (width - len(row)))) for row in rows if row[0] not in had]
+    unfinished = path.with_name(f".{path.name}.new")
+    unfinished.write_text("".join(line + "\n" for line in (*known, *new)), encoding="utf-8")
+    unfinished.replace(path)
+
+
+_README = """Recorded by truerate: each tracking system is one wearable IMU, each run one boot of it.
+
+In *_motion.tsv, gyro and accel are readings; rate is the angular rate corrected by calibration and bias tracking, ratestd its
+standard deviation, quality how far it can be trusted (see *_channels.tsv). Missing samples have no row: see the time column.
+"""

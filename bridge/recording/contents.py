@@ -1,0 +1,90 @@
+"""Decoded messages of recordings, checked as on the bus; several files, whole or torn, are read as one."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from bridge.os_words import why
+from bridge.recording.error import RecordingError, check_file
+from bridge.recording.kinds import KINDS, PACKAGE, Said
+from bridge.recording.mcap_reader import Entry, McapReader
+from bridge.recording.tape import ABOUT
+from bridge.wire import keys
+from bridge.wire.refusal import Refusal, Tally
+
+Tell = Callable[[int, int], None]
+
+
+class Heard(NamedTuple):
+    """One message of a recording."""
+
+    key: keys.Key
+    said: Said
+    log_ns: int
+
+
+class Contents:
+    """The messages of files, the earliest file first. `refused` and `trouble` are complete after iterating.
+
+    wanted: kinds to decode, by the first word of their topic; all when empty. refused: messages that are not understood.
+    trouble: what is wrong with a file, for a person. Raises RecordingError for a file that is none of ours.
+    """
+
+    def __init__(self, paths: Sequence[Path], wanted: Sequence[str] = (), tell: Tell = lambda _done, _of: None) -> None:
+        for path in paths:
+            check_file(path)
+        self.refused = Tally()
+        self.trouble: list[str] = []
+        self.size = 0
+        self._wanted = frozenset(wanted or KINDS)
+        self._tell = tell
+        self._paths = sorted(paths, key=_begin_ns) if len(paths) > 1 else list(paths)
+
+    def __iter__(self) -> Iterator[Heard]:
+        sizes = [path.stat().st_size for path in self._paths]
+        for path, size in zip(self._paths, sizes, strict=True):
+            for done, entry in _entries(path, self.trouble, self.refused):
+                if (heard := self._heard(entry)) is not None:
+                    yield heard
+                self._tell(self.size + done, sum(sizes))
+            self.size += size
+
+    def _heard(self, entry: Entry) -> Heard | None:
+        what = entry.topic.split("/", 1)[0]
+        if what not in self._wanted:
+            if what not in KINDS:
+                self.refused.add("foreign_topic")
+            return None
+        text = entry.facts.get("key", "")
+        try:
+            key = keys.parse(text)
+            return Heard(key, KINDS[what].decode(text, entry.payload), entry.log_ns)
+        except Refusal as refusal:
+            self.refused.add(refusal.reason)
+            return None
+
+
+def _entries(path: Path, trouble: list[str], refused: Tally) -> Iterator[tuple[int, Entry]]:
+    """Pairs of bytes read so far and an entry. Raises RecordingError for a file that is not a recording of a ward."""
+    try:
+        with path.open("rb") as file:
+            reader = McapReader(file, str(path))
+            ours, foreign = False, ""
+            for entry in reader.entries():
+                if entry.schema.startswith(PACKAGE):
+                    ours = True
+                    yield reader.good, entry
+                else:
+                    refused.add("foreign_schema")
+                    foreign = foreign or entry.topic or "a channel without a name"
+            if not ours and foreign and ABOUT not in reader.facts:
+                raise RecordingError(f"{path}: not a recording of a ward: it has {foreign!r}")
+            if not ours:
+                raise RecordingError(f"{path}: there is nothing in it: {'; '.join(reader.trouble) or 'no message'}")
+            trouble += [f"{path}: {words}" for words in reader.trouble]
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
+
+
+def _begin_ns(path: Path) -> int:
+    return next((entry.log_ns for _, entry in _entries(path, [], Tally())), 0)

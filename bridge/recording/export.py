@@ -1,0 +1,163 @@
+"""Exports recordings as .npz or .csv, a file per boot and device, which `bridge.recording.load` reads back.
+
+npz: `t_s`, `gyro_rad_s`, `accel_m_s2`, `temperature_c`, `rate_hz` as there; of each sample `host_time_ns`, `sequence`, `flags`;
+where corrected rates were recorded `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s` (n, 3), NaN where there is none, and `quality`
+(n,), -1 there. `device`, `boot`. CSV: the same columns, an axis each, the quality as its number.
+`events.csv` beside them has boots, calibrations and notes.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording.error import RecordingError
+from bridge.recording.files import check_new, new_file
+from bridge.recording.stretches import Recorded, Stretch
+from bridge.wire.keys import boot_id
+
+AXES = "xyz"
+_ROWS = 10_000
+Columns = dict[str, NDArray[np.generic]]
+Write = Callable[[BinaryIO, Stretch], None]
+
+
+#: a device of such a name has the number of its boot in every file's name, or it could be that of another file
+_TAKEN = re.compile(r"events|.*_boot\d+")
+#: events: a boot; and the first that was recorded of one
+BOOT, BEGIN = "boot", "recording begins"
+
+
+class Event(NamedTuple):
+    """A boot, calibration or note of a device at a host time."""
+
+    time_ns: int
+    device: str
+    boot: int
+    event: str
+    text: str
+
+
+def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
+    """Write every stretch and the events, and return the files. `ending` is one of WRITERS. Raises RecordingError."""
+    make_folder(folder)
+    named = {
+        folder / f"{device}{f'_boot{stretch.number}' if numbered else ''}{ending}": stretch
+        for device, stretches in recorded.stretches.items()
+        for numbered in [len(stretches) > 1 or _TAKEN.fullmatch(device)]
+        for stretch in stretches
+    }
+    paths = [*named, folder / "events.csv"]
+    check_new(paths)
+    for path, stretch in named.items():
+        with new_file(path) as file:
+            WRITERS[ending](file, stretch)
+    with new_file(paths[-1]) as file:
+        _write_events(file, recorded)
+    return paths
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder in an existing one, unless it exists. Raises RecordingError."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except FileNotFoundError:
+        raise RecordingError(f"{folder}: there is no folder {folder.parent}; make it first") from None
+    except OSError as error:
+        raise RecordingError(f"{folder}: cannot be made: {error.strerror}") from None
+
+
+def columns(stretch: Stretch) -> Columns:
+    """The columns of a stretch by name, in the order of a CSV."""
+    found: Columns = {"t_s": stretch.time_s, "gyro_rad_s": stretch.gyro}
+    if stretch.accel is not None:
+        found["accel_m_s2"] = stretch.accel
+    if stretch.temperature_c is not None:
+        found["temperature_c"] = stretch.temperature_c
+    if (corrected := stretch.corrected) is not None:
+        found |= {
+            "rate_rad_s": corrected.rate,
+            "rate_std_rad_s": corrected.rate_std,
+            "bias_rad_s": corrected.bias,
+            "quality": corrected.quality,
+        }
+    return found | {"host_time_ns": stretch.time_ns, "sequence": stretch.sequence, "flags": stretch.flags}
+
+
+def events(recorded: Recorded) -> list[Event]:
+    """Boots (or where a recording began within a boot), calibrations and notes, in order of time."""
+    boots = [
+        Event(int(s.time_ns[0]), s.device, s.boot, BOOT if _from_its_boot(s) else BEGIN, s.info.model if s.info else "")
+        for stretches in recorded.stretches.values()
+        for s in stretches
+    ]
+    calibrations = [
+        Event(c.time_ns, c.device, c.boot, f"calibration {c.verdict.name.lower()}", c.reason)
+        for c in recorded.calibrations
+    ]
+    notes = [Event(n.time_ns, n.device, n.boot, f"note by {n.who}", n.text) for n in recorded.notes]
+    return sorted(boots + calibrations + notes)
+
+
+def _from_its_boot(stretch: Stretch) -> bool:
+    return int(stretch.sequence[0]) == 0
+
+
+def _write_npz(file: BinaryIO, stretch: Stretch) -> None:
+    whose = {"device": np.array(stretch.device), "boot": np.array(boot_id(stretch.boot))}
+    arrays: Columns = {**columns(stretch), **whose}
+    if stretch.rate_hz:
+        arrays["rate_hz"] = np.array(stretch.rate_hz)
+    np.savez(file, allow_pickle=False, **arrays)
+
+
+def _write_csv(file: BinaryIO, stretch: Stretch) -> None:
+    found = columns(stretch)
+    names = [name for column, values in found.items() for name in _names(column, values)]
+    file.write((",".join(names) + "\n").encode())
+    file.writelines("".join(",".join(row) + "\n" for row in rows).encode() for rows in rows_of(list(found.values())))
+
+
+def rows_of(values: list[NDArray[np.generic]], missing: str = "nan") -> Iterator[list[tuple[str, ...]]]:
+    """Rows of columns (n,) or (n, 3) as text, some thousands at a time."""
+    for start in range(0, len(values[0]), _ROWS):
+        part = [column[start : start + _ROWS] for column in values]
+        texts = [_texts(axis, missing) for column in part for axis in np.atleast_2d(column.T)]
+        yield list(zip(*texts, strict=True))
+
+
+def _texts(column: NDArray[np.generic], missing: str) -> list[str]:
+    if column.dtype.kind != "f":
+        return [str(value) for value in column.tolist()]
+    form = "%.9g" if column.dtype == np.float32 else "%.9f"
+    return [form % value if value == value else missing for value in column.tolist()]  # noqa: PLR0124 - NaN is not itself
+
+
+def _names(column: str, values: NDArray[np.generic]) -> list[str]:
+    if values.ndim == 1:
+        return [column]
+    name, unit = next((column[: -len(unit)], unit) for unit in ("_rad_s", "_m_s2") if column.endswith(unit))
+    return [f"{name}_{axis}{unit}" for axis in AXES]
+
+
+def _write_events(file: BinaryIO, recorded: Recorded) -> None:
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="", write_through=True)
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("host_time_ns", "t_s", "device", "boot", "event", "text"))
+    for event in events(recorded):
+        since_s = f"{(event.time_ns - recorded.begin_ns) * 1e-9:.3f}"
+        rows.writerow((event.time_ns, since_s, event.device, boot_id(event.boot), event.event, harmless(event.text)))
+    text.detach()
+
+
+def harmless(text: str) -> str:
+    """A text that no spreadsheet takes for a formula, which begins with `=`, `+`, `-` or `@`."""
+    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
+
+
+WRITERS: dict[str, Write] = {".npz": _write_npz, ".csv": _write_csv}

@@ -1,0 +1,152 @@
+"""Files of a recorder: NAME.mcap.part, locked, while it is written, and NAME.mcap when it is finished."""
+
+import contextlib
+import errno
+import fcntl
+import os
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import BinaryIO
+
+from bridge.os_words import why
+from bridge.recording.error import RecordingError
+
+PART = ".part"
+
+
+class Output:
+    """A file that is being recorded into; `file` is unbuffered."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.file: BinaryIO = open_new(with_part(path))
+
+    def sync(self) -> None:
+        """Return when the disk has what was written."""
+        os.fsync(self.file.fileno())
+
+    def finish(self) -> None:
+        """Give the finished file its name."""
+        self.sync()
+        with_part(self.path).rename(self.path)
+        self.file.close()
+        sync_folder(self.path.parent)
+
+    def abandon(self) -> None:
+        """Close the file as it is."""
+        self.file.close()
+
+    def discard(self) -> None:
+        """Delete the file."""
+        with_part(self.path).unlink(missing_ok=True)
+        self.file.close()
+
+
+class Folder:
+    """Where a recorder's files go. Raises RecordingError when it cannot be used."""
+
+    def __init__(self, path: Path, ward: str) -> None:
+        self.path, self._ward = path, ward
+        if not path.exists():
+            raise RecordingError(f"{path}: there is no such folder; make it first: mkdir {path}")
+        if not path.is_dir():
+            raise RecordingError(f"{path}: is a file; a folder is needed to record into")
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise RecordingError(f"{path}: no permission to write there; give it, or record elsewhere with --out")
+
+    def begin(self, wall_ns: int) -> Output:
+        """A new file, named by ward and time."""
+        name = f"{self._ward}-{datetime.fromtimestamp(wall_ns // 1_000_000_000, UTC):%Y%m%dT%H%M%SZ}"
+        for number in range(1, 1000):
+            path = self.path / f"{name}{'' if number == 1 else f'-{number}'}.mcap"
+            if not path.exists():
+                with contextlib.suppress(FileExistsError):
+                    return Output(path)
+        raise FileExistsError(errno.EEXIST, "a thousand files of one second are there already", str(self.path))
+
+    def free_bytes(self) -> int:
+        """Free bytes on the disk for users other than root."""
+        room = os.statvfs(self.path)
+        return room.f_bavail * room.f_frsize
+
+    def leftovers(self) -> list[Path]:
+        """Unfinished files of this ward that no recorder has open."""
+        return [path for path in sorted(self.path.glob(f"{self._ward}-*.mcap{PART}")) if not in_use(path)]
+
+    def said(self, error: OSError) -> str:
+        """Why the folder cannot be written to, in words."""
+        if error.errno == errno.EFBIG:
+            return f"the file may not grow further: a limit of this process, or of the disk of {self.path}"
+        return f"{self.path} cannot be written to: {why(error)}"
+
+
+def with_part(path: Path) -> Path:
+    """The name of a file while it is written."""
+    return path.with_name(path.name + PART)
+
+
+def recorded_in(path: Path) -> str:
+    """Where a file is and how to finish it, in words."""
+    return f"recorded in {path}" + (
+        f": make it whole by truerate recording recover {path}" if path.suffix == PART else ""
+    )
+
+
+def open_new(path: Path) -> BinaryIO:
+    """A new, locked, unbuffered file; FileExistsError when there is one."""
+    file = path.open("xb", buffering=0)
+    with contextlib.suppress(OSError):  # a disk that knows no locks
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return file
+
+
+def check_new(paths: Iterable[Path]) -> None:
+    """Raise RecordingError where one of the files exists, before the first of them is written."""
+    for path in paths:
+        if path.exists():
+            raise RecordingError(f"{path}: is there already and is not overwritten; give another name, or remove it")
+
+
+@contextlib.contextmanager
+def new_file(path: Path) -> Iterator[BinaryIO]:
+    """A file that exists only if the block ends without an error, then whole and on the disk.
+
+    Raises RecordingError when it is there already, or cannot be written.
+    """
+    check_new([path])
+    unfinished = path.with_name(f".{path.name}.new")
+    try:
+        try:
+            with unfinished.open("wb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            unfinished.rename(path)
+            sync_folder(path.parent)
+        finally:
+            unfinished.unlink(missing_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {why(error)}") from None
+
+
+def in_use(path: Path) -> bool:
+    """Whether a recorder has the file open."""
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def sync_folder(path: Path) -> None:
+    """Synchronise the names in a folder with the disk."""
+    with contextlib.suppress(OSError):
+        folder = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)

@@ -1,0 +1,205 @@
+"""MCAP reader for whole, torn and damaged files: every whole chunk is read, the rest is reported.
+
+The readers of the `mcap` package stop at the first damaged byte. Here each record is framed by its length and parsed by
+the package; behind damage reading goes on at the next chunk whose checksum holds.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import SEEK_END, BytesIO
+from typing import BinaryIO, NamedTuple
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import breakup_chunk
+from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
+
+from bridge.recording.error import RecordingError
+from bridge.wording import count
+
+#: bytes that a chunk may unpack to
+MAX_UNPACKED = 1 << 28
+_HEAD = struct.Struct("<BQ")  # of a record: opcode, length
+_FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, start of the summary, of its offsets, its checksum; magic
+_ZSTD = b"\4\0\0\0zstd"
+_ZSTD_AT = _HEAD.size + 28  # of a chunk: behind its times, size and checksum
+_BLOCK = 1 << 20
+_DAMAGED = (McapError, ValueError, struct.error, OverflowError, MemoryError, zstandard.ZstdError)
+
+
+class Entry(NamedTuple):
+    """One message as it was written."""
+
+    topic: str
+    schema: str
+    facts: dict[str, str]  # of its channel
+    log_ns: int
+    publish_ns: int
+    payload: bytes
+
+
+class McapReader:
+    """One MCAP file. After `entries` has ended the other attributes tell how it went.
+
+    finished: it has its end. trouble: what is wrong with it, for a person. good: bytes that were looked through; messages:
+    that were read. facts: the metadata by name; descriptors: of each schema.
+    """
+
+    def __init__(self, file: BinaryIO, place: str) -> None:
+        self.size = self._end = file.seek(0, SEEK_END)
+        self.messages = 0
+        self.finished = False
+        self.facts: dict[str, dict[str, str]] = {}
+        self.descriptors: dict[str, bytes] = {}
+        self.trouble: list[str] = []
+        self._file = file
+        self._schemas: dict[int, str] = {}
+        self._channels: dict[int, Channel] = {}
+        self._orphans = 0
+        if not self.size:
+            raise RecordingError(f"{place}: it is empty; nothing had been written yet")
+        file.seek(0)
+        magic = file.read(len(MCAP0_MAGIC))
+        if magic != MCAP0_MAGIC[: len(magic)]:
+            raise RecordingError(f"{place}: not an MCAP file; it begins with {magic!r}")
+        self.good = self._sought = len(magic)  # sought: from where on the next chunk is looked for
+
+    @property
+    def whole(self) -> bool:
+        """Finished, and nothing in it is damaged."""
+        return self.finished and not self.trouble
+
+    def entries(self) -> Iterator[Entry]:
+        """Every message that can be read, in the order it was written."""
+        counted = self._summarised()
+        ended = False  # only the summary is torn
+        damaged: int | None = None
+        while self.good < self._end and not ended:
+            self._file.seek(self.good)
+            try:
+                records = self._records(sure=damaged is not None)
+            except _DAMAGED:
+                damaged = self._sought if damaged is None else damaged
+                if not self._resumed():
+                    break
+                continue
+            if damaged is not None:
+                self.trouble.append(
+                    f"between byte {damaged} and byte {self.good} it is damaged; what was there is lost"
+                )
+                damaged = None
+            ended = records is None
+            yield from self._entries(records or ())
+            self.good = self._file.tell()
+        self._judge(counted, damaged, ended=ended)
+
+    def _summarised(self) -> int | None:
+        """How many messages the file says it has; None without a whole summary.
+
+        The summary declares each channel again, for the case that the chunk which declares it is damaged.
+        """
+        self._file.seek(max(0, self.size - _FOOTER.size))
+        foot = self._file.read()
+        if len(foot) < _FOOTER.size or foot[0] != Opcode.FOOTER or not foot.endswith(MCAP0_MAGIC):
+            return None
+        self.finished = True
+        *_, start, _, checksum, _ = _FOOTER.unpack(foot)
+        try:
+            self._file.seek(start)
+            if zlib.crc32(self._file.read(max(0, self.size - start - 12))) != checksum:
+                raise ValueError
+            self._file.seek(0)
+            summary: Summary | None = make_reader(self._file).get_summary()
+        except _DAMAGED:
+            summary = None
+        if summary is None:
+            self.trouble.append("its summary is damaged")
+            return None
+        self._end = start
+        for declared in (*summary.schemas.values(), *summary.channels.values()):
+            self._declare(declared)
+        return summary.statistics.message_count if summary.statistics else None
+
+    def _records(self, *, sure: bool) -> list[McapRecord] | None:
+        """What is in the next record; None where no messages follow. Raises one of _DAMAGED; sure: a chunk is expected."""
+        opcode, length = _HEAD.unpack(self._file.read(_HEAD.size))
+        here = self._file.tell()
+        if not opcode or length > self._end - here or (sure and opcode != Opcode.CHUNK):
+            raise ValueError
+        if opcode == Opcode.CHUNK:
+            records = _unpacked(Chunk.read(ReadDataStream(BytesIO(self._file.read(length)))))
+            self._sought = here + length
+            return records
+        if opcode in (Opcode.METADATA, Opcode.SCHEMA, Opcode.CHANNEL):
+            read = {Opcode.METADATA: Metadata.read, Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read}[opcode]
+            return [read(ReadDataStream(BytesIO(self._file.read(length))))]
+        self._file.seek(here + length)
+        return None if opcode in (Opcode.DATA_END, Opcode.FOOTER) else []
+
+    def _resumed(self) -> bool:
+        """Go to where the next chunk may begin; False where there is none."""
+        at = self._sought + _ZSTD_AT
+        while at < self._end:
+            self._file.seek(at)
+            hit = self._file.read(_BLOCK).find(_ZSTD)
+            if hit >= 0:
+                self.good = at + hit - _ZSTD_AT
+                self._sought = self.good + 1
+                return True
+            at += _BLOCK - len(_ZSTD) + 1
+        return False
+
+    def _entries(self, records: list[McapRecord] | tuple[()]) -> Iterator[Entry]:
+        for record in records:
+            if isinstance(record, Message):
+                if (channel := self._channels.get(record.channel_id)) is None:
+                    self._orphans += 1
+                    continue
+                self.messages += 1
+                schema = self._schemas.get(channel.schema_id, "")
+                yield Entry(channel.topic, schema, channel.metadata, record.log_time, record.publish_time, record.data)
+            else:
+                self._declare(record)
+
+    def _declare(self, record: McapRecord) -> None:
+        if isinstance(record, Channel):
+            self._channels[record.id] = record
+        elif isinstance(record, Schema):
+            self._schemas[record.id] = record.name
+            self.descriptors[record.name] = record.data
+        elif isinstance(record, Metadata):
+            self.facts[record.name] = record.metadata
+
+    def _judge(self, counted: int | None, damaged: int | None, *, ended: bool) -> None:
+        """Say what is wrong with the file, once it was read."""
+        if ended and not self.finished:
+            self.trouble.append("its summary is torn" + ("" if self.trouble else "; all messages are there"))
+        elif damaged is not None:
+            torn = "it is damaged" if self.finished else "it was not finished, and a torn record is at its end"
+            self.trouble.append(f"from byte {damaged} on {torn}: {count(self._end - damaged, 'byte')} not read")
+        elif not self.finished:
+            self.trouble.append("it was not finished")
+        if counted is not None and counted != self.messages:
+            self.trouble.append(f"{self.messages} of {counted} messages could be read")
+        elif self._orphans:
+            self.trouble.append(f"{count(self._orphans, 'message')} of channels that are not in the file")
+        self.good = self.size
+
+
+def _unpacked(chunk: Chunk) -> list[McapRecord]:
+    """Records of a chunk. Raises ValueError where it is too large, or its checksum does not match."""
+    size = chunk.uncompressed_size
+    if chunk.compression == "zstd" and zstandard.get_frame_parameters(chunk.data).content_size not in (
+        size,
+        zstandard.CONTENTSIZE_UNKNOWN,
+    ):
+        raise ValueError
+    if size > MAX_UNPACKED or chunk.compression not in ("zstd", ""):
+        raise ValueError
+    return breakup_chunk(chunk, validate_crc=True)

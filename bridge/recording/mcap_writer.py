@@ -1,0 +1,101 @@
+"""MCAP writer for recordings that may be cut off at any moment: what `flush` wrote is in the file whole, or not at all.
+
+The records are written by the `mcap` package's Writer. https://mcap.dev/spec
+"""
+
+from collections import Counter
+from io import BytesIO
+from typing import BinaryIO
+
+from google.protobuf.descriptor import FileDescriptor
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from mcap.writer import Writer
+
+#: bytes held in memory at most between two flushes
+HELD_BYTES = 1 << 20
+MAX_CHANNELS = 20_000
+LIBRARY = "truerate"
+
+
+def described(file: FileDescriptor) -> bytes:
+    """Schema data of the messages of a .proto file that imports no other: a FileDescriptorSet."""
+    proto = FileDescriptorProto()
+    file.CopyToProto(proto)
+    return FileDescriptorSet(file=[proto]).SerializeToString()
+
+
+class _Held(BytesIO):
+    """Holds what is written to `file` until `flush`, which appends all of it or, with OSError, nothing."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__()
+        self.size = 0
+        self._file = file
+
+    def tell(self) -> int:
+        """Position in the file."""
+        return self.size + super().tell()
+
+    def flush(self) -> None:
+        """Append to the file; an unbuffered file may take a part and then be full."""
+        data = self.getvalue()
+        self.seek(0)
+        self.truncate()
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError:
+            self._file.seek(self.size)
+            self._file.truncate()
+            raise
+        self.size += len(data)
+
+
+class McapWriter:
+    """One MCAP file, onto any binary file. A message is in it once the `flush` after `add` has returned.
+
+    After an OSError the file holds what was flushed before, no more can be added, and `pending` messages are lost.
+    """
+
+    def __init__(self, file: BinaryIO, name: str, facts: dict[str, str]) -> None:
+        self.messages = 0
+        self.pending = 0
+        self._held = _Held(file)
+        self._writer = Writer(self._held)
+        self._schemas: dict[str, int] = {}
+        self._sequences = Counter[int]()
+        self._writer.start(library=LIBRARY)
+        self._writer.add_metadata(name, facts)
+        self._held.flush()
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return self._held.size
+
+    def channel(self, topic: str, schema: str, descriptors: bytes, facts: dict[str, str]) -> int:
+        """Add a channel of protobuf messages and return its number."""
+        if schema not in self._schemas:
+            self._schemas[schema] = self._writer.register_schema(schema, "protobuf", descriptors)
+        return self._writer.register_channel(topic, "protobuf", self._schemas[schema], facts)
+
+    def add(self, channel: int, log_ns: int, publish_ns: int, payload: bytes) -> None:
+        """Add one message, as it came."""
+        self._sequences[channel] += 1
+        self._writer.add_message(channel, log_ns, payload, publish_ns, self._sequences[channel] & 0xFFFFFFFF)
+        self.pending += 1
+        if self._held.tell() - self._held.size >= HELD_BYTES:
+            self.flush()
+
+    def flush(self) -> None:
+        """End the chunk and write it."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        self.messages += self.pending
+        self.pending = 0
+
+    def finish(self) -> None:
+        """Write what is pending, the summary and the end. The file is not closed."""
+        self.flush()
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._held.flush()

@@ -1,0 +1,48 @@
+"""NumPy's .npz as the columns of a recording.
+
+`gyro_rad_s` (n, 3), and where there are `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,) and `rate_hz`; `device` and `boot`
+as an export says them. Other arrays are passed over, `arrival_s` too: bytes arrive in bursts, so it is no sample time.
+"""
+
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from bridge.recording.error import MAX_BYTES, RecordingError
+from bridge.recording.table import Table
+from bridge.wire import keys
+
+_WANTED = ("gyro_rad_s", "accel_m_s2", "temperature_c", "t_s", "rate_hz")
+_BOOT = re.compile("[0-9a-f]{16}")
+
+
+def read_npz(path: Path) -> Table:
+    """The wanted arrays; NumPy's complaints, which advise to load unsafely, are not passed on. Raises RecordingError."""
+    if not path.stat().st_size:
+        raise RecordingError(f"{path}: it is empty; an archive with 'gyro_rad_s' in it is needed")
+    try:
+        with zipfile.ZipFile(path) as archive:  # which reads no more of a member than is said here
+            size = sum(member.file_size for member in archive.infolist())
+        if size <= MAX_BYTES:
+            with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                present = list(file.files)
+                arrays = {name: file[name] for name in _WANTED if name in present}
+                device, boot = (str(file[name]) if name in present else "" for name in ("device", "boot"))
+    except Exception:  # noqa: BLE001 - a damaged archive fails in many ways
+        raise RecordingError(
+            f"{path}: not a readable .npz: damaged, of another kind, or with arrays that are no plain numbers;"
+            " save arrays of floats by numpy.savez"
+        ) from None
+    if size > MAX_BYTES:
+        raise RecordingError(f"{path}: it unpacks to {size} bytes; at most {MAX_BYTES} are taken")
+    if "gyro_rad_s" not in arrays:
+        raise RecordingError(f"{path}: 'gyro_rad_s' is missing; the file has {', '.join(present) or 'nothing'}")
+    for name, array in arrays.items():
+        if array.dtype.kind not in "fiu":
+            raise RecordingError(f"{path}: {name!r} holds {array.dtype}, not numbers")
+    # As an export writes them; whatever else is called so tells nothing.
+    whose = (device, int(boot, 16)) if keys.ID.match(device) and _BOOT.fullmatch(boot) else ("", 0)
+    columns = {name: array.astype(np.float64, copy=False) for name, array in arrays.items()}
+    return Table(columns, device=whose[0], boot=whose[1])

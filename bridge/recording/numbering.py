@@ -1,0 +1,51 @@
+"""Tracks sequence numbers of one boot: repeated samples, gaps, and numbers that begin anew."""
+
+from typing import NamedTuple
+
+from bridge.wire.messages import CorrectedBatch, SampleBatch
+
+#: low numbers at a time so much later are no repeats: the device was started anew under the same boot number
+ANEW_NS = 1_000_000_000
+
+
+class Follows(NamedTuple):
+    """How a batch continues the batches before it.
+
+    skip: samples at its beginning that are known already; missing: samples lost before the others; anew: numbers start
+    over; step: ticks from the last known sample to the first new one.
+    """
+
+    skip: int
+    missing: int = 0
+    anew: bool = False
+    step: int = 0
+
+
+class Numbering:
+    """Sequence numbers of one boot of one device."""
+
+    def __init__(self) -> None:
+        self._next: int | None = None
+        self._tick = 0
+        self._time_ns = 0
+
+    def follow(self, batch: SampleBatch | CorrectedBatch) -> Follows:
+        """Compare a batch with those before it, and take it in."""
+        follows = self._judge(batch)
+        if follows.skip < len(batch):
+            self._next = batch.sequence + len(batch)
+            self._tick = int(batch.ticks[-1])
+            self._time_ns = max(self._time_ns, batch.start_time_ns) if not follows.anew else batch.start_time_ns
+        return follows
+
+    def _judge(self, batch: SampleBatch | CorrectedBatch) -> Follows:
+        if self._next is None:
+            return Follows(0, anew=True)
+        skip = max(0, self._next - batch.sequence)
+        if skip >= len(batch):
+            later = batch.start_time_ns > self._time_ns + ANEW_NS
+            return Follows(0, anew=True) if later else Follows(len(batch))
+        step = int(batch.ticks[skip]) - self._tick
+        if step <= 0:
+            return Follows(0, anew=True)
+        return Follows(skip, max(0, batch.sequence - self._next), step=step)

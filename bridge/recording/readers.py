@@ -1,0 +1,94 @@
+"""Reads a recording from a file of any kind: NumPy's .npz, CSV, or a ward's recording (.mcap).
+
+A reader of another kind is a function from a path to a Table; it stands in READERS under the ending of its files.
+"""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from bridge.recording import stretches
+from bridge.recording.csv_reader import read_csv
+from bridge.recording.error import MAX_BYTES, RecordingError, check_file
+from bridge.recording.npz_reader import read_npz
+from bridge.recording.plausible import believed_accel, check_gyro
+from bridge.recording.recording import TICK_S, Recording, Told
+from bridge.recording.stretches import Stretch
+from bridge.recording.table import Table, recording_of
+from bridge.wire.messages import Calibration
+from bridge.wording import count
+
+__all__ = ["MAX_BYTES", "READERS", "TICK_S", "Recording", "RecordingError", "Told", "load"]
+
+_log = logging.getLogger(__name__)
+READERS: dict[str, Callable[[Path], Table]] = {".npz": read_npz, ".csv": read_csv, ".txt": read_csv}
+
+
+def load(
+    path: Path | str, rate_hz: float | None = None, *, device: str | None = None, boot: int | None = None
+) -> Recording:
+    """Read a recording; rate_hz is used where the file has neither times nor a rate. Raises RecordingError.
+
+    device and boot, counted from 1, choose from a ward's recording.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    check_file(path)
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are taken")
+    if kind == ".part":
+        raise RecordingError(f"{path}: it was not finished; make it whole first: truerate recording recover {path}")
+    if kind == ".mcap":
+        return _of_stretch(path, *_chosen(path, device, boot))
+    if device is not None or boot is not None:
+        raise RecordingError(f"{path}: it is of one device and one boot; only a .mcap has several to choose from")
+    if kind not in READERS:
+        raise RecordingError(f"{path}: a recording ends in .npz, .csv or .mcap, not in {path.suffix!r}")
+    return recording_of(path, READERS[kind](path), rate_hz)
+
+
+def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, list[Calibration]]:
+    """One boot of one device of a ward's recording, and its calibrations."""
+    recorded = stretches.read([path], corrected=False)
+    for words in recorded.trouble:
+        _log.warning("%s", words)
+    found = recorded.stretches
+    if not found:
+        raise RecordingError(f"{path}: there are no samples in it")
+    if device is None and len(found) > 1:
+        raise RecordingError(f"{path}: it has {len(found)} devices; choose one by --device: {', '.join(found)}")
+    name = next(iter(found)) if device is None else device
+    if name not in found:
+        raise RecordingError(f"{path}: there are no samples of {name!r} in it; it has {', '.join(found)}")
+    boots = found[name]
+    if boot is None and len(boots) > 1:
+        said = ", ".join(f"{one.number} ({count(len(one), 'sample')}, {one.time_s[-1]:.0f} s)" for one in boots)
+        raise RecordingError(f"{path}: {name} was booted {len(boots)} times; choose one by --boot: {said}")
+    if boot is not None and not 1 <= boot <= len(boots):
+        raise RecordingError(f"{path}: {name} has boots 1 to {len(boots)}, not {boot}")
+    chosen = boots[0 if boot is None else boot - 1]
+    return chosen, recorded.calibrations_of(chosen)
+
+
+def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
+    if len(of) < 2:
+        raise RecordingError(f"{path}: {count(len(of), 'sample')} of {of.device}; at least 2 are needed")
+    gyro = of.gyro.astype(np.float64)
+    check_gyro(path, gyro, of.rate_hz)
+    return Recording(
+        time_s=of.time_s,
+        gyro=gyro,
+        accel=believed_accel(path, None if of.accel is None else of.accel.astype(np.float64)),
+        temperature_c=None if of.temperature_c is None else of.temperature_c.astype(np.float64),
+        rate_hz=of.rate_hz,
+        name=f"{path.stem}_{of.device}",
+        gyro_range=of.info.gyro_range if of.info else 0.0,
+        made=tuple(made),
+        begin_ns=int(of.time_ns[0]),
+        told=Told(of.ticks, of.tick_period_s, of.sequence, of.flags),
+        device=of.device,
+        boot=of.boot,
+    )

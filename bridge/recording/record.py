@@ -1,0 +1,159 @@
+"""`truerate record`: subscribes to a ward and records its messages until stopped."""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from bridge.bus.contract import Bus, BusError, Message, Subscription
+from bridge.bus.routers import Routers
+from bridge.bus.self_test import self_test
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.process import stopped_by_signal
+from bridge.recording.error import RecordingError
+from bridge.recording.files import Folder, recorded_in
+from bridge.recording.kinds import KINDS, SAMPLES
+from bridge.recording.progress import Screen, line
+from bridge.recording.recorder import MOST_REPEATED, Knobs, WardRecorder
+from bridge.recording.settings import Recorder
+from bridge.wire import keys
+from bridge.wire.keys import Key
+from bridge.wire.refusal import Refusal
+
+#: messages kept while the disk is slow: at a hundred devices, some fifteen seconds
+QUEUE = 65_536
+_ROUND_S = 0.1
+_SHOW_S = 1.0
+_RETRY_S = 0.2
+#: said again and again: of a calibration the one before may be in force
+_LATEST = ("info", "status")
+_log = logging.getLogger(__name__)
+
+OpenBus = Callable[[Sequence[str]], Bus]
+
+
+def record(
+    ward: str,
+    endpoints: Sequence[str],
+    settings: Recorder,
+    console: Console,
+    *,
+    seconds: float | None = None,
+    open_bus: OpenBus = ZenohBus,
+) -> int:
+    """Record until stopped, or for so many seconds; 1 when something could not be recorded.
+
+    Raises RecordingError when there is nothing to record, or nowhere to, and BusError when there is no router.
+    """
+    folder = Folder(Path(settings.folder), ward)
+    for path in folder.leftovers():
+        _log.warning("%s was not finished: truerate recording recover %s", path, path)
+    knobs = Knobs(
+        rotate_s=settings.rotate_s,
+        rotate_bytes=settings.rotate_mb * 1e6,
+        keep_free_bytes=settings.keep_free_mb * 1e6,
+    )
+    with stopped_by_signal() as stop:
+        deadline = time.monotonic() + settings.wait_s
+        with _connected(open_bus, endpoints, stop, deadline) as bus:
+            subscription = bus.subscribe(keys.everything(ward), history=True, capacity=QUEUE)
+            for words in self_test(bus, Routers.of(endpoints), ward, open_bus):
+                _log.error("%s", words)
+            first = _first(subscription, settings.devices, stop, deadline)
+            if first is None:
+                if stop.is_set():
+                    raise RecordingError("stopped before any device was heard; nothing was recorded")
+                raise RecordingError(_nobody(ward, endpoints, settings))
+            recorder = WardRecorder(folder, ward, settings.devices, knobs)
+            try:
+                recorder.begin(time.time_ns(), time.monotonic())
+            except OSError as error:
+                raise RecordingError(f"recording cannot begin: {recorder.said(error)}") from None
+            _run(bus, subscription, recorder, first, stop, seconds, console)
+    for path in recorder.account.files:
+        console.print(recorded_in(path), highlight=False, soft_wrap=True)
+    return 1 if recorder.account.not_recorded or recorder.account.trouble else 0
+
+
+def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Event, deadline: float) -> Bus:
+    began, told = time.monotonic(), False
+    while True:
+        try:
+            return open_bus(endpoints)
+        except BusError as error:
+            if not told:
+                told = True
+                _log.warning("looking for a router at %s", ", ".join(endpoints))
+            if time.monotonic() >= deadline or stop.wait(_RETRY_S):
+                looked_s = time.monotonic() - began
+                raise BusError(
+                    f"{error}; looked for it for {looked_s:.0f} s" if looked_s >= 1 else str(error)
+                ) from None
+
+
+def _first(
+    subscription: Subscription, devices: Sequence[str], stop: threading.Event, deadline: float
+) -> list[Message] | None:
+    """The newest messages of wanted devices until one of them sent samples; None when none did."""
+    holds, heard = dict[str, Message](), deque[Message](maxlen=QUEUE)
+    while not stop.is_set() and time.monotonic() < deadline:
+        came = [(key, one) for one in subscription.drain(QUEUE, _ROUND_S) if (key := _wanted(one, devices)) is not None]
+        for key, message in came:
+            if key.what in _LATEST and (message.key in holds or len(holds) < MOST_REPEATED):
+                holds[message.key] = message
+            else:
+                heard.append(message)
+        if any(key.what in SAMPLES for key, _ in came):
+            return [*holds.values(), *heard]
+    return None
+
+
+def _wanted(message: Message, devices: Sequence[str]) -> Key | None:
+    try:
+        key = keys.parse(message.key)
+    except Refusal:
+        return None
+    return key if key.what in KINDS and (not devices or key.device in devices) else None
+
+
+def _nobody(ward: str, endpoints: Sequence[str], settings: Recorder) -> str:
+    whom = f"none of {', '.join(settings.devices)}" if settings.devices else "no device"
+    return (
+        f"{whom} was heard within {settings.wait_s:g} s, so nothing is recorded. Listened to {keys.everything(ward)} at "
+        f"{', '.join(endpoints)}. Is the ward's name right? Is a bridge running? `truerate devices` shows who is there"
+    )
+
+
+def _run(
+    bus: Bus,
+    subscription: Subscription,
+    recorder: WardRecorder,
+    first: list[Message],
+    stop: threading.Event,
+    seconds: float | None,
+    console: Console,
+) -> None:
+    began = time.monotonic()
+    messages, shown, there = first, 0.0, True
+    with Screen(console) as screen:
+        while True:
+            now = time.monotonic()
+            recorder.take(messages, time.time_ns(), now)
+            recorder.tick(time.time_ns(), now)
+            if now - shown >= _SHOW_S:
+                shown = now
+                screen.show(recorder, now - began, now, subscription.missed_by_key)
+                if bus.connected != there:
+                    there = bus.connected
+                    _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
+            if subscription.closed or (seconds is not None and now - began >= seconds) or stop.wait(_ROUND_S):
+                break
+            messages = subscription.drain(QUEUE, 0.0)  # what gathers in a round costs less than what comes one by one
+    now, missed = time.monotonic(), subscription.missed_by_key
+    recorder.take(subscription.drain(QUEUE, 0.0), time.time_ns(), now)
+    recorder.close()
+    console.print(line(recorder, now - began, now, missed), highlight=False, soft_wrap=True)

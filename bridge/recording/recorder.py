@@ -1,0 +1,243 @@
+"""Core of the recorder: messages in, files out. No clock and no bus: times are arguments, files come from a `Folder`.
+
+A file that refuses (a full disk, a pulled stick) is finished if that can be done, else left; a new one is begun when there
+is room again; what came meanwhile is counted. Nothing that happens to a file ends the recorder.
+"""
+
+import errno
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bridge.bus.contract import Message
+from bridge.recording import kinds
+from bridge.recording.files import Folder, recorded_in
+from bridge.recording.kinds import KINDS, PRIVATE, Kind, Said
+from bridge.recording.mcap_writer import MAX_CHANNELS
+from bridge.recording.tape import MOST_OF_A_BRIDGE, Item, Tape
+from bridge.wire import keys
+from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
+from bridge.wire.refusal import Refusal, Tally
+from bridge.wording import count
+
+_log = logging.getLogger(__name__)
+
+
+#: what a new file begins with leaves as much room again to what is new
+MOST_REPEATED = MAX_CHANNELS // 2
+
+
+class NoRoom(OSError):
+    """The room left on the disk is for others."""
+
+
+@dataclass(frozen=True, slots=True)
+class Knobs:
+    """flush_s: what may be lost when the power goes. A file is begun only where room_bytes beyond keep_free_bytes are free."""
+
+    rotate_s: float = 3600.0
+    rotate_bytes: float = 500e6
+    keep_free_bytes: float = 200e6
+    room_bytes: float = 16e6
+    flush_s: float = 0.4
+    retry_s: float = 5.0
+
+
+@dataclass(slots=True)
+class Account:
+    """Counts of what was recorded and what was not. heard: when each device last sent samples, seconds as in `take`."""
+
+    heard: dict[str, float] = field(default_factory=dict)
+    raw: int = 0
+    corrected: int = 0
+    messages: int = 0
+    closed_bytes: int = 0
+    files: list[Path] = field(default_factory=list)  # those that could not be finished end in PART
+    refused: Tally = field(default_factory=Tally)
+    not_recorded: int = 0  # messages that came while no file could be written, or were in its last chunk
+    trouble: str = ""  # why nothing can be written now
+
+
+class WardRecorder:
+    """One ward's recorder. `begin`, then `take` and `tick` as time goes by, then `close`; all from one thread."""
+
+    def __init__(self, place: Folder, ward: str, devices: Iterable[str] = (), knobs: Knobs | None = None) -> None:
+        self.account = Account()
+        self._place, self._ward, self._devices = place, ward, frozenset(devices)
+        self._knobs = knobs or Knobs()
+        self._tape: Tape | None = None
+        self._latest: dict[str, Item] = {}
+        self._began_s = self._flushed_s = self._retry_s = 0.0
+
+    @property
+    def size(self) -> int:
+        """Bytes on disk."""
+        return self.account.closed_bytes + (self._tape.writer.size if self._tape else 0)
+
+    def begin(self, wall_ns: int, now_s: float) -> None:
+        """Begin a file; OSError where none can be."""
+        self._check_room(self._knobs.keep_free_bytes + self._knobs.room_bytes)
+        self._tape = Tape(self._place.begin(wall_ns), self._ward)
+        self._began_s = now_s
+        self._flushed_s = now_s - self._knobs.flush_s  # what is there already is safe at the first tick
+        self._latest = {key: item for key, item in self._latest.items() if self._put(item, wall_ns)}
+
+    def take(self, messages: Iterable[Message], wall_ns: int, now_s: float) -> None:
+        """Record messages. Those that are refused, or come while nothing can be written, are counted."""
+        for message in messages:
+            if (understood := self._understood(message)) is None:
+                continue
+            kind, said = understood
+            item = Item(message.key, kind, kind.time_ns(said), message.payload)
+            if self._tape is None:
+                self.account.not_recorded += 1
+            else:
+                try:
+                    if not self._put(item, wall_ns):
+                        continue
+                except OSError as error:
+                    self._stall(error, now_s)
+            if isinstance(said, SampleBatch | CorrectedBatch):
+                self._count(said, now_s)
+            elif _repeated(kind, said) and (message.key in self._latest or len(self._latest) < MOST_REPEATED):
+                self._latest[message.key] = item
+
+    def tick(self, wall_ns: int, now_s: float) -> None:
+        """Flush, begin a new file or try again, where that is due. Call it several times a second."""
+        if self._tape is None:
+            if now_s >= self._retry_s:
+                self._try_again(wall_ns, now_s)
+        elif now_s - self._flushed_s >= self._knobs.flush_s:
+            self._flushed_s = now_s
+            self._guarded(self._flush, now_s)
+            if self._is_long(now_s):
+                self._guarded(lambda: self._rotate(wall_ns, now_s), now_s)
+
+    def said(self, error: OSError) -> str:
+        """Why nothing can be written, in words."""
+        return str(error) if isinstance(error, NoRoom) else self._place.said(error)
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._guarded(self._finish, 0.0)
+
+    # ---- what comes in --------------------------------------------------------------------------------------------
+
+    def _understood(self, message: Message) -> tuple[Kind, Said] | None:
+        try:
+            key = keys.parse(message.key)
+            if key.what in PRIVATE:
+                return None
+            kind = KINDS.get(key.what)
+            if kind is None:
+                self.account.refused.add(f"kind_{key.what}")
+                return None
+            if self._devices and key.device not in self._devices:
+                return None
+            return kind, kind.decode(message.key, message.payload)
+        except Refusal as refusal:
+            if self.account.refused.add(refusal.reason) == 1:
+                _log.warning("a message is not recorded, %s (more of this kind are only counted)", refusal)
+            return None
+
+    def _count(self, batch: SampleBatch | CorrectedBatch, now_s: float) -> None:
+        self.account.heard[batch.device] = now_s
+        if isinstance(batch, SampleBatch):
+            self.account.raw += len(batch)
+        else:
+            self.account.corrected += len(batch)
+
+    # ---- the file -------------------------------------------------------------------------------------------------
+
+    def _put(self, item: Item, wall_ns: int) -> bool:
+        """Write a message; False where there are too many channels."""
+        if self._tape is None or self._tape.put(item, kinds.log_ns(item.own_ns, wall_ns)):
+            self.account.messages += self._tape is not None
+            return True
+        self.account.not_recorded += 1
+        if self.account.refused.add("too_many_channels") == 1:
+            _log.error(
+                "%s is not recorded: a file has no more than %d streams, %d of a bridge (others are only counted)",
+                item.key,
+                MAX_CHANNELS,
+                MOST_OF_A_BRIDGE,
+            )
+        return False
+
+    def _flush(self) -> None:
+        if self._tape is None:
+            return
+        self._tape.writer.flush()
+        self._tape.output.sync()
+        self._check_room(self._knobs.keep_free_bytes)
+
+    def _check_room(self, wanted: float) -> None:
+        free = self._place.free_bytes()
+        if free < wanted:
+            raise NoRoom(
+                f"the disk is nearly full: {free / 1e6:.1f} MB are free, {wanted / 1e6:.1f} MB are wanted (keep_free_mb "
+                f"leaves {self._knobs.keep_free_bytes / 1e6:.0f} MB to others)"
+            )
+
+    def _is_long(self, now_s: float) -> bool:
+        if self._tape is None:
+            return False
+        return now_s - self._began_s >= self._knobs.rotate_s or self._tape.writer.size >= self._knobs.rotate_bytes
+
+    def _rotate(self, wall_ns: int, now_s: float) -> None:
+        self._finish()
+        self.begin(wall_ns, now_s)
+
+    def _finish(self) -> None:
+        if self._tape is None:
+            return
+        tape = self._tape
+        tape.writer.finish()
+        tape.output.finish()
+        self._tape = None
+        self.account.closed_bytes += tape.writer.size
+        self.account.files.append(tape.output.path)
+
+    def _guarded(self, work: Callable[[], None], now_s: float) -> None:
+        try:
+            work()
+        except OSError as error:
+            self._stall(error, now_s)
+
+    def _stall(self, error: OSError, now_s: float) -> None:
+        """Close the file after an error, finished where it can be written to, and try another later."""
+        account, tape, self._tape = self.account, self._tape, None
+        account.trouble = self.said(error)
+        # What stopped a long file need not stop the next one.
+        at_once = error.errno == errno.EFBIG and tape is not None and tape.writer.messages
+        self._retry_s = now_s if at_once else now_s + self._knobs.retry_s
+        words = ""
+        if tape is not None:
+            left = tape.left(writable=isinstance(error, NoRoom))
+            account.not_recorded += tape.writer.pending
+            account.closed_bytes += tape.writer.size
+            if left is not None:
+                account.files.append(left)
+                words = f" What was there before is {recorded_in(left)}"
+        _log.error("%s. Nothing is recorded now; tried again as soon as it can be.%s", account.trouble, words)
+
+    def _try_again(self, wall_ns: int, now_s: float) -> None:
+        try:
+            self.begin(wall_ns, now_s)
+        except OSError as error:
+            self._retry_s = now_s + self._knobs.retry_s
+            _log.debug("still: %s", self.said(error))
+            return
+        self.account.trouble = ""
+        if self._tape is not None:
+            _log.warning(
+                "recording again, into %s; %s not recorded",
+                self._tape.output.path,
+                count(self.account.not_recorded, "message"),
+            )
+
+
+def _repeated(kind: Kind, said: Said) -> bool:
+    """Whether the next file begins with the message: a calibration that was not accepted leaves the one before in force."""
+    return kind.repeated and not (isinstance(said, Calibration) and said.verdict is not Verdict.ACCEPTED)

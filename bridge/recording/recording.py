@@ -1,0 +1,64 @@
+"""A recording of one device: samples at their own times, whatever file they come from."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.messages import Calibration
+
+Floats = NDArray[np.float64]
+TICK_S = 1e-6  # as a recording is played: as if the device counted microseconds
+
+
+class Told(NamedTuple):
+    """The samples as a bridge sent them: ticks (n,) of tick_period_s of the device's clock, sequence (n,), flags (n,)."""
+
+    ticks: NDArray[np.uint64]
+    tick_period_s: float
+    sequence: NDArray[np.int64]
+    flags: NDArray[np.uint32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """n samples: time_s (n,) rising from 0, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature_c (n,) or None.
+
+    rate_hz: as the file says, or as its times do where none is missing. gyro_range: full scale, rad/s; 0 when unknown.
+    made: of a ward's recording, the accepted calibrations of this very boot that are in it, in order; begin_ns: host time
+    of its first sample; told: as they came. device, boot: whose it is, empty and 0 where that is not known.
+    """
+
+    time_s: Floats
+    gyro: Floats
+    accel: Floats | None
+    temperature_c: Floats | None
+    rate_hz: float
+    name: str
+    gyro_range: float = 0.0
+    made: tuple[Calibration, ...] = ()
+    begin_ns: int = 0
+    told: Told | None = None
+    device: str = ""
+    boot: int = 0
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def ticks(self) -> NDArray[np.uint64]:
+        """(n,) the time of each sample in ticks of TICK_S."""
+        return np.rint(self.time_s / TICK_S).astype(np.uint64)
+
+    @property
+    def device_time(self) -> Floats:
+        """(n,) seconds by the device's clock, where that is known: windows begin where they began live."""
+        return self.time_s if self.told is None else np.asarray(self.told.ticks * self.told.tick_period_s, np.float64)
+
+    @property
+    def sequence(self) -> NDArray[np.int64]:
+        """(n,) a number for each sample: where time jumps, the samples that are missing have numbers too."""
+        steps = np.diff(self.time_s) * self.rate_hz
+        missing = np.where(steps > 1.75, np.rint(steps) - 1, 0)
+        return np.arange(len(self)) + np.concatenate([[0], np.cumsum(missing)]).astype(np.int64)

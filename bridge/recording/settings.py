@@ -1,0 +1,60 @@
+"""The table [recorder] of a ward's file; arguments of the command line take precedence."""
+
+import re
+
+from msgspec import Struct
+
+from bridge.wire.keys import check_id
+from bridge.wire.refusal import Refusal
+
+_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0}
+_DURATION = re.compile(r"(\d+(?:\.\d+)?) ?(s|min|h|d)")
+_SHORTEST_S, _SMALLEST_MB = 10.0, 1.0
+
+
+def seconds(text: str, key: str) -> float:
+    """A time such as 90s, 10min, 1h or 1d, in seconds; `never` is infinity. ValueError says what is taken."""
+    if text == "never":
+        return float("inf")
+    match = _DURATION.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{key} is {text!r}; a time such as 90s, 10min, 1h, or never, is expected")
+    return float(match[1]) * _UNITS[match[2]]
+
+
+class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[recorder]: where recordings go and when a new file begins."""
+
+    #: relative to the folder the recorder is started in
+    folder: str = "recordings"
+    #: a new file after so long, or when it has so many megabytes
+    rotate: str = "1h"
+    rotate_mb: float = 500.0
+    #: room that is left to the others on the disk
+    keep_free_mb: float = 200.0
+    #: seconds to wait for a router and a device before giving up
+    wait_s: float = 10.0
+    #: only these; all when empty
+    devices: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.folder:
+            raise ValueError("folder is empty; name one, such as 'recordings'")
+        if self.rotate_s < _SHORTEST_S:
+            raise ValueError(f"rotate is {self.rotate!r}; {_SHORTEST_S:g}s or more, or never, is taken")
+        if not _SMALLEST_MB <= self.rotate_mb <= 1e6:
+            raise ValueError(f"rotate_mb is {self.rotate_mb:g}; {_SMALLEST_MB:g} to 1000000 is taken")
+        if not 0 <= self.keep_free_mb <= 1e9:
+            raise ValueError(f"keep_free_mb is {self.keep_free_mb:g}; 0 or more is taken")
+        if not 0 < self.wait_s <= 86_400:
+            raise ValueError(f"wait_s is {self.wait_s:g}; more than 0, up to 86400, is taken")
+        for device in self.devices:
+            try:
+                check_id(device, "a device in devices")
+            except Refusal as refusal:
+                raise ValueError(refusal.detail) from None
+
+    @property
+    def rotate_s(self) -> float:
+        """Seconds until a new file begins; infinite for never."""
+        return seconds(self.rotate, "rotate")

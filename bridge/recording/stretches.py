@@ -1,0 +1,193 @@
+"""Samples of recordings as arrays, in stretches: a stretch is one boot of a device with rising sequence numbers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording.contents import Tell
+from bridge.recording.error import RecordingError
+from bridge.recording.survey import Boot, Device, survey
+from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, SampleBatch, Verdict
+from bridge.wire.refusal import in_words
+from bridge.wording import count
+
+Singles = NDArray[np.float32]
+#: quality of a sample of which no corrected rate was recorded
+NOT_CORRECTED = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rates:
+    """Corrected rates of a stretch, a row for each of its n samples; NaN where there is none.
+
+    rate, rate_std, bias (n, 3) rad/s, as in a CorrectedBatch; quality (n,), of messages.Quality, or NOT_CORRECTED.
+    """
+
+    rate: Singles
+    rate_std: Singles
+    bias: Singles
+    quality: NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """n samples of one boot: sequence and ticks (n,) rise; time_ns (n,) is the host's; gyro (n, 3) rad/s, accel (n, 3) m/s².
+
+    number counts the device's stretches from 1. accel is None when a sample lacks it, temperature_c (n,) when all do:
+    holes in it are filled in between.
+    """
+
+    device: str
+    bridge: str
+    boot: int
+    number: int
+    info: DeviceInfo | None
+    tick_period_s: float
+    sequence: NDArray[np.int64]
+    ticks: NDArray[np.uint64]
+    time_ns: NDArray[np.int64]
+    gyro: Singles
+    accel: Singles | None
+    temperature_c: Singles | None
+    flags: NDArray[np.uint32]
+    corrected: Rates | None
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """(n,) device seconds since the first sample."""
+        return np.asarray((self.ticks - self.ticks[0]) * self.tick_period_s, dtype=np.float64)
+
+    @property
+    def rate_hz(self) -> float:
+        """As the device says, else the median of its steps; 0 for a single sample of an unknown device."""
+        if self.info is not None and self.info.rate_hz:
+            return self.info.rate_hz
+        steps = np.diff(self.time_s) / np.maximum(1, np.diff(self.sequence))
+        return float(1 / np.median(steps)) if len(steps) else 0.0
+
+
+@dataclass(slots=True)
+class Recorded:
+    """Content of recordings: the stretches of each device in order of time, calibrations and notes.
+
+    trouble: what is wrong with them, and what of them was not understood, for a person.
+    """
+
+    stretches: dict[str, list[Stretch]]
+    calibrations: list[Calibration]
+    notes: list[Note]
+    trouble: list[str]
+
+    @property
+    def begin_ns(self) -> int:
+        """Host time of the first sample of all."""
+        return min((int(s.time_ns[0]) for stretches in self.stretches.values() for s in stretches), default=0)
+
+    def calibrations_of(self, stretch: Stretch) -> list[Calibration]:
+        """Accepted calibrations made during a stretch, in order of time."""
+        same = [one for one in self.stretches[stretch.device] if one.boot == stretch.boot]
+        at = same.index(stretch)
+        since_ns = int(stretch.time_ns[0]) if at else 0
+        until_ns = int(same[at + 1].time_ns[0]) if at + 1 < len(same) else np.inf
+        made = [
+            one
+            for one in self.calibrations
+            if (one.device, one.boot, one.verdict) == (stretch.device, stretch.boot, Verdict.ACCEPTED)
+            and one.parameters  # else it does not say how sure it is
+            and since_ns <= one.time_ns < until_ns
+        ]
+        return sorted(made, key=lambda one: one.time_ns)
+
+    def only(self, devices: Sequence[str]) -> "Recorded":
+        """The content of these devices alone. Raises RecordingError for one that is not there."""
+        for device in devices:
+            if device not in self.stretches:
+                raise RecordingError(f"there are no samples of {device!r}; there are of {', '.join(self.stretches)}")
+        return Recorded(
+            {device: self.stretches[device] for device in devices},
+            [one for one in self.calibrations if one.device in devices],
+            [one for one in self.notes if one.device in devices],
+            self.trouble,
+        )
+
+
+def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _done, _of: None) -> Recorded:
+    """Read whole files; raises RecordingError for one that is none of ours."""
+    wanted = ["raw", "info", "calibration", "note", *(["corrected"] if corrected else [])]
+    found = survey(paths, tell, wanted, keep=True)
+    refused = found.refused.as_dict().items()
+    trouble = found.trouble + [f"{count(n, 'message')} passed over: {in_words(reason)}" for reason, n in refused]
+    stretches = dict[str, list[Stretch]]()
+    for name, device in found.devices.items():
+        parts = [(boot, batches) for boot in device.boots.values() for batches in boot.kept]
+        parts.sort(key=lambda part: part[1][0].start_time_ns)
+        rates = sum(len(batch) for boot in device.boots.values() for batch in boot.rates)
+        if parts:
+            stretches[name] = [_stretch(name, device, *part, number) for number, part in enumerate(parts, 1)]
+        elif rates:
+            trouble.append(f"of {name} there are {rates} corrected rates, but no readings")
+    return Recorded(
+        stretches=stretches,
+        calibrations=[one for device in found.devices.values() for one in device.calibrations.values()],
+        notes=sorted(
+            (one for device in found.devices.values() for one in device.notes.values()), key=lambda n: n.time_ns
+        ),
+        trouble=trouble,
+    )
+
+
+def _stretch(name: str, device: Device, boot: Boot, batches: list[SampleBatch], number: int) -> Stretch:
+    ticks = np.concatenate([batch.ticks for batch in batches])
+    sequence = np.concatenate([np.arange(b.sequence, b.sequence + len(b), dtype=np.int64) for b in batches])
+    accels = [batch.accel for batch in batches if batch.accel is not None]
+    return Stretch(
+        device=name,
+        bridge=device.bridge,
+        boot=boot.boot,
+        number=number,
+        info=device.infos.get(boot.boot),
+        tick_period_s=batches[0].tick_period_s,
+        sequence=sequence,
+        ticks=ticks,
+        time_ns=np.concatenate([batch.sample_time_ns for batch in batches]),
+        gyro=np.concatenate([batch.gyro for batch in batches]),
+        accel=np.concatenate(accels) if len(accels) == len(batches) else None,
+        temperature_c=_temperature(batches),
+        flags=np.concatenate([batch.flags for batch in batches]),
+        corrected=_rates(boot.rates, sequence, ticks),
+    )
+
+
+def _temperature(batches: list[SampleBatch]) -> Singles | None:
+    """The column, holes filled in between: a temperature changes slowly."""
+    parts = [np.full(len(b), np.nan, np.float32) if b.temperature_c is None else b.temperature_c for b in batches]
+    column = np.concatenate(parts)
+    known = np.flatnonzero(np.isfinite(column))
+    if not len(known):
+        return None
+    return np.interp(np.arange(len(column)), known, column[known]).astype(np.float32)
+
+
+def _rates(batches: list[CorrectedBatch], sequence: NDArray[np.int64], ticks: NDArray[np.uint64]) -> Rates | None:
+    """Rows for the samples with these numbers and ticks; of a sample corrected twice, the last."""
+    rates = Rates(
+        rate=np.full((len(ticks), 3), np.nan, np.float32),
+        rate_std=np.full((len(ticks), 3), np.nan, np.float32),
+        bias=np.full((len(ticks), 3), np.nan, np.float32),
+        quality=np.full(len(ticks), NOT_CORRECTED, np.int8),
+    )
+    for batch in batches:
+        at = np.searchsorted(ticks, batch.ticks)
+        numbers = np.arange(batch.sequence, batch.sequence + len(batch))
+        inside = np.minimum(at, len(ticks) - 1)
+        mine = (at < len(ticks)) & (ticks[inside] == batch.ticks) & (sequence[inside] == numbers)
+        rows = inside[mine]
+        rates.rate[rows], rates.rate_std[rows] = batch.rate[mine], batch.rate_std[mine]
+        rates.bias[rows], rates.quality[rows] = batch.bias, batch.quality
+    return rates if (rates.quality != NOT_CORRECTED).any() else None

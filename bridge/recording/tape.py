@@ -1,0 +1,70 @@
+"""One file of a recorder: writes messages to channels, and closes the file after an error."""
+
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+from bridge.recording import kinds
+from bridge.recording.files import Output, with_part
+from bridge.recording.kinds import Kind
+from bridge.recording.mcap_writer import MAX_CHANNELS, McapWriter
+from bridge.wire import keys
+
+#: the metadata record every file of ours begins with
+ABOUT = "truerate"
+#: channels of what one bridge says: it may make up devices, and leaves room to the others
+MOST_OF_A_BRIDGE = MAX_CHANNELS // 8
+
+
+class Item(NamedTuple):
+    """A message to be written; own_ns is the time in it."""
+
+    key: str
+    kind: Kind
+    own_ns: int
+    payload: bytes
+
+
+class Tape:
+    """One file and its channels."""
+
+    def __init__(self, output: Output, ward: str) -> None:
+        self.output = output
+        try:
+            self.writer = McapWriter(output.file, ABOUT, {"ward": ward, "version": "1"})
+        except OSError:
+            output.discard()
+            raise
+        self._channels: dict[str, int] = {}
+        self._of_bridges = Counter[str]()
+
+    def put(self, item: Item, log_ns: int) -> bool:
+        """Write a message; False when there would be too many channels, or too many of its bridge."""
+        channel = self._channels.get(item.key)
+        if channel is None:
+            bridge = keys.parse(item.key).ids.get("bridge", "")
+            if len(self._channels) >= MAX_CHANNELS or (bridge and self._of_bridges[bridge] >= MOST_OF_A_BRIDGE):
+                return False
+            self._of_bridges[bridge] += 1
+            schema = kinds.PACKAGE + item.kind.schema
+            facts = kinds.facts(item.key)
+            channel = self.writer.channel(kinds.topic(item.key), schema, kinds.DESCRIPTORS, facts)
+            self._channels[item.key] = channel
+        self.writer.add(channel, log_ns, item.own_ns, item.payload)
+        return True
+
+    def left(self, *, writable: bool) -> Path | None:
+        """Close the file, and return its path: None where nothing was in it, one that ends in PART where it is not finished."""
+        path = self.output.path
+        try:
+            if not self.writer.messages:
+                self.output.discard()
+                return None
+            if writable:
+                self.writer.finish()
+                self.output.finish()
+                return path
+        except OSError:
+            pass
+        self.output.abandon()
+        return with_part(path)

@@ -1,0 +1,158 @@
+"""Caches over zenoh: what is asked of them and how, and hostile questions, answers and messages."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+
+from bridge.bus import repair
+from bridge.bus.contract import Bus
+from bridge.bus.zenoh_bus import ZenohBus
+from tests.bridge.bus.worlds import ZenohWorld, collect, eventually, meet, numbers
+
+
+@pytest.fixture
+def world() -> Iterator[ZenohWorld]:
+    made = ZenohWorld()
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def stranger(world: ZenohWorld) -> Iterator[zenoh.Session]:
+    """A program of somebody else's that knows zenoh and what docs/wire.md says."""
+    config = f'{{mode: "client", connect: {{endpoints: ["{world._endpoint}"]}}}}'
+    with zenoh.open(zenoh.Config.from_json5(config)) as session:
+        yield session
+
+
+def asked(session: zenoh.Session, question: str) -> list[tuple[str, bytes, bytes]]:
+    replies = session.get(
+        question,
+        zenoh.handlers.FifoChannel(1000),
+        accept_replies=zenoh.ReplyKeyExpr.ANY,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        timeout=5.0,
+    )
+    ok = [reply.ok for reply in replies if reply.ok is not None]
+    return [(str(s.key_expr), s.payload.to_bytes(), s.attachment.to_bytes() if s.attachment else b"") for s in ok]
+
+
+def test_another_program_gets_the_past_as_the_wire_document_says(a: Bus, stranger: zenoh.Session) -> None:
+    heard = stranger.declare_subscriber("t/x/*", zenoh.handlers.FifoChannel(100))
+    time.sleep(0.2)
+    for key in ("t/x/1", "t/x/2"):
+        publisher = a.publisher(key, cache=5)
+        for n in range(8):
+            publisher.put(b"%d" % n)
+    first = heard.recv()
+    assert first.attachment is not None
+    stamp = first.attachment.to_bytes()
+    assert (len(stamp), int.from_bytes(stamp[12:], "big")) == (20, 0)
+    found = asked(stranger, "t/x/*/@adv/*")
+    assert sorted((key, payload) for key, payload, _ in found) == [
+        (key, b"%d" % n) for key in ("t/x/1", "t/x/2") for n in range(3, 8)
+    ]
+    publisher_number = int.from_bytes(stamp[8:12], "big")
+    from_six = asked(stranger, f"t/x/1/@adv/{stamp[:8].hex()}?publisher={publisher_number};from=6")
+    assert [(payload, attachment) for _, payload, attachment in from_six] == [
+        (b"%d" % n, stamp[:12] + n.to_bytes(8, "big")) for n in (6, 7)
+    ]
+    assert [payload for _, payload, _ in asked(stranger, "t/x/2/@adv/*?most=2")] == [b"6", b"7"]
+    assert asked(stranger, "t/x/*/@adv/*?last=60") == [], "both have just sent something"
+    eventually(lambda: len(asked(stranger, "t/x/*/@adv/*?last=60")) == 2)
+
+
+@pytest.mark.parametrize(
+    "what", ["most=x", "most=-1", "publisher=0", "publisher=zz;from=1", "from=", "last=", "last=nan", "what=ever", ""]
+)
+@pytest.mark.parametrize("pattern", ["t/x/1", "t/**", "**", "t/$*x/1", "t/x/none"])
+def test_a_strange_question_ends_and_harms_nothing(a: Bus, stranger: zenoh.Session, pattern: str, what: str) -> None:
+    publisher = a.publisher("t/x/1", cache=5)
+    for n in range(5):
+        publisher.put(b"%d" % n)
+    began = time.monotonic()
+    asked(stranger, f"{pattern}/@adv/*?{what}")
+    assert time.monotonic() - began < 4.0, "it is answered, not timed out"
+    late = a.subscribe("t/x/*", history=True)
+    assert numbers(collect(late, 5)) == list(range(5))
+
+
+@pytest.mark.parametrize("stamp", [b"", b"1", bytes(19), bytes(21), b"\xff" * 20, b"\xff" * 3000])
+def test_a_strange_attachment_harms_nothing(a: Bus, b: Bus, stranger: zenoh.Session, stamp: bytes) -> None:
+    subscription, publisher = b.subscribe("t/*", history=True), a.publisher("t/one", cache=9)
+    meet(publisher, subscription)
+    for key in ("t/one", "t/other", "t/*", "t/**"):
+        stranger.put(key, b"strange", attachment=stamp)
+    publisher.put(b"1")
+    publisher.put(b"2")
+    came = [m.payload for m in collect(subscription, 6) if m.payload != b"strange"]
+    assert came == [b"1", b"2"]
+
+
+def test_a_borrowed_identity_under_another_key_takes_no_numbers_away(a: Bus, b: Bus, stranger: zenoh.Session) -> None:
+    subscription, publisher = b.subscribe("t/*", history=True), a.publisher("t/one", cache=9)
+    heard = stranger.declare_subscriber("t/one", zenoh.handlers.FifoChannel(100))
+    meet(publisher, subscription)
+    attachment = heard.recv().attachment
+    assert attachment is not None
+    last = int.from_bytes(attachment.to_bytes()[12:], "big")
+    for n in range(last, last + 50):
+        stranger.put("t/two", b"forged", attachment=attachment.to_bytes()[:12] + n.to_bytes(8, "big"))
+    for n in range(5):
+        publisher.put(b"%d" % n)
+    assert [m.payload for m in collect(subscription, 5) if m.key == "t/one"] == [b"%d" % n for n in range(5)]
+
+
+def test_a_question_that_never_ends_keeps_nothing_waiting_for_ever(
+    world: ZenohWorld, monkeypatch: pytest.MonkeyPatch, stranger: zenoh.Session
+) -> None:
+    monkeypatch.setattr(repair, "_OVER_S", 0.3)
+    kept = stranger.declare_queryable("t/*/@adv/mine", zenoh.handlers.FifoChannel(100))
+    questions = list[zenoh.Query]()
+    with world.bus() as a, world.bus() as b:
+        publisher, subscription = a.publisher("t/one", cache=9), b.subscribe("t/*", history=True)
+        publisher.put(b"1")
+        eventually(lambda: subscription.caught_up, 1.5)
+        assert numbers(collect(subscription, 1, 1.0)) == [1]
+        while (query := kept.handler.try_recv()) is not None:
+            questions.append(query)
+    assert questions
+    for query in questions:
+        query.drop()  # type: ignore[no-untyped-call]
+
+
+def test_two_publishers_of_one_key_are_each_heard_once(a: Bus, b: Bus) -> None:
+    first, second = a.publisher("t/one", cache=50), b.publisher("t/one", cache=50)
+    for n in range(10):
+        first.put(b"%d" % n)
+        second.put(b"%d" % (100 + n))
+    subscription = a.subscribe("t/one", history=True)
+    eventually(lambda: subscription.caught_up)
+    for n in range(10, 20):
+        first.put(b"%d" % n)
+        second.put(b"%d" % (100 + n))
+    came = numbers(collect(subscription, 40))
+    assert [n for n in came if n < 100] == list(range(20))
+    assert [n for n in came if n >= 100] == list(range(100, 120))
+
+
+def test_a_closed_publisher_is_not_answered_for(a: Bus, b: Bus) -> None:
+    gone, there = a.publisher("t/gone", cache=5), a.publisher("t/there", cache=5)
+    gone.put(b"1")
+    there.put(b"2")
+    gone.close()
+    time.sleep(0.5)  # what is still under way would come as news
+    subscription = b.subscribe("t/*", history=True)
+    assert numbers(collect(subscription, 1)) == [2]
+
+
+def test_threads_do_not_grow_with_publishers_and_patterns(world: ZenohWorld) -> None:
+    with world.bus() as bus:
+        assert isinstance(bus, ZenohBus)
+        kept = [bus.publisher(f"t/{n}", cache=5) for n in range(100)]
+        bus.subscribe([f"t/{n}" for n in range(100)], history=True)
+        bus.watch_alive("alive/*", lambda key, alive: None)
+        assert len(bus._threads) == 2
+        assert len(kept) == 100

@@ -1,0 +1,41 @@
+"""One device's thread: what fails is told once, tried again, and silences nobody."""
+
+from dataclasses import replace
+
+import pytest
+
+from bridge.drivers.driver import DeviceUnavailable, Notice
+from tests.bridge.ingest.published.scripted import HELLO, Scripted, run, said
+
+
+def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "bridge.ingest.device_thread")
+    missing = [DeviceUnavailable("script: missing") for _ in range(3)]
+    driver = Scripted(*missing, [HELLO, said(0)])
+    taken = run(driver, lambda _: driver.opened == 4 and not driver._script).take()
+    assert [record.message for record in caplog.records] == ["d1: script: missing", "d1: back on script"]
+    assert sum(map(len, taken.batches)) == 10
+
+
+def test_a_device_is_back_once_it_says_something_and_not_its_driver_of_it(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "bridge.ingest.device_thread")
+    driver = Scripted(DeviceUnavailable("script: missing"), [Notice("settings", "not answered")])
+    run(driver, lambda _: driver.opened == 2 and not driver._script)
+    assert [record.message for record in caplog.records] == ["d1: script: missing"]
+
+
+def test_a_rate_that_changes_is_a_line_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "bridge.ingest.device_thread")
+    driver = Scripted([HELLO, said(0)], [replace(HELLO, rate_hz=50.0), said(10)])
+    run(driver, lambda _: not driver._script)
+    assert [record.message for record in caplog.records] == [
+        "d1: reading script",
+        "d1: its rate changed from 100 to 50 Hz",
+    ]
+
+
+def test_a_drivers_own_fault_does_not_silence_its_device(caplog: pytest.LogCaptureFixture) -> None:
+    driver = Scripted([HELLO, said(0)], ZeroDivisionError("oops"), [HELLO, said(10)])
+    taken = run(driver, lambda _: driver.opened == 2 and not driver._script).take()
+    assert sum(map(len, taken.batches)) == 20
+    assert "its driver failed: ZeroDivisionError('oops')" in caplog.text

@@ -1,0 +1,193 @@
+"""A bridge end to end: devices on terminals, unplugged, rebooted, over a bus that comes and goes."""
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.config import Bridge, Device
+from bridge.drivers.replayed import ReplayedOptions
+from bridge.drivers.simulated import SimulatedOptions
+from bridge.ingest.device_thread import DeviceThread, Taken
+from bridge.ingest.pump import DevicePublisher, Pump, shares
+from bridge.sim.pty_port import PtyPort
+from bridge.sim.virtual_device import demo_device
+from bridge.wire import codec, keys
+from bridge.wire.messages import BootCause, Quality, SampleFlag, State, Status
+from tests.bridge.ingest.published.hearing import Listener, accounted, native, published, unbroken
+
+
+def test_devices_are_published_whole_with_their_account_and_their_tokens(
+    tmp_path: Path, broker: MemoryBroker, listener: Listener
+) -> None:
+    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as one, PtyPort(demo_device("d2", 2), tmp_path / "d2") as two:
+        config = Bridge(id="b1", batch_ms=20, devices=(native(one), native(two, "d2")))
+        with MemoryBus(broker) as bus, Pump("w", config, bus):
+            listener.until(lambda: listener.count() > 100 and listener.count("d2") > 100)
+            boots = [keys.boot_id(port.device.boot or 0) for port in (one, two)]
+            alive = {key.removeprefix("truerate/@v1/w/alive/") for key, there in listener.alive if there}
+            assert alive == {"bridge/b1", f"device/d1/{boots[0]}", f"device/d2/{boots[1]}"}
+        listener.hear()
+        listener.until(lambda: [there for _, there in listener.alive].count(False) == 3)
+    for device in ("d1", "d2"):
+        listener.until(partial(accounted, listener, device))
+        assert unbroken(listener.batches[device])
+        info = listener.infos[device]
+        assert (info.dropped, info.driver, info.bridge) == ({}, "native", "b1")
+        assert info.boot == listener.batches[device][0].boot
+
+
+def test_a_reboot_is_a_new_boot_with_a_new_token(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:
+    with published(tmp_path, broker) as port:
+        listener.until(lambda: listener.count() > 50)
+        before = port.device.boot
+        port.device.reboot()
+        listener.until(lambda: listener.batches["d1"][-1].boot != before)
+        listener.until(lambda: "reboots" in listener.infos["d1"].events)
+        after = port.device.boot
+    boots = [batch.boot for batch in listener.batches["d1"]]
+    assert sorted(set(boots), key=boots.index) == [before, after]
+    first = next(batch for batch in listener.batches["d1"] if batch.boot == after)
+    assert (first.sequence, int(first.flags[0])) == (0, 0)
+    tokens = [(key.rsplit("/", 1)[1], there) for key, there in listener.alive if "/device/" in key]
+    old, new = keys.boot_id(before or 0), keys.boot_id(after or 0)
+    assert tokens[:3] == [(old, True), (old, False), (new, True)]
+
+
+def test_an_unplugged_device_comes_back_with_its_gap_in_sight(
+    tmp_path: Path, broker: MemoryBroker, listener: Listener
+) -> None:
+    with published(tmp_path, broker) as port:
+        listener.until(lambda: listener.count() > 50)
+        port.unplug()
+        listener.until(lambda: ("/device/" in listener.alive[-1][0], listener.alive[-1][1]) == (True, False))
+        here = len(listener.batches["d1"])
+        port.plug()
+        listener.until(lambda: len(listener.batches["d1"]) > here + 3)
+        listener.until(lambda: listener.infos["d1"].events.get("reconnections") == 1)
+    after_gap = [int(batch.flags[0]) & SampleFlag.AFTER_GAP for batch in listener.batches["d1"]]
+    assert sum(after_gap) == 1
+    assert listener.infos["d1"].events["missing_samples"] > 0
+    assert len({batch.boot for batch in listener.batches["d1"]}) == 1
+
+
+def test_a_device_that_cannot_be_opened_is_told_of_with_its_trouble(
+    tmp_path: Path, broker: MemoryBroker, listener: Listener
+) -> None:
+    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
+        port.unplug()
+        config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
+        with MemoryBus(broker) as bus, Pump("w", config, bus):
+            listener.until(lambda: any("missing; plug" in info.trouble for info in listener.infos.values()))
+            info = listener.infos["d1"]
+            assert (info.boot, info.bridge, info.driver, info.port) == (0, "b1", "native", str(port.link))
+            assert [key for key, _ in listener.alive] == ["truerate/@v1/w/alive/bridge/b1"]
+            port.plug()
+            listener.until(lambda: listener.count() > 50)
+            listener.until(lambda: not listener.infos["d1"].trouble)
+            assert listener.infos["d1"].boot == port.device.boot
+            port.unplug()
+            listener.until(lambda: bool(listener.infos["d1"].trouble))
+            assert listener.infos["d1"].boot == port.device.boot
+
+
+def test_a_router_that_goes_away_costs_nothing_within_the_cache(
+    tmp_path: Path, broker: MemoryBroker, listener: Listener
+) -> None:
+    with published(tmp_path, broker):
+        listener.until(lambda: listener.count() > 50)
+        broker.stop()
+        time.sleep(0.3)
+        broker.start()
+        here = listener.count()
+        listener.until(lambda: listener.count() > here + 50)
+    assert unbroken(listener.batches["d1"])
+
+
+@pytest.mark.parametrize(("devices", "most"), [(1, 1), (5, 1), (8, 1), (17, 3)])
+def test_devices_are_published_a_few_at_a_time_each_as_often_as_asked(
+    broker: MemoryBroker, devices: int, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All back to back, the last of a hundred waited for the others at whoever reads."""
+    turns: list[list[str]] = []
+    enough = threading.Event()
+
+    def note(_: Pump, some: Sequence[tuple[DeviceThread, DevicePublisher]], *, last: bool = False) -> None:
+        if not last:
+            turns.append([link.device for link, _ in some])
+            if len(turns) == 24:
+                enough.set()
+
+    monkeypatch.setattr(Pump, "_publish", note)
+    names = [f"d{i}" for i in range(devices)]
+    simulated = tuple(Device(id=name, driver="simulated", options=SimulatedOptions()) for name in names)
+    with MemoryBus(broker) as bus, Pump("w", Bridge(id="b1", batch_ms=5.0, devices=simulated), bus):
+        assert enough.wait(10.0)
+    parts = shares(devices)
+    assert [shares(n) for n in (1, 128, 129)] == [8, 8, 1], "of many, all at once costs readers less"
+    assert max(map(len, turns)) == most
+    for begin in range(0, 2 * parts, parts):
+        assert sorted(name for turn in turns[begin : begin + parts] for name in turn) == sorted(names)
+
+
+def test_a_replay_is_published_to_its_last_sample(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:
+    gyro = np.random.default_rng(0).normal(size=(1000, 3)).astype(np.float32)
+    np.savez(tmp_path / "r.npz", gyro_rad_s=gyro, rate_hz=100.0)
+    device = Device("d1", "replayed", ReplayedOptions(file=str(tmp_path / "r.npz"), speed=50))
+    with MemoryBus(broker) as bus, Pump("w", Bridge(id="b1", devices=(device,)), bus) as ward:
+        listener.until(lambda: ward.over)
+    listener.until(lambda: listener.count() == 1000)
+    assert np.array_equal(np.concatenate([batch.gyro for batch in listener.batches["d1"]]), gyro)
+    listener.until(lambda: listener.infos["d1"].samples == 1000)  # its last account comes behind its last sample
+    assert listener.infos["d1"].boot_cause is BootCause.PORT_OPENED
+
+
+def status_of(device: str, boot: int, state: State) -> bytes:
+    three = (0.0, 0.0, 0.0)
+    return codec.encode_status(
+        Status(device, boot, 1, state, Quality.NONE, "", 0.0, (), three, three, three, "", 0, 0.0, 20.0, 0.0, 0, 0)
+    )
+
+
+def test_a_bridge_whose_device_is_refused_says_so_once(
+    broker: MemoryBroker, listener: Listener, caplog: pytest.LogCaptureFixture
+) -> None:
+    words = "device d1 is sent by two bridges, b0 and b1: b1's samples are refused; stop one"
+    status = codec.decode_status(keys.build("w", "status", device="d1"), status_of("d1", 1, State.TRACKING))
+    config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "simulated", SimulatedOptions()),))
+    with MemoryBus(broker) as estimator, MemoryBus(broker) as bus, Pump("w", config, bus) as ward:
+        for device in ("d2", "d1", "d1"):
+            said = replace(status, device=device, bridge="b0", refused_bridges=("b1",))
+            estimator.publisher(keys.build("w", "status", device=device), cache=1).put(codec.encode_status(said))
+        listener.until(lambda: words in caplog.text)
+        assert ward.refused == {"d1"}
+        said = replace(status, bridge="b1", refused_bridges=())
+        estimator.publisher(keys.build("w", "status", device="d1"), cache=1).put(codec.encode_status(said))
+        listener.until(lambda: not ward.refused)
+    assert caplog.text.count("are refused") == 1
+
+
+def test_a_device_of_which_nothing_can_be_taken_stops_no_other(
+    broker: MemoryBroker, listener: Listener, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    take = DeviceThread.take
+
+    def fails(link: DeviceThread, *wants: Any) -> Taken:
+        if link.device == "d1":
+            raise ValueError("no")
+        return take(link, *wants)
+
+    monkeypatch.setattr(DeviceThread, "take", fails)
+    config = Bridge(
+        id="b1", batch_ms=20, devices=tuple(Device(id_, "simulated", SimulatedOptions()) for id_ in ("d1", "d2"))
+    )
+    with MemoryBus(broker) as bus, Pump("w", config, bus):
+        listener.until(lambda: listener.count("d2") > 100)
+    assert "d1: cannot be published" in caplog.text

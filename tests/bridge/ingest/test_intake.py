@@ -1,0 +1,409 @@
+"""The door of a device: everything that comes is published or counted, and what is published is always valid."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.drivers.driver import Identity, Notice, Readings
+from bridge.ingest.intake import Intake
+from bridge.wire import codec, keys
+from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
+from tests.bridge.arrivals import bursts
+
+NOW = 1_700_000_000 * 10**9
+DT = 10_000  # ticks
+HELLO = Identity(7, BootCause.POWER_UP, "m", "f", 100.0, 4.0, 1e-6, True, True)
+KEY = keys.build("w", "raw", bridge="b", device="d")
+
+
+def made() -> Intake:
+    return Intake("d", "b", "native", "/dev/x")
+
+
+def readings(sequence: int, n: int = 5, boot: int = 7, **changes: Any) -> Readings:
+    ticks = ((sequence + np.arange(n)) * DT) % 2**32
+    plain = Readings(
+        boot, sequence % 2**32, NOW + (sequence + n) * DT * 1000, ticks.astype(np.uint32), np.full((n, 3), 0.5, np.float32),
+        np.full((n, 3), 9.8, np.float32), np.full(n, 30, np.float32),
+    )  # fmt: skip
+    return replace(plain, **changes)
+
+
+def account(intake: Intake) -> None:
+    assert intake.samples_in == intake.samples + intake.dropped.total()
+
+
+def spans(batches: list[SampleBatch]) -> list[tuple[int, int]]:
+    return [(batch.sequence, len(batch)) for batch in batches]
+
+
+def test_consecutive_readings_come_out_as_they_are() -> None:
+    intake = made()
+    assert intake.take(HELLO) == []
+    batches = [batch for i in range(4) for batch in intake.take(readings(5 * i))]
+    assert spans(batches) == [(0, 5), (5, 5), (10, 5), (15, 5)]
+    assert not any(batch.flags.any() for batch in batches)
+    for batch in batches:
+        codec.decode_samples(KEY, codec.encode_samples(batch))
+    info = intake.info(NOW, {})
+    assert (info.boot, info.samples, info.dropped, info.events) == (7, 20, {}, {})
+    account(intake)
+
+
+def test_another_rate_in_a_boot_is_no_boot_and_is_measured_anew() -> None:
+    intake = made()
+    intake.take(HELLO)
+    for i in range(100):
+        intake.take(readings(5 * i))
+    assert intake.info(NOW, {}).measured_rate_hz == pytest.approx(100.0, rel=1e-3)
+    intake.take(replace(HELLO, rate_hz=400.0))
+    ticks = 500 * DT + np.arange(800) * DT // 4
+    for i in range(0, 800, 5):
+        fast = replace(readings(500 + i), ticks=ticks[i : i + 5].astype(np.uint32))
+        intake.take(replace(fast, receive_time_ns=NOW + int(ticks[i + 4]) * 1000))
+    info = intake.info(NOW, {})
+    assert (info.boot, info.rate_hz, info.samples, info.events) == (7, 400.0, 1300, {"rate_changed": 1})
+    assert info.notices == {"rate changed": "its rate changed from 100 to 400 Hz"}
+    assert intake.said == ["its rate changed from 100 to 400 Hz"]
+    assert info.measured_rate_hz == pytest.approx(400.0, rel=1e-2)
+    account(intake)
+
+
+def test_a_rate_that_changes_untold_is_said_once_it_is_known() -> None:
+    intake = made()
+    intake.take(HELLO)
+    ticks = np.cumsum(np.repeat([DT, 2 * DT], [3000, 2500]))
+    for i in range(0, len(ticks), 5):
+        came = NOW + int(ticks[i + 4]) * 1000
+        intake.take(replace(readings(i), ticks=ticks[i : i + 5].astype(np.uint32), receive_time_ns=came))
+    info = intake.info(NOW, {})
+    assert intake.said == ["its rate changed from 100 to 50 Hz"]
+    assert info.notices == {"rate changed": intake.said[0], "rate": "measured 50 Hz, told 100 Hz"}
+    assert info.events == {"rate_differs": 1, "rate_changed": 1}
+
+
+def test_nothing_is_published_before_the_device_said_who_it_is() -> None:
+    intake = made()
+    assert intake.take(readings(0)) == []
+    info = intake.info(NOW, {})
+    assert (info.device, info.boot, info.boot_cause) == ("d", 0, BootCause.UNKNOWN)
+    assert info.trouble == "/dev/x: nothing was heard of it yet"
+    assert intake.info(NOW, {}, "/dev/x: busy").trouble == "/dev/x: busy"
+    account(intake)
+    intake.take(HELLO)
+    assert intake.take(readings(5))[0].sequence == 5
+    assert intake.events.as_dict() == {"before_identity": 5}
+    account(intake)
+
+
+def test_a_device_that_says_boot_0_is_not_taken_for_one_that_is_not_heard() -> None:
+    intake = made()
+    intake.take(replace(HELLO, boot=0))
+    (batch,) = intake.take(readings(0, boot=0))
+    assert batch.boot == intake.info(NOW, {}).boot != 0
+    assert intake.info(NOW, {}).trouble == ""
+
+
+def test_a_hole_is_flagged_and_counted() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(0))
+    (batch,) = intake.take(readings(8))
+    assert batch.flags.tolist() == [SampleFlag.AFTER_GAP, 0, 0, 0, 0]
+    assert intake.events.as_dict() == {"gaps": 1, "missing_samples": 3}
+    account(intake)
+
+
+def test_what_was_there_already_is_dropped() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(0, 10))
+    assert intake.take(readings(3, 5)) == []
+    assert spans(intake.take(readings(8, 5))) == [(10, 3)]
+    assert intake.dropped.as_dict() == {"duplicate": 7}
+    assert intake.events.as_dict() == {}
+    account(intake)
+
+
+def test_a_datagram_that_was_overtaken_is_no_duplicate() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(0))
+    intake.take(readings(10))
+    assert intake.take(readings(5)) == []
+    assert intake.dropped.as_dict() == {"reordered": 5}
+    assert intake.take(readings(5)) == []
+    assert intake.dropped.as_dict() == {"reordered": 5, "duplicate": 5}
+    assert spans(intake.take(readings(15))) == [(15, 5)]
+    assert intake.events.as_dict() == {"gaps": 1, "missing_samples": 5}
+    account(intake)
+
+
+def test_new_numbers_with_old_ticks_are_counted_by_themselves() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(0, 10))
+    assert intake.take(readings(10, ticks=np.arange(5, dtype=np.uint32) * DT)) == []
+    assert intake.dropped.as_dict() == {"backward_time": 5}
+    assert spans(intake.take(readings(15))) == [(15, 5)]
+    account(intake)
+
+
+@pytest.mark.parametrize("skew", [1e-3, -1e-3])
+def test_over_a_wrap_of_the_clock_a_thousandth_off_times_are_true_to_a_millisecond(skew: float) -> None:
+    device_s, host_s = bursts(np.random.default_rng(3), 40.0, 100.0, skew)
+    first, intake = 2**32 // DT - 2500, made()  # wraps after 25 s
+    intake.take(HELLO)
+    sent, errors = 0, []
+    for now_s, at_s in zip(device_s.tolist(), host_s.tolist(), strict=True):
+        n = round(now_s * 100) - sent
+        ticks = ((first + sent + 1 + np.arange(n)) * DT % 2**32).astype(np.uint32)
+        (batch,) = intake.take(readings(sent, n, ticks=ticks, receive_time_ns=NOW + round(at_s * 1e9)))
+        of_samples = NOW + (sent + 1 + np.arange(n)) * (DT * 1000 * (1 + skew))
+        since = (batch.ticks - batch.ticks[0]) * (batch.tick_period_s * batch.clock_rate * 1e9)
+        sent += n
+        if now_s > 10:
+            errors.append(np.abs(batch.start_time_ns + since - of_samples).max())
+    assert max(errors) < 1e6
+    assert intake.events.as_dict() == {}
+    account(intake)
+
+
+def test_samples_that_a_dead_link_held_up_are_marked_late_and_timed_as_ever() -> None:
+    intake = made()
+    intake.take(HELLO)
+    for i in range(300):
+        intake.take(readings(5 * i))
+    held = range(300, 380)  # four seconds
+    at = NOW + 5 * held.stop * DT * 1000
+    late = [batch for i in held for batch in intake.take(readings(5 * i, receive_time_ns=at))]
+    flags = np.concatenate([batch.flags for batch in late])
+    assert np.flatnonzero(flags == SampleFlag.LATE).tolist() == list(range(int(np.sum(flags == SampleFlag.LATE))))
+    assert np.sum(flags == SampleFlag.LATE) == pytest.approx(300, abs=1)
+    assert intake.events.as_dict() == {"late": np.sum(flags == SampleFlag.LATE)}
+    for i, batch in zip(held, late, strict=True):
+        assert abs(batch.start_time_ns - NOW - (5 * i + 5) * DT * 1000) < 50_000_000
+    assert not any(batch.flags.any() for i in range(380, 500) for batch in intake.take(readings(5 * i)))
+
+
+def test_a_clock_that_is_not_what_it_says_is_told() -> None:
+    intake = made()
+    intake.take(HELLO)
+    for i in range(500):
+        intake.take(readings(5 * i, receive_time_ns=NOW + 5 * i * DT * 500))
+    info = intake.info(NOW, {})
+    assert info.measured_rate_hz == pytest.approx(200, rel=1e-3)
+    assert info.events == {"rate_differs": 1}
+    assert info.notices == {"rate": "measured 200 Hz, told 100 Hz; its clock runs 2 times as fast as the host's"}
+
+
+def test_a_device_s_own_notices_stay_beside_ours() -> None:
+    intake = made()
+    intake.take(replace(HELLO, has_clock=False))
+    intake.take(Notice("battery", "old"))
+    assert set(intake.info(NOW, {}).notices) == {"battery", "clock"}
+    for i in range(20):
+        intake.take(Notice(f"n{i}", "x"))
+    notices = intake.info(NOW, {}).notices
+    assert len(notices) == 16
+    assert "clock" in notices
+
+
+def test_ticks_that_go_back_within_a_packet_are_dropped() -> None:
+    intake = made()
+    intake.take(HELLO)
+    ticks = np.array([0, 1, 2, 1, 4], np.uint32) * DT
+    assert spans(intake.take(readings(0, ticks=ticks))) == [(0, 3), (4, 1)]
+    account(intake)
+
+
+def test_samples_that_are_no_numbers_split_the_batch() -> None:
+    intake = made()
+    intake.take(HELLO)
+    gyro = np.full((5, 3), 0.5)
+    gyro[2, 1] = np.nan
+    first, second = intake.take(readings(0, gyro=gyro))
+    assert spans([first, second]) == [(0, 2), (3, 2)]
+    assert second.flags.tolist() == [SampleFlag.AFTER_GAP, 0]
+    assert intake.dropped.as_dict() == {"non_finite": 1}
+    account(intake)
+
+
+def test_a_batch_of_nothing_but_bad_samples_moves_the_sequence_on() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(0))
+    assert intake.take(readings(5, gyro=np.full((5, 3), np.inf))) == []
+    assert intake.take(readings(10))[0].flags[0] == SampleFlag.AFTER_GAP
+    assert intake.events.as_dict() == {"gaps": 1}
+    account(intake)
+
+
+def test_clipping_is_flagged_and_the_implausible_dropped() -> None:
+    intake = made()
+    intake.take(HELLO)
+    gyro = np.array([[0, 0, 0], [0, -3.97, 0], [0, 0, 3.9], [8.1, 0, 0], [4.0, 0, 0]])
+    first, second = intake.take(readings(0, gyro=gyro))
+    assert first.flags.tolist() == [0, SampleFlag.CLIPPED, 0]
+    assert second.flags.tolist() == [SampleFlag.CLIPPED | SampleFlag.AFTER_GAP]
+    assert intake.dropped.as_dict() == {"range": 1}
+    account(intake)
+
+
+def test_a_bad_temperature_costs_its_column_only() -> None:
+    intake = made()
+    intake.take(HELLO)
+    (batch,) = intake.take(readings(0, temperature_c=np.array([30, np.nan, 30, 30, 30])))
+    assert batch.temperature_c is None
+    assert intake.events.as_dict() == {"temperature_missing": 5}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"gyro": np.zeros((4, 3))}, {"accel": np.zeros((5, 2))}, {"temperature_c": np.zeros(6)},
+        {"ticks": np.full(5, 2**63, np.uint64)},
+    ],
+)  # fmt: skip
+def test_readings_that_are_not_whole_are_dropped(changes: dict[str, Any]) -> None:
+    intake = made()
+    intake.take(replace(HELLO, tick_bits=64, sequence_bits=64))
+    assert intake.take(readings(0, **changes)) == []
+    assert intake.take(replace(readings(0), sequence=2**63)) == []
+    account(intake)
+
+
+def test_counters_go_on_over_their_wrap_and_over_a_long_silence() -> None:
+    intake = made()
+    intake.take(HELLO)
+    at = 2**32 // DT - 2
+    first = intake.take(readings(at, 2))
+    (batch,) = intake.take(readings(at + 2))
+    assert batch.sequence == at + 2
+    assert batch.ticks.tolist() == [(at + 2 + i) * DT for i in range(5)]
+    days = at + 2 * 24 * 3600 * 100
+    (batch,) = intake.take(readings(days))
+    assert batch.ticks[0] == days * DT
+    assert batch.flags[0] == SampleFlag.AFTER_GAP
+    assert first[0].ticks[0] == at * DT
+
+
+def test_the_sequence_wraps_too() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(2**32 - 5))
+    assert spans(intake.take(readings(2**32))) == [(2**32, 5)]
+    assert intake.events.as_dict() == {}
+
+
+def test_a_reboot_begins_a_new_account_and_late_samples_of_the_old_are_dropped() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(0))
+    intake.take(replace(HELLO, boot=8))
+    assert intake.take(readings(5)) == []
+    (batch,) = intake.take(readings(0, boot=8))
+    assert (batch.boot, batch.sequence, batch.flags[0]) == (8, 0, 0)
+    assert (intake.samples, intake.dropped.as_dict()) == (5, {"old_boot": 5})
+    assert intake.events.as_dict() == {"reboots": 1}
+    account(intake)
+
+
+def test_the_same_boot_told_again_changes_nothing() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(0))
+    intake.take(HELLO)
+    assert not intake.take(readings(5))[0].flags.any()
+    assert intake.events.as_dict() == {}
+
+
+def test_a_reboot_that_keeps_its_boot_number_is_seen_within_two_seconds() -> None:
+    intake = made()
+    intake.take(HELLO)
+    for i in range(200):
+        intake.take(readings(5 * i))
+    batches = [batch for i in range(40) for batch in intake.take(readings(5 * i))]
+    assert batches
+    assert batches[0].boot not in (7, 0)
+    assert batches[0].sequence <= 110
+    assert intake.boot == batches[0].boot
+    assert intake.events.as_dict() == {"reboots_unsaid": 1}
+    assert intake.dropped.as_dict() == {"duplicate": 100}  # what led to it
+    account(intake)
+    intake.take(HELLO)
+    assert intake.take(readings(200))[0].boot == batches[0].boot
+
+
+def test_a_batch_that_could_not_be_kept_is_counted_as_dropped() -> None:
+    intake = made()
+    intake.take(HELLO)
+    (batch,) = intake.take(readings(0))
+    intake.overflowed(batch)
+    assert (intake.samples, intake.dropped.as_dict()) == (0, {"overflow": 5})
+    account(intake)
+
+
+def test_host_times_never_lie_after_the_arrival_and_follow_device_time() -> None:
+    intake = made()
+    intake.take(HELLO)
+    for i in range(1000):
+        late = 0 if i % 7 else 30_000_000
+        at = NOW + (5 * i + 5) * DT * 1000 + late
+        (batch,) = intake.take(readings(5 * i, receive_time_ns=at))
+        last = batch.start_time_ns + 4 * DT * 1000 * batch.clock_rate
+        assert last <= at + 1000
+        if i > 700:
+            assert abs(batch.start_time_ns - NOW - (5 * i + 1) * DT * 1000) < 5_000_000
+    info = intake.info(NOW, {})
+    assert info.measured_rate_hz == pytest.approx(100, rel=1e-3)
+
+
+def test_a_long_run_is_cut_where_a_batch_ends() -> None:
+    intake = made()
+    intake.take(HELLO)
+    assert spans(intake.take(readings(0, 2500))) == [(0, 1024), (1024, 1024), (2048, 452)]
+    assert intake.events.as_dict() == {}
+
+
+FAULTS = st.sampled_from(["good", "good", "good", "lose", "repeat", "nan", "huge", "boot", "hello", "old", "ragged"])
+
+
+@given(st.lists(st.tuples(FAULTS, st.integers(1, 8)), max_size=60))
+def test_whatever_comes_is_published_or_counted_and_valid(story: list[tuple[str, int]]) -> None:
+    intake, boot, sequence = made(), 7, 2**32 - 50
+    last: dict[int, int] = {}
+    intake.take(HELLO)
+    for what, n in story:
+        event: Identity | Readings = readings(sequence, n, boot)
+        if what == "lose":
+            sequence += n
+            continue
+        if what == "boot":
+            boot, sequence = boot + 1, 0
+            event = replace(HELLO, boot=boot)
+        elif what == "hello":
+            event = replace(HELLO, boot=boot)
+        elif what == "repeat":
+            event = readings(max(0, sequence - n), n, boot)
+        elif what == "old":
+            event = readings(sequence, n, boot - 1)
+        elif what == "ragged":
+            event = readings(sequence, n, boot, gyro=np.zeros((n + 1, 3)))
+        elif what in {"nan", "huge"}:
+            gyro = np.ones((n, 3))
+            gyro[n // 2] = np.nan if what == "nan" else 1e30
+            event = readings(sequence, n, boot, gyro=gyro)
+        for batch in intake.take(event):
+            valid = codec.decode_samples(KEY, codec.encode_samples(batch))
+            assert valid.sequence > last.get(valid.boot, -1)
+            hole = valid.sequence != last.get(valid.boot, valid.sequence - 1) + 1
+            assert bool(valid.flags[0] & SampleFlag.AFTER_GAP) == hole
+            last[valid.boot] = valid.sequence + len(valid) - 1
+        if what in {"good", "nan", "huge"}:
+            sequence += n
+        account(intake)

@@ -1,0 +1,201 @@
+"""Exports are read back as they were; a BIDS dataset has what its specification requires."""
+
+import csv
+import json
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.recording import load
+from bridge.recording.bids import Session, export_bids
+from bridge.recording.error import RecordingError
+from bridge.recording.export import export
+from bridge.recording.stretches import Recorded, read
+from tests.bridge.recording.crowd import STEP, TICK_S
+from tests.bridge.recording.test_contents import S, about, marked, recorded, run
+
+VALIDATOR = shutil.which("bids-validator-deno")
+
+
+def table_of(path: Path) -> list[dict[str, str]]:
+    delimiter = "\t" if path.suffix == ".tsv" else ","
+    return list(csv.DictReader(path.read_text().splitlines(), delimiter=delimiter))
+
+
+@pytest.fixture
+def some(tmp_path: Path) -> Recorded:
+    (tmp_path / "rec").mkdir()
+    part = [about("wrist-left"), *run("wrist-left", 0, 200), *run("wrist-left", 230, 400), about("one"), *marked()]
+    part += [message for message in run("one", 0, 500) if "raw" in message.key]
+    part += [message for message in run("one", 50, 500) if "corrected" in message.key]
+    part += run("one", 0, 100, boot=8, later_ns=30 * S)
+    return read(recorded(tmp_path / "rec", part))
+
+
+@pytest.mark.parametrize("ending", [".npz", ".csv"])
+def test_an_export_is_a_recording(some: Recorded, tmp_path: Path, ending: str) -> None:
+    paths = export(some, tmp_path / "out", ending)
+    assert [path.name for path in paths] == [
+        f"one_boot1{ending}", f"one_boot2{ending}", f"wrist-left{ending}", "events.csv",
+    ]  # fmt: skip
+    for path, stretch in zip(paths, [*some.stretches["one"], *some.stretches["wrist-left"]], strict=False):
+        recording = load(path)
+        np.testing.assert_array_equal(recording.gyro.astype(np.float32), stretch.gyro)
+        assert recording.accel is not None
+        assert stretch.accel is not None
+        np.testing.assert_array_equal(recording.accel.astype(np.float32), stretch.accel)
+        assert recording.temperature_c is not None
+        np.testing.assert_allclose(recording.time_s, stretch.time_s, atol=1e-9)
+        assert recording.rate_hz == pytest.approx(104.0, rel=1e-4)
+
+
+def test_corrected_rates_are_beside_the_readings(some: Recorded, tmp_path: Path) -> None:
+    export(some, tmp_path / "out", ".npz")
+    export(some, tmp_path / "csv", ".csv")
+    with np.load(tmp_path / "out" / "one_boot1.npz") as file:
+        assert (file["quality"] == np.where(np.arange(500) < 50, -1, 3)).all()
+        np.testing.assert_array_equal(file["rate_rad_s"][50:], 2 * file["gyro_rad_s"][50:])
+        assert np.isnan(file["rate_rad_s"][:50]).all()
+        assert (str(file["device"]), str(file["boot"]), float(file["rate_hz"])) == ("one", f"{7:016x}", 104.0)
+        rows = table_of(tmp_path / "csv" / "one_boot1.csv")
+        assert [float(row["rate_x_rad_s"]) for row in rows[50:]] == pytest.approx(file["rate_rad_s"][50:, 0].tolist())
+        assert [int(row["host_time_ns"]) for row in rows] == file["host_time_ns"].tolist()
+        assert rows[0]["rate_std_z_rad_s"] == "nan"
+        assert rows[0]["quality"] == "-1"
+
+
+def test_events_have_boots_calibrations_and_notes(some: Recorded, tmp_path: Path) -> None:
+    *_, path = export(some, tmp_path / "out", ".csv")
+    rows = table_of(path)
+    assert [(row["device"], row["event"], row["text"]) for row in rows] == [
+        ("one", "boot", "lsm9ds1"),
+        ("wrist-left", "boot", "lsm9ds1"),
+        ("one", "calibration accepted", "three turns"),
+        ("one", "note by anna", "sat up"),
+        ("one", "boot", ""),
+    ]
+    assert [float(row["t_s"]) for row in rows] == [0, 0, 2, 3, 30]
+
+
+def test_where_a_recording_begins_within_a_boot_none_is_said(tmp_path: Path) -> None:
+    *_, path = export(read(recorded(tmp_path, [about("one"), *run("one", 40, 200)])), tmp_path / "out", ".csv")
+    assert [row["event"] for row in table_of(path)] == ["recording begins"]
+
+
+def test_what_somebody_wrote_is_no_formula_of_a_spreadsheet(some: Recorded, tmp_path: Path) -> None:
+    (note,) = some.notes
+    said = ['=cmd|" /C calc"!A0', "@SUM(1)", "+1", "-1", "1+1", "sat up"]
+    export(replace(some, notes=[replace(note, text=text) for text in said]), tmp_path / "out", ".csv")
+    texts = [row["text"] for row in table_of(tmp_path / "out" / "events.csv") if row["event"] == "note by anna"]
+    assert sorted(texts) == sorted([*(f"'{text}" for text in said[:4]), *said[4:]])
+
+
+def test_nothing_is_overwritten(some: Recorded, tmp_path: Path) -> None:
+    export(some, tmp_path / "out", ".npz")
+    with pytest.raises(RecordingError, match=r"one_boot1.npz: is there already and is not overwritten"):
+        export(some, tmp_path / "out", ".npz")
+    with pytest.raises(RecordingError, match=r"there is no folder .*; make it first"):
+        export(some, tmp_path / "no" / "such", ".npz")
+    with pytest.raises(RecordingError, match=r"events.csv: is there already"):
+        export(some, tmp_path / "out", ".csv")
+    assert [path.name for path in (tmp_path / "out").glob("*.csv")] == [
+        "events.csv"
+    ]  # none is written where one is refused
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(RecordingError, match="cannot be made"):
+        export(some, tmp_path / "file", ".npz")
+
+
+def test_no_two_stretches_have_one_files_name(tmp_path: Path) -> None:
+    part = [*run("chest", 0, 100), *run("chest", 0, 60, boot=8, later_ns=9 * S)]
+    found = read(recorded(tmp_path, [*part, *run("chest_boot2", 0, 40), *run("events", 0, 20)]))
+    paths = export(found, tmp_path / "out", ".csv")
+    assert {path.name: len(table_of(path)) for path in paths[:-1]} == {
+        "chest_boot1.csv": 100, "chest_boot2.csv": 60, "chest_boot2_boot1.csv": 40, "events_boot1.csv": 20,
+    }  # fmt: skip
+
+
+def test_a_bids_dataset_has_what_is_required(some: Recorded, tmp_path: Path) -> None:
+    export_bids(some, tmp_path / "set", Session("07", "ward"))
+    motion = tmp_path / "set" / "sub-07" / "motion"
+    stem = "sub-07_task-ward_tracksys-one_run-1"
+    sidecar = json.loads((motion / f"{stem}_motion.json").read_text())
+    assert {"TaskName": "ward", "TrackingSystemName": "one", "SamplingFrequency": 104.0}.items() <= sidecar.items()
+    assert sidecar["SamplingFrequencyEffective"] == pytest.approx(1 / (STEP * TICK_S))
+    channels = table_of(motion / f"{stem}_channels.tsv")
+    assert list(channels[0])[:5] == ["name", "component", "type", "tracked_point", "units"]
+    assert sidecar["GYROChannelCount"] == sum(channel["type"] == "GYRO" for channel in channels) == 6
+    table = [line.split("\t") for line in (motion / f"{stem}_motion.tsv").read_text().splitlines()]
+    assert (len(table), {len(row) for row in table}) == (500, {len(channels)})
+    at = [channel["name"] for channel in channels].index("rate_y")
+    (boot, _) = some.stretches["one"]
+    assert boot.corrected is not None
+    assert table[0][at] == "n/a"
+    assert float(table[77][at]) == pytest.approx(float(boot.corrected.rate[77, 1]))
+    events = table_of(motion / f"{stem}_events.tsv")
+    assert [(row["onset"], row["trial_type"]) for row in events] == [("2.000", "calibration"), ("3.000", "note")]
+    scans = table_of(motion.parent / "sub-07_scans.tsv")
+    assert [(tmp_path / "set" / "sub-07" / row["filename"]).exists() for row in scans] == [True] * 3
+    assert scans[0]["acq_time"].startswith("2026-")
+
+
+def test_a_dataset_grows_by_subjects(some: Recorded, tmp_path: Path) -> None:
+    for subject in ("07", "08"):
+        export_bids(some, tmp_path / "set", Session(subject, "ward"))
+    assert (tmp_path / "set" / "participants.tsv").read_text() == "participant_id\nsub-07\nsub-08\n"
+    with pytest.raises(RecordingError, match="is there already"):
+        export_bids(some, tmp_path / "set", Session("08", "ward"))
+    motion = tmp_path / "set" / "sub-09" / "motion"
+    motion.mkdir(parents=True)
+    (motion / "sub-09_task-ward_tracksys-wristleft_channels.json").touch()
+    with pytest.raises(RecordingError, match=r"wristleft_channels.json: is there already"):
+        export_bids(some, tmp_path / "set", Session("09", "ward"))
+    assert len(list(motion.iterdir())) == 1
+    with pytest.raises(RecordingError, match="--subject 'Mrs Doe': BIDS takes letters and digits only"):
+        Session("Mrs Doe", "ward")
+    with pytest.raises(RecordingError, match="--task ''"):
+        Session("07", "")
+
+
+def test_what_a_person_has_in_a_dataset_stays(some: Recorded, tmp_path: Path) -> None:
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "README").write_text("ours")
+    export_bids(some, tmp_path / "set", Session("07", "ward"))
+    assert (tmp_path / "set" / "README").read_text() == "ours"
+    assert (tmp_path / "set" / "dataset_description.json").exists()
+    before = set(tmp_path.rglob("*"))
+    for name, session in (("participants.tsv", "08"), ("sub-09/sub-09_scans.tsv", "09")):
+        table = tmp_path / "set" / name
+        table.parent.mkdir(exist_ok=True)
+        table.write_bytes("participant_id\tname\nsub-07\tMüller\n".encode("latin-1"))
+        with pytest.raises(RecordingError, match=f"{table.name}: is not UTF-8"):
+            export_bids(some, tmp_path / "set", Session(session, "ward"))
+        table.unlink()
+    assert {path for path in set(tmp_path.rglob("*")) - before if path.is_file()} == set()
+
+
+def test_devices_that_bids_cannot_tell_apart_are_refused(tmp_path: Path) -> None:
+    paths = recorded(tmp_path, [*run("a-1", 0, 20), *run("a_1", 0, 20)])
+    with pytest.raises(RecordingError, match="a-1 and a_1 are both 'a1' in BIDS"):
+        export_bids(read(paths), tmp_path / "set", Session("01", "ward"))
+
+
+@pytest.mark.skipif(VALIDATOR is None, reason="bids-validator-deno is not installed: pip install --group bids")
+def test_the_bids_validator_finds_no_error(some: Recorded, tmp_path: Path) -> None:
+    export_bids(some, tmp_path / "set", Session("07", "ward", "a"))
+    command = [str(VALIDATOR), "--json", str(tmp_path / "set")]
+    said = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    issues = json.loads(said.stdout)["issues"]["issues"]
+    assert [issue for issue in issues if issue.get("severity") == "error"] == []
+
+
+def test_of_whom_only_corrected_rates_are_there_that_is_said(tmp_path: Path) -> None:
+    (tmp_path / "rec").mkdir()
+    part = [message for message in run("lost", 0, 100) if "corrected" in message.key]
+    found = read(recorded(tmp_path / "rec", [about("one"), *run("one", 0, 100), *part]))
+    assert list(found.stretches) == ["one"]
+    assert found.trouble == ["of lost there are 100 corrected rates, but no readings"]

@@ -1,0 +1,243 @@
+"""MCAP written is what the package's own reader reads; cut or flipped anywhere, what is whole is read, never more."""
+
+import errno
+import functools
+import os
+from io import BytesIO
+
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.reader import make_reader
+
+from bridge.recording import kinds
+from bridge.recording.error import RecordingError
+from bridge.recording.mcap_reader import Entry, McapReader
+from bridge.recording.mcap_writer import HELD_BYTES, McapWriter
+from bridge.wire import codec
+from tests.bridge.recording.crowd import samples
+
+BEGIN_NS = 1_790_000_000_000_000_000
+TOPICS = ("raw/bridge-1/one", "raw/bridge-1/two")
+
+
+def write(file: BytesIO, chunks: int = 5, each: int = 4, *, finish: bool = True) -> list[int]:
+    """Some chunks on two channels, the second of which begins in the third; where the file was safe after each."""
+    writer = McapWriter(file, "truerate", {"ward": "w"})
+    safe, channels = [], {}
+    for chunk in range(chunks):
+        for number in range(each):
+            topic = TOPICS[number % 2 if chunk >= 2 else 0]
+            if topic not in channels:
+                channels[topic] = writer.channel(topic, "truerate.v1.SampleBatch", kinds.DESCRIPTORS, {"key": topic})
+            at = chunk * each + number
+            writer.add(channels[topic], BEGIN_NS + at, BEGIN_NS - at, payload(at))
+        writer.flush()
+        safe.append(writer.size)
+    if finish:
+        writer.finish()
+    return safe
+
+
+@functools.cache
+def payload(at: int) -> bytes:
+    return codec.encode_samples(samples("one", 5 * at, 5, BEGIN_NS + at))
+
+
+def read(data: bytes) -> tuple[list[Entry], McapReader]:
+    reader = McapReader(BytesIO(data), "x")
+    return list(reader.entries()), reader
+
+
+def test_the_packages_own_reader_reads_it_with_index_and_checksums() -> None:
+    file = BytesIO()
+    write(file)
+    file.seek(0)
+    reader = make_reader(file, validate_crcs=True)
+    summary = reader.get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert (summary.statistics.message_count, summary.statistics.chunk_count) == (20, 5)
+    assert summary.statistics.channel_message_counts == {1: 14, 2: 6}
+    assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (BEGIN_NS, BEGIN_NS + 19)
+    assert [channel.topic for channel in summary.channels.values()] == list(TOPICS)
+    found = list(reader.iter_messages())
+    assert [message.data for _, _, message in found] == [payload(at) for at in range(20)]
+    assert [message.publish_time for _, _, message in found] == [BEGIN_NS - at for at in range(20)]
+    (of_two,) = [[m.log_time - BEGIN_NS for _, _, m in reader.iter_messages(topics=[TOPICS[1]])]]
+    assert of_two == [9, 11, 13, 15, 17, 19]
+    assert [m.log_time - BEGIN_NS for _, _, m in reader.iter_messages(reverse=True)] == list(range(19, -1, -1))
+    ((record),) = reader.iter_metadata()
+    assert (record.name, record.metadata) == ("truerate", {"ward": "w"})
+
+
+def test_it_describes_itself() -> None:
+    """A reader that has never heard of us decodes a batch by the schema in the file."""
+    file = BytesIO()
+    write(file)
+    file.seek(0)
+    schema, _, message = next(iter(make_reader(file).iter_messages()))
+    assert schema is not None
+    assert schema.encoding == "protobuf"
+    pool = descriptor_pool.DescriptorPool()
+    for proto in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(proto)
+    batch = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))()
+    batch.ParseFromString(message.data)
+    assert list(batch.gyro) == samples_of(0)  # type: ignore[attr-defined] # a class made just now
+
+
+def samples_of(at: int) -> list[float]:
+    batch = codec.decode_samples("truerate/@v1/w/raw/bridge-1/one", payload(at))
+    return [float(value) for value in batch.gyro.ravel()]
+
+
+def test_a_whole_file_is_whole() -> None:
+    file = BytesIO()
+    write(file)
+    entries, reader = read(file.getvalue())
+    assert [entry.payload for entry in entries] == [payload(at) for at in range(20)]
+    assert [entry.topic for entry in entries[8:10]] == list(TOPICS)
+    assert (reader.finished, reader.trouble, reader.good) == (True, [], len(file.getvalue()))
+    assert reader.facts == {"truerate": {"ward": "w"}}
+    assert reader.descriptors == {"truerate.v1.SampleBatch": kinds.DESCRIPTORS}
+
+
+@pytest.mark.parametrize("finish", [False, True])
+def test_cut_at_any_byte_every_chunk_before_is_there(finish: bool) -> None:
+    file = BytesIO()
+    safe = write(file, finish=finish)
+    data = file.getvalue()
+    for end in range(safe[2], len(data) if not finish else safe[-1] + 1000):
+        entries, reader = read(data[:end])
+        whole = sum(place <= end for place in safe)
+        # The records after a chunk's messages are its index: without it the chunk is as good.
+        assert len(entries) in (4 * whole, 4 * whole + 4)
+        assert [entry.payload for entry in entries] == [payload(at) for at in range(len(entries))]
+        assert reader.trouble
+        assert not reader.finished
+
+
+def test_an_empty_or_foreign_file_is_refused() -> None:
+    with pytest.raises(RecordingError, match="x: it is empty"):
+        McapReader(BytesIO(b""), "x")
+    with pytest.raises(RecordingError, match="not an MCAP file"):
+        McapReader(BytesIO(b"PK\x03\x04 a zip, say"), "x")
+    for end in range(1, 8):
+        assert read(b"\x89MCAP0\r\n"[:end])[0] == []
+
+
+@pytest.mark.parametrize("hurt", [b"", bytes(20), b"\xff" * 20])
+def test_any_damaged_bytes_cost_their_chunk_at_most(hurt: bytes) -> None:
+    """A bit, or some bytes: never a wrong message, never an exception, and reading goes on at the next chunk."""
+    file = BytesIO()
+    write(file)
+    data = file.getvalue()
+    wanted = {payload(at) for at in range(20)}
+    for at in range(8, len(data) - len(hurt), 5):
+        damage = hurt or bytes([data[at] ^ 1 << at % 8])
+        entries, reader = read(data[:at] + damage + data[at + len(damage) :])
+        payloads = [entry.payload for entry in entries]
+        assert {entry.topic for entry in entries} == set(TOPICS)
+        assert set(payloads) <= wanted
+        assert len(payloads) == len(set(payloads)) >= 16
+        if len(payloads) < 20:
+            assert reader.trouble
+            assert not reader.whole
+
+
+@pytest.mark.parametrize("finish", [False, True])
+def test_what_is_damaged_between_chunks_costs_none(finish: bool) -> None:
+    """The head, or the length, of the index behind the second chunk: of four messages, 79 bytes."""
+    file = BytesIO()
+    head = write(file, finish=finish)[1] - 79
+    for at, damage in ((head, bytes(20)), (head + 1, b"\x30"), (head + 2, b"\x01"), (head + 5, b"\x01")):
+        data = bytearray(file.getvalue())
+        data[at : at + len(damage)] = damage
+        entries, reader = read(bytes(data))
+        assert [entry.payload for entry in entries] == [payload(at) for at in range(20)]
+        assert reader.finished == finish
+        assert "it is damaged; what was there is lost" in reader.trouble[0]
+
+
+def test_a_damaged_summary_is_said_and_costs_nothing() -> None:
+    file = BytesIO()
+    write(file)
+    damaged = bytearray(file.getvalue())
+    damaged[damaged.rindex(b"raw/bridge-1/one")] ^= 1
+    entries, reader = read(bytes(damaged))
+    assert [entry.topic for entry in entries[8:10]] == list(TOPICS)
+    assert (len(entries), reader.trouble) == (20, ["its summary is damaged"])
+
+
+def test_without_a_summary_messages_of_a_channel_that_was_in_a_damaged_chunk_are_counted() -> None:
+    file = BytesIO()
+    safe = write(file, finish=False)
+    data = bytearray(file.getvalue())
+    data[safe[1] + 200] ^= 1  # within the third, which declares the second channel
+    entries, reader = read(bytes(data))
+    assert {entry.topic for entry in entries} == {TOPICS[0]}
+    assert "4 messages of channels that are not in the file" in reader.trouble
+
+
+def test_a_damaged_chunk_takes_no_other_with_it() -> None:
+    file = BytesIO()
+    safe = write(file)
+    data = bytearray(file.getvalue())
+    data[safe[2] + 200] ^= 1  # within the fourth
+    entries, reader = read(bytes(data))
+    assert [entry.payload for entry in entries] == [payload(at) for at in range(20) if at // 4 != 3]
+    assert (reader.finished, reader.whole) == (True, False)
+    assert "between byte" in reader.trouble[0]
+    assert reader.trouble[1] == "16 of 20 messages could be read"
+
+
+def test_what_unpacks_to_more_than_it_says_is_passed_over() -> None:
+    """A chunk that says it is small, around a frame that is not."""
+    import struct
+    import zlib
+
+    import zstandard
+
+    bomb = zstandard.compress(bytes(1 << 30))
+    for said in (1 << 10, 1 << 30, 1 << 62):
+        body = (
+            struct.pack("<QQQI", 1, 2, said, zlib.crc32(b"")) + b"\x04\0\0\0zstd" + struct.pack("<Q", len(bomb)) + bomb
+        )
+        data = b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(body)) + body
+        entries, reader = read(data)
+        assert entries == []
+        assert "from byte 8 on" in reader.trouble[0]
+
+
+class Full(BytesIO):
+    """A disk with so much room; like a raw file, it takes a part before it says so."""
+
+    def __init__(self, room: int) -> None:
+        super().__init__()
+        self.room = room
+
+    def write(self, data: bytes) -> int:  # type: ignore[override] # a buffer is one
+        taken = min(len(data), self.room - self.tell())
+        if taken <= 0 and len(data):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(data[:taken])
+
+
+def test_a_full_disk_keeps_whole_chunks_only() -> None:
+    whole = BytesIO()
+    safe = write(whole, finish=False)
+    for room in range(safe[1], safe[3]):
+        file = Full(room)
+        with pytest.raises(OSError, match="No space"):
+            write(file)
+        held = max(place for place in safe if place <= room)
+        assert file.getvalue() == whole.getvalue()[:held]
+
+
+def test_much_at_once_is_not_held_in_memory() -> None:
+    file = BytesIO()
+    writer = McapWriter(file, "truerate", {})
+    channel = writer.channel("raw/b/d", "truerate.v1.SampleBatch", kinds.DESCRIPTORS, {})
+    for at in range(2000):
+        writer.add(channel, at + 1, at + 1, os.urandom(HELD_BYTES // 500))
+    assert 2 * HELD_BYTES < writer.size < 4.1 * HELD_BYTES

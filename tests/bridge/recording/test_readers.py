@@ -1,0 +1,341 @@
+"""A recording is whole, finite and in order, or refused with its file, key and sample."""
+
+import os
+import pickle
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge.recording import MAX_BYTES, Recording, RecordingError, load
+from bridge.recording.recover import recover
+from bridge.recording.survey import survey
+
+DATA = Path(__file__).parents[3].parent / "shared" / "data"
+
+
+def saved(tmp_path: Path, **arrays: Any) -> Path:
+    path = tmp_path / "rec.npz"
+    np.savez(path, **arrays)
+    return path
+
+
+def refusal(path: Path, **kwargs: Any) -> str:
+    with pytest.raises(RecordingError) as refused:
+        load(path, **kwargs)
+    assert str(refused.value).startswith(str(path))
+    return str(refused.value)
+
+
+GYRO = np.arange(12.0).reshape(4, 3)
+
+
+def test_an_npz_with_a_rate_is_evenly_spaced(tmp_path: Path) -> None:
+    recording = load(saved(tmp_path, gyro_rad_s=GYRO, rate_hz=100.0, arrival_s=np.array([0.0, 0, 9, 9])))
+    assert np.allclose(recording.time_s, [0, 0.01, 0.02, 0.03])  # arrival_s is never the time of a sample
+    assert (recording.rate_hz, recording.name, recording.accel) == (100.0, "rec", None)
+    assert np.array_equal(recording.gyro, GYRO)
+
+
+def test_an_npz_with_times_has_the_median_rate(tmp_path: Path) -> None:
+    recording = load(saved(tmp_path, gyro_rad_s=GYRO, t_s=[5, 5.02, 5.04, 9]))
+    assert np.allclose(recording.time_s, [0, 0.02, 0.04, 4])
+    assert recording.rate_hz == pytest.approx(50)
+
+
+@pytest.mark.parametrize(("hz", "tick_s"), [(833, 1e-3), (416, 1e-3), (104, 1e-3), (80, 1e-2), (75, 1e-2), (100, 1e-6)])
+def test_coarsely_rounded_times_have_the_rate_that_they_were_sampled_at(
+    tmp_path: Path, hz: float, tick_s: float
+) -> None:
+    time = np.rint(np.arange(4000) / hz / tick_s) * tick_s
+    for lost in (np.zeros(4000, bool), np.arange(4000) % 500 == 499, (time > 3) & (time < 4)):
+        arrays: dict[str, Any] = {"t_s": time[~lost], "gyro_rad_s": np.zeros((np.count_nonzero(~lost), 3))}
+        recording = load(saved(tmp_path, **arrays))
+        assert recording.rate_hz == pytest.approx(hz, rel=2e-3)
+        assert lost.any() or recording.sequence[-1] == 3999
+
+
+def test_lost_samples_do_not_lower_a_rate(tmp_path: Path) -> None:
+    for share in (0.002, 0.02, 0.2):
+        time = np.arange(8000)[np.random.default_rng(1).random(8000) > share] * 0.01
+        recording = load(saved(tmp_path, t_s=time, gyro_rad_s=np.zeros((len(time), 3))))
+        assert recording.rate_hz == pytest.approx(100)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ({"rate_hz": 1.0}, "'gyro_rad_s' is missing; the file has rate_hz"),
+        ({"gyro_rad_s": GYRO[:, :2], "rate_hz": 1.0}, "shape (4, 2); (n, 3) is expected"),
+        ({"gyro_rad_s": np.float64(3), "rate_hz": 1.0}, "shape (); (n, 3) is expected"),
+        ({"gyro_rad_s": GYRO, "accel_m_s2": GYRO[:3], "rate_hz": 1.0}, "'accel_m_s2' has shape (3, 3); (4, 3)"),
+        ({"gyro_rad_s": GYRO, "t_s": [1, 2]}, "'t_s' has shape (2,); (4,)"),
+        ({"gyro_rad_s": GYRO, "rate_hz": [1.0]}, "'rate_hz' has shape (1,); ()"),
+        ({"gyro_rad_s": np.where(GYRO == 7, np.nan, GYRO), "rate_hz": 1.0}, "not a finite number at sample 2 (1 such"),
+        ({"gyro_rad_s": GYRO, "rate_hz": np.inf}, "'rate_hz' is not a finite number"),
+        ({"gyro_rad_s": GYRO, "rate_hz": -5.0}, "the rate that is told is -5 Hz; 1 to 20000"),
+        ({"gyro_rad_s": GYRO, "t_s": [0, 1, 1, 2]}, "time does not rise at sample 2: 1 s, then 1 s"),
+        ({"gyro_rad_s": GYRO, "t_s": [0, 1, 0.5, 2]}, "time does not rise at sample 2"),
+        ({"gyro_rad_s": GYRO[:1], "rate_hz": 1.0}, "1 sample; at least 2"),
+        ({"gyro_rad_s": GYRO}, "neither sample times nor 'rate_hz'; say it with --rate-hz"),
+        (
+            {"gyro_rad_s": GYRO * 100, "rate_hz": 1.0},
+            "is 1100 rad/s at sample 3; up to ±1000 rad/s is taken; is it in degrees",
+        ),
+        ({"gyro_rad_s": GYRO * -1e300, "rate_hz": 1.0}, "is -1e+300 rad/s at sample 0"),
+        ({"gyro_rad_s": GYRO, "accel_m_s2": GYRO * 1e300, "rate_hz": 1.0}, "'accel_m_s2' is 1e+300 m/s² at sample 0"),
+        (
+            {"gyro_rad_s": GYRO, "temperature_c": [1, 2, 1e300, 4], "rate_hz": 1.0},
+            "'temperature_c' is 1e+300 °C at sample 2",
+        ),
+        ({"gyro_rad_s": GYRO, "t_s": [0, 1, 2, 1e300]}, "'t_s' is 1e+300 s at sample 3; up to ±1e+10 s"),
+        ({"gyro_rad_s": GYRO.astype(str), "rate_hz": 1.0}, "not numbers"),
+        ({"gyro_rad_s": GYRO.astype(object), "rate_hz": 1.0}, "or with arrays that are no plain numbers"),
+    ],
+)
+def test_a_bad_npz_is_refused(tmp_path: Path, arrays: dict[str, Any], said: str) -> None:
+    assert said in refusal(saved(tmp_path, **arrays))
+
+
+def test_an_archive_that_unpacks_to_too_much_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("gyro_rad_s.npy", "w") as member:
+        for _ in range(MAX_BYTES >> 24):
+            member.write(bytes(1 << 24))
+        member.write(b"\0")
+    assert path.stat().st_size < 1 << 20
+    assert f"it unpacks to {MAX_BYTES + 1} bytes" in refusal(path)
+
+
+def test_nobody_is_advised_to_load_unsafely(tmp_path: Path) -> None:
+    (tmp_path / "pickle.npz").write_bytes(pickle.dumps([1]))
+    np.save(tmp_path / "one.npy", GYRO.astype(object))
+    (tmp_path / "one.npy").rename(tmp_path / "one.npz")
+    objects = saved(tmp_path, gyro_rad_s=GYRO.astype(object))
+    for path in (tmp_path / "pickle.npz", tmp_path / "one.npz", objects):
+        assert "pickle" not in refusal(path).removeprefix(str(path))
+
+
+def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.npz").write_bytes(b"PK\x03\x04 no archive")
+    (tmp_path / "y.npz").write_bytes(b"\x80\x04N.")
+    (tmp_path / "z.wav").write_bytes(b"")
+    assert "not a readable" in refusal(tmp_path / "x.npz")
+    assert "not a readable" in refusal(tmp_path / "y.npz")
+    assert "ends in .npz, .csv or .mcap" in refusal(tmp_path / "z.wav")
+    assert "cannot be read: missing" in refusal(tmp_path / "none.npz")
+
+
+@pytest.mark.parametrize("ending", ["npz", "csv", "mcap"])
+def test_what_is_no_file_is_named_and_never_waited_for(tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"folder.{ending}").mkdir()
+    os.mkfifo(tmp_path / f"pipe.{ending}")
+    (tmp_path / f"empty.{ending}").touch()
+    assert "cannot be read: a folder, where a file is expected" in refusal(tmp_path / f"folder.{ending}")
+    assert "cannot be read: not a file" in refusal(tmp_path / f"pipe.{ending}")
+    assert "it is empty" in refusal(tmp_path / f"empty.{ending}")
+    with pytest.raises(RecordingError, match="cannot be read: not a file"):
+        survey([tmp_path / f"pipe.{ending}"])
+    with pytest.raises(RecordingError, match="cannot be read: not a file"):
+        recover(tmp_path / f"pipe.{ending}")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+@pytest.mark.parametrize("ending", ["npz", "csv", "mcap"])
+def test_a_file_that_may_not_be_read_is_named(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"closed.{ending}"
+    path.touch(0)
+    assert "cannot be read: no permission" in refusal(path)
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "rec.csv"
+    path.write_text(text)
+    return path
+
+
+def test_a_csv_says_its_units_in_its_header(tmp_path: Path) -> None:
+    text = "t_ms, gx_dps, gy_dps, gz_dps, ax_g, ay_g, az_g, temperature_c, note\n"
+    path = written(tmp_path, text + "100,180,0,-90,0,0,1,25,7\n110,0,0,0,0,0,-1,25,7\n")
+    recording = load(path)
+    assert np.allclose(recording.gyro[0], [np.pi, 0, -np.pi / 2])
+    assert np.allclose(recording.time_s, [0, 0.01])
+    assert recording.accel is not None
+    assert np.allclose(recording.accel[:, 2], [9.80665, -9.80665])
+    assert recording.temperature_c is not None
+    assert recording.rate_hz == pytest.approx(100)
+
+
+def test_a_csv_in_si_without_times_needs_a_rate(tmp_path: Path) -> None:
+    path = written(tmp_path, "gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s\n1,2,3\n4,5,6\n")
+    assert "--rate-hz" in refusal(path)
+    recording = load(path, rate_hz=50)
+    assert np.array_equal(recording.gyro, [[1, 2, 3], [4, 5, 6]])
+    assert recording.time_s[1] == 0.02
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "it is empty; a header row"),
+        ("\n\n", "it is empty; a header row"),
+        (
+            "t_s,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n0,1e308,1,1,1,1,1\n",
+            "'ax_g' is not a finite number in line 2 (1 such value)",
+        ),
+        ("t_s,gyro_x_rads,gyro_y_rad_s,gyro_z_rad_s\n0,1,2,3\n", "'gyro_x_rads': did you mean 'gyro_x_rad_s'?"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n1,2,3\n", "line 3 has 3 columns; the header has 4"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n1,2,x,3\n", "line 3: could not convert string to float: 'x'; numbers"),
+        (
+            "t_s, gx_dps, Gy_DPS ,gz_dps\n\n0,1,2,3\n0.01,2,nan,nan\n",
+            "'gy_dps' is not a finite number in line 4 (2 such values)",
+        ),
+        ("t_ms,gx_dps,gy_dps,gz_dps\n0,1,2,3\ninf,1,2,3\n", "'t_ms' is not a finite number in line 3"),
+        (
+            't_s,temperature_c,gx_dps,gy_dps,gz_dps,"what\nfor"\n0,20,1,2,3,0\n0.01,nan,1,2,3,0\n',
+            "'temperature_c' is not a finite number in line 4",
+        ),
+        (
+            "t_s,gx_dps,gy_dps,gz_dps\n0,1,2,1e9\n0.01,1,2,3\n",
+            "'gz_dps' is 1.74533e+07 rad/s in line 2; up to ±1000 rad/s",
+        ),
+        ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n0.01,1,2,3\n0.01,1,2,3\n", "time does not rise in line 4: 0.01 s, then"),
+        ("t_s,gx_dps,gx_dps,gz_dps\n0,1,2,3\n", "'gx_dps' more than once"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n", "0 samples; at least 2"),
+        ("t_s;gx_dps;gy_dps;gz_dps\n0;1;2;3\n", "its columns are ';' apart; commas are expected"),
+        ("t_s\tgx_dps\tgy_dps\tgz_dps\n0\t1\t2\t3\n", r"its columns are '\t' apart"),
+        ("t_s gx_dps gy_dps gz_dps\n0 1 2 3\n", "the header has t_s gx_dps gy_dps gz_dps."),
+        ("# logger 3\nt_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n", "are needed; the header has # logger 3"),
+        ("0.00,1,2,3\n0.01,1,2,3\n", "the header has 0.00, 1, 2, 3"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n0,1,1,5,2,0,3,0\n", "the header has 4; are there commas in its numbers?"),
+        ("t_s,t_ms,gx_dps,gy_dps,gz_dps\n5,0,1,1,1\n5.01,20,1,1,1\n", "'t_s' and 't_ms' are not the same in two units"),
+        (
+            "t_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,gx_dps,gy_dps,gz_dps\n0,1,1,1,1,1,1\n1,1,1,1,1,1,1\n",
+            "'gyro_x_rad_s' and 'gx_dps' are not the same in two units; leave one of them out",
+        ),
+        ("rate_hz,gx_dps,gy_dps,gz_dps\n50,1,1,1\n51,1,1,1\n", "'rate_hz' is not the same in all rows"),
+    ],
+)
+def test_a_bad_csv_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    assert said in refusal(written(tmp_path, text))
+
+
+def test_a_name_may_end_in_capitals(tmp_path: Path) -> None:
+    path = written(tmp_path, "t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n0.01,1,2,3\n")
+    assert len(load(path.rename(tmp_path / "DAY.CSV"))) == 2
+
+
+def test_a_csv_may_say_the_same_twice_and_its_rate_in_a_column(tmp_path: Path) -> None:
+    twice = "t_s,t_ms,gx_dps,gy_dps,gz_dps,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s\n"
+    recording = load(written(tmp_path, twice + "9,0,180,0,0,3.1416,0,0\n9.01,10,0,0,0,0,0,0\n"))
+    assert recording.gyro[0, 0] == 3.1416
+    assert recording.time_s[1] == pytest.approx(0.01)
+    assert load(written(tmp_path, "rate_hz,gx_dps,gy_dps,gz_dps\n50,1,1,1\n50,1,1,1\n")).rate_hz == 50
+
+
+def test_what_is_in_columns_that_are_not_used_need_be_no_number(tmp_path: Path) -> None:
+    text = 't_s,when,gx_dps,gy_dps,gz_dps,what,heart\n0,2026-03-01T10:00:00Z,180,1,1,walks,60\n0.01,,1,1,1,"sat, up",\n'
+    recording = load(written(tmp_path, text))
+    assert np.allclose(recording.gyro[:, 0], np.radians([180, 1]))
+    assert np.allclose(recording.time_s, [0, 0.01])
+    corrected = "t_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s,quality\n0,1,1,1,GOOD\n"
+    assert "the header has t_s, rate_x_rad_s" in refusal(written(tmp_path, corrected))
+
+
+def test_columns_that_are_not_used_are_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = written(tmp_path, "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,accel_z_mg\n0,1,1,1,0,0,1\n0.01,1,1,1,0,0,1\n")
+    assert load(path).accel is None
+    assert "ax_g, ay_g, accel_z_mg: not used; x, y and z are needed" in caplog.text
+
+
+def test_a_rate_beside_another_is_not_passed_over_in_silence(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = saved(tmp_path, gyro_rad_s=GYRO, rate_hz=100.0)
+    assert load(path, rate_hz=100.01).rate_hz == 100.0
+    assert not caplog.text
+    assert load(path, rate_hz=50.0).rate_hz == 100.0
+    assert "its rate is 100 Hz by itself; 50 Hz, as told, is not used" in caplog.text
+
+
+@pytest.mark.parametrize("step_s", [0.0, -1.0, 1e-7])
+def test_times_that_fall_on_one_tick_are_refused(tmp_path: Path, step_s: float) -> None:
+    """They were one moment to the session, or a clock that went back, as the batches happened to be cut."""
+    path = saved(tmp_path, gyro_rad_s=GYRO, t_s=[0, 0.01, 0.02, 0.02 + step_s])
+    assert "time does not rise at sample 3" in refusal(path)
+
+
+@pytest.mark.data
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"the real recordings are not in {DATA}")
+def test_every_real_recording_loads() -> None:
+    for path in sorted(DATA.glob("*/*.npz")):
+        recording = load(path)
+        assert isinstance(recording, Recording)
+        assert 50 < recording.rate_hz < 400
+        assert len(recording) > 500
+
+
+def test_a_rate_that_contradicts_the_times_is_refused(tmp_path: Path) -> None:
+    times = {"gyro_rad_s": GYRO, "t_s": [0, 0.01, 0.02, 0.03]}
+    said = "its times step by 0.01 s, 100 Hz, but its rate is said to be 400 Hz"
+    assert said in refusal(saved(tmp_path, **times), rate_hz=400.0)
+    assert said in refusal(saved(tmp_path, **times, rate_hz=400.0))
+    assert load(saved(tmp_path, **times, rate_hz=104.0)).rate_hz == 104.0  # what the device is sold as
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        pytest.param(np.append(np.arange(10) / 100, 5.0), id="a gap: by their median"),
+        pytest.param(np.arange(12) // 2 * 0.02 + np.arange(12) % 2 * 0.002, id="in pairs: by their mean"),
+    ],
+)
+def test_uneven_times_do_not_contradict_a_rate(tmp_path: Path, times: NDArray[np.float64]) -> None:
+    assert load(saved(tmp_path, gyro_rad_s=np.ones((len(times), 3)), t_s=times, rate_hz=100.0)).rate_hz == 100.0
+
+
+def test_times_that_step_by_next_to_nothing_are_not_taken_for_milliseconds(tmp_path: Path) -> None:
+    path = saved(tmp_path, gyro_rad_s=np.ones((9, 3)), t_s=np.arange(9) * 1e-5)
+    assert "20000 Hz is taken: is it in its column's unit?" in refusal(path)
+
+
+@pytest.mark.parametrize(("seconds", "taken"), [(0.2, True), (0.4, False)])
+def test_a_blow_is_no_sign_of_degrees(tmp_path: Path, seconds: float, *, taken: bool) -> None:
+    gyro = np.where(np.arange(200)[:, None] < seconds * 100, 100.0, 0.1) * [1, 0, 0]
+    path = saved(tmp_path, gyro_rad_s=gyro, t_s=np.arange(200) / 100)
+    if taken:
+        assert len(load(path)) == 200
+    else:
+        assert "readings of 100 rad/s are probably degrees per second" in refusal(path)
+
+
+def test_readings_that_nothing_can_be_learnt_of_are_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """They were said never to have been still, or to lie where somebody walks."""
+    read = np.random.default_rng(0).normal(size=(500, 3))
+    for step_dps in (1e-9, 0.07, 0.2):
+        load(saved(tmp_path, gyro_rad_s=np.radians(np.rint(read / step_dps) * step_dps), rate_hz=100.0))
+    load(saved(tmp_path, gyro_rad_s=np.zeros((500, 3)), rate_hz=5.0))
+    assert not caplog.text
+    load(saved(tmp_path, gyro_rad_s=np.radians(np.rint(read)), rate_hz=100.0))
+    assert "its readings are rounded to 1 °/s" in caplog.text
+    load(saved(tmp_path, gyro_rad_s=read, rate_hz=4.0))
+    assert "at 4 Hz no rest can be seen" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("device", "boot", "told"),
+    [
+        ("chest", "00000000000000ff", ("chest", 255)),
+        ("Chest; rm", "00000000000000ff", ("", 0)),
+        ("chest", "7", ("", 0)),
+        (3.0, [1, 2], ("", 0)),
+    ],
+)
+def test_whose_it_is_is_known_where_an_export_said_it(
+    tmp_path: Path, device: object, boot: object, told: tuple[str, int]
+) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, gyro_rad_s=np.full((50, 3), 0.01), rate_hz=100.0, device=np.array(device), boot=np.array(boot))
+    found = load(path)
+    assert (found.device, found.boot) == told

@@ -1,0 +1,204 @@
+"""`truerate record` around its core: from a bus into a folder, or a sentence that says why not."""
+
+import io
+import math
+import os
+import resource
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+import pytest
+from rich.console import Console
+
+from bridge.bus.contract import BusError, Message, Subscription
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.config import Root
+from bridge.recording.error import RecordingError
+from bridge.recording.record import _first, record
+from bridge.recording.recover import recover
+from bridge.recording.settings import Recorder, seconds
+from bridge.recording.survey import survey
+from bridge.toml_file import ConfigError, load
+from bridge.wire import keys
+from tests.bridge.recording.crowd import WARD, Crowd
+
+NOWHERE = ("tcp/127.0.0.1:1",)
+
+
+class Run:
+    """A recorder on a bus in memory."""
+
+    def __init__(self, folder: Path, **settings: object) -> None:
+        self.broker = MemoryBroker()
+        given = {"folder": str(folder), "wait_s": 0.3, "keep_free_mb": 0, **settings}
+        self.settings = Recorder(**given)  # type: ignore[arg-type] # as a test gives them
+        self.said = io.StringIO()
+
+    def open(self, _endpoints: Sequence[str]) -> MemoryBus:
+        return MemoryBus(self.broker)
+
+    def record(self, for_s: float) -> int:
+        console = Console(file=self.said, width=200)
+        return record(WARD, NOWHERE, self.settings, console, seconds=for_s, open_bus=self.open)
+
+
+def test_what_is_said_is_recorded_from_the_caches_on(tmp_path: Path) -> None:
+    run = Run(tmp_path, wait_s=10.0)
+    with MemoryBus(run.broker) as bus, Crowd(bus, 3) as crowd:
+        while not crowd.sent:
+            pass
+        assert run.record(1.2) == 0
+    (path,) = tmp_path.iterdir()
+    assert path.suffix == ".mcap"
+    found = survey([path])
+    assert list(found.devices) == crowd.names
+    for device in found.devices.values():
+        (boot,) = device.boots.values()
+        assert boot.samples > 100
+        assert (boot.missing, boot.corrected["GOOD"]) == (0, boot.samples)
+        assert device.info is not None
+    assert f"recorded in {path}" in run.said.getvalue()
+    assert "3 devices" in run.said.getvalue()
+
+
+def test_every_file_is_named_at_the_end_and_what_those_that_are_not_whole_need(tmp_path: Path) -> None:
+    run = Run(tmp_path, wait_s=10.0)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with MemoryBus(run.broker) as bus, Crowd(bus, 3) as crowd:
+        while not crowd.sent:
+            pass
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, before[1]))
+            assert run.record(2.5) == 1
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    said = run.said.getvalue()
+    paths = sorted(tmp_path.iterdir())
+    torn = [path for path in paths if path.suffix == ".part"]
+    assert torn
+    assert len(paths) > 1
+    assert all(f"recorded in {path}" in said for path in paths)
+    assert all(f"truerate recording recover {path}" in said for path in torn)
+    recover(torn[0])
+
+
+def test_nothing_is_not_recorded(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    with pytest.raises(RecordingError) as refused:
+        run.record(1.0)
+    for words in ("no device was heard within 0.3 s", "truerate/@v1/ward/**", NOWHERE[0], "Is a bridge running?"):
+        assert words in str(refused.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_none_of_those_that_are_wanted_is_not_recorded(tmp_path: Path) -> None:
+    run = Run(tmp_path, devices=("chest", "wrist"))
+    with (
+        MemoryBus(run.broker) as bus,
+        Crowd(bus, 2),
+        pytest.raises(RecordingError, match="none of chest, wrist was heard"),
+    ):
+        run.record(1.0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_router_is_said_after_a_while(tmp_path: Path) -> None:
+    run = Run(tmp_path, wait_s=1.1)
+    tries = []
+
+    def refuse(endpoints: Sequence[str]) -> MemoryBus:
+        tries.append(endpoints)
+        raise BusError("no router at tcp/127.0.0.1:1")
+
+    with pytest.raises(BusError, match=r"no router at .*; looked for it for 1 s"):
+        record(WARD, NOWHERE, run.settings, Console(file=run.said), open_bus=refuse)
+    assert len(tries) > 1
+
+
+def test_where_it_cannot_write_it_does_not_begin(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(RecordingError, match=r"there is no such folder; make it first: mkdir"):
+        Run(tmp_path / "none").record(1.0)
+    with pytest.raises(RecordingError, match="is a file; a folder is needed"):
+        Run(tmp_path / "file").record(1.0)
+    with pytest.raises(RecordingError, match=r"no permission to write|read-only|cannot be written"):
+        _on_a_disk_that_refuses(tmp_path)
+    run = Run(tmp_path, keep_free_mb=1e9, wait_s=10.0)
+    with (
+        MemoryBus(run.broker) as bus,
+        Crowd(bus, 1),
+        pytest.raises(RecordingError, match=r"recording cannot begin: the disk is nearly full: .* MB are free"),
+    ):
+        run.record(1.0)
+
+
+def _on_a_disk_that_refuses(tmp_path: Path) -> None:
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    folder.chmod(0o500)
+    if not os.access(folder, os.W_OK):
+        Run(folder).record(1.0)
+    run = Run(Path("/proc/self"), wait_s=10.0)  # root may write anywhere but here
+    with MemoryBus(run.broker) as bus, Crowd(bus, 1):
+        run.record(1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("90s", 90), ("10min", 600), ("1.5 h", 5400), ("2d", 172_800), ("never", float("inf"))]
+)
+def test_times_wear_their_unit(text: str, value: float) -> None:
+    assert seconds(text, "rotate") == value
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ('rotate = "10"', "rotate is '10'; a time such as 90s, 10min, 1h, or never, is expected"),
+        ('rotate = "5s"', "rotate is '5s'; 10s or more, or never, is taken"),
+        ("rotate_mb = 0", "rotate_mb is 0; 1 to 1000000 is taken"),
+        ("keep_free_mb = -1", "keep_free_mb is -1"),
+        ("wait_s = 0", "wait_s is 0"),
+        ('folder = ""', "folder is empty"),
+        ('devices = ["Chest"]', "a device in devices 'Chest' is not valid"),
+        ('rotat = "1h"', "unknown key 'rotat'; did you mean 'rotate'?"),
+    ],
+)
+def test_the_wards_file_may_say_how_and_is_checked(tmp_path: Path, table: str, said: str) -> None:
+    file = tmp_path / "w.toml"
+    file.write_text(f'ward = "w"\n[recorder]\n{table}\n')
+    with pytest.raises(ConfigError) as refused:
+        load(file, Root)
+    assert f"{file}: [recorder]: {said}" in str(refused.value)
+    file.write_text('ward = "w"\n[recorder]\nrotate = "10min"\n')
+    assert load(file, Root).recorder == Recorder(rotate="10min")
+
+
+class Laid:
+    """A subscription to rounds of messages."""
+
+    def __init__(self, *rounds: list[Message]) -> None:
+        self._rounds = list(rounds)
+
+    def drain(self, _limit: int, _timeout_s: float) -> list[Message]:
+        return self._rounds.pop(0)
+
+
+def test_who_waits_for_a_device_keeps_nothing_of_the_others() -> None:
+    def said(what: str, device: str) -> Message:
+        return Message(keys.build(WARD, what, device=device, bridge="b"), b"")
+
+    others = [said("raw", f"d{n}") for n in range(1000)]
+    own = [said("info", "wanted"), said("raw", "wanted")]
+    subscription = cast("Subscription", Laid([*others, own[0]], others, [*others, own[1]]))
+    assert _first(subscription, ["wanted"], threading.Event(), math.inf) == own
+
+
+def test_who_waits_for_long_keeps_what_holds() -> None:
+    made, refused = (Message(keys.build(WARD, "calibration", device="one"), said) for said in (b"accepted", b"refused"))
+    statuses = [Message(keys.build(WARD, "status", device="one"), b"%d" % n) for n in range(1000)]
+    raw = Message(keys.build(WARD, "raw", device="one", bridge="b"), b"")
+    subscription = cast("Subscription", Laid([made, refused, *statuses], *(100 * [statuses]), [raw]))
+    found = _first(subscription, [], threading.Event(), math.inf)
+    assert found == [statuses[-1], made, refused, raw]

@@ -1,0 +1,340 @@
+"""The recorder's core: what is recorded, when a file ends, and what it does when a file refuses."""
+
+import errno
+import logging
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.bus.contract import Message
+from bridge.recording import files
+from bridge.recording.mcap_reader import Entry, McapReader
+from bridge.recording.mcap_writer import MAX_CHANNELS
+from bridge.recording.recorder import Knobs, WardRecorder
+from bridge.recording.tape import MOST_OF_A_BRIDGE
+from bridge.wire import codec, keys
+from bridge.wire.messages import Calibration, Note, Verdict
+from tests.bridge.recording.crowd import WARD, corrected, info, samples, status
+
+NOW = 1_790_000_000_000_000_000
+S = 1_000_000_000
+KNOBS = Knobs(rotate_s=10.0, rotate_bytes=1e9, keep_free_bytes=100.0, room_bytes=50.0)
+
+
+class Output(files.Output):
+    """A file in memory, of a disk that may be full."""
+
+    def __init__(self, path: Path, disk: "Disk") -> None:
+        self.path = path
+        self.file = _File(disk)
+        self.fate = "open"
+        self.syncs = 0
+
+    def sync(self) -> None:
+        self.syncs += 1
+
+    def finish(self) -> None:
+        self.fate = "finished"
+
+    def abandon(self) -> None:
+        self.fate = "abandoned"
+
+    def discard(self) -> None:
+        self.fate = "discarded"
+
+    def entries(self) -> list[Entry]:
+        reader = McapReader(BytesIO(self.data), str(self.path))
+        found = list(reader.entries())
+        assert reader.whole or self.fate != "finished"
+        return found
+
+    @property
+    def data(self) -> bytes:
+        assert isinstance(self.file, BytesIO)
+        return self.file.getvalue()
+
+    def topics(self) -> list[str]:
+        return [entry.topic for entry in self.entries()]
+
+
+class _File(BytesIO):
+    def __init__(self, disk: "Disk") -> None:
+        super().__init__()
+        self._disk = disk
+
+    def write(self, data: bytes) -> int:  # type: ignore[override] # a buffer is one
+        if self._disk.error:
+            raise OSError(self._disk.error, "no")
+        return super().write(data)
+
+
+class Disk(files.Folder):
+    """Where files come from."""
+
+    def __init__(self) -> None:
+        self.outputs: list[Output] = []
+        self.error = 0
+        self.free = 1_000_000
+
+    def begin(self, wall_ns: int) -> Output:
+        self.outputs.append(Output(Path(f"{len(self.outputs)}.mcap"), self))
+        return self.outputs[-1]
+
+    def free_bytes(self) -> int:
+        return self.free
+
+    def said(self, error: OSError) -> str:
+        return f"the disk says {error.errno}"
+
+    @property
+    def last(self) -> Output:
+        return self.outputs[-1]
+
+
+@pytest.fixture
+def disk() -> Disk:
+    return Disk()
+
+
+@pytest.fixture
+def recorder(disk: Disk) -> WardRecorder:
+    made = WardRecorder(disk, WARD, knobs=KNOBS)
+    made.begin(NOW, 0.0)
+    return made
+
+
+def raw(device: str, sequence: int, time_ns: int = NOW) -> Message:
+    key = keys.build(WARD, "raw", bridge="bridge-1", device=device)
+    return Message(key, codec.encode_samples(samples(device, sequence, 5, time_ns)))
+
+
+def of_all_kinds(device: str, time_ns: int = NOW) -> list[Message]:
+    batch = samples(device, 0, 5, time_ns)
+    return [
+        Message(keys.build(WARD, "info", bridge="bridge-1", device=device), codec.encode_info(info(device, time_ns))),
+        raw(device, 0, time_ns),
+        Message(keys.build(WARD, "corrected", device=device), codec.encode_corrected(corrected(batch))),
+        Message(keys.build(WARD, "status", device=device), codec.encode_status(status(device, time_ns))),
+        Message(keys.build(WARD, "note", device=device), codec.encode_note(Note(device, 7, time_ns, "anna", "sat up"))),
+    ]
+
+
+def test_payloads_are_as_they_came_under_the_messages_own_time(recorder: WardRecorder, disk: Disk) -> None:
+    messages = of_all_kinds("one", NOW - 3 * S)
+    recorder.take(messages, NOW, 0.0)
+    recorder.close()
+    entries = disk.last.entries()
+    assert [entry.payload for entry in entries] == [message.payload for message in messages]
+    assert disk.last.topics() == ["info/bridge-1/one", "raw/bridge-1/one", "corrected/one", "status/one", "note/one"]
+    assert {entry.log_ns for entry in entries} == {entry.publish_ns for entry in entries} == {NOW - 3 * S}
+    assert entries[1].facts == {"key": messages[1].key, "ward": WARD, "bridge": "bridge-1", "device": "one"}
+    assert entries[1].schema == "truerate.v1.SampleBatch"
+    assert (recorder.account.raw, recorder.account.corrected, recorder.account.messages) == (5, 5, 5)
+    assert recorder.account.heard == {"one": 0.0}
+
+
+def test_a_clock_out_of_all_proportion_is_not_the_time_of_the_file(recorder: WardRecorder, disk: Disk) -> None:
+    recorder.take([raw("one", 0, 5), raw("two", 0, NOW + 3600 * S)], NOW, 0.0)
+    recorder.close()
+    assert [(entry.log_ns, entry.publish_ns) for entry in disk.last.entries()] == [(NOW, 5), (NOW, NOW + 3600 * S)]
+
+
+def test_what_is_not_understood_is_counted_and_not_written(
+    recorder: WardRecorder, disk: Disk, caplog: pytest.LogCaptureFixture
+) -> None:
+    good = raw("one", 0)
+    messages = [
+        Message(good.key, b"\xff\xff"),
+        Message(good.key, good.payload[:-3]),
+        Message(raw("two", 0).key, good.payload),
+        Message("truerate/@v1/ward/raw/*/one", good.payload),
+        Message(f"truerate/@v1/{WARD}/alive/bridge/b", b""),
+        good,
+    ]
+    with caplog.at_level(logging.WARNING):
+        recorder.take(messages, NOW, 0.0)
+    recorder.close()
+    assert [entry.payload for entry in disk.last.entries()] == [good.payload]
+    refused = recorder.account.refused.as_dict()
+    assert refused.pop("malformed") + refused.pop("length", 0) == 2
+    assert refused == {"foreign_id": 1, "wildcard_key": 1, "kind_alive/bridge": 1}
+    assert sum("foreign_id" in record.message for record in caplog.records) == 1
+
+
+def test_only_the_devices_that_are_wanted(disk: Disk) -> None:
+    recorder = WardRecorder(disk, WARD, ["two"], KNOBS)
+    recorder.begin(NOW, 0.0)
+    recorder.take([*of_all_kinds("one"), raw("two", 0)], NOW, 0.0)
+    recorder.close()
+    assert disk.last.topics() == ["raw/bridge-1/two"]
+    assert recorder.account.refused.total() == 0
+
+
+def test_everything_is_safe_soon_after_it_came(recorder: WardRecorder, disk: Disk) -> None:
+    recorder.take([raw("one", 0)], NOW, 0.0)
+    recorder.tick(NOW, 0.0)
+    assert (len(disk.last.entries()), disk.last.syncs) == (1, 1)
+    recorder.take([raw("one", 5)], NOW, 0.1)
+    recorder.tick(NOW, 0.1)
+    assert len(disk.last.entries()) == 1
+    recorder.tick(NOW, 0.45)
+    assert (len(disk.last.entries()), disk.last.syncs) == (2, 2)
+
+
+def test_a_clock_that_is_set_back_stops_nothing(recorder: WardRecorder, disk: Disk) -> None:
+    recorder.take([raw("one", 0)], NOW - 7200 * S, 0.6)
+    recorder.tick(NOW - 7200 * S, 0.6)
+    assert len(disk.last.entries()) == 1
+
+
+def test_late_devices_join(recorder: WardRecorder, disk: Disk) -> None:
+    for second in range(5):
+        recorder.take([raw("one", 5 * second), *(of_all_kinds("late") if second == 3 else [])], NOW, float(second))
+        recorder.tick(NOW, float(second))
+    recorder.close()
+    assert disk.last.topics().count("raw/bridge-1/late") == 1
+    assert len(recorder.account.heard) == 2
+
+
+def test_a_new_file_after_its_time_begins_with_what_is_known(recorder: WardRecorder, disk: Disk) -> None:
+    recorder.take(of_all_kinds("one"), NOW, 0.0)
+    recorder.tick(NOW + 10 * S, 10.0)
+    assert [output.fate for output in disk.outputs] == ["finished", "open"]
+    recorder.take([raw("one", 5, NOW + 300 * S)], NOW + 300 * S, 10.1)
+    recorder.close()
+    assert disk.last.topics() == ["info/bridge-1/one", "status/one", "raw/bridge-1/one"]
+    assert recorder.account.files == [Path("0.mcap"), Path("1.mcap")]
+    assert recorder.size == sum(len(output.data) for output in disk.outputs)
+
+
+def test_a_new_file_begins_with_the_calibration_that_holds(recorder: WardRecorder, disk: Disk) -> None:
+    def made(name: str, verdict: Verdict) -> Message:
+        of = Calibration(
+            "one", 7, name, NOW, "closure", verdict, "", np.eye(3), np.zeros(3), (), np.zeros((0, 0)), (), np.ones(3),
+            "m", "f", 8.7, 104.0, 30.0, "anna",
+        )  # fmt: skip
+        return Message(keys.build(WARD, "calibration", device="one"), codec.encode_calibration(of))
+
+    good = made("c1", Verdict.ACCEPTED)
+    recorder.take([raw("one", 0), good, made("c2", Verdict.REPEAT)], NOW, 0.0)
+    recorder.tick(NOW, 11.0)
+    recorder.take([raw("one", 5)], NOW, 11.0)
+    recorder.close()
+    assert len(disk.outputs) == 2
+    assert disk.last.entries()[0].payload == good.payload
+
+
+def test_a_new_file_at_its_size(disk: Disk) -> None:
+    recorder = WardRecorder(disk, WARD, knobs=Knobs(rotate_bytes=20_000, keep_free_bytes=0, room_bytes=0))
+    recorder.begin(NOW, 0.0)
+    for tenth in range(300):
+        recorder.take([raw("one", 5 * tenth)], NOW, tenth / 10)
+        recorder.tick(NOW, tenth / 10)
+    recorder.close()
+    assert len(disk.outputs) > 1
+    assert sum(len(output.entries()) for output in disk.outputs) == 300
+    assert all(len(output.data) < 30_000 for output in disk.outputs)
+
+
+def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
+    recorder: WardRecorder, disk: Disk, caplog: pytest.LogCaptureFixture
+) -> None:
+    recorder.take([raw("one", 0)], NOW, 0.0)
+    recorder.tick(NOW, 1.0)
+    disk.error = errno.ENOSPC
+    for second in range(2, 6):
+        recorder.take([raw("one", 5 * second)], NOW, float(second))
+        recorder.tick(NOW, float(second))
+    account = recorder.account
+    assert (account.not_recorded, account.trouble) == (4, f"the disk says {errno.ENOSPC}")
+    assert disk.outputs[0].fate == "abandoned"
+    assert len(disk.outputs[0].entries()) == 1
+    assert "truerate recording recover 0.mcap.part" in caplog.text
+    assert sum("Nothing is recorded now" in record.message for record in caplog.records) == 1
+    disk.error = 0
+    recorder.tick(NOW, 8.0)
+    recorder.take([raw("one", 50)], NOW, 8.1)
+    recorder.close()
+    assert (disk.last.topics(), disk.last.fate) == (["raw/bridge-1/one"], "finished")
+    assert (account.trouble, account.files) == ("", [Path("0.mcap.part"), Path("1.mcap")])
+    assert "4 messages not recorded" in caplog.text
+
+
+def test_a_disk_that_fills_up_ends_the_file_well_while_others_have_room(recorder: WardRecorder, disk: Disk) -> None:
+    recorder.take([raw("one", 0)], NOW, 0.0)
+    disk.free = 99
+    recorder.tick(NOW, 1.0)
+    assert (disk.last.fate, len(disk.last.entries())) == ("finished", 1)
+    assert "nearly full" in recorder.account.trouble
+    disk.free = 149
+    recorder.tick(NOW, 10.0)
+    assert len(disk.outputs) == 1, "room for a moment is not enough to begin again"
+    disk.free = 150
+    recorder.tick(NOW, 20.0)
+    recorder.close()
+    assert (len(disk.outputs), recorder.account.not_recorded) == (2, 0)
+
+
+def test_a_limit_of_one_file_begins_the_next_at_once(recorder: WardRecorder, disk: Disk) -> None:
+    recorder.take([raw("one", 0)], NOW, 0.0)
+    recorder.tick(NOW, 1.0)
+    disk.error = errno.EFBIG
+    recorder.take([raw("one", 5)], NOW, 1.5)
+    recorder.tick(NOW, 2.0)
+    disk.error = 0
+    recorder.tick(NOW, 2.1)
+    recorder.take([raw("one", 10)], NOW, 2.2)
+    recorder.close()
+    assert [output.fate for output in disk.outputs] == ["abandoned", "finished"]
+    assert (len(disk.last.entries()), recorder.account.not_recorded) == (1, 1)
+    assert recorder.account.files == [Path("0.mcap.part"), Path("1.mcap")]
+
+
+def test_a_file_in_which_nothing_is_leaves_no_trace(recorder: WardRecorder, disk: Disk) -> None:
+    disk.error = errno.EIO
+    for second in range(1, 60):
+        recorder.take([raw("one", 5 * second)], NOW, float(second))
+        recorder.tick(NOW, float(second))
+    assert {output.fate for output in disk.outputs} == {"discarded"}
+    recorder.close()
+    assert recorder.account.files == []
+
+
+def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
+    recorder: WardRecorder, disk: Disk, caplog: pytest.LogCaptureFixture
+) -> None:
+    made_up = [
+        Message(
+            keys.build(WARD, "info", bridge="b2", device=f"x{n}"),
+            codec.encode_info(replace(info(f"x{n}", NOW), bridge="b2")),
+        )
+        for n in range(MAX_CHANNELS + 1)
+    ]
+    recorder.take([*of_all_kinds("before"), *made_up], NOW, 0.0)
+    recorder.tick(NOW, 11.0)
+    recorder.take(of_all_kinds("after"), NOW, 11.0)
+    recorder.close()
+    assert len(disk.outputs) == 2
+    for output in disk.outputs:
+        topics = output.topics()
+        assert sum(topic.startswith("info/b2/") for topic in topics) == MOST_OF_A_BRIDGE
+    assert {"info/bridge-1/before", "raw/bridge-1/after", "corrected/after", "note/after"} <= set(topics)
+    assert recorder.account.refused.as_dict() == {"too_many_channels": MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE}
+    assert recorder.account.not_recorded == MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+    assert len(recorder._latest) == MOST_OF_A_BRIDGE + 4
+
+
+def test_devices_that_an_estimator_tells_of_leave_room_in_the_next_file(recorder: WardRecorder, disk: Disk) -> None:
+    made_up = [
+        Message(keys.build(WARD, "status", device=f"x{n}"), codec.encode_status(status(f"x{n}", NOW)))
+        for n in range(MAX_CHANNELS)
+    ]
+    recorder.take(made_up, NOW, 0.0)
+    recorder.tick(NOW, 11.0)
+    recorder.take(of_all_kinds("after"), NOW, 11.0)
+    recorder.close()
+    assert {"raw/bridge-1/after", "corrected/after"} <= set(disk.last.topics())

@@ -1,0 +1,114 @@
+"""A ward's recording played again through drivers, intake and pump: devices, boots and gaps as they were."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.config import Bridge, Device
+from bridge.drivers import replayed
+from bridge.drivers.driver import DeviceUnavailable
+from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
+from bridge.drivers.takes import Take
+from bridge.ingest.pump import Pump
+from bridge.recording import stretches
+from bridge.recording.files import Folder
+from bridge.recording.recorder import WardRecorder
+from bridge.recording.stretches import Stretch, read
+from bridge.wire import keys
+from tests.bridge.recording.crowd import STEP, TICK_S, WARD
+from tests.bridge.recording.test_contents import KNOBS, S, about, recorded, run
+
+SPEED = 10.0
+
+
+def replay(path: Path, out: Path) -> dict[str, list[Stretch]]:
+    """What a recorder has of a ward that is played from a file."""
+    broker = MemoryBroker()
+    subscription = MemoryBus(broker).subscribe(keys.everything(WARD))
+    tables = [
+        {"id": name, "driver": "replayed", "file": str(path), "speed": SPEED, "recorded_device": name}
+        for name in replayed.devices(path)
+    ]
+    recorder = WardRecorder(Folder(out, WARD), WARD, knobs=KNOBS)
+    recorder.begin(time.time_ns(), 0.0)
+    bridge = Bridge(id="replay", batch_ms=20, devices=tuple(Device.from_table(table) for table in tables))
+    with Pump(WARD, bridge, MemoryBus(broker)) as ward:
+        while not ward.over:
+            recorder.take(subscription.drain(1000, 0.02), time.time_ns(), 0.0)
+    recorder.take(subscription.drain(100_000, 0.1), time.time_ns(), 0.0)
+    recorder.close()
+    return read(recorder.account.files).stretches
+
+
+def test_a_ward_is_played_as_it_was(tmp_path: Path) -> None:
+    part = [about("one"), *run("one", 0, 200), *run("one", 230, 400), about("one", 8)]
+    part += [*run("one", 0, 100, boot=8, later_ns=8 * S), *run("two", 0, 150, later_ns=S)]
+    (path,) = recorded(tmp_path, part)
+    was, now = read([path]).stretches, replay(path, tmp_path)
+    assert list(now) == list(was)
+    for name, befores in was.items():
+        assert len(now[name]) == len(befores)
+        for before, after in zip(befores, now[name], strict=True):
+            np.testing.assert_array_equal(after.sequence - after.sequence[0], before.sequence - before.sequence[0])
+            np.testing.assert_array_equal(after.gyro, before.gyro)
+            np.testing.assert_array_equal(np.diff(after.ticks), np.diff(before.ticks))
+            assert (after.flags == before.flags)[1:].sum() >= len(before) - 2  # the hole is marked now
+            assert after.boot != before.boot, "another number, or subscribers would take the samples for repeats"
+            assert after.info is not None
+            assert (after.rate_hz, after.tick_period_s) == (before.rate_hz, before.tick_period_s)
+    one, two = (now[name][0].info for name in ("one", "two"))
+    assert one is not None
+    assert (one.model, one.firmware, one.gyro_range, one.events["missing_samples"]) == ("lsm9ds1", "1.0", 8.7, 30)
+    assert two is not None
+    assert now["one"][0].boot != now["one"][1].boot
+    # Whoever began later does so again; whoever was off for seconds is off again.
+    assert now["one"][0].time_ns[0] < now["two"][0].time_ns[0] < now["one"][1].time_ns[0]
+
+
+def test_every_sample_is_due_when_it_was_taken(tmp_path: Path) -> None:
+    part = [*run("one", 0, 100), *run("one", 0, 50, boot=8, later_ns=8 * S), *run("two", 0, 100, later_ns=S)]
+    found = read(recorded(tmp_path, part))
+    first, second, other = (
+        Take.of_stretch(stretch, found.begin_ns, salt=5) for name in ("one", "two") for stretch in found.stretches[name]
+    )
+    np.testing.assert_allclose(first.due_s, np.arange(100) * STEP * TICK_S, atol=1e-9)
+    np.testing.assert_allclose(second.due_s, 8 + np.arange(50) * STEP * TICK_S, atol=1e-9)
+    np.testing.assert_allclose(other.due_s, 1 + np.arange(100) * STEP * TICK_S, atol=1e-9)
+    playback = Playback([first, second], 4.0)
+    assert len(playback.due(0.1, 1)) == 2, "who it is, and what was taken in the first 0.4 s"
+    playback.due(1.9, 1)
+    assert playback.wait_s(1.9) == pytest.approx(0.1)
+    assert playback.due(1.99, 1) == []
+    assert [type(event).__name__ for event in playback.due(2.0, 1)] == ["Identity", "Readings"]
+
+
+def test_one_of_several_must_be_said(tmp_path: Path) -> None:
+    (path,) = recorded(tmp_path, [*run("one", 0, 20), *run("two", 0, 20)])
+    with pytest.raises(DeviceUnavailable, match="recorded_device is one of one, two"):
+        ReplayedDriver(ReplayedOptions(file=str(path))).open()
+    with pytest.raises(DeviceUnavailable, match="no samples of 'three' in it; it has one, two"):
+        ReplayedDriver(ReplayedOptions(file=str(path), recorded_device="three")).open()
+    ReplayedDriver(ReplayedOptions(file=str(path), recorded_device="two")).open()
+
+
+def test_a_file_is_read_once_for_all_its_devices_and_anew_when_it_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (path,) = recorded(tmp_path, [*run("one", 0, 20), *run("two", 0, 20)])
+    reads = []
+
+    def counted(paths: list[Path], **words: bool) -> stretches.Recorded:
+        reads.append(paths)
+        return read(paths, **words)  # type: ignore[arg-type] # as it was called
+
+    monkeypatch.setattr(stretches, "read", counted)
+    for name in ("one", "two", "one"):
+        ReplayedDriver(ReplayedOptions(file=str(path), recorded_device=name)).open()
+    assert len(reads) == 1
+    path.unlink()
+    (again,) = recorded(tmp_path, run("three", 0, 20))
+    assert again == path
+    assert replayed.devices(path) == ["three"]
