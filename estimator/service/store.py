@@ -5,7 +5,7 @@ history are thinned (`retention`).
 """
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -321,15 +321,14 @@ class Store:
 
 
 def _calibrations(rows: Iterable[Row]) -> list[Calibration]:
-    return list(_decoded(rows))
-
-
-def _decoded(rows: Iterable[Row]) -> Iterator[Calibration]:
+    found = []
     for row in rows:
         try:
-            yield codec.decode_calibration(keys.build("store", "calibration", device=row["device"]), row["payload"])
+            place = keys.build("store", "calibration", device=row["device"])
+            found.append(codec.decode_calibration(place, row["payload"]))
         except Refusal as refusal:  # of a truerate that took what this one does not
             log.error("calibration %s of %s is not used: %s", row["id"], row["device"], refusal)
+    return found
 
 
 def _kept(row: dict[str, Any]) -> _Kept | None:

@@ -103,13 +103,14 @@ def test_an_audit_keeps_the_latest_of_each_device(store: Store) -> None:
     assert store.answer("other", "note", "o") is not None
 
 
-def test_the_service_thins_once_a_day(tmp_path: Path) -> None:
+def test_the_service_thins_and_backs_up_once_a_day(tmp_path: Path) -> None:
     ward = Ward(tmp_path)
     fill(ward.store, 2 * BOOTS, POINTS + 60, ward.now_ns - 60 * DAY_NS)
     record, before = ward.service._record, len(ward.store.database.rows("bias_history"))
     record.tend(0.0)
     thinned = len(ward.store.database.rows("bias_history"))
     assert thinned < before - BOOTS * POINTS / 2
+    assert [one.name for one in (tmp_path / "backups").iterdir()] == ["store-00001.sqlite3"]
     fill(ward.store, BOOTS - 2, 300, ward.now_ns - 30 * DAY_NS)
     more = len(ward.store.database.rows("bias_history"))
     record.tend(THIN_S - 1.0)
@@ -129,15 +130,16 @@ def test_a_silent_device_adds_nothing_to_its_history(tmp_path: Path) -> None:
         return len(ward.store.database.rows("bias_history"))
 
     (made,) = ward.store.calibrations(NAME)
-    assert [row["time_ns"] for row in ward.store.database.rows("bias_history")] == [ward.now_ns]
+    before = points()  # on a slow machine one of before the calibration, too
+    assert before in {1, 2}
     assert made.id == device.session.calibration.id  # type: ignore[union-attr]
     now = time.monotonic()
     for minute in (2, 3, 4):
         ward.now_ns += 60 * 10**9
         record.checkpoint(device, now + 60 * minute)
-    assert points() == 2, "what came after the calibration is news, once"
+    assert points() == before + 1, "what came after the calibration is news, once"
     ward.send(of[-20:])
     device.heard = now + 300
     record.checkpoint(device, now + 301)
-    assert points() == 3
+    assert points() == before + 2
     ward.kill()
