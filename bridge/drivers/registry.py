@@ -9,7 +9,7 @@ from bridge.drivers.driver import DriverKind
 
 GROUP = "truerate.drivers"
 #: ours, each in the module of its name, which is loaded when it is asked for
-OURS = ("native", "ximu3", "witmotion", "mtdata2", "text_profile", "replayed", "simulated")
+OURS = ("native", "ximu3", "witmotion", "mtdata2", "text_profile", "mavlink", "replayed", "simulated")
 
 _log = logging.getLogger(__name__)
 

@@ -16,6 +16,7 @@ from bridge.framing import ximu3_encode
 from bridge.ingest.device_thread import DeviceThread
 from bridge.ingest.intake import Intake
 from tests.bridge.mtdata2_device import item, message, reals
+from tests.bridge.test_mavlink_driver import Sender
 from tests.bridge.witmotion_device import motion, time
 
 #: fewer than a rate is measured by, so that all of them are held
@@ -28,14 +29,19 @@ def ximu3() -> bytes:
     return b"".join(ximu3_encode.inertial(times, np.ones((FEW, 3)), np.ones((FEW, 3))))
 
 
+def mavlink(samples: int = FEW) -> bytes:
+    sender = Sender()
+    return b"".join(sender.highres(1_000_000 + round(n * STEP_S * 1e6)) for n in range(samples))
+
+
 def printed() -> bytes:
     """The first line after an opening is never taken: it may be the end of one."""
     return b"".join(f"{1000 + round(n * STEP_S * 1e3)},1,2,3,4,5,6\r\n".encode() for n in range(FEW + 1))
 
 
-def mtdata2(samples: int = FEW) -> bytes:
+def mtdata2() -> bytes:
     return b"".join(
-        message(0x36, item(0x1060, (n * 100).to_bytes(4)) + reals(0x8020, (0.1, 0.2, 0.3))) for n in range(samples)
+        message(0x36, item(0x1060, (n * 100).to_bytes(4)) + reals(0x8020, (0.1, 0.2, 0.3))) for n in range(FEW)
     )
 
 
@@ -86,6 +92,7 @@ def to_the_end(driver: StreamDriver) -> list[Event]:
     ("driver", "capture", "more"),
     [
         ("ximu3", ximu3, {}),
+        ("mavlink", mavlink, {}),
         ("mtdata2", mtdata2, {}),
         ("witmotion", witmotion, {"keep_settings": True}),
         ("text_profile", printed, {"profile": "p.toml"}),
@@ -125,9 +132,9 @@ def test_a_capture_of_garbage_ends_with_words(tmp_path: Path, caplog: pytest.Log
 
 def test_a_capture_of_another_device_says_which(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "other.bin"
-    path.write_bytes(mtdata2(200))
+    path.write_bytes(mavlink(200))
     ended(opened(path, "ximu3"), "ximu3")
-    assert "they look like driver = 'mtdata2'" in caplog.text
+    assert "they look like driver = 'mavlink'" in caplog.text
 
 
 def test_an_empty_capture_says_so_and_a_good_one_ends_quietly(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -250,7 +250,7 @@ def test_an_estimator_is_not_kept_waiting_by_what_other_verbs_need() -> None:
     )
     loaded = {name.partition(".")[0] for name in ended.stdout.split()}
     assert {"estimator", "msgspec"} <= loaded
-    assert not loaded & {"rich", "mcap", "prometheus_client", "cryptography", "serial", "scipy"}
+    assert not loaded & {"rich", "mcap", "prometheus_client", "cryptography", "pymavlink", "serial", "scipy"}
 
 
 def test_what_an_estimator_loads_is_not_searched_for_garbage() -> None:

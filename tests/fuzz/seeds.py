@@ -1,6 +1,7 @@
 """What each protocol looks like when all is well: whole messages, to be damaged."""
 
 import numpy as np
+from pymavlink.dialects.v20 import common
 
 from bridge.framing import ximu3_encode
 from bridge.framing.deframer import frame
@@ -21,6 +22,12 @@ def _ximu3(first: int) -> bytes:
     return b"".join(ximu3_encode.inertial(np.arange(first, first + 3) * 10_000, _ONES, 9 * _ONES))
 
 
+def _mavlink(i: int) -> bytes:
+    rest = (0.2, 0.1, 0.4, 1013.0, 0.0, 30.0, 36.5, 0xFFFF)
+    message = common.MAVLink_highres_imu_message(5000 * i, 0.1, 0.2, -9.8, 0.1, -0.2, 0.3, *rest)
+    return bytes(message.pack(common.MAVLink(None, srcSystem=1, srcComponent=1)))
+
+
 def _witmotion() -> list[bytes]:
     device = WitDevice()
     device.registers[0x02] = 0x1F
@@ -34,6 +41,7 @@ def _mtdata2() -> list[bytes]:
 
 # A list of messages for each driver that has a decoder, and each profile of text.
 SEEDS: dict[str, list[bytes]] = {
+    "mavlink": [_mavlink(i) for i in range(40)],
     "native": [frame(encode_hello(Hello(1, 1e-6, 104.0, 4.3, True, True, "model", "1.2"))), _native(0), _native(3)],
     "ximu3": [
         *(_ximu3(3 * i) for i in range(20)),

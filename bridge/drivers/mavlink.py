@@ -1,0 +1,191 @@
+"""A flight controller, or whatever else speaks MAVLink; pymavlink (the extra `mavlink`) does all parsing and checking.
+
+Read are HIGHRES_IMU, SCALED_IMU and RAW_IMU, the best that a device sends (https://mavlink.io/en/messages/common.html).
+RAW_IMU is "without any scaling", so nobody knows its units, but ArduPilot's, which are SCALED_IMU's. The first sensor only.
+"""
+
+import importlib.util
+from dataclasses import replace
+from typing import Any, Final
+
+from bridge.drivers.assembly import About, Assembly
+from bridge.drivers.driver import Event, Notice
+from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.wire.refusal import Tally
+
+NEEDS: Final = "needs pip install 'truerate[mavlink]'"
+BAD_FRAME, OTHER_SYSTEM, OTHER_MESSAGE, NOT_NEW = "frame_bad", "other_system", "other_message", "gyro_not_new"
+SEVERAL: Final = "several_systems"
+_RANKS: Final = ("RAW_IMU", "SCALED_IMU", "HIGHRES_IMU")  # ever better
+_CLOCKS: Final = {"RAW_IMU": (1e-6, 64), "SCALED_IMU": (1e-3, 32), "HIGHRES_IMU": (1e-6, 64)}
+_MILLI_G: Final = 9.80665e-3
+_GYRO_NEW, _TEMPERATURE_NEW = 0b111000, 1 << 12  # of HIGHRES_IMU's fields_updated
+_ARDUPILOT: Final = 3
+_MAX_SYSTEMS: Final = 8  # named to people
+
+
+def available() -> bool:
+    """Whether pymavlink is installed."""
+    return importlib.util.find_spec("pymavlink") is not None
+
+
+class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where it is; `system`: whose messages are read, where several are heard on one port (0: the first that sends any)."""
+
+    system: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.system <= 255:
+            raise ValueError(f"system is {self.system}; 1 to 255 is taken, or 0 for the first that is heard")
+        if not available():
+            raise ValueError(f"the driver 'mavlink' {NEEDS}")
+
+
+class MavlinkDecoder:
+    """The decoder of one system's inertial messages. A boot is a clock that went back, as for every device without a word.
+
+    Whose messages they are is settled by the first, and stays: another device on the line is not to pass for this one.
+    """
+
+    def __init__(self, system: int = 0) -> None:
+        from pymavlink.dialects.v20 import common  # noqa: PLC0415 - an extra
+
+        self.faults = Tally()
+        self._dialect = common
+        self._system = system
+        self._component: int | None = None
+        self._heard: dict[int, None] = {}  # systems that send inertial messages, in the order of their first
+        self._said = ""
+        self._autopilot = 0
+        self._message = ""
+        self._about = About(model="MAVLink")
+        self._assembly = Assembly(self.faults, self._about, None)  # replaced by the first message
+        self._held = 0  # samples it has not told of yet
+        self._has_temperature = False
+        self._parser = self._new_parser()
+
+    def opened(self) -> None:
+        """Begin anew, with the same system."""
+        self._parser = self._new_parser()
+        self._assembly.opened()
+
+    def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
+        """The events these bytes complete, in order."""
+        parser = self._parser
+        for message in parser.parse_buffer(data) or ():
+            self._take(message, receive_time_ns)
+        if parser.buf_index:  # it frees what it has read only when nothing is left
+            del parser.buf[: parser.buf_index]
+            parser.buf_index = 0
+        events = self._assembly.events()
+        if events:
+            self._held = 0
+        return events and [*self._notices(), *events]
+
+    def finish(self) -> list[Event]:
+        """What is held at the end."""
+        events = self._assembly.finish()
+        return events and [*self._notices(), *events]
+
+    def to_send(self) -> bytes:
+        """Nothing: who listens does not command."""
+        return b""
+
+    def _new_parser(self) -> Any:
+        parser = self._dialect.MAVLink(None)
+        parser.robust_parsing = True
+        return parser
+
+    def _take(self, message: Any, receive_time_ns: int) -> None:
+        kind = message.get_type()
+        if kind == "BAD_DATA":
+            self.faults.add(BAD_FRAME)
+        elif kind in _RANKS:
+            if self._is_ours(message) and self._is_best(kind):
+                self._sample(kind, message, receive_time_ns)
+        elif kind == "HEARTBEAT" and self._is_from(message):
+            self._autopilot = message.autopilot
+            model = f"{self._word('MAV_AUTOPILOT', message.autopilot)} {self._word('MAV_TYPE', message.type)}"
+            self._know(replace(self._about, model=f"MAVLink {model}, system {self._system}"))
+        elif kind == "AUTOPILOT_VERSION" and self._is_from(message):
+            major, minor, patch, _ = message.flight_sw_version.to_bytes(4, "big")
+            self._know(replace(self._about, firmware=f"{major}.{minor}.{patch}"))
+
+    def _is_ours(self, message: Any) -> bool:
+        """Whether an inertial message is of the system we read; the first settles it."""
+        system = message.get_srcSystem()
+        if len(self._heard) < _MAX_SYSTEMS:
+            self._heard[system] = None
+        self._system = self._system or system
+        if system == self._system and self._component is None:
+            self._component = message.get_srcComponent()
+        if self._is_from(message):
+            return True
+        self.faults.add(OTHER_SYSTEM)
+        return False
+
+    def _is_from(self, message: Any) -> bool:
+        return bool(message.get_srcSystem() == self._system and message.get_srcComponent() in {self._component, None})
+
+    def _is_best(self, kind: str) -> bool:
+        """Whether no better message is sent than this one; a better one begins anew, as its clock is another."""
+        unknown = kind == "RAW_IMU" and self._autopilot != _ARDUPILOT
+        if unknown or (self._message and _RANKS.index(kind) < _RANKS.index(self._message)):
+            self.faults.add(OTHER_MESSAGE)
+            return False
+        if kind != self._message:
+            self.faults.add(OTHER_MESSAGE, self._held)
+            self._message, self._held, self._has_temperature = kind, 0, False
+            self._assembly = Assembly(self.faults, self._about, *_CLOCKS[kind])
+        return True
+
+    def _sample(self, kind: str, message: Any, receive_time_ns: int) -> None:
+        rates = (message.xgyro, message.ygyro, message.zgyro)
+        forces = (message.xacc, message.yacc, message.zacc)
+        if kind == "HIGHRES_IMU":
+            new = message.fields_updated  # 0 where the sender does not say
+            if message.id or (new and new & _GYRO_NEW != _GYRO_NEW):
+                self.faults.add(NOT_NEW if not message.id else OTHER_MESSAGE)
+                return
+            tick, celsius = message.time_usec, message.temperature
+            self._has_temperature |= bool(new & _TEMPERATURE_NEW)
+        else:
+            if kind == "RAW_IMU" and message.id:
+                self.faults.add(OTHER_MESSAGE)
+                return
+            tick = message.time_usec if kind == "RAW_IMU" else message.time_boot_ms
+            celsius = message.temperature / 100
+            self._has_temperature |= message.temperature != 0
+            rates = (rates[0] * 1e-3, rates[1] * 1e-3, rates[2] * 1e-3)
+            forces = (forces[0] * _MILLI_G, forces[1] * _MILLI_G, forces[2] * _MILLI_G)
+        temperature_c = celsius if self._has_temperature else None
+        self._assembly.add(tick, rates, forces, temperature_c, receive_time_ns=receive_time_ns)
+        self._held += 1
+
+    def _know(self, about: About) -> None:
+        self._about = self._assembly.about = about
+
+    def _word(self, enum: str, value: int) -> str:
+        entry = self._dialect.enums[enum].get(value)
+        name = str(entry.name) if entry is not None else f"{enum}_{value}"
+        return name.removeprefix(f"{enum}_").lower().replace("_", " ")
+
+    def _notices(self) -> list[Event]:
+        others = sorted(self._heard.keys() - {self._system})
+        text = ""
+        if others:
+            named = ", ".join(map(str, others))
+            text = f"system {self._system} is read; on the same port others are heard too: {named}. Option `system` chooses"
+        news = text != self._said
+        self._said = text
+        return [Notice(SEVERAL, text)] if news else []
+
+
+KIND = stream_kind(
+    "mavlink",
+    "MAVLink, HIGHRES_IMU or SCALED_IMU: port, baud, system" + ("" if available() else f"; {NEEDS}"),
+    MavlinkOptions,
+    lambda options: MavlinkDecoder(options.system if options is not None else 0),
+    auto=available(),
+)
