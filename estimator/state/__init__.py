@@ -1,6 +1,6 @@
 """State as bytes: typed structs by msgspec, arrays as shape and float64 values, all of it deflated; checked when it is read.
 
-Each class of this package keeps what evolves in one struct, apart from its knobs and from constants: copying that is saving it.
+Each stateful class keeps what evolves in one struct, apart from its knobs and from constants: copying that is saving it.
 """
 
 import zlib
