@@ -19,11 +19,11 @@ from estimator.outcome import Outcome
 from estimator.past import Past
 from estimator.remembered import Remembered, calibrated_bias, wider
 from estimator.session_knobs import SessionKnobs
+from estimator.state import StateStruct, shaped
 from estimator.stillness import Stillness, StillnessState, Windows
 from estimator.track.bias_filter import BiasState
 from estimator.track.evidence import Receipt
 from estimator.track.seconds import Second
-from estimator.track.state import StateStruct, shaped
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker, TrackerState
 from estimator.under_way import UnderWay

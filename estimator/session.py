@@ -26,9 +26,9 @@ from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
 from estimator.remembered import Remembered
 from estimator.session_knobs import SessionKnobs
+from estimator.state import StateStruct, decode, encode
 from estimator.stillness import too_seldom
 from estimator.track.bias_filter import BiasState
-from estimator.track.state import StateStruct, decode, encode
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import Tracker
 from estimator.under_way import UnderWay

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.device.samples import ACCEL, CELSIUS, CLIPPED, GYRO, TIME, WIDTH, SampleBuffer
 from estimator.loops.windows import NOISE, SUMMED, TOLD, judged, nothing_known
-from estimator.track.state import StateStruct, shaped
+from estimator.state import StateStruct, shaped
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

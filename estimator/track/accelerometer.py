@@ -5,9 +5,9 @@ One that is mirrored or swapped looks well by itself; but then gravity carried b
 
 from dataclasses import dataclass
 
+from estimator.state import StateStruct
 from estimator.track.evidence import Receipt
 from estimator.track.seconds import Second
-from estimator.track.state import StateStruct
 
 #: m/s², readings that are all the same deviate less from their mean, which is rounded
 _ROUNDING = 1e-9

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.state import StateStruct, shaped
 from estimator.track.evidence import Evidence, Receipt
-from estimator.track.state import StateStruct, shaped
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.walk import Walks
 
@@ -335,7 +335,6 @@ class BiasFilter:
 
         def take(R: Floats) -> None:
             self._kf.update_correlated(evidence.z, R=R + noise, H=H)
-            self.settle()
 
         receipt = self._tried(evidence, take)
         self._walks.first_taken(self._kf.K if receipt.accepted else np.zeros(self._kf.M.shape), H)

@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.state import StateStruct, shaped
 from estimator.track.bias_filter import BIAS, SLOPE, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
-from estimator.track.state import StateStruct, shaped
 from estimator.track.zaru import INSISTED, upright
 
 Floats = NDArray[np.float64]

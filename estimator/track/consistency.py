@@ -6,8 +6,8 @@ from operator import mul
 
 import msgspec
 
+from estimator.state import StateStruct
 from estimator.track.evidence import Receipt
-from estimator.track.state import StateStruct
 
 #: receipts that are looked at together
 WINDOW = 40

@@ -6,9 +6,9 @@ from math import degrees
 
 import numpy as np
 
+from estimator.state import StateStruct
 from estimator.track.consistency import Consistency, ConsistencyState
 from estimator.track.evidence import Receipt
-from estimator.track.state import StateStruct
 from estimator.track.zaru import INSISTED, JUMPED, UNPROVEN
 
 #: parts of the bias, across gravity and along it, of which either may be off while rests agree with the other

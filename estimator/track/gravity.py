@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from estimator.loops.gravity import carried
 from estimator.loops.span import DRIFT, END, PUSH
+from estimator.state import StateStruct
 from estimator.strapdown import Span
 from estimator.track.bias_filter import OWN, BiasFilter, BiasState, Step
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.lasting import Lasting, LastingKnobs, LastingState
-from estimator.track.state import StateStruct
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.track.state import StateStruct
+from estimator.state import StateStruct
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from estimator.device.samples import ACCEL, GYRO, TIME
 from estimator.gyro import COARSE_STEP
 from estimator.loops import second as loop
 from estimator.loops.cut import cut, let_go, nothing_gathered
+from estimator.state import StateStruct, shaped
 from estimator.stillness import Windows
-from estimator.track.state import StateStruct, shaped
 from estimator.track.unseen import HOLE, unseen
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ from math import expm1, isfinite
 
 import msgspec
 
-from estimator.track.state import StateStruct
+from estimator.state import StateStruct
 
 #: averages kept, for bringing a rest's bias from then to now, and how far they are apart, s
 _KEPT, _APART_S = 100, 1.0

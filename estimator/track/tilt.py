@@ -5,8 +5,8 @@ from math import atan2, hypot, sqrt
 
 import msgspec
 
+from estimator.state import StateStruct
 from estimator.track.seconds import Second
-from estimator.track.state import StateStruct
 
 G = 9.80665
 

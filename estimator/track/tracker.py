@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import GyroModel
+from estimator.state import StateStruct
 from estimator.stillness import Windows
 from estimator.strapdown import Span, sum_up
 from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs, AccelerometerState
@@ -17,7 +18,6 @@ from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.gravity import ACCEL_BIAS, GRAVITY, MATRIX, SIZE, Gravity, GravityKnobs, GravityState
 from estimator.track.seconds import CLIPPED, Second, SecondKnobs, Seconds, SecondsState
 from estimator.track.smoother import History, Smoothed
-from estimator.track.state import StateStruct
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.thermometer import Thermometer, ThermometerKnobs, ThermometerState
 from estimator.track.zaru import UNPROVEN, Zaru, ZaruKnobs, ZaruState

@@ -9,36 +9,36 @@ The bias is the first three of n states, its slope by temperature the next three
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.track.state import StateStruct, shaped
+from estimator.state import StateStruct, shaped
 
 Floats = NDArray[np.float64]
 _BIAS, _SLOPE = slice(0, 3), slice(3, 6)
 
 
-class Walks(StateStruct):
-    """k walks, the earliest first: cross (k, n, 3) = E[e wᵀ]; var (k, 3) of w; warmer (k,), K, since then.
+_VAR, _WITHIN, _WARMER = slice(0, 3), slice(3, 6), 6
 
-    within (k, 3): what a walk that began earlier has in common with w beyond var, from the second in which this one began.
+
+class Walks(StateStruct):
+    """k walks, the earliest first: cross (k, n, 3) = E[e wᵀ]; own (k, 7): variance (3,) of w, within (3,), warmer, K, since then.
+
+    within: what a walk that began earlier has in common with w beyond its variance, from the second in which this one began.
     """
 
     cross: Floats
-    var: Floats
-    within: Floats
-    warmer: Floats
+    own: Floats
 
     @classmethod
     def none(cls, n: int) -> "Walks":
         """Of n states."""
-        return cls(np.zeros((0, n, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+        return cls(np.zeros((0, n, 3)), np.zeros((0, 7)))
 
     def check(self, n: int) -> None:
         """Raises ValueError where it is not of n states."""
-        k = len(self.warmer)
-        for array, *shape in ((self.cross, k, n, 3), (self.var, k, 3), (self.within, k, 3), (self.warmer, k)):
-            shaped(array, *shape, finite=True)
+        shaped(self.own, -1, 7, finite=True)
+        shaped(self.cross, len(self), n, 3, finite=True)
 
     def __len__(self) -> int:
-        return len(self.warmer)
+        return len(self.own)
 
     def begin(self, walked: Floats, taken: list[tuple[Floats, Floats]]) -> None:
         """Of a measurement spread over a step that walked by a variance (3,): its mean is half a step old.
@@ -46,32 +46,30 @@ class Walks(StateStruct):
         taken: gain and H of what was taken in since the step ended.
         """
         cross = np.zeros(self.cross.shape[1:])
-        np.fill_diagonal(cross, walked / 2)
+        cross.flat[:9:4] = walked / 2
         for K, H in taken:
-            cross = cross - K @ (H @ cross)
+            cross -= K @ (H @ cross)
         self.cross = np.concatenate([self.cross, cross[None]])
-        self.var = np.concatenate([self.var, walked[None] / 3])
-        self.within = np.concatenate([self.within, walked[None] / 6])
-        self.warmer = np.append(self.warmer, 0.0)
+        self.own = np.concatenate([self.own, [[*(walked / 3).tolist(), *(walked / 6).tolist(), 0.0]]])
 
     def step(self, F: Floats, walked: Floats) -> None:
         """The state went on by F (n, n), its bias with a walk of variance (3,)."""
         self.cross = F @ self.cross
-        for i, var in enumerate(walked.tolist()):
-            self.cross[:, i, i] += var
-        self.var = self.var + walked
-        self.warmer = self.warmer + F[0, 3]
+        self.cross.reshape(len(self), -1)[:, :9:4] += walked
+        self.own[:, _VAR] += walked
+        self.own[:, _WARMER] += F[0, 3]
 
     def taken(self, K: Floats, H: Floats) -> None:
         """The state took something in with gain K (n, m) by H (m, n)."""
-        self.cross = self.cross - K @ (H @ self.cross)
+        self.cross -= K @ (H @ self.cross)
 
     def first_taken(self, K: Floats, H: Floats) -> None:
         """What was measured at the first of the walks was taken in with gain K by H, as `sight` gives it."""
-        # Of two walks to now the later is a part of the earlier, and its first step, of which it has a mean, all of it is.
-        common = self.var[1:] + self.within[1:]
-        self.cross = self.cross[1:] - K @ (H @ self.cross[1:] - H[:, _BIAS] * common[:, None])
-        self.var, self.within, self.warmer = self.var[1:], self.within[1:], self.warmer[1:]
+        self.cross, self.own = self.cross[1:], self.own[1:]
+        if len(self):
+            # Of two walks to now the later is a part of the earlier, and its first step, of which it has a mean, all of it is.
+            common = self.own[:, _VAR] + self.own[:, _WITHIN]
+            self.cross = self.cross - K @ (H @ self.cross - H[:, _BIAS] * common[:, None])
 
     def sight(self, H: Floats) -> tuple[Floats, Floats, Floats]:
         """What a measurement at the first of them by H (m, n) sees of the state as it is now, (m, n).
@@ -79,5 +77,5 @@ class Walks(StateStruct):
         And what the walk adds to its noise, (m, m), and the covariance of that with the error of the state, (n, m).
         """
         now, along = H.copy(), H[:, _BIAS]
-        now[:, _SLOPE] -= self.warmer[0] * along
-        return now, (along * self.var[0]) @ along.T, -self.cross[0] @ along.T
+        now[:, _SLOPE] -= self.own[0, _WARMER] * along
+        return now, (along * self.own[0, _VAR]) @ along.T, -self.cross[0] @ along.T

@@ -13,11 +13,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.state import StateStruct, shaped
 from estimator.track.bias_filter import BIAS, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.gravity import GRAVITY
 from estimator.track.seconds import Second
-from estimator.track.state import StateStruct, shaped
 from estimator.track.tilt import Tilt, TiltKnobs, TiltState
 
 Floats = NDArray[np.float64]

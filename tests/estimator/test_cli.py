@@ -361,26 +361,6 @@ sys.exit(main())"""
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
-def test_who_is_still_within_zenoh_at_the_end_does_not_abort_it() -> None:
-    busy = f"""import atexit, sys, threading, zenoh
-from bridge.bus.zenoh_session import open_session
-session = open_session({{"mode": "peer", "listen": {{"endpoints": []}}, "scouting": {{"multicast": {{"enabled": False}}}}}}, "")
-def ask():
-    while True:
-        session.get("a/b", zenoh.handlers.FifoChannel(1), timeout=0.001)
-for _ in range(4):
-    threading.Thread(target=ask, daemon=True).start()
-atexit.register(print, "at the end")
-from estimator.command import main
-sys.argv[1:] = ["config", "check", {str(DEMO)!r}]
-sys.exit(main())"""
-    ended = subprocess.run([sys.executable, "-c", busy], capture_output=True, text=True, timeout=60, check=False)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    first, *_, last = ended.stdout.splitlines()
-    assert "right." in first
-    assert last == "at the end"
-
-
 @pytest.mark.parametrize(
     ("message", "printed"),
     [

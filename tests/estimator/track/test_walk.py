@@ -13,7 +13,7 @@ def test_what_waits_to_be_taken_is_followed_as_by_a_state_that_has_the_walk_in_i
     root = rng.normal(size=(n, n))
     joint = np.zeros((n + 3, n + 3))
     joint[:n, :n] = root @ root.T + 4.0 * np.eye(n)
-    joint[:n, n:], joint[n:, :n], joint[n:, n:] = walk.cross[0], walk.cross[0].T, np.diag(walk.var[0])
+    joint[:n, n:], joint[n:, :n], joint[n:, n:] = walk.cross[0], walk.cross[0].T, np.diag(walk.own[0, :3])
     F, Q = np.eye(n + 3), np.zeros((n + 3, n + 3))
     F[:3, 3:6] = 0.5 * np.eye(3)
     for i, var in enumerate(walked):
@@ -21,7 +21,7 @@ def test_what_waits_to_be_taken_is_followed_as_by_a_state_that_has_the_walk_in_i
     joint = F @ joint @ F.T + Q
     walk.step(F[:n, :n], walked)
     np.testing.assert_allclose(walk.cross[0], joint[:n, n:])
-    np.testing.assert_allclose(np.diag(walk.var[0]), joint[n:, n:])
+    np.testing.assert_allclose(np.diag(walk.own[0, :3]), joint[n:, n:])
     H = np.zeros((m, n + 3))
     H[:, :n] = rng.normal(size=(m, n))
     K = np.vstack([joint[:n] @ H.T @ np.linalg.inv(H @ joint @ H.T + np.eye(m)), np.zeros((3, m))])

@@ -1,6 +1,6 @@
 """State as bytes: typed structs by msgspec, arrays as shape and float64 values, all of it deflated; checked when it is read.
 
-Each class of this package keeps what evolves in one struct, apart from its knobs and from constants: copying that is saving it.
+Each stateful class keeps what evolves in one struct, apart from its knobs and from constants: copying that is saving it.
 """
 
 import zlib
@@ -45,13 +45,14 @@ def shaped(array: Floats, *shape: int, finite: bool = False) -> None:
 
 def _packed(array: Floats) -> tuple[str, tuple[int, ...], bytes]:
     """Shape and values: float32 where that is exact, one triangle of a symmetric matrix."""
+    values = array.tobytes()
     with np.errstate(over="ignore"):
         short = array.astype(np.float32)
-    if np.array_equal(short, array, equal_nan=True):
+    if short.astype(np.float64).tobytes() == values:
         return "f", array.shape, short.tobytes()
-    if array.ndim == 2 and array.shape[0] == array.shape[1] and np.array_equal(array, array.T):
+    if array.ndim == 2 and array.shape[0] == array.shape[1] and array.T.tobytes() == values:
         return "s", array.shape, array[np.triu_indices(len(array))].tobytes()
-    return "d", array.shape, array.tobytes()
+    return "d", array.shape, values
 
 
 def _unpacked(_: type, packed: Any) -> Floats:
