@@ -59,14 +59,6 @@ class Subscription(Protocol):
         """Those of them that were dropped because this queue was full: its reader is too slow."""
 
     @property
-    def waiting(self) -> int:
-        """How many messages are here that were not read yet."""
-
-    @property
-    def waited_s(self) -> float:
-        """How long the oldest message that was not read yet has been here; 0 where there is none."""
-
-    @property
     def caught_up(self) -> bool:
         """Whether what caches held when this was declared has come, or was waited for long enough."""
 
@@ -97,17 +89,12 @@ class Bus(Protocol):
         *,
         history: bool = False,
         capacity: int = 65536,
-        all_past: bool = True,
-        most_past: int | None = None,
     ) -> Subscription:
         """Receive what matches the pattern, or one of several that do not overlap, in one queue.
 
         With history, cached messages come first and losses during an outage are repaired.
 
-        Of what publishers' caches hold now the last most_past come, by default all; of who is heard of later, all.
-
-        A full queue drops its oldest messages, a large one most at once, and counts them in `missed`; of what caches held
-        none is dropped, but with all_past=False.
+        A full queue drops its oldest messages, and counts them in `missed`; of what caches held none is dropped.
         """
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> Declared:

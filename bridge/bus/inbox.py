@@ -1,37 +1,30 @@
 """The bounded queue between a bus, which must never wait, and a reader, which may be slow."""
 
 import threading
-import time
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 
 from bridge.bus.contract import Message
 
 MOST_KEYS = 1024
-#: a queue with room for so many messages, once it is full, keeps this part of them: what comes of each key then has one hole, and
-#: not one after the other, each of which costs who reads it a wait for what may still come
-LARGE, KEPT = 4096, 0.25
 
 
 class Inbox:
-    """First in, first out; when full the oldest make room and are counted as missed, of a large one most at once.
+    """First in, first out; when full the oldest make room and are counted as missed.
 
-    With all_past the past has room of its own until it is read: caches of a large ward hold more than a queue that is short.
+    The past, from publishers' caches, has room of its own until it is read: a large ward's is more than a short queue holds.
     """
 
-    def __init__(self, capacity: int, *, all_past: bool = True) -> None:
+    def __init__(self, capacity: int) -> None:
         if capacity < 1:
             raise ValueError(f"a queue of {capacity} messages holds nothing; give 1 or more")
-        self._capacity, self._all_past = capacity, all_past
+        self._capacity = capacity
         self._messages: deque[Message] = deque()
         self._past = 0  # of them at most
         self._ready = threading.Condition()
         self._missed: Counter[str] = Counter()
         self._overflowed = 0
         self._over = self._woken = False
-        #: when messages came, and how many had come by then; how many have left
-        self._came: deque[tuple[float, int]] = deque()
-        self._in = self._out = 0
 
     def put(self, messages: Iterable[Message], *, past: bool = False) -> None:
         """Take messages in, of the past or of now; never waits. After close they are discarded."""
@@ -40,20 +33,11 @@ class Inbox:
                 return
             before = len(self._messages)
             self._messages.extend(messages)
-            if len(self._messages) == before:
-                return
-            self._in += len(self._messages) - before
-            self._came.append((time.monotonic(), self._in))
-            if past and self._all_past:
+            if past:
                 self._past += len(self._messages) - before
-            room = self._capacity + self._past
-            if len(self._messages) > room and self._capacity >= LARGE and not (past or self._past):
-                room = round(KEPT * self._capacity)
-            while len(self._messages) > room:
+            while len(self._messages) > self._capacity + self._past:
                 self._count(self._messages.popleft().key, 1)
                 self._overflowed += 1
-                self._out += 1
-            self._forget()
             self._ready.notify_all()
 
     def add_missed(self, count: int, key: str = "") -> None:
@@ -78,17 +62,6 @@ class Inbox:
         return self._overflowed
 
     @property
-    def waiting(self) -> int:
-        """How many messages are here."""
-        return len(self._messages)
-
-    @property
-    def waited_s(self) -> float:
-        """How long the oldest message has been here; 0 where there is none."""
-        with self._ready:
-            return time.monotonic() - self._came[0][0] if self._came else 0.0
-
-    @property
     def closed(self) -> bool:
         """Whether close() was called."""
         return self._over
@@ -104,9 +77,7 @@ class Inbox:
             self._ready.wait_for(lambda: self._messages or self._over or self._woken, max(0.0, timeout_s))
             self._woken = False
             taken = min(limit, len(self._messages))
-            self._out += taken
             self._past = max(0, self._past - taken)
-            self._forget()
             return [self._messages.popleft() for _ in range(taken)]
 
     def wake(self) -> None:
@@ -114,10 +85,6 @@ class Inbox:
         with self._ready:
             self._woken = True
             self._ready.notify_all()
-
-    def _forget(self) -> None:
-        while self._came and self._came[0][1] <= self._out:
-            self._came.popleft()
 
     def _count(self, key: str, n: int) -> None:
         self._missed[key if key in self._missed or len(self._missed) < MOST_KEYS else ""] += n
@@ -127,12 +94,11 @@ class Inbox:
         with self._ready:
             self._over = True
             self._messages.clear()
-            self._came.clear()
             self._ready.notify_all()
 
 
 def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
-    """All of them, of each key in its order, the last of all keys last: where there is no room for all, each has its latest."""
+    """All of them, of each key in its order, the last of all keys last: a reader comes to what is new of all keys at once."""
     by_key: dict[str, list[Message]] = {}
     for past in pasts:
         by_key.setdefault(past[0].key, []).extend(past)

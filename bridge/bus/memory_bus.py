@@ -67,12 +67,10 @@ class MemoryBus:
         *,
         history: bool = False,
         capacity: int = 65536,
-        all_past: bool = True,
-        most_past: int | None = None,
     ) -> "_Subscription":
         """See contract.Bus."""
-        inbox = _Subscription(self._open(), check_patterns(patterns), capacity, history=history, all_past=all_past)
-        inbox.begin(most_past)
+        inbox = _Subscription(self._open(), check_patterns(patterns), capacity, history=history)
+        inbox.begin()
         return inbox
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Answerer":
@@ -196,17 +194,15 @@ class _Publisher(_Declared):
 class _Subscription(_Declared, Inbox):
     caught_up = True
 
-    def __init__(
-        self, bus: MemoryBus, patterns: tuple[str, ...], capacity: int, *, history: bool, all_past: bool
-    ) -> None:
-        Inbox.__init__(self, capacity, all_past=all_past)
+    def __init__(self, bus: MemoryBus, patterns: tuple[str, ...], capacity: int, *, history: bool) -> None:
+        Inbox.__init__(self, capacity)
         self._patterns, self._history, self._last = patterns, history, dict[_Publisher, int]()
         _Declared.__init__(self, bus, bus.broker.subscriptions)
 
-    def begin(self, most_past: int | None) -> None:
+    def begin(self) -> None:
         with self.lock:
             pasts = [past for publisher in self.bus.broker.publishers if (past := self._news(publisher))]
-            self.put(newest_last([past[-most_past:] if most_past else past for past in pasts]), past=True)
+            self.put(newest_last(pasts), past=True)
 
     def offer(self, publisher: _Publisher, sequence: int, message: Message) -> None:
         if self.hears(publisher):

@@ -89,9 +89,8 @@ class Repair:
         """Call handle for each token that comes or goes, on this thread, until the channel is closed."""
         self._watched = [*self._watched, (channel, handle)]
 
-    def begin(self, subscription: Subscription, most: int | None) -> None:
+    def begin(self, subscription: Subscription) -> None:
         """Fetch the history of a new subscription."""
-        what = "" if most is None else f"most={most}"
         left, past = [len(subscription.patterns)], Found()
 
         def came(found: Found) -> None:
@@ -101,7 +100,7 @@ class Repair:
                 subscription.begin(past)
 
         for pattern in subscription.patterns:
-            self._ask(f"{pattern}/{HISTORY}/*", what, came)
+            self._ask(f"{pattern}/{HISTORY}/*", "", came)
 
     def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
         """Query caches; replies come in the channel that is returned."""

@@ -82,8 +82,6 @@ class ZenohBus:
         *,
         history: bool = False,
         capacity: int = 65536,
-        all_past: bool = True,
-        most_past: int | None = None,
     ) -> Subscription:
         """See contract.Bus. Ask for history only where publishers have a cache.
 
@@ -95,9 +93,9 @@ class ZenohBus:
             for one in patterns:
                 channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(CHANNEL)
                 found.append(self._session.declare_subscriber(one, channel))
-            subscription = Subscription(self, found, patterns, capacity, repaired=history, all_past=all_past)
+            subscription = Subscription(self, found, patterns, capacity, repaired=history)
             if history:
-                self._repair.begin(subscription, most_past)
+                self._repair.begin(subscription)
             return subscription
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "Declared":

@@ -35,9 +35,8 @@ class Subscription(Inbox, Declared):
         capacity: int,
         *,
         repaired: bool,
-        all_past: bool = True,
     ) -> None:
-        Inbox.__init__(self, capacity, all_past=all_past)
+        Inbox.__init__(self, capacity)
         Declared.__init__(self, bus, *subscribers)
         self.patterns, self.repaired = patterns, repaired
         self._samples = Joined([one.handler for one in subscribers])

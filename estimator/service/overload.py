@@ -23,7 +23,7 @@ class Overload:
     """Told how long the loop idled, looked at once a second; times are of a steady clock."""
 
     def __init__(self, now: float) -> None:
-        self._looked, self._idle_s, self._dropped = now, 0.0, 0
+        self._looked, self._idle_s = now, 0.0
         self._calm = self._last = now  # when it last kept up, and when it last did not
         self._began: float | None = None
         #: the busy share of the time between the last two looks
@@ -33,27 +33,22 @@ class Overload:
         """The loop had nothing to do for so long."""
         self._idle_s += seconds
 
-    def look(self, now: float, *, dropped: int, waited_s: float) -> int:
-        """Seconds for which it has not kept up by now; 0 while it does.
-
-        dropped: messages dropped unread, in all; waited_s: how long the oldest message has waited.
-        """
+    def look(self, now: float, *, waited_s: float) -> int:
+        """Seconds for which it has not kept up by now; 0 while it does. waited_s: how long the oldest messages have waited."""
         passed_s, self._looked = now - self._looked, now
         if passed_s > 0:
             self.busy = min(max(1.0 - self._idle_s / passed_s, 0.0), 1.0)
         self._idle_s = 0.0
-        lost, self._dropped = dropped - self._dropped, dropped
         if self.busy <= BUSY and waited_s <= WAITED_S:
             self._calm = now
-        if lost or now - self._calm >= PERSISTS_S:
+        if now - self._calm >= PERSISTS_S:
             if self._began is None:
                 self._began = now - passed_s
-                why = (
-                    f"{lost} messages were dropped unread"
-                    if lost
-                    else f"its loop is busy {100 * self.busy:.0f} % of the time"
+                log.warning(
+                    "the estimator does not keep up with its devices, its loop is busy %.0f %% of the time: %s",
+                    100 * self.busy,
+                    _DO,
                 )
-                log.warning("the estimator does not keep up with its devices, %s: %s", why, _DO)
             self._last = now
         elif self._began is not None and now - self._last >= OVER_S:
             self._began = None

@@ -2,7 +2,6 @@
 
 import gc
 import logging
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, closing
@@ -22,15 +21,10 @@ from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
 
-#: objects that come and stay within a second, of which Python's search for cycles is begun: more than a device needs
-_LEAST, _OF_EACH = 5_000, 100
-#: how often it is looked whether all are to be looked through, s, and how many times more they are then
-_LOOK_S, _MORE = 600, 1.25
-#: scipy, which calibrations need, is loaded so long after the start, s: first all that waits is corrected
-_REST_S = 3.0
-#: how long the thread that does may keep others waiting meanwhile, s: each message that is said lets it in, and at Python's own
-#: 5 ms for each a ward waited for over a second, so that other estimators took this one for hanging
-_TURN_S = 2e-4
+#: objects made before Python looks for unreachable cycles among them: a round makes thousands, and none stays in a cycle
+_CYCLES = 50_000
+#: what calibrations import when they begin
+_SCIPY = ("linalg", "optimize", "spatial.transform", "special")
 
 
 def run(ward: Ward) -> None:
@@ -72,10 +66,6 @@ def run(ward: Ward) -> None:
         clerk = Clerk(database)
         stack.callback(clerk.close)
         store = Store(database)
-        rest = threading.Timer(_REST_S, load_rest)
-        rest.daemon = True
-        stack.callback(rest.cancel)
-        rest.start()
         Service(
             ward.ward,
             ward.estimator,
@@ -86,7 +76,6 @@ def run(ward: Ward) -> None:
             clerk=clerk,
             enrolment=ward.devices,
             peers=frozenset(others),
-            tend=Cycles().tend,
         ).run(stop)
 
 
@@ -102,53 +91,11 @@ def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
 
 
 def _load() -> None:
-    """The mathematics: loading it takes longer than looking round, and a ward waits for an estimator that starts again.
-
-    Next to nothing of it is ever garbage, which Python would look for in all of it again and again: a fifth of the start.
-    """
-    gc.disable()
-    try:
-        import_module("estimator.service.shell")
-        ready()
-    finally:
-        gc.freeze()
-        gc.enable()
-
-
-def load_rest() -> None:
-    """What is imported when it is used first: loading it would hold up all devices when the first of them is calibrated."""
-    before_s = sys.getswitchinterval()
-    sys.setswitchinterval(_TURN_S)
-    try:
-        for part in ("linalg", "optimize", "spatial.transform", "special"):
-            import_module(f"scipy.{part}")
-    finally:
-        sys.setswitchinterval(before_s)
-
-
-class Cycles:
-    """Python's search for cycles, kept from holding up a ward: for a thousand devices it takes half a second, and finds none.
-
-    What has lived for a second is left out of it, which costs nothing; all there is of it is looked through when it has become
-    more by a quarter, as Python does by itself.
-    """
-
-    def __init__(self) -> None:
-        self._seconds = 0
-        gc.freeze()
-        self._searched = gc.get_freeze_count()
-        self.tend(0)
-
-    def tend(self, devices: int) -> None:
-        """Once a second: of so many devices so much comes within one that it is no sign of anything."""
-        gc.set_threshold(max(_LEAST, _OF_EACH * devices), 0, 1_000)
-        gc.freeze()
-        self._seconds += 1
-        if self._seconds % _LOOK_S == 0 and gc.get_freeze_count() > _MORE * self._searched:
-            gc.unfreeze()
-            gc.collect()
-            gc.freeze()
-            self._searched = gc.get_freeze_count()
+    """Load the mathematics before the first sample comes, so that none waits for it."""
+    gc.set_threshold(_CYCLES)
+    for part in ("estimator.service.shell", "filterpy.kalman", *(f"scipy.{name}" for name in _SCIPY)):
+        import_module(part)
+    ready()
 
 
 def look_round(

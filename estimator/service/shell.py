@@ -62,7 +62,7 @@ LINGER_S = 40.0
 class Service:
     """A running estimator. Samples and results go over `data`; commands and liveliness over `control`, its own session.
 
-    peers: ids of other estimators of the ward that were seen already. tend is told once a second how many devices there are.
+    peers: ids of other estimators of the ward that were seen already.
     """
 
     def __init__(
@@ -77,10 +77,9 @@ class Service:
         clerk: Clerk | None = None,
         enrolment: Enrolment | None = None,
         peers: Collection[str] = (),
-        tend: Callable[[int], None] = lambda _: None,
     ) -> None:
         self.ward, self.settings = ward, settings
-        self.counts, self._tend = Tally(), tend
+        self.counts = Tally()
         self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
         self._cluster = Cluster(ward, settings.id, data, control, now_ns, self.counts, peers)
         membership = self._cluster.membership
@@ -126,8 +125,7 @@ class Service:
         self._commands = Commands(self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status, self._looked = 0.0, time.monotonic()
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
-        # Of a past that there is no room for the oldest is what others, or we before a restart, have corrected.
-        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, all_past=False)
+        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE)
         self._cluster.on_token = self._raw.wake
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals = Totals()
@@ -350,7 +348,6 @@ class Service:
             self._to_learn[device.name] = None
 
     def _every_second(self, now: float) -> None:
-        self._tend(len(self._devices))
         self._stock.check()
         self._gate.look(now)
         self._notices.say(self._now_ns(), self._devices)
@@ -370,7 +367,7 @@ class Service:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
         self._looked = now
         waited_s = self._quotas.typical_wait_s(len(self._devices))
-        over_s = self._overload.look(now, dropped=self._raw.overflowed, waited_s=waited_s)
+        over_s = self._overload.look(now, waited_s=waited_s)
         if over_s:
             self.counts.add(f"{OVERLOADED}, seconds")
         for device in self._devices.values():

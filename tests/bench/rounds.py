@@ -22,7 +22,6 @@ from rich.table import Table
 from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from estimator.config import Estimator
-from estimator.service.serve import Cycles
 from estimator.service.shell import Service
 from estimator.service.store import Store
 from tests.bench.load.stream import WARD, Fleet
@@ -84,7 +83,7 @@ class _Pen:
 class _Laid:
     """A subscription to rounds that are laid before it; a clock goes on by round_s while the next one is waited for."""
 
-    missed, overflowed, waiting, waited_s, closed, caught_up = 0, 0, 0, 0.0, False, True
+    missed, closed, caught_up = 0, False, True
 
     def __init__(self, rounds: Sequence[list[Message]], round_s: float) -> None:
         self._rounds, self._round_s = iter(rounds), round_s
@@ -177,9 +176,7 @@ class Ward:
                     patch.setattr(pkgutil.resolve_name(owner), name, meter.metered(part, pkgutil.resolve_name(where)))
             patch.setattr("time.monotonic", lambda: raw.now)
             store = Store(":memory:")
-            service = Service(
-                WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9), tend=Cycles().tend
-            )
+            service = Service(WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9))
             service._raw = raw  # type: ignore[assignment]
             begun = 0.0
             for number in range(len(self._rounds)):

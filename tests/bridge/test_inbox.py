@@ -1,35 +1,23 @@
 """The queue between a bus and a reader that does not read."""
 
 from bridge.bus.contract import Message
-from bridge.bus.inbox import KEPT, LARGE, Inbox
+from bridge.bus.inbox import Inbox
 
 
-def test_nothing_that_comes_leaves_nothing_behind() -> None:
-    """Several subscriptions that are read together say every second that nothing came."""
+def test_one_that_is_full_drops_its_oldest_and_counts_them() -> None:
+    inbox = Inbox(100)
+    for n in range(300):
+        inbox.put([Message(f"k{n % 2}", str(n).encode())])
+    assert [int(payload) for _, payload in inbox.drain(300, 0.0)] == list(range(200, 300))
+    assert inbox.missed == inbox.overflowed == 200
+    assert inbox.missed_by_key == {"k0": 100, "k1": 100}
+
+
+def test_the_past_has_room_of_its_own_until_it_is_read() -> None:
     inbox = Inbox(10)
-    inbox.put([Message("k", b"unread")])
-    for _ in range(100):
-        inbox.put([])
-    assert len(inbox._came) == 1
-    assert inbox.drain(5, 0.0) == [Message("k", b"unread")]
-    assert inbox.waited_s == 0.0
-
-
-def test_a_large_one_that_is_full_makes_room_in_one_piece() -> None:
-    inbox = Inbox(LARGE)
-    for n in range(3 * LARGE):
-        inbox.put([Message(f"k{n % 100}", str(n).encode())])
-    left = [int(payload) for _, payload in inbox.drain(LARGE, 0.0)]
-    assert left == list(range(3 * LARGE - len(left), 3 * LARGE))
-    assert KEPT * LARGE <= len(left) <= LARGE
-    assert inbox.missed == inbox.overflowed == 3 * LARGE - len(left)
-
-
-def test_of_a_past_that_there_is_no_room_for_all_that_fits_is_kept() -> None:
-    inbox = Inbox(LARGE, all_past=False)
-    inbox.put([Message("k", b"")] * (2 * LARGE), past=True)
-    assert inbox.waiting == LARGE
-    whole = Inbox(LARGE)
-    whole.put([Message("k", b"past")] * (2 * LARGE), past=True)
-    whole.put([Message("k", b"now")] * (LARGE + 1))
-    assert whole.waiting == 3 * LARGE
+    inbox.put([Message("k", b"past")] * 20, past=True)
+    inbox.put([Message("k", b"now")] * 10)
+    assert inbox.missed == 0
+    assert len(inbox.drain(100, 0.0)) == 30
+    inbox.put([Message("k", b"now")] * 11)
+    assert inbox.missed == 1

@@ -50,7 +50,7 @@ class Pen:
 class Before:
     """A subscription to what was laid before it."""
 
-    missed, overflowed, waiting, waited_s, caught_up, closed = 0, 0, 0, 0.0, True, False
+    missed, caught_up, closed = 0, True, False
 
     def __init__(self) -> None:
         self.messages: list[Message] = []

@@ -14,8 +14,6 @@ PUBLIC = {"_asdict", "_replace", "_fields", "_make"}
 #: what is still to go, by file
 KNOWN = {
     "bridge/doctor/machine.py": {"ctypes"},  # adjtimex is in no Python library
-    "estimator/service/hang_up.py": {"ctypes", "os._exit"},
-    "estimator/service/serve.py": {"gc.freeze"},
     "estimator/web/listener.py": {"uvicorn.protocols"},
 }
 
@@ -74,4 +72,4 @@ def test_what_is_private_is_seen(wrong: str) -> None:
 
 def test_nothing_private_of_a_library_is_used() -> None:
     found = {name: wrong for name, tree in TREES.items() if (wrong := reaches(tree, OURS))}
-    assert found == {name: wrong for name, wrong in KNOWN.items() if name in TREES}
+    assert found == KNOWN
