@@ -74,7 +74,8 @@ class Inbox:
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
         """Wait up to timeout_s for a first message, then take up to limit without waiting."""
         with self._ready:
-            self._ready.wait_for(lambda: self._messages or self._over or self._woken, max(0.0, timeout_s))
+            if timeout_s > 0.0:
+                self._ready.wait_for(lambda: self._messages or self._over or self._woken, timeout_s)
             self._woken = False
             taken = min(limit, len(self._messages))
             self._past = max(0, self._past - taken)

@@ -1,7 +1,7 @@
 """Quotas: each device's messages wait in a queue of their own, so that a device that floods the bus delays no other. Pure."""
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 
 from bridge.bus.contract import Message
@@ -69,7 +69,7 @@ class Quotas:
 
     def round(self, messages: Sequence[Message]) -> list[Message]:
         """Put messages in; returns those whose turn it is, at most a share of each key."""
-        if not self._queues and len(messages) <= SHARE and sum(len(m.payload) for m in messages) <= SHARE_BYTES:
+        if not self._queues and _ordinary(messages):
             return list(messages)
         now = self._clock()
         for message in messages:
@@ -85,3 +85,10 @@ class Quotas:
         """Take out all messages of a key."""
         queue = self._queues.pop(key, None)
         return [] if queue is None else [message for _, message in queue.waiting]
+
+
+def _ordinary(messages: Sequence[Message]) -> bool:
+    """Whether no key has more than its share of messages, none of them large."""
+    if len(messages) > SHARE and max(Counter(message.key for message in messages).values()) > SHARE:
+        return False
+    return all(len(message.payload) <= SHARE_BYTES // SHARE for message in messages)
