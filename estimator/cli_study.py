@@ -69,7 +69,7 @@ def _add_scaling(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--router-us", type=_above_zero, default=12.0, help="the same of the router, for each message it passes on"
     )
-    verb.add_argument("--known-s", type=_from_zero, default=0.1, help="s until the others know of a death (hung: 1.0)")
+    verb.add_argument("--known-s", type=_from_zero, default=0.1, help="s until the others know of a death (hung: 1.5)")
     verb.add_argument("--picture", type=Path, default=Path("out/scaling.png"))
 
 

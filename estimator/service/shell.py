@@ -260,6 +260,8 @@ class Service:
         return True
 
     def _resume(self, device: Device) -> None:
+        used = device.session.calibration
+        log.info("%s: %s of this boot restored", device.name, "bias" if used is None else f"calibration {used.id}")
         if (outcome := self._boots.resumed(device)) is not None:
             self._tell(device, outcome)
 

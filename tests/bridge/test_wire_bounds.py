@@ -83,11 +83,6 @@ def beyond(value: float) -> float:
         ("calibration", "rate_hz", 0, 1e6),
         ("calibration", "temperature_c", -500, 500),
         ("revision", "matrix", -10, 10),
-        ("checkpoint", "x", -1e6, 1e6),
-        ("checkpoint", "device_time_s", -1e12, 1e12),
-        ("checkpoint", "powered_s", -1e12, 1e12),
-        ("checkpoint", "temperature_c", -500, 500),
-        ("checkpoint", "lag_k", -500, 500),
         ("owned", "load", 0, 1e4),
     ],
 )
@@ -139,8 +134,6 @@ def test_how_many_parameters() -> None:
         ("info", "trouble", 500),
         ("status", "reason", 500),
         ("calibration", "who", 64),
-        ("checkpoint", "asked_by", 64),
-        ("checkpoint", "asked_why", 500),
     ],
 )
 def test_how_long(what: str, field: str, most: int) -> None:
