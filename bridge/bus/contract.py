@@ -89,12 +89,14 @@ class Bus(Protocol):
         *,
         history: bool = False,
         capacity: int = 65536,
+        most_past: int | None = None,
     ) -> Subscription:
         """Receive what matches the pattern, or one of several that do not overlap, in one queue.
 
         With history, cached messages come first and losses during an outage are repaired.
 
-        A full queue drops its oldest messages, and counts them in `missed`; of what caches held none is dropped.
+        Of what a publisher's cache holds now the last most_past come, by default all. A full queue drops its oldest messages,
+        and counts them in `missed`; of what caches held none is dropped.
         """
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> Declared:

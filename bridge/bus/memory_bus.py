@@ -67,10 +67,11 @@ class MemoryBus:
         *,
         history: bool = False,
         capacity: int = 65536,
+        most_past: int | None = None,
     ) -> "_Subscription":
         """See contract.Bus."""
         inbox = _Subscription(self._open(), check_patterns(patterns), capacity, history=history)
-        inbox.begin()
+        inbox.begin(most_past)
         return inbox
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Answerer":
@@ -199,10 +200,10 @@ class _Subscription(_Declared, Inbox):
         self._patterns, self._history, self._last = patterns, history, dict[_Publisher, int]()
         _Declared.__init__(self, bus, bus.broker.subscriptions)
 
-    def begin(self) -> None:
+    def begin(self, most_past: int | None) -> None:
         with self.lock:
             pasts = [past for publisher in self.bus.broker.publishers if (past := self._news(publisher))]
-            self.put(newest_last(pasts), past=True)
+            self.put(newest_last([past[-most_past:] if most_past else past for past in pasts]), past=True)
 
     def offer(self, publisher: _Publisher, sequence: int, message: Message) -> None:
         if self.hears(publisher):

@@ -89,8 +89,9 @@ class Repair:
         """Call handle for each token that comes or goes, on this thread, until the channel is closed."""
         self._watched = [*self._watched, (channel, handle)]
 
-    def begin(self, subscription: Subscription) -> None:
-        """Fetch the history of a new subscription."""
+    def begin(self, subscription: Subscription, most: int | None) -> None:
+        """Fetch the history of a new subscription: of each publisher the last `most` messages, or all."""
+        what = "" if most is None else f"most={most}"
         left, past = [len(subscription.patterns)], Found()
 
         def came(found: Found) -> None:
@@ -100,7 +101,7 @@ class Repair:
                 subscription.begin(past)
 
         for pattern in subscription.patterns:
-            self._ask(f"{pattern}/{HISTORY}/*", "", came)
+            self._ask(f"{pattern}/{HISTORY}/*", what, came)
 
     def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
         """Query caches; replies come in the channel that is returned."""

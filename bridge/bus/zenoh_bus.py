@@ -82,6 +82,7 @@ class ZenohBus:
         *,
         history: bool = False,
         capacity: int = 65536,
+        most_past: int | None = None,
     ) -> Subscription:
         """See contract.Bus. Ask for history only where publishers have a cache.
 
@@ -95,7 +96,7 @@ class ZenohBus:
                 found.append(self._session.declare_subscriber(one, channel))
             subscription = Subscription(self, found, patterns, capacity, repaired=history)
             if history:
-                self._repair.begin(subscription)
+                self._repair.begin(subscription, most_past)
             return subscription
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "Declared":

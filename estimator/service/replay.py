@@ -1,9 +1,12 @@
 """Replay log: the last messages of all devices, from which a device that is taken over is brought up to now. Pure."""
 
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+
+from google.protobuf.message import DecodeError
 
 from bridge.bus.contract import Message
+from bridge.wire import columns_pb2 as columns
 
 #: longer than a checkpoint is old plus the time in which a dead estimator is noticed, s
 REPLAY_S = 10.0
@@ -41,3 +44,15 @@ class ReplayLog:
             if device in found:
                 found[device].append(message)
         return found
+
+
+def since(messages: Sequence[Message], boot: int, following: int) -> Sequence[Message]:
+    """The messages after the last one of a boot that ends below a sequence number: the others are corrected already."""
+    for at in range(len(messages) - 1, -1, -1):
+        try:
+            raw = columns.SampleBatch.FromString(messages[at].payload)
+        except (DecodeError, UnicodeDecodeError, RuntimeWarning):
+            continue  # refused at the door, and counted
+        if raw.boot == boot and raw.sequence + len(raw.ticks) // 8 <= following:
+            return messages[at + 1 :]
+    return messages

@@ -35,6 +35,7 @@ from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.presence import Presence
 from estimator.service.quota import FLOODED, Quotas
 from estimator.service.record import Record
+from estimator.service.replay import since
 from estimator.service.replicas import calibrated
 from estimator.service.resumed import Resumed
 from estimator.service.roster import Roster
@@ -55,6 +56,8 @@ WORK_S = 0.01
 SLOW_S = 0.5
 #: how long the last samples are corrected after a stop was asked for
 DRAIN_S = 2.0
+#: messages of a device that an estimator asks bridges for where others are: a checkpoint is younger, 10 s of the usual 50 ms
+PAST_IN_COMPANY = 200
 #: how long what was published of the rates of a device that has left us may still be asked for
 LINGER_S = 40.0
 
@@ -125,7 +128,9 @@ class Service:
         self._commands = Commands(self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status, self._looked = 0.0, time.monotonic()
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
-        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE)
+        # Beside others all of the past would keep us behind: they have corrected it.
+        past = PAST_IN_COMPANY if peers else None
+        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, most_past=past)
         self._cluster.on_token = self._raw.wake
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals = Totals()
@@ -216,9 +221,13 @@ class Service:
             self._cluster.say(self._devices, now)
         for name, backlog in taken.items():
             self._take_over(name, now)
-            ours += backlog
-            if not backlog and name in self._devices:
-                self._devices[name].session.silence(SILENT)
+            going_on = self._devices.get(name)
+            if going_on is None:
+                ours += backlog
+            elif backlog:
+                ours += since(backlog, going_on.session.boot or 0, going_on.session.sequence.next or 0)
+            else:
+                going_on.session.silence(SILENT)
         return ours
 
     def _give_away(self, names: list[str], now: float) -> None:

@@ -85,3 +85,30 @@ def test_a_past_that_a_queue_has_no_room_for_comes_whole(a: Bus, b: Bus) -> None
         publishers[0].put(str(number).encode())
     eventually(lambda: subscription.missed == 40)
     assert numbers(subscription.drain(100, 0.0)) == list(range(91, 101)), "its own length counts again"
+
+
+def test_of_the_past_as_much_comes_as_is_asked_for_and_all_that_follows(a: Bus, b: Bus) -> None:
+    publishers = [a.publisher(f"t/some/{n}", cache=50) for n in range(2)]
+    for number in range(50):
+        for publisher in publishers:
+            publisher.put(str(number).encode())
+    time.sleep(0.5)  # what is still under way would come as news
+    subscription = b.subscribe("t/some/*", history=True, most_past=7)
+    came = collect(subscription, 14)
+    for publisher in publishers:
+        publisher.put(b"50")
+    came += collect(subscription, 2)
+    assert [numbers([m for m in came if m.key.endswith(str(n))]) for n in range(2)] == [list(range(43, 51))] * 2
+    assert subscription.missed == 0
+
+
+def test_of_who_was_out_of_reach_more_comes_than_was_asked_for_of_the_past(world: World) -> None:
+    with world.bus() as a, world.bus() as b:
+        subscription = b.subscribe("t/some/*", history=True, most_past=7)
+        eventually(lambda: subscription.caught_up)
+        world.stop()
+        publisher = a.publisher("t/some/0", cache=50)
+        for number in range(20):
+            publisher.put(str(number).encode())
+        world.start()
+        assert numbers(collect(subscription, 20)) == list(range(20))
