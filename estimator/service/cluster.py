@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 #: how often an estimator says what it has, beside others and alone, s
 SAY_S, SAY_ALONE_S = 0.25, 1.0
 #: devices taken in one round: samples of those we have do not wait for hundreds
-TAKEN_AT_ONCE = 32
+TAKEN_AT_ONCE = 8
 #: a round that begins so long after the last was held up; nobody else is to blame for that, s
 HELD_UP_S = 0.5
 _MOVES, _TOKENS, _KEYS, _SAID = 8, 65536, 16384, 64

@@ -10,6 +10,8 @@ from bridge.wire import columns_pb2 as columns
 
 #: longer than a checkpoint is old plus the time in which a dead estimator is noticed, s
 REPLAY_S = 10.0
+#: samples of one message of a backlog
+MERGED = 512
 #: bytes of all messages
 REPLAY_BYTES = 64 * 2**20
 
@@ -46,13 +48,62 @@ class ReplayLog:
         return found
 
 
-def since(messages: Sequence[Message], boot: int, following: int) -> Sequence[Message]:
-    """The messages after the last one of a boot that ends below a sequence number: the others are corrected already."""
-    for at in range(len(messages) - 1, -1, -1):
-        try:
-            raw = columns.SampleBatch.FromString(messages[at].payload)
-        except (DecodeError, UnicodeDecodeError, RuntimeWarning):
-            continue  # refused at the door, and counted
-        if raw.boot == boot and raw.sequence + len(raw.ticks) // 8 <= following:
-            return messages[at + 1 :]
-    return messages
+def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:
+    """What is left to be corrected of a device whose session has come to this number of a boot, in few large messages."""
+    left = [(message, _read(message)) for message in messages]
+    ends = [n for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot and _end(raw) <= following]
+    return _merged(left[ends[-1] + 1 :] if ends else left)
+
+
+_Left = tuple[Message, columns.SampleBatch | None]
+
+
+def _read(message: Message) -> columns.SampleBatch | None:
+    try:
+        return columns.SampleBatch.FromString(message.payload)
+    except (DecodeError, UnicodeDecodeError, RuntimeWarning):
+        return None  # refused at the door, and counted
+
+
+def _end(raw: columns.SampleBatch) -> int:
+    return raw.sequence + len(raw.ticks) // 8
+
+
+def _merged(left: Sequence[_Left]) -> list[Message]:
+    """Messages that go on where the one before ended, as one: a message costs as much as a hundred samples."""
+    merged: list[Message] = []
+    group: list[columns.SampleBatch] = []
+    for message, raw in (*left, (None, None)):
+        if group and (raw is None or message is None or message.key != merged[-1].key or not _goes_on(group, raw)):
+            if len(group) > 1:
+                merged[-1] = Message(merged[-1].key, _one(group).SerializeToString())
+            group = []
+        if message is not None:
+            if not group:
+                merged.append(message)
+            if raw is not None:
+                group.append(raw)
+    return merged
+
+
+def _goes_on(group: Sequence[columns.SampleBatch], raw: columns.SampleBatch) -> bool:
+    first, last = group[0], group[-1]
+    alike = (raw.version, raw.device, raw.boot, raw.tick_period_s) == (
+        first.version,
+        first.device,
+        first.boot,
+        first.tick_period_s,
+    )
+    columns_alike = all(
+        bool(getattr(raw, name)) == bool(getattr(first, name)) for name in ("accel", "temperature_c", "flags")
+    )
+    return alike and columns_alike and raw.sequence == _end(last) and _end(raw) - first.sequence <= MERGED
+
+
+def _one(group: Sequence[columns.SampleBatch]) -> columns.SampleBatch:
+    one = columns.SampleBatch()
+    one.CopyFrom(group[0])
+    one.receive_time_ns = group[-1].receive_time_ns
+    for name in ("ticks", "gyro", "accel", "temperature_c", "flags"):
+        setattr(one, name, b"".join(getattr(raw, name) for raw in group))
+    return one
