@@ -6,14 +6,14 @@ evidence that needs more of its own (gravity.py) appends it. Knobs, state and re
 goes on as if it had never stopped.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from math import exp, expm1, inf, isfinite, isnan, radians
+from math import exp, expm1, isfinite, isnan, radians
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.loops.weigh import inverse, weighed
 from estimator.state import StateStruct, shaped
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.temperature import TemperatureLaw
@@ -25,6 +25,8 @@ BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: states of the filter itself
 OWN = 6
 _NOTHING = np.zeros(3)
+#: what the noise of a measurement of now has in common with the error of the state
+_UNCORRELATED = np.zeros((OWN, 0))
 #: K, a slope changes by steps of temperature this long: in a second's own, squared and added up, next to nothing is left of
 #: what it changes over hours, and a thermometer's noise would add up too
 _BEND_K = 1.0
@@ -310,62 +312,47 @@ class BiasFilter:
 
     def weigh(self, evidence: Evidence) -> Receipt:
         """What `update` would say of a measurement, which is not taken."""
-        if not _sound(evidence):
-            return self._refused(evidence)
-        H, P = evidence.H, self._kf.P
-        y, S = evidence.z - H @ self._kf.x, H @ P @ H.T + evidence.R
-        return self._receipt(evidence, y, S, float(y @ _inverse(S) @ y))
+        return self._receipt(evidence, evidence.H, evidence.R, _UNCORRELATED)
 
     def update(self, evidence: Evidence) -> Receipt:
-        """Take a measurement of now by filterpy, and undo that if it is not believable."""
-
-        def take(R: Floats) -> None:
+        """Take a measurement of now by filterpy, where it is believable."""
+        receipt = self.weigh(evidence)
+        if receipt.accepted or (evidence.soft and isfinite(receipt.nis)):
+            R = evidence.R
+            if not receipt.accepted:
+                # What is seen is then just within the gate, whatever makes it unlikely: the state may be the wrong one.
+                R = R + (receipt.test_ratio - 1) * receipt.innovation_cov
+                receipt = receipt._replace(accepted=True, reason="")
             self._kf.update(evidence.z, R=R, H=evidence.H)
-
-        receipt = self._tried(evidence, take)
-        if receipt.accepted:
+            self._doubt_common(evidence)
             self._taken.append((self._kf.K, evidence.H))
             if len(self._walks):
                 self._walks.taken(self._kf.K, evidence.H)
         return receipt
 
     def take_first(self, evidence: Evidence) -> Receipt:
-        """Take the measurement that has waited longest; the bias has walked on since."""
-        H, noise, self._kf.M = self._walks.sight(evidence.H)
-
-        def take(R: Floats) -> None:
-            self._kf.update_correlated(evidence.z, R=R + noise, H=H)
-
-        receipt = self._tried(evidence, take)
-        self._walks.first_taken(self._kf.K if receipt.accepted else np.zeros(self._kf.M.shape), H)
-        return receipt
-
-    def _tried(self, evidence: Evidence, take: Callable[[Floats], None]) -> Receipt:
-        """Have a measurement taken with its covariance, or undo that."""
-        if not _sound(evidence):
-            return self._refused(evidence)
+        """Take the measurement that has waited longest, where it is believable; the bias has walked on since."""
         kf = self._kf
-        x, P = kf.x, kf.P  # filterpy puts others in their place
-        take(evidence.R)
-        receipt = self._receipt(evidence, kf.y, kf.S, float(kf.y @ kf.SI @ kf.y))
-        if not receipt.accepted:
-            kf.x, kf.P = x, P
-            if not evidence.soft:
-                return receipt
-            # What is seen is then just within the gate, whatever makes it unlikely: the state may be the wrong one.
-            take(evidence.R + (receipt.test_ratio - 1) * receipt.innovation_cov)
-            receipt = receipt._replace(accepted=True, reason="")
-        if evidence.common_var is not None and any(evidence.common_var.tolist()):
-            # In doubt stays what is the same error in all measurements of a kind: no number of them tells of it.
-            seen = ((evidence.H @ kf.P) * evidence.H).sum(axis=1)
-            kf.P = kf.P + evidence.H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ evidence.H
+        H, noise, M = self._walks.sight(evidence.H)
+        R = evidence.R + noise
+        receipt = self._receipt(evidence, H, R, M)
+        if receipt.accepted:
+            kf.M = M
+            kf.update_correlated(evidence.z, R=R, H=H)
+            self._doubt_common(evidence)
+        self._walks.first_taken(kf.K if receipt.accepted else np.zeros(M.shape), H)
         return receipt
 
-    def _refused(self, evidence: Evidence) -> Receipt:
-        """What is not finite, or claims to be without noise, never gets to filterpy: x would be NaN for ever, P look perfect."""
-        return self._receipt(evidence, evidence.z - evidence.H @ self._kf.x, evidence.R, inf)
+    def _doubt_common(self, evidence: Evidence) -> None:
+        """In doubt stays what is the same error in all measurements of a kind: no number of them tells of it."""
+        if evidence.common_var is not None and any(evidence.common_var.tolist()):
+            H, P = evidence.H, self._kf.P
+            seen = ((H @ P) * H).sum(axis=1)
+            self._kf.P = P + H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
 
-    def _receipt(self, evidence: Evidence, innovation: Floats, cov: Floats, nis: float) -> Receipt:
+    def _receipt(self, evidence: Evidence, H: Floats, R: Floats, M: Floats) -> Receipt:
+        """What is not finite, or claims to be without noise, never gets to filterpy: x would be NaN for ever, P look perfect."""
+        innovation, cov, nis = weighed(evidence.z, H, R, self._kf.x, self._kf.P, M)
         ratio = nis / evidence.gate
         reason = "not finite" if not isfinite(nis) else "outside the gate" if ratio > 1 else ""
         return Receipt(self.time, evidence.kind, innovation, cov, ratio, not reason, reason, nis)
@@ -375,19 +362,9 @@ def _filter(n: int) -> Any:
     from filterpy.kalman import KalmanFilter  # noqa: PLC0415 - it brings SciPy and Matplotlib: a second for every command
 
     kf = KalmanFilter(dim_x=n, dim_z=3)
-    kf.inv = _inverse
+    kf.inv = inverse
     return kf
-
-
-def _inverse(S: Floats) -> Floats:
-    return np.asarray(1 / S if len(S) == 1 else np.linalg.inv(S))
 
 
 def _stays(x: Floats) -> Step:
     return Step(x.copy(), np.eye(len(x)), np.zeros((len(x), len(x))))
-
-
-def _sound(evidence: Evidence) -> bool:
-    """Whether all of a measurement is finite, and no part of it without noise."""
-    finite = isfinite(float(evidence.z.sum()) + float(evidence.R.sum()) + float(evidence.H.sum()))
-    return finite and min(evidence.R.diagonal().tolist()) > 0.0

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.loops.rest import calm
 from estimator.state import StateStruct, shaped
 from estimator.track.bias_filter import BIAS, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
@@ -188,7 +189,7 @@ class Zaru:
         self.state.quiet += 1
         latest = np.array([[second.mean, second.mean_var]])
         self.state.means = np.concatenate([self.state.means[1 - _RECENT :], latest])
-        quiet = _calm(self.state.means, knobs.quasi_static**2, knobs.scatter)
+        quiet = calm(self.state.means, knobs.quasi_static**2, knobs.scatter)
         if self.tilt.watch(second):
             self.state.waiting.clear()
             bias.forget()
@@ -229,11 +230,10 @@ class Zaru:
             return [nothing], said
         else:
             axes = upright(up)
-            evidence = _along("zaru level", axes[:2], second, var, GATES[2], bias)
-            level, also = self._level(evidence, gravity, second, bias)
+            level, vertical = _split(_along("zaru", axes, second, var, GATES[2], bias), self.knobs.vertical_gate)
+            receipt, also = self._level(level, gravity, second, bias)
             said = said or also
-            evidence = _along("zaru vertical", axes[2:], second, var, self.knobs.vertical_gate, bias)
-            receipts = [level, *self._gated(evidence, second, bias)]
+            receipts = [receipt, *self._gated(vertical, second, bias)]
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
 
     def _begins(self, *, proven: bool) -> bool:
@@ -365,24 +365,19 @@ def upright(up: Floats) -> Floats:
     return np.array([across, [y * c - z * b, z * a - x * c, x * b - y * a], u])
 
 
-def _calm(means: Floats, motion_var: float, scatter: float) -> bool:
-    """Whether means (k, 2, 3), with their variances, scatter less than so many times what they may; two are always calm.
-
-    motion_var: of a resting body, which no variance tells of.
-    """
-    k = len(means)
-    if k <= 2:
-        return True
-    middle, noise = means.sum(axis=0) / k
-    spread = np.square(means[:, 0] - middle).sum(axis=0) / (k - 1)
-    return bool((spread < scatter * (noise + motion_var)).all())
-
-
 def _along(kind: str, axes: Floats, second: Second, var: Floats, gate: float, bias: BiasFilter) -> Evidence:
     """The mean of a second, of variance var (3,), as a measurement of the bias along axes (m, 3)."""
     H = np.zeros((len(axes), len(bias.x)))
     H[:, BIAS] = axes
     return Evidence(kind, axes @ second.mean, H, (axes * var) @ axes.T, gate, np.square(axes) @ second.common_var)
+
+
+def _split(whole: Evidence, vertical_gate: float) -> tuple[Evidence, Evidence]:
+    """The two parts of a measurement across gravity, and the one along it."""
+    kind, z, H, R, gate, common_var, _ = whole
+    assert common_var is not None
+    level = Evidence(f"{kind} level", z[:2], H[:2], R[:2, :2], gate, common_var[:2])
+    return level, Evidence(f"{kind} vertical", z[2:], H[2:], R[2:, 2:], vertical_gate, common_var[2:])
 
 
 def _mean(latest: Evidence, waiting: Iterable[_Waiting]) -> Evidence:
