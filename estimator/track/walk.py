@@ -14,9 +14,6 @@ from estimator.state import StateStruct, shaped
 
 Floats = NDArray[np.float64]
 
-_VAR, _WITHIN, _WARMER = slice(0, 3), slice(3, 6), 6
-_NOTHING = np.zeros((1, 3))
-
 
 class Walks(StateStruct):
     """k walks, the earliest first: cross (k, n, 3) = E[e wᵀ]; own (k, 7): variance (3,) of w, within (3,), warmer, K, since then.
@@ -45,30 +42,22 @@ class Walks(StateStruct):
 
         taken: gain and H of what was taken in since the step ended.
         """
-        k, n, _ = self.cross.shape
-        cross, own = np.zeros((k + 1, n, 3)), np.zeros((k + 1, 7))
-        cross[:k], own[:k] = self.cross, self.own
-        cross[k].flat[:9:4], own[k, _VAR], own[k, _WITHIN] = walked / 2, walked / 3, walked / 6
+        self.cross, self.own = loop.begun(self.cross, self.own, walked)
         for K, H in taken:
-            loop.taken(cross[k:], K, H, _NOTHING)
-        self.cross, self.own = cross, own
+            loop.taken(self.cross[-1:], self.own[-1:], K, H, 0.0)
 
     def step(self, F: Floats, walked: Floats) -> None:
         """The state went on by F (n, n), its bias with a walk of variance (3,)."""
-        loop.stepped(self.cross, F, walked)
-        self.own[:, _VAR] += walked
-        self.own[:, _WARMER] += F[0, 3]
+        loop.stepped(self.cross, self.own, F, walked)
 
     def taken(self, K: Floats, H: Floats) -> None:
         """The state took something in with gain K (n, m) by H (m, n)."""
-        loop.taken(self.cross, K, H, np.zeros((len(self), 3)))
+        loop.taken(self.cross, self.own, K, H, 0.0)
 
     def first_taken(self, K: Floats, H: Floats) -> None:
         """What was measured at the first of the walks was taken in with gain K by H, as `sight` gives it."""
         self.cross, self.own = self.cross[1:], self.own[1:]
-        if len(self):
-            # Of two walks to now the later is a part of the earlier, and its first step, of which it has a mean, all of it is.
-            loop.taken(self.cross, K, H, self.own[:, _VAR] + self.own[:, _WITHIN])
+        loop.taken(self.cross, self.own, K, H, 1.0)
 
     def sight(self, H: Floats) -> tuple[Floats, Floats, Floats]:
         """What a measurement at the first of them by H (m, n) sees of the state as it is now, (m, n).
