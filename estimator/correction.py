@@ -38,9 +38,11 @@ class Correction:
     @cached_property
     def told(self) -> Told:
         """As all batches that it corrects say it: the very same arrays."""
-        model = self.model
-        noise, bias, flicker = model.corrected_std(np.array([model.noise_std, self.bias_std, [self.flicker] * 3]))
-        return Told(*np.array([noise, bias, model.scale_std, model.cross_std, model.bias, flicker]).astype(np.float32))
+        model, of_reading, rows = self.model, np.empty((3, 3)), np.empty((6, 3), np.float32)
+        of_reading[0], of_reading[1], of_reading[2] = model.noise_std, self.bias_std, self.flicker
+        rows[0], rows[1], rows[5] = model.corrected_std(of_reading)
+        rows[2], rows[3], rows[4] = model.scale_std, model.cross_std, model.bias
+        return Told(*rows)
 
     @cached_property
     def parameters(self) -> Floats:

@@ -82,7 +82,7 @@ class GyroModel:
 
     def corrected_std(self, reading_std: Floats) -> Floats:
         """(…, 3) standard deviation that independent errors of the reading (…, 3) leave in the corrected rate."""
-        return np.sqrt(np.square(reading_std) @ (self.matrix**2).T)
+        return np.asarray(np.sqrt(np.square(reading_std) @ np.square(self.matrix).T))
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,8 +32,6 @@ from estimator.under_way import UnderWay
 AsMessage = Callable[[Result, str, int], Calibration]
 #: for so many seconds it is said that a calibration was cancelled; then again how it is
 CANCELLED_S = 60.0
-#: samples whose windows taught nothing of the bias, for which there was no time, are counted under this
-COASTED = "samples coasted"
 _GOES_ON = "calibrated; the calibration of this boot goes on"
 _WAS_DOUBTED = "the bias was in doubt when the estimator was restarted, a rest has to confirm it"
 _CONFIRMED = "the bias was confirmed at rest"
@@ -245,15 +243,12 @@ class Learnt:
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
-    def learn(
-        self, buffer: SampleBuffer, end: int, of: tuple[str, int], outcome: Outcome, *, coast: bool = False
-    ) -> bool:
+    def learn(self, buffer: SampleBuffer, end: int, of: tuple[str, int], outcome: Outcome) -> bool:
         """Learn from samples of a buffer up to before the one of this number; whether there is anything new to apply.
 
-        of: their device and boot. coast: the bias is only predicted if it may be.
+        of: their device and boot.
         """
         tracker, begin, belief = self.tracker, self.tracker.time, self._belief
-        coast = coast and self.may_coast
         tracked, windows = begin, self._stillness.take(buffer, end)
         seconds: deque[tuple[int, Second]] | None = None  # that these windows complete, and which of them
         for i, ((begun, now, last, still), celsius) in enumerate(zip(windows.heads, windows.celsius, strict=True)):
@@ -266,8 +261,7 @@ class Learnt:
                 continue
             if seconds is None:
                 others = windows.part(i)
-                taken = () if coast else tracker.seconds.take(others)
-                seconds = deque((i + at, second) for at, second in taken)
+                seconds = deque((i + at, second) for at, second in tracker.seconds.take(others))
                 if self.under_way is not None:
                     self.under_way.add(others)
             while seconds and seconds[0][0] == i:
@@ -285,18 +279,7 @@ class Learnt:
                 revision = self._past.revision(of, time_ns, used.calibration, used.model.matrix, *improved)
                 outcome.revisions += [] if revision is None else [revision]
             tracked = tracker.time
-        if coast and len(windows):
-            self._coast(windows, buffer, outcome)
         return tracker.time != begin or self._belief is not belief
-
-    def _coast(self, windows: Windows, buffer: SampleBuffer, outcome: Outcome) -> None:
-        self.tracker.coast(windows)
-        first, rows = windows.samples
-        self._events.add(COASTED, len(rows))
-        self._second([], outcome)
-        last = first + len(rows) - 1
-        self._past.note(self.tracker.time, *buffer.place(last))
-        buffer.forget(last)
 
     def _warming(self, windows: Windows, outcome: Outcome) -> None:
         """A window while the device warms up."""
@@ -393,11 +376,6 @@ class Learnt:
         return True
 
     # ---- what is known now ----------------------------------------------------------------------------------------
-
-    @property
-    def may_coast(self) -> bool:
-        """Whether the bias may go on for a while without learning: it is known, and nobody calibrates or asked to."""
-        return not self.turned and not self.asked and self._life.state is not State.WARMING and self.tracker.settled
 
     @property
     def near(self) -> bool:

@@ -23,13 +23,11 @@ class Remembered:
     doubted: bool = False
     #: who had asked for a recalibration that was under way then, and why
     asked: tuple[str, str] | None = None
-    #: axes whose turns were taken then, by another estimator: they are to be taken again
-    turned: tuple[int, ...] = ()
 
     def under(self, calibration: Calibration) -> "Remembered":
         """The same where it is this one that holds: a bias that was doubted without it is to be told by a rest."""
         bias = None if self.doubted else self.bias
-        return replace(self, calibration=calibration, bias=bias, doubted=False, turned=())
+        return replace(self, calibration=calibration, bias=bias, doubted=False)
 
     def bias_at(self, now: float, doubt_std: float) -> BiasState | None:
         """The bias as it was kept; doubted by doubt_std, rad/s, where nobody knows how long ago: a rest has to confirm it."""

@@ -84,8 +84,6 @@ class DeviceSession:
         self.last_heard_ns = 0
         #: whether somebody looks at windows of it: then what they are made of is kept
         self.windowed = False
-        #: whether there is no time to learn of its bias
-        self.coasts = False
         self._away_s = 0.0  # by the host's clock, before what was admitted last
         self._begin(began)
         self._unused = True  # since it was begun
@@ -123,8 +121,6 @@ class DeviceSession:
         if remembered is not None and self.learnt.resume(remembered, temperature_c):
             self._apply()
             outcome.said.append("bias of this boot restored")
-        if remembered is not None and remembered.turned:
-            self._lost_turns(remembered.turned, outcome)
         return outcome
 
     def _begin(self, device_time: float, law: TemperatureLaw | None = None) -> None:
@@ -272,11 +268,6 @@ class DeviceSession:
         return self.learnt.tracker
 
     @property
-    def may_coast(self) -> bool:
-        """Whether its bias may be only predicted for a while."""
-        return not self.life.away and self.learnt.may_coast
-
-    @property
     def applied(self) -> Correction:
         """What is applied to the samples that come next."""
         return self._applied
@@ -368,7 +359,7 @@ class DeviceSession:
         if self.windowed:
             block = buffer.rows(begin, end).copy(), buffer.places(begin, end).copy()
             outcome.seconds.append(Second(*of, *block, self._lesson_applied))
-        if self.learnt.learn(buffer, end, of, outcome, coast=self.coasts):  # where nothing is learnt batches stay whole
+        if self.learnt.learn(buffer, end, of, outcome):  # where nothing is learnt batches stay whole
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:

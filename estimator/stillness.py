@@ -185,11 +185,6 @@ class Windows:
         return self.first + self.begin, self.rows[self.begin : end]
 
     @property
-    def ended(self) -> float:
-        """When the last of them did, s."""
-        return float(self.found.item(-1, 1))
-
-    @property
     def moved(self) -> float | None:
         """When the last of them did that was not still, s; None where all were."""
         moving = self.found[self.found[:, 4] == 0.0, 1]

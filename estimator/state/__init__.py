@@ -60,7 +60,7 @@ def _unpacked(_: type, packed: Any) -> Floats:
     if any(n < 0 for n in shape) or np.prod([*shape], dtype=float) > _MOST_VALUES:
         raise ValueError(f"an array of shape {shape}")
     if kind == "s":
-        array = np.zeros(shape)
-        array[np.triu_indices(shape[0])] = np.frombuffer(data, np.float64)
-        return array + np.triu(array, 1).T
+        array, upper = np.empty(shape), np.triu_indices(shape[0])
+        array[upper] = array.T[upper] = np.frombuffer(data, np.float64)
+        return array
     return np.frombuffer(data, np.float32 if kind == "f" else np.float64).reshape(shape).astype(np.float64)

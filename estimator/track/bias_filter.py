@@ -6,14 +6,16 @@ evidence that needs more of its own (gravity.py) appends it. Knobs, state and re
 goes on as if it had never stopped.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from math import exp, expm1, inf, isfinite, isnan, radians
+from functools import lru_cache
+from math import exp, expm1, isfinite, isnan, radians
+from threading import get_ident
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.loops.weigh import inverse, walked, weighed
 from estimator.state import StateStruct, shaped
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.temperature import TemperatureLaw
@@ -25,6 +27,8 @@ BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: states of the filter itself
 OWN = 6
 _NOTHING = np.zeros(3)
+#: what the noise of a measurement of now has in common with the error of the state
+_UNCORRELATED = np.zeros((OWN, 0))
 #: K, a slope changes by steps of temperature this long: in a second's own, squared and added up, next to nothing is left of
 #: what it changes over hours, and a thermometer's noise would add up too
 _BEND_K = 1.0
@@ -124,9 +128,7 @@ class BiasFilter:
         self.restart(state)
 
     def _take(self, state: BiasState) -> None:
-        self._kf = _filter(len(state.x))
-        self._kf.x = np.array(state.x, float)  # (n,): filterpy's own default is (n, 1)
-        self._kf.P = np.array(state.P, float)
+        self._x, self._P = np.array(state.x, float), np.array(state.P, float)
         #: (3, 3) by how much the bias was doubted since the last step, if it was
         self.widened: Floats | None = None
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
@@ -167,21 +169,17 @@ class BiasFilter:
     @property
     def x(self) -> Floats:
         """(n,) the state; not to be written to."""
-        x: Floats = self._kf.x
-        return x
+        return self._x
 
     @property
     def cov(self) -> Floats:
         """(n, n) its covariance; not to be written to."""
-        P: Floats = self._kf.P
-        return P
+        return self._P
 
     @property
     def state(self) -> BiasState:
         """The estimate as it is now."""
-        return BiasState(
-            self._kf.x.copy(), self._kf.P.copy(), self.time, self.temperature_c, self._powered, self._bent_c
-        )
+        return BiasState(self._x.copy(), self._P.copy(), self.time, self.temperature_c, self._powered, self._bent_c)
 
     def predict(self, time: float, temperature_c: float = np.nan, carried: Step | None = None) -> Step | None:
         """Let the bias walk to a device time, and all else go on as it is carried, which moves neither bias nor slope.
@@ -189,7 +187,7 @@ class BiasFilter:
         carried: is written to, and returned with the walk. Time that goes backward is no time for a walk: None.
         """
         dt, known = time - self.time, isfinite(temperature_c)
-        step = _stays(self._kf.x) if carried is None else carried
+        step = _stays(self._x) if carried is None else carried
         if not dt > 0:
             if carried is not None:
                 self._step(step)
@@ -199,15 +197,12 @@ class BiasFilter:
             bend, over, self.bent = self._bend(warmer, temperature_c)
         else:
             warmer, bend, over, self.bent = 0.0, _NOTHING, 0.0, None
-        # The bias changes by the slope, by half of what the slope itself changes by over so many kelvin, and by its walk.
-        self._walked = (over / 2 * bend) ** 2 + self.walked(dt, known=known)
-        step.x[BIAS] += warmer * step.x[SLOPE]
-        step.F.flat[3 : 3 * len(step.x) : len(step.x) + 1] = warmer
-        step.Q.flat[: OWN * len(step.x) : len(step.x) + 1] = np.concatenate([self._walked, bend**2])
+        var = self.walked(dt, known=known)
+        self._walked = walked(step.x, step.F, step.Q, warmer, over, bend, var)
         self._step(step)
         self._taken.clear()
         if self.bent is not None:
-            self._kf.x[:OWN] += self.bent
+            self._x[:OWN] += self.bent
         self.time, self.widened = time, None
         if known:
             first, self.temperature_c = isnan(self.temperature_c), temperature_c
@@ -217,13 +212,14 @@ class BiasFilter:
 
     def settle(self) -> None:
         """A second is over: leave nothing of rounding between both triangles of the covariance."""
-        P = self._kf.P + self._kf.P.T
+        P = self._P + self._P.T
         P *= 0.5
-        self._kf.P = P
+        self._P = P
 
     def _step(self, step: Step) -> None:
-        self._kf.predict(F=step.F, Q=step.Q)
-        self._kf.x = step.x.copy()  # F is only its derivative
+        kf = self._filterpy()
+        kf.predict(F=step.F, Q=step.Q)
+        self._x, self._P = step.x.copy(), kf.P  # F is only the derivative of x
         if len(self._walks):
             self._walks.step(step.F, self._walked)
 
@@ -231,9 +227,9 @@ class BiasFilter:
         """From now on believe the slope of a law in place of what was known of it."""
         self.law = law
         if np.isfinite(self.temperature_c):
-            self._kf.x[SLOPE] = law.slope(self.temperature_c)
+            self._x[SLOPE] = law.slope(self.temperature_c)
             self._unsure = self._law_var(self.temperature_c)
-            P = self._kf.P
+            P = self._P
             P[SLOPE, :] = P[:, SLOPE] = 0.0
             P[SLOPE, SLOPE] = np.diag(self._unsure)
             self._walks.cross[:, SLOPE] = 0.0
@@ -247,7 +243,7 @@ class BiasFilter:
         """Give the law up: the slope is doubted as much as that of any part; by how much, (3, 3)."""
         self.law = None
         doubt = self.knobs.per_kelvin**2 * np.eye(3)
-        self._kf.P[SLOPE, SLOPE] += doubt
+        self._P[SLOPE, SLOPE] += doubt
         return doubt
 
     @property
@@ -255,9 +251,9 @@ class BiasFilter:
         """How many standard deviations the evidence has moved the slope from where the law has it; the most of three axes."""
         if self.law is None or not np.isfinite(self.temperature_c):
             return 0.0
-        moved = self._kf.x[SLOPE] - self.law.slope(self.temperature_c)
+        moved = self._x[SLOPE] - self.law.slope(self.temperature_c)
         # Evidence leaves var - P of the law's own variance behind.
-        told = np.maximum(self._unsure - np.diag(self._kf.P)[SLOPE], self._unsure / 4)
+        told = np.maximum(self._unsure - np.diag(self._P)[SLOPE], self._unsure / 4)
         return float(np.max(np.abs(moved) / np.sqrt(told)))
 
     def _law_var(self, celsius: float) -> Floats:
@@ -288,7 +284,7 @@ class BiasFilter:
 
     def widen(self, cov: Floats) -> None:
         """Doubt the bias by so much more, (3, 3)."""
-        self._kf.P[BIAS, BIAS] += cov
+        self._P[BIAS, BIAS] += cov
         self.widened = cov if self.widened is None else self.widened + cov
 
     def wait(self) -> None:
@@ -302,7 +298,7 @@ class BiasFilter:
 
     def forget(self) -> None:
         """What was measured before now and has not been taken will not be."""
-        self._walks = Walks.none(len(self._kf.x))
+        self._walks = Walks.none(len(self._x))
 
     def extend(self, own: BiasState) -> None:
         """Go on with a state that has other parts behind the filter's own six."""
@@ -310,84 +306,89 @@ class BiasFilter:
 
     def weigh(self, evidence: Evidence) -> Receipt:
         """What `update` would say of a measurement, which is not taken."""
-        if not _sound(evidence):
-            return self._refused(evidence)
-        H, P = evidence.H, self._kf.P
-        y, S = evidence.z - H @ self._kf.x, H @ P @ H.T + evidence.R
-        return self._receipt(evidence, y, S, float(y @ _inverse(S) @ y))
+        return self._receipt(evidence, evidence.H, evidence.R, _UNCORRELATED)
+
+    def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt]:
+        """Take two measurements of now one after the other: in one step where both are believable."""
+        m = len(first.z)
+        z, H = np.concatenate([first.z, then.z]), np.concatenate([first.H, then.H])
+        R = np.zeros((len(z), len(z)))
+        R[:m, :m], R[m:, m:] = first.R, then.R
+        y, S, before, nis = weighed(z, H, R, self._x, self._P, _UNCORRELATED, m)
+        said = self._said(first, y[:m], S[:m, :m], before), self._said(then, y[m:], S[m:, m:], nis)
+        if not (said[0].accepted and said[1].accepted and first.common_var is None):
+            return self.update(first), self.update(then)
+        self._take_now(z, H, R)
+        self._doubt_common(then)
+        return said
 
     def update(self, evidence: Evidence) -> Receipt:
-        """Take a measurement of now by filterpy, and undo that if it is not believable."""
-
-        def take(R: Floats) -> None:
-            self._kf.update(evidence.z, R=R, H=evidence.H)
-
-        receipt = self._tried(evidence, take)
-        if receipt.accepted:
-            self._taken.append((self._kf.K, evidence.H))
-            if len(self._walks):
-                self._walks.taken(self._kf.K, evidence.H)
+        """Take a measurement of now by filterpy, where it is believable."""
+        receipt = self.weigh(evidence)
+        if receipt.accepted or (evidence.soft and isfinite(receipt.nis)):
+            R = evidence.R
+            if not receipt.accepted:
+                # What is seen is then just within the gate, whatever makes it unlikely: the state may be the wrong one.
+                R = R + (receipt.test_ratio - 1) * receipt.innovation_cov
+                receipt = receipt._replace(accepted=True, reason="")
+            self._take_now(evidence.z, evidence.H, R)
+            self._doubt_common(evidence)
         return receipt
+
+    def _take_now(self, z: Floats, H: Floats, R: Floats) -> None:
+        kf = self._filterpy()
+        kf.update(z, R=R, H=H)
+        self._x, self._P = kf.x, kf.P
+        self._taken.append((kf.K, H))
+        if len(self._walks):
+            self._walks.taken(kf.K, H)
 
     def take_first(self, evidence: Evidence) -> Receipt:
-        """Take the measurement that has waited longest; the bias has walked on since."""
-        H, noise, self._kf.M = self._walks.sight(evidence.H)
-
-        def take(R: Floats) -> None:
-            self._kf.update_correlated(evidence.z, R=R + noise, H=H)
-
-        receipt = self._tried(evidence, take)
-        self._walks.first_taken(self._kf.K if receipt.accepted else np.zeros(self._kf.M.shape), H)
+        """Take the measurement that has waited longest, where it is believable; the bias has walked on since."""
+        H, noise, M = self._walks.sight(evidence.H)
+        R, K = evidence.R + noise, np.zeros(M.shape)
+        receipt = self._receipt(evidence, H, R, M)
+        if receipt.accepted:
+            kf = self._filterpy()
+            kf.M = M
+            kf.update_correlated(evidence.z, R=R, H=H)
+            self._x, self._P, K = kf.x, kf.P, kf.K
+            self._doubt_common(evidence)
+        self._walks.first_taken(K, H)
         return receipt
 
-    def _tried(self, evidence: Evidence, take: Callable[[Floats], None]) -> Receipt:
-        """Have a measurement taken with its covariance, or undo that."""
-        if not _sound(evidence):
-            return self._refused(evidence)
-        kf = self._kf
-        x, P = kf.x, kf.P  # filterpy puts others in their place
-        take(evidence.R)
-        receipt = self._receipt(evidence, kf.y, kf.S, float(kf.y @ kf.SI @ kf.y))
-        if not receipt.accepted:
-            kf.x, kf.P = x, P
-            if not evidence.soft:
-                return receipt
-            # What is seen is then just within the gate, whatever makes it unlikely: the state may be the wrong one.
-            take(evidence.R + (receipt.test_ratio - 1) * receipt.innovation_cov)
-            receipt = receipt._replace(accepted=True, reason="")
+    def _filterpy(self) -> Any:
+        kf = _filter(len(self._x), get_ident())
+        kf.x, kf.P = self._x, self._P
+        return kf
+
+    def _doubt_common(self, evidence: Evidence) -> None:
+        """In doubt stays what is the same error in all measurements of a kind: no number of them tells of it."""
         if evidence.common_var is not None and any(evidence.common_var.tolist()):
-            # In doubt stays what is the same error in all measurements of a kind: no number of them tells of it.
-            seen = ((evidence.H @ kf.P) * evidence.H).sum(axis=1)
-            kf.P = kf.P + evidence.H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ evidence.H
-        return receipt
+            H, P = evidence.H, self._P
+            seen = ((H @ P) * H).sum(axis=1)
+            self._P = P + H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
 
-    def _refused(self, evidence: Evidence) -> Receipt:
+    def _receipt(self, evidence: Evidence, H: Floats, R: Floats, M: Floats) -> Receipt:
+        innovation, cov, _, nis = weighed(evidence.z, H, R, self._x, self._P, M, 0)
+        return self._said(evidence, innovation, cov, nis)
+
+    def _said(self, evidence: Evidence, innovation: Floats, cov: Floats, nis: float) -> Receipt:
         """What is not finite, or claims to be without noise, never gets to filterpy: x would be NaN for ever, P look perfect."""
-        return self._receipt(evidence, evidence.z - evidence.H @ self._kf.x, evidence.R, inf)
-
-    def _receipt(self, evidence: Evidence, innovation: Floats, cov: Floats, nis: float) -> Receipt:
         ratio = nis / evidence.gate
         reason = "not finite" if not isfinite(nis) else "outside the gate" if ratio > 1 else ""
         return Receipt(self.time, evidence.kind, innovation, cov, ratio, not reason, reason, nis)
 
 
-def _filter(n: int) -> Any:
+@lru_cache(maxsize=16)
+def _filter(n: int, thread: int) -> Any:  # noqa: ARG001 - no two threads use one at the same time
+    """One of n states, for all devices: what filterpy keeps beside x and P would push a thousand of them out of a CPU's cache."""
     from filterpy.kalman import KalmanFilter  # noqa: PLC0415 - it brings SciPy and Matplotlib: a second for every command
 
     kf = KalmanFilter(dim_x=n, dim_z=3)
-    kf.inv = _inverse
+    kf.inv = inverse
     return kf
-
-
-def _inverse(S: Floats) -> Floats:
-    return np.asarray(1 / S if len(S) == 1 else np.linalg.inv(S))
 
 
 def _stays(x: Floats) -> Step:
     return Step(x.copy(), np.eye(len(x)), np.zeros((len(x), len(x))))
-
-
-def _sound(evidence: Evidence) -> bool:
-    """Whether all of a measurement is finite, and no part of it without noise."""
-    finite = isfinite(float(evidence.z.sum()) + float(evidence.R.sum()) + float(evidence.H.sum()))
-    return finite and min(evidence.R.diagonal().tolist()) > 0.0

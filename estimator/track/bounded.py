@@ -11,11 +11,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.loops.rest import upright
 from estimator.state import StateStruct, shaped
 from estimator.track.bias_filter import BIAS, SLOPE, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
-from estimator.track.zaru import INSISTED, upright
+from estimator.track.zaru import INSISTED
 
 Floats = NDArray[np.float64]
 VERTICAL = "bounded vertical"

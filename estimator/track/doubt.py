@@ -72,14 +72,10 @@ class Doubt:
 
     def anew(self) -> None:
         """Nothing speaks against what is believed from now on."""
-        self.interrupted()
+        self._contradictions = dict.fromkeys(_PARTS, 0)
         self.why = ""
         self._agreed.clear()
         self.consistency.forget()
-
-    def interrupted(self) -> None:
-        """What follows is not seen: rests in a row end here."""
-        self._contradictions = dict.fromkeys(_PARTS, 0)
 
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt], *, rested: bool = True) -> None:
         """Note receipts of rests; surprises: what the filter was told to expect before it took any of them.

@@ -53,7 +53,8 @@ class History:
         F = step.F[:OWN, :OWN]
         known = known if known is _NOTHING else F @ known
         known = known if bent is None else known + bent
-        rows = np.concatenate([(x[:OWN] - known)[None], P[:OWN, :OWN], F, step.Q[:OWN, :OWN]])
+        rows = np.empty((1 + 3 * OWN, OWN))
+        rows[0], rows[_P], rows[_F], rows[_Q] = x[:OWN] - known, P[:OWN, :OWN], F, step.Q[:OWN, :OWN]
         self._steps.append(_Step(time, rows, known))
         if self._most is not None and len(self._steps) > self._most:
             self._thin()

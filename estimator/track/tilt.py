@@ -49,8 +49,10 @@ class Tilt:
         state, knobs, now = self.state, self.knobs, (second.start + second.end) / 2
         a, b, c = second.accel_mean.tolist()
         square = a * a + b * b + c * c
-        var = sum(std * std for std in second.accel_std.tolist()) / (3 * second.samples) + knobs.accel_floor**2
-        means = state.means = [then for then in state.means if now - then[0] <= knobs.over_s]
+        x, y, z = second.accel_std.tolist()
+        var, means = (x * x + y * y + z * z) / (3 * second.samples) + knobs.accel_floor**2, state.means
+        while means and now - means[0][0] > knobs.over_s:
+            del means[0]
         turned = False
         if means:
             begun, (x, y, z), var_then = means[0]

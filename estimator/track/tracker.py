@@ -198,11 +198,6 @@ class Tracker:
         most = self.knobs.bias_std / self.doubt.consistency.inflation
         return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
 
-    @property
-    def settled(self) -> bool:
-        """Whether it knows the bias, undoubted, and nothing comes that it knew before: it may coast for a while."""
-        return self.sure and self._kept is None and not self.doubt.stands
-
     def evidence_age(self, now: float) -> float:
         """Seconds since a rest was last accepted; infinite where none is known of: what was restored does not tell."""
         return now - self._evidence_time if self._evidenced else np.inf
@@ -290,16 +285,6 @@ class Tracker:
     def skip(self, windows: Windows) -> None:
         """Take no notice of the next windows."""
         self.seconds.skip(windows)
-
-    def coast(self, windows: Windows) -> None:
-        """Go on over the next windows by prediction alone: a seventh of what it takes to learn from them."""
-        self.seconds.skip(windows)
-        end = windows.ended
-        self._lost_way(end - self.time)
-        step = self._filter.predict(end, self.thermometer.at(end))
-        if step is not None:
-            self._history.add(end, self._filter.x, self._filter.cov, step, self._filter.bent)
-        self.doubt.interrupted()
 
     def take(self, windows: Windows) -> list[Receipt]:
         """Take the next windows; receipts of what rest there was in seconds they complete."""

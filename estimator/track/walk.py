@@ -9,13 +9,10 @@ The bias is the first three of n states, its slope by temperature the next three
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.loops import late as loop
 from estimator.state import StateStruct, shaped
 
 Floats = NDArray[np.float64]
-_BIAS, _SLOPE = slice(0, 3), slice(3, 6)
-
-
-_VAR, _WITHIN, _WARMER = slice(0, 3), slice(3, 6), 6
 
 
 class Walks(StateStruct):
@@ -45,37 +42,26 @@ class Walks(StateStruct):
 
         taken: gain and H of what was taken in since the step ended.
         """
-        cross = np.zeros(self.cross.shape[1:])
-        cross.flat[:9:4] = walked / 2
+        self.cross, self.own = loop.begun(self.cross, self.own, walked)
         for K, H in taken:
-            cross -= K @ (H @ cross)
-        self.cross = np.concatenate([self.cross, cross[None]])
-        self.own = np.concatenate([self.own, [[*(walked / 3).tolist(), *(walked / 6).tolist(), 0.0]]])
+            loop.taken(self.cross[-1:], self.own[-1:], K, H, 0.0)
 
     def step(self, F: Floats, walked: Floats) -> None:
         """The state went on by F (n, n), its bias with a walk of variance (3,)."""
-        self.cross = F @ self.cross
-        self.cross.reshape(len(self), -1)[:, :9:4] += walked
-        self.own[:, _VAR] += walked
-        self.own[:, _WARMER] += F[0, 3]
+        loop.stepped(self.cross, self.own, F, walked)
 
     def taken(self, K: Floats, H: Floats) -> None:
         """The state took something in with gain K (n, m) by H (m, n)."""
-        self.cross -= K @ (H @ self.cross)
+        loop.taken(self.cross, self.own, K, H, 0.0)
 
     def first_taken(self, K: Floats, H: Floats) -> None:
         """What was measured at the first of the walks was taken in with gain K by H, as `sight` gives it."""
         self.cross, self.own = self.cross[1:], self.own[1:]
-        if len(self):
-            # Of two walks to now the later is a part of the earlier, and its first step, of which it has a mean, all of it is.
-            common = self.own[:, _VAR] + self.own[:, _WITHIN]
-            self.cross = self.cross - K @ (H @ self.cross - H[:, _BIAS] * common[:, None])
+        loop.taken(self.cross, self.own, K, H, 1.0)
 
     def sight(self, H: Floats) -> tuple[Floats, Floats, Floats]:
         """What a measurement at the first of them by H (m, n) sees of the state as it is now, (m, n).
 
         And what the walk adds to its noise, (m, m), and the covariance of that with the error of the state, (n, m).
         """
-        now, along = H.copy(), H[:, _BIAS]
-        now[:, _SLOPE] -= self.own[0, _WARMER] * along
-        return now, (along * self.own[0, _VAR]) @ along.T, -self.cross[0] @ along.T
+        return loop.sight(H, self.cross[0], self.own[0])

@@ -7,12 +7,13 @@ lie inside its gate. When it stays outside but constant for long, it is believed
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from math import ceil, hypot, inf, radians, sqrt
+from math import ceil, inf, radians
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.loops.rest import along, calm, together, upright
 from estimator.state import StateStruct, shaped
 from estimator.track.bias_filter import BIAS, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
@@ -188,7 +189,7 @@ class Zaru:
         self.state.quiet += 1
         latest = np.array([[second.mean, second.mean_var]])
         self.state.means = np.concatenate([self.state.means[1 - _RECENT :], latest])
-        quiet = _calm(self.state.means, knobs.quasi_static**2, knobs.scatter)
+        quiet = calm(self.state.means, knobs.quasi_static**2, knobs.scatter)
         if self.tilt.watch(second):
             self.state.waiting.clear()
             bias.forget()
@@ -229,11 +230,10 @@ class Zaru:
             return [nothing], said
         else:
             axes = upright(up)
-            evidence = _along("zaru level", axes[:2], second, var, GATES[2], bias)
-            level, also = self._level(evidence, gravity, second, bias)
+            level, vertical = _split(_along("zaru", axes, second, var, GATES[2], bias), self.knobs.vertical_gate)
+            receipt, also = self._level(level, gravity, second, bias)
             said = said or also
-            evidence = _along("zaru vertical", axes[2:], second, var, self.knobs.vertical_gate, bias)
-            receipts = [level, *self._gated(evidence, second, bias)]
+            receipts = [receipt, *self._gated(vertical, second, bias)]
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
 
     def _begins(self, *, proven: bool) -> bool:
@@ -256,8 +256,7 @@ class Zaru:
         A bias that surprises there has moved, along the vertical as far as anyone knows.
         """
         self._adapt(evidence, bias)
-        said = None if gravity is None else bias.update(gravity)
-        receipt = bias.update(evidence)
+        said, receipt = (None, bias.update(evidence)) if gravity is None else bias.update_both(gravity, evidence)
         if 1 < receipt.test_ratio < np.inf and self._checked(second, receipt.innovation):
             return self._believed(receipt, evidence, bias, JUMPED), said
         return receipt, said
@@ -353,49 +352,22 @@ class Zaru:
         return bool(apart @ np.linalg.solve(R + R0 + walk, apart) <= GATES[len(z)])
 
 
-def upright(up: Floats) -> Floats:
-    """(3, 3) unit vectors: two across up (3,), and along it."""
-    u: list[float] = (up / sqrt(float(up @ up))).tolist()
-    # Crossed with the axis that it is farthest from.
-    least = min(range(3), key=lambda i: abs(u[i]))
-    i, j = (least + 1) % 3, (least + 2) % 3
-    across, length = [0.0, 0.0, 0.0], hypot(u[i], u[j])
-    across[i], across[j] = -u[j] / length, u[i] / length
-    (x, y, z), (a, b, c) = u, across
-    return np.array([across, [y * c - z * b, z * a - x * c, x * b - y * a], u])
-
-
-def _calm(means: Floats, motion_var: float, scatter: float) -> bool:
-    """Whether means (k, 2, 3), with their variances, scatter less than so many times what they may; two are always calm.
-
-    motion_var: of a resting body, which no variance tells of.
-    """
-    k = len(means)
-    if k <= 2:
-        return True
-    middle, noise = means.sum(axis=0) / k
-    spread = np.square(means[:, 0] - middle).sum(axis=0) / (k - 1)
-    return bool((spread < scatter * (noise + motion_var)).all())
-
-
 def _along(kind: str, axes: Floats, second: Second, var: Floats, gate: float, bias: BiasFilter) -> Evidence:
     """The mean of a second, of variance var (3,), as a measurement of the bias along axes (m, 3)."""
-    H = np.zeros((len(axes), len(bias.x)))
-    H[:, BIAS] = axes
-    return Evidence(kind, axes @ second.mean, H, (axes * var) @ axes.T, gate, np.square(axes) @ second.common_var)
+    z, H, R, common_var = along(axes, second.mean, var, second.common_var, len(bias.x))
+    return Evidence(kind, z, H, R, gate, common_var)
+
+
+def _split(whole: Evidence, vertical_gate: float) -> tuple[Evidence, Evidence]:
+    """The two parts of a measurement across gravity, and the one along it."""
+    kind, z, H, R, gate, common_var, _ = whole
+    assert common_var is not None
+    level = Evidence(f"{kind} level", z[:2], H[:2], R[:2, :2], gate, common_var[:2])
+    return level, Evidence(f"{kind} vertical", z[2:], H[2:], R[2:, 2:], vertical_gate, common_var[2:])
 
 
 def _mean(latest: Evidence, waiting: Iterable[_Waiting]) -> Evidence:
-    """All that wait, the latest among them, as one: what is common to them does not average out.
-
-    Each counts by what it is worth: in a plain mean the first seconds, which are no proof, hid a turn from those that are.
-    """
-    z, R = np.array([e.z for e, _, _ in waiting]), np.array([e.R.ravel() for e, _, _ in waiting])
-    m = len(latest.z)
-    worth = 1 / R[:, :: m + 1].max(axis=1)
-    worth /= worth.sum()
-    square = worth * worth
-    cov = (square @ R).reshape(m, m)
-    if latest.common_var is not None:
-        cov.flat[:: m + 1] += (1 - square.sum()) * latest.common_var
-    return latest._replace(z=worth @ z, R=cov)
+    """All that wait, the latest among them, as one: what is common to them does not average out."""
+    common = np.zeros(len(latest.z)) if latest.common_var is None else latest.common_var
+    z, R = together(np.array([e.z for e, _, _ in waiting]), np.array([e.R for e, _, _ in waiting]), common)
+    return latest._replace(z=z, R=R)

@@ -55,12 +55,6 @@ class Scene:
     other: Callable[[int, float], Day] | None = None
     #: whether the tracker is told the matrix, and the bias as the scene begins; else as little as of any new device
     calibrated: bool = True
-    #: s for which it learns, and for which it only predicts after that, again and again
-    coasts: tuple[float, float] | None = None
-
-    def predicts(self, time: float) -> bool:
-        """Whether it does at a time, s."""
-        return self.coasts is not None and time % sum(self.coasts) > self.coasts[0]
 
     def day(self, seed: int) -> Day:
         """Of a seed."""
@@ -108,8 +102,6 @@ SCENES: Mapping[str, Scene] = {
     "twice the noise": Scene(noise_dps=0.1),
     "less than half of it": Scene(noise_dps=0.02),
     "a slower walk": Scene(walk_dps=8e-4),
-    "learns a tenth of the time": Scene(seconds=1190.0, coasts=(60.0, 540.0)),
-    "learns half of the time": Scene(seconds=590.0, coasts=(60.0, 60.0)),
     "temperature steps": Scene(seconds=590.0, step_k=0.5),
     # Outside the model: a leap of over 2 K is not believed for ten seconds, while the bias has followed it at once.
     "temperature leaps (*)": Scene(seconds=590.0, step_k=2.0),
@@ -175,10 +167,7 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
         if scene.step_k or scene.other:
             ((_, now, sample, _),) = windows.heads
             tracker.thermometer.read(now, float(day.temperature_c[sample]))
-        if scene.predicts(windows.ended) and tracker.settled:
-            tracker.coast(windows)
-        else:
-            tracker.take(windows)
+        tracker.take(windows)
         if tracker.time == last:
             continue
         last = tracker.time

@@ -19,14 +19,6 @@ def test_it_is_as_sure_as_it_may_be(*, accel: bool) -> None:
     assert low < score.way < high
 
 
-def test_one_that_learns_a_tenth_of_the_time_is_as_sure_as_it_may_be() -> None:
-    """What an estimator does that has more devices than it can learn from."""
-    score = measured(SCENES["learns a tenth of the time"], range(16), accel=True)
-    low, high = band(16)
-    assert low < score.end < high
-    assert low < score.way < high
-
-
 def test_told_a_walk_five_times_too_small_it_is_far_too_sure() -> None:
     """The tests above can fail."""
     assert measured(SCENE, range(20), accel=True, told=0.2).end > 4.0

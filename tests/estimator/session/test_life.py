@@ -109,9 +109,9 @@ def test_a_turn_that_is_too_old_is_not_waited_with() -> None:
     of = calibration(TurnPlan(0), seed=3, after=[Still(STALE_S + 5.0)])
     device = DeviceSession(NAME)
     feed(device, of.part(0, of.at(STALE_S)).batches())
-    assert (device.learnt.turned, device.learnt.awaited, device.may_coast) == ((0,), True, False)
+    assert (device.learnt.turned, device.learnt.awaited) == ((0,), True)
     outcome = feed(device, of.part(of.at(STALE_S), len(of)).batches(first=of.at(STALE_S)))
-    assert (device.learnt.turned, device.learnt.awaited, device.may_coast) == ((), False, True)
+    assert (device.learnt.turned, device.learnt.awaited) == ((), False)
     assert device.life.reason == "the turn about x is too old; still needed: x, y, z"
     assert outcome.said == [device.life.reason]
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.loops.rest import upright
 from estimator.track.seconds import Second
 from estimator.track.tilt import G, Tilt, TiltKnobs
-from estimator.track.zaru import upright
 
 
 @dataclass
