@@ -10,6 +10,8 @@ from bridge.bus.contract import Message
 QUOTA, QUOTA_BYTES = 4096, 4 * 2**20
 #: messages and bytes of one device in a round; what is above them waits for the next round
 SHARE, SHARE_BYTES = 32, 32 * 2**10
+#: messages in a round, about: an estimator speaks to the others between two rounds
+ROUND = 1024
 #: messages of a device above its quota are counted under this name
 FLOODED = "messages flooded"
 
@@ -77,8 +79,14 @@ class Quotas:
                 queue = self._queues[message.key] = _Queue()
             if dropped := queue.put(message, now):
                 self._dropped(message.key, dropped)
-        taken = [message for queue in self._queues.values() for message in queue.share()]
-        self._queues = {key: queue for key, queue in self._queues.items() if queue.waiting}
+        taken = list[Message]()
+        for key in list(self._queues):
+            if len(taken) >= ROUND:
+                break
+            queue = self._queues.pop(key)  # and to the end: in the next round it is the turn of those after it
+            taken += queue.share()
+            if queue.waiting:
+                self._queues[key] = queue
         return taken
 
     def drop(self, key: str) -> list[Message]:
@@ -88,7 +96,9 @@ class Quotas:
 
 
 def _ordinary(messages: Sequence[Message]) -> bool:
-    """Whether no key has more than its share of messages, none of them large."""
+    """Whether no key has more than its share of messages, none of them large, and a round holds all."""
+    if len(messages) > ROUND:
+        return False
     if len(messages) > SHARE and max(Counter(message.key for message in messages).values()) > SHARE:
         return False
     return all(len(message.payload) <= SHARE_BYTES // SHARE for message in messages)

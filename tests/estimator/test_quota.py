@@ -2,7 +2,7 @@
 
 from bridge.bus.contract import Message
 from bridge.wire import keys
-from estimator.service.quota import FLOODED, QUOTA, QUOTA_BYTES, SHARE, SHARE_BYTES, Quotas
+from estimator.service.quota import FLOODED, QUOTA, QUOTA_BYTES, ROUND, SHARE, SHARE_BYTES, Quotas
 from tests.estimator.served import Served
 from tests.estimator.stream import NAME, calibration
 
@@ -40,6 +40,17 @@ def test_a_round_takes_a_share_of_each_key() -> None:
     assert message("calm", 1) in out
     assert "flood" in quotas
     assert "calm" not in quotas
+
+
+def test_a_round_is_bounded_and_all_keys_have_their_turn() -> None:
+    quotas = Quotas(lambda *_: None)
+    keys_ = [f"d{n}" for n in range(200)]
+    out = quotas.round([message(key, n) for n in range(SHARE) for key in keys_])
+    assert len(out) <= ROUND + SHARE
+    first = {m.key for m in out}
+    second = {m.key for m in quotas.round([message(key, SHARE) for key in first])}
+    assert not first & second, "those that waited come before those that had their turn"
+    assert len(out) + len(second) * SHARE + len(rounds(quotas)) == 200 * SHARE + len(first)
 
 
 def test_large_messages_count_by_their_bytes() -> None:
