@@ -44,7 +44,7 @@ class Subscription(Protocol):
         """Wait up to timeout_s for a first message, then take up to limit without waiting."""
 
     def wake(self) -> None:
-        """Who waits in `drain` or `receive`, or would the next time, goes on: there is something else to be seen to."""
+        """End a wait in `drain` or `receive`, or the next one: its thread has something else to do."""
 
     @property
     def missed(self) -> int:
@@ -52,7 +52,7 @@ class Subscription(Protocol):
 
     @property
     def missed_by_key(self) -> dict[str, int]:
-        """Of which keys they were, of so many keys; under "" those of which that is not known."""
+        """Missed messages by key, of a bounded number of keys; under "" those whose key is not known."""
 
     @property
     def overflowed(self) -> int:

@@ -52,7 +52,7 @@ class Inbox:
 
     @property
     def missed_by_key(self) -> dict[str, int]:
-        """Of which keys they were, of up to MOST_KEYS; the others under ""."""
+        """Missed messages by key, of up to MOST_KEYS keys; the others under ""."""
         with self._ready:
             return {key: n for key, n in self._missed.items() if n}
 
@@ -99,7 +99,7 @@ class Inbox:
 
 
 def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
-    """All of them, of each key in its order, the last of all keys last: a reader comes to what is new of all keys at once."""
+    """Messages of several keys, each key in its order and the newest of all keys last."""
     by_key: dict[str, list[Message]] = {}
     for past in pasts:
         by_key.setdefault(past[0].key, []).extend(past)
