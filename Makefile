@@ -45,6 +45,7 @@ check: lint types contracts
 lint: setup-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/codespell
 
 types: setup-dev
 	$(BIN)/mypy
