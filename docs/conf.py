@@ -10,7 +10,7 @@ from generate import command_line, configuration
 
 project = "truerate"
 author = copyright = "truerate maintainers"
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx-mathjax-offline"]
 html_theme = "furo"
 html_title = "truerate"
 html_extra_path = ["card"]
