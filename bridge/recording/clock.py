@@ -19,6 +19,8 @@ _NEAR, _FAR = 20.0, 64
 _BAD_RUN = 3
 #: of the mean step: shorter ones are within a bunch; and the share of such steps that makes times those of arrival
 _SHORT, _BUNCHED = 0.3, 0.1
+#: seconds in which at least one sample came without waiting
+_STALL_S = 1.0
 #: of the longest usual step: times of arrival may be so far from their line, else samples are missing
 _OFF_LINE = 2.5
 _LEAST_PARTS_ROWS = 10
@@ -229,7 +231,7 @@ def _on_a_line(time: Floats) -> Floats:
     n = len(time)
     rows = np.arange(n)
     wait = float(np.quantile(np.diff(time), 0.98))
-    window = max(8, n // 200)
+    window = min(max(16, round(_STALL_S * (n - 1) / max(time[-1] - time[0], TICK_S))), max(2, n // 4))
     since = time - time[0]
     slope, start = np.polyfit(rows, since, 1)
     for _ in range(2):  # the samples that waited least, window by window, are on the device's line

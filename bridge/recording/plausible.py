@@ -29,8 +29,8 @@ _TOGETHER, _GAP = 64, 2.5
 _SHORTEST, _EVEN = 0.02, 1.01
 #: of standard gravity, the median length of an acceleration; and how near it is to gravity in another unit
 _LEAST_G, _MOST_G, _NEAR = 0.6, 1.7, 0.25
-#: °/s/√Hz at rest: half of the best MEMS gyro's (Epson M-G370: 0.0017), ten times the worst's
-_QUIETEST, _LOUDEST = 0.001, 0.5
+#: °/s/√Hz at rest: half of the best MEMS gyro's (Epson M-G370: 0.0017), four times the worst's
+_QUIETEST, _LOUDEST = 0.001, 0.2
 #: the share of readings that are zero on all axes, and how many in a row, where a device corrects itself
 _ZEROED, _ZEROED_RUN = 0.05, 10
 _FEW_VALUES = 6

@@ -39,9 +39,18 @@ def repeated_without_time(values: Floats) -> Flags:
 
 
 def _seen_before(rows: Floats) -> Flags:
+    """(n,) rows equal to the one before, or in a run that is equal to an earlier run.
+
+    A single row that is equal to one further back is none: a clipped sensor, or one at fault, reads the same again and again.
+    """
+    n = len(rows)
     # Adding zero makes -0.0 the same bits as 0.0.
     bits = np.ascontiguousarray(rows + 0.0).view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
-    _, first = np.unique(bits, return_index=True)
-    seen = np.ones(len(rows), bool)
-    seen[first] = False
-    return seen
+    _, group = np.unique(bits, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    same = group[order[1:]] == group[order[:-1]]
+    last = np.full(n, -1)
+    last[order[1:][same]] = order[:-1][same]
+    goes_on = np.concatenate([[False], (last[1:] == last[:-1] + 1) & (last[:-1] >= 0)])
+    begins = np.concatenate([goes_on[1:], [False]])
+    return (last >= 0) & ((last == np.arange(n) - 1) | goes_on | begins)

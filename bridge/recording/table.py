@@ -31,12 +31,15 @@ _MAX_TIME_S = 1e10  # since whatever epoch: 300 years
 _SAME_RATE = 1e-3  # relative: as precisely as people write a rate
 #: of all rows: more bad ones are no accident
 _MOST_BAD, _MOST_REPEATED = 0.2, 0.1
-_OPTION = {"gyro_rad_s": "--gyro-unit", "accel_m_s2": "--accel-unit", "t_s": "--time-unit"}
 _LIMITS = {
-    "gyro_rad_s": (MAX_RATE, "rad/s", "is it in degrees per second, or in counts?"),
-    "accel_m_s2": (MAX_ACCEL, "m/s²", "is it in milli-g, or in counts?"),
+    "gyro_rad_s": (
+        MAX_RATE,
+        "rad/s",
+        "is it in degrees per second (--gyro-unit deg/s), or in counts (--gyro-sensitivity)?",
+    ),
+    "accel_m_s2": (MAX_ACCEL, "m/s²", "is it in mg (--accel-unit mg), or in counts (--accel-sensitivity)?"),
     "temperature_c": (MAX_CELSIUS, "°C", "is it in counts?"),
-    "t_s": (_MAX_TIME_S, "s", "is it in microseconds, or in nanoseconds?"),
+    "t_s": (_MAX_TIME_S, "s", "is it in another unit (--time-unit us or ns)?"),
 }
 #: arguments: a column, a sample, an axis; results: what the file calls that column or axis, and where in it the sample is
 Place = Callable[[str, int, int], tuple[str, str]]
@@ -138,26 +141,23 @@ def _drop_bad_rows(path: Path, table: Table, columns: dict[str, Floats], notes: 
         good: NDArray[np.bool_] = np.asarray((np.abs(gyro) <= limit).all(axis=1))
     bad = np.flatnonzero(~good)
     if len(bad) > _MOST_BAD * len(gyro):
-        _refuse_values(path, "gyro_rad_s", gyro, table.place)
-    if "accel_m_s2" in columns:
-        filled = _filled(columns["accel_m_s2"], _LIMITS["accel_m_s2"][0])
+        raise RecordingError(f"{path}: {_wrong_values('gyro_rad_s', gyro, table.place)}")
+    for name, what in (("accel_m_s2", "the accelerometer"), ("temperature_c", "the temperature")):
+        if name not in columns:
+            continue
+        filled = _filled(columns[name].reshape(len(gyro), -1), _LIMITS[name][0])
         if filled is None:
-            _refuse_values(path, "accel_m_s2", columns["accel_m_s2"], table.place)
+            notes.append(f"{what} is not used: {_wrong_values(name, columns[name], table.place)}")
+            del columns[name]
         else:
-            columns["accel_m_s2"] = filled
-    if "temperature_c" in columns:
-        warm = _filled(columns["temperature_c"][:, None], _LIMITS["temperature_c"][0])
-        if warm is None:
-            _refuse_values(path, "temperature_c", columns["temperature_c"], table.place)
-        else:
-            columns["temperature_c"] = warm[:, 0]
+            columns[name] = filled.reshape(columns[name].shape)
     if "t_s" in columns:
         time = columns["t_s"]
         with np.errstate(invalid="ignore"):
             late = ~(np.abs(time) <= _MAX_TIME_S)
         if late.any():
             if np.count_nonzero(late) > _MOST_BAD * len(time):
-                _refuse_values(path, "t_s", time, table.place)
+                raise RecordingError(f"{path}: {_wrong_values('t_s', time, table.place)}")
             columns["t_s"] = np.where(late, np.nan, time)
     if len(bad):
         notes.append(f"{count(len(bad), 'row')} left out: a rate is missing, or beyond any")
@@ -184,19 +184,17 @@ def _filled(column: Floats, limit: float) -> Floats | None:
     return np.stack([np.interp(rows, rows[good], column[good, axis]) for axis in range(column.shape[1])], axis=1)
 
 
-def _refuse_values(path: Path, name: str, column: Floats, place: Place) -> None:
+def _wrong_values(name: str, column: Floats, place: Place) -> str:
+    """The first value that cannot be, and what to do."""
     bad = np.argwhere(~np.isfinite(column))
     if len(bad):
         what, where = place(name, int(bad[0][0]), int(bad[0][-1]))
-        raise RecordingError(f"{path}: {what} is not a finite number{where} ({count(len(bad), 'such value')})")
+        return f"{what} is not a finite number{where} ({count(len(bad), 'such value')})"
     limit, unit, words = _LIMITS[name]
     large = np.argwhere(np.abs(column) > limit)
     what, where = place(name, int(large[0][0]), int(large[0][-1]))
     value = column[tuple(large[0])]
-    option = f" Say {_OPTION[name]}" if name in _OPTION else ""
-    raise RecordingError(
-        f"{path}: {what} is {value:g} {unit}{where}; up to ±{limit:g} {unit} is taken; {words}{option}"
-    )
+    return f"{what} is {value:g} {unit}{where}; up to ±{limit:g} {unit} is taken; {words}"
 
 
 def _values(columns: dict[str, Floats]) -> Floats:

@@ -84,11 +84,6 @@ def test_lost_samples_do_not_lower_a_rate(tmp_path: Path) -> None:
             "is 1100 rad/s at sample 3; up to ±1000 rad/s is taken; is it in degrees",
         ),
         ({"gyro_rad_s": GYRO * -1e300, "rate_hz": 1.0}, "is -1e+300 rad/s at sample 0"),
-        ({"gyro_rad_s": GYRO, "accel_m_s2": GYRO * 1e300, "rate_hz": 1.0}, "'accel_m_s2' is 1e+300 m/s² at sample 0"),
-        (
-            {"gyro_rad_s": GYRO, "temperature_c": [1, 2, 1e300, 4], "rate_hz": 1.0},
-            "'temperature_c' is 1e+300 °C at sample 2",
-        ),
         ({"gyro_rad_s": GYRO, "t_s": [0, 1, 2, 1e300]}, "'t_s' is 1e+300 s at sample 3; up to ±1e+10 s"),
         ({"gyro_rad_s": GYRO.astype(str), "rate_hz": 1.0}, "not numbers"),
         ({"gyro_rad_s": GYRO.astype(object), "rate_hz": 1.0}, "or with arrays that are no plain numbers"),
@@ -147,6 +142,17 @@ def test_a_file_that_may_not_be_read_is_named(tmp_path: Path, ending: str) -> No
     path = tmp_path / f"closed.{ending}"
     path.touch(0)
     assert "cannot be read: no permission" in refusal(path)
+
+
+def test_an_accelerometer_or_thermometer_that_cannot_be_right_is_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = saved(tmp_path, gyro_rad_s=GYRO, accel_m_s2=GYRO * 1e300, temperature_c=[1, 2, 1e300, 4], rate_hz=1.0)
+    recording = load(path)
+    assert recording.accel is None
+    assert recording.temperature_c is None
+    assert "the accelerometer is not used: 'accel_m_s2' is 1e+300 m/s² at sample 0" in caplog.text
+    assert "the temperature is not used: 'temperature_c' is 1e+300 °C at sample 2" in caplog.text
 
 
 @pytest.mark.data
