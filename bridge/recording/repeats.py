@@ -53,4 +53,4 @@ def _seen_before(rows: Floats) -> Flags:
     last[order[1:][same]] = order[:-1][same]
     goes_on = np.concatenate([[False], (last[1:] == last[:-1] + 1) & (last[:-1] >= 0)])
     begins = np.concatenate([goes_on[1:], [False]])
-    return (last >= 0) & ((last == np.arange(n) - 1) | goes_on | begins)
+    return np.asarray((last >= 0) & ((last == np.arange(n) - 1) | goes_on | begins))

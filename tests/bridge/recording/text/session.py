@@ -1,9 +1,10 @@
 """A session of three turns, simulated without any of truerate's code, and written as tools write it."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from bridge.recording import Reading, RecordingError, load
@@ -50,11 +51,9 @@ def right(path: Path, reading: Reading | None = None) -> str:
     return "; ".join(recording.notes)
 
 
-def refusal(path: Path, reading: Reading | None = None, loading: Callable[..., object] = load) -> str:
+def refusal(path: Path, reading: Reading | None = None) -> str:
     """Why a file is not read."""
-    try:
-        loading(path, reading=reading or Reading())
-    except RecordingError as error:
-        assert str(error).startswith(str(path))
-        return str(error)
-    raise AssertionError(f"{path} was read")
+    with pytest.raises(RecordingError) as refused:
+        load(path, reading=reading or Reading())
+    assert str(refused.value).startswith(str(path))
+    return str(refused.value)

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - a fault a line
 """Faults of clocks and rows are mended and said, each by its name, or refused with the way out."""
 
 from pathlib import Path

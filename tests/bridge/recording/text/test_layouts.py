@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - headers as tools write them are long
 """Tables as tools export them are read as they are, or with the one option that the message names."""
 
 import gzip
@@ -64,7 +65,7 @@ SAID = {
         [
             "ACCELEROMETER X (m/s²);ACCELEROMETER Y (m/s²);ACCELEROMETER Z (m/s²);GYROSCOPE X (rad/s);GYROSCOPE Y (rad/s);GYROSCOPE Z (rad/s);Time since start in ms ;YYYY-MO-DD HH-MI-SS_SSS"
         ],
-        joined([row for row in table([M_S2, RAD, TIME * 1000], ";")], ["2024-05-01 10-00-00_000"] * len(TIME), ";"),
+        joined(table([M_S2, RAD, TIME * 1000], ";"), ["2024-05-01 10-00-00_000"] * len(TIME), ";"),
     ),
     "ROS": (
         [
