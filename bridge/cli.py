@@ -21,7 +21,9 @@ from bridge.ingest.pump import Pump
 from bridge.ingest.vitals import Vitals
 from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
+from bridge.recording.cli_reading import add_reading, reading_of
 from bridge.recording.error import RecordingError
+from bridge.recording.reading import as_table
 from bridge.router_watch import RouterWatch
 from bridge.wording import count
 
@@ -59,12 +61,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _add_replay(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("file", type=Path, metavar="FILE", help="a recording, .npz or .csv, or a ward's, .mcap")
+    verb.add_argument("file", type=Path, metavar="FILE", help="a recording, .npz or text, or a ward's, .mcap")
     verb.add_argument(
         "--device", metavar="ID", help="the device it stands for; of a .mcap only this one (default: all)"
     )
     verb.add_argument("--speed", type=float, default=1.0, metavar="N", help="how many times faster (default 1)")
-    verb.add_argument("--rate-hz", type=float, metavar="HZ", help="its rate, where the file does not say it")
+    add_reading(verb, device=False)
     add_ward(verb)
 
 
@@ -105,11 +107,11 @@ def _of_a_device(args: argparse.Namespace) -> list[dict[str, object]]:
         raise RecordingError(f"{args.file}: {'not a file' if args.file.exists() else 'there is no such file'}")
     from bridge.recording import load as load_recording  # noqa: PLC0415 - as above
 
-    recorded = load_recording(args.file, args.rate_hz).device
+    reading = reading_of(args)
+    recorded = load_recording(args.file, reading=reading).device
     if not (device := args.device or recorded):
         raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
-    rate = {} if args.rate_hz is None else {"rate_hz": args.rate_hz}
-    return [{**_replayed(args), "id": device, **rate}]
+    return [{**_replayed(args), "id": device, **as_table(reading)}]
 
 
 def _replayed(args: argparse.Namespace) -> dict[str, object]:

@@ -51,10 +51,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "calibrate",
         _calibrate,
-        "calibrate from a recording (.npz, .csv, .mcap): still, turn, still, turn, still, turn, still",
+        "calibrate from a recording (.npz, .mcap, .csv and other text): still, turn, still, turn, still, turn, still",
     )
     verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, nargs="?", help="a recording, .npz, .csv or .mcap; see below")
+    verb.add_argument("file", type=Path, nargs="?", help="a recording: .npz, .mcap, or text of any tool; see below")
     add_live(verb)
     verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
     verb.add_argument(

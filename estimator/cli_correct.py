@@ -49,10 +49,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "correct",
         _correct,
-        "correct a recording (.npz, .csv, .mcap) as a ward would: rates, bias, deviations, quality",
+        "correct a recording (.npz, .mcap, .csv and other text) as a ward would: rates, bias, deviations, quality",
     )
     verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, metavar="IN", help="a recording, .npz, .csv or .mcap; see below")
+    verb.add_argument("file", type=Path, metavar="IN", help="a recording: .npz, .mcap, or text of any tool; see below")
     verb.add_argument(
         "out",
         type=Path,

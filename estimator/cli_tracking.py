@@ -33,7 +33,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `allan FILE`."""
     verb = add_verb(verbs, "allan", _allan, "the noise of a device from a recording at rest, by its Allan deviation")
     verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, help="a recording, .npz, .csv or .mcap; see below")
+    verb.add_argument("file", type=Path, help="a recording: .npz, .mcap, or text of any tool; see below")
     add_choice(verb)
     verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
     verb.add_argument("--picture", type=Path, metavar="FILE", help="where to leave it (default: out/allan.png)")

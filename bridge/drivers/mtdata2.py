@@ -64,6 +64,8 @@ class MtData2Decoder:
         if self._assembly is not None:
             self._assembly.opened()
         self._counter: int | None = None
+        self._before: tuple[int, int] | None = None  # time and count of the message before
+        self._step = 0  # ticks between two messages
         self._lost = 0  # messages since the last sample
         if self._asks:
             self._settings.begin()
@@ -91,6 +93,12 @@ class MtData2Decoder:
             except BadPacket as bad:
                 self.faults.add(bad.label)
                 return []
+        if message.kind == mtdata2.MTDATA:
+            return [
+                Notice(
+                    "output", "it sends legacy MTData, without MTData2: set its output to MTData2, or give it a rate_hz"
+                )
+            ]
         if message.kind == mtdata2.WAKE_UP:
             self._woke()
             return []
@@ -114,6 +122,7 @@ class MtData2Decoder:
         self._count(data.counter)
         if data.celsius is not None:
             self._celsius = data.celsius
+        data = self._with_rate(data)
         if data.gyro is None:
             self._without_rate += 1
             lacking = self._without_rate == _NO_RATE
@@ -140,6 +149,21 @@ class MtData2Decoder:
             clipped=data.gyro_clipped,
         )
         return notices
+
+    def _with_rate(self, data: Data) -> Data:
+        """Its rate and acceleration, from Δq and Δv and the time since the message before where it sends no others."""
+        if data.gyro is not None or data.turned is None or data.time is None:
+            return data
+        before, self._before = self._before, (data.time, data.counter or 0)
+        if before is not None and data.counter in (None, (before[1] + 1) % _COUNTS):
+            self._step = (data.time - before[0]) % (1 << 32)
+        if not self._step:
+            return data
+        per_s = 1 / (self._step * TICK_S)
+        gyro = data.turned[0] * per_s, data.turned[1] * per_s, data.turned[2] * per_s
+        sped = data.sped
+        accel = data.accel if sped is None else (sped[0] * per_s, sped[1] * per_s, sped[2] * per_s)
+        return data._replace(gyro=gyro, accel=accel)
 
     def _count(self, counter: int | None) -> None:
         """Follow the count of messages."""

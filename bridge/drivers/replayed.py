@@ -11,6 +11,7 @@ import secrets
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -19,19 +20,20 @@ from msgspec import Struct
 from bridge import os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Readings
 from bridge.drivers.takes import Take
-from bridge.recording import MAX_BYTES, RecordingError, load, stretches
+from bridge.recording import MAX_BYTES, Reading, RecordingError, load, stretches
 from bridge.recording.stretches import Recorded
 from bridge.transport import host_time
 from bridge.wire.refusal import Tally
 
 _MAX_CHUNK = 4096  # samples
+_READING = [one.name for one in fields(Reading) if one.name not in {"device", "accel_file"}]
 _SALT = secrets.randbits(64)  # one for all devices of a playback: who shared a boot number still does
 _reading = threading.Lock()
 _log = logging.getLogger(__name__)
 
 
 class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The recording (.npz, .csv, .mcap), how many times faster than it was, its rate where the file does not say it.
+    """The recording, how many times faster than it was, and what its file does not say, as in recording.Reading.
 
     recorded_device: whom of a .mcap to play, where it has several.
     """
@@ -41,6 +43,15 @@ class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     rate_hz: float | None = None
     gyro_range_dps: float = 0.0
     recorded_device: str | None = None
+    gyro_unit: str | None = None
+    accel_unit: str | None = None
+    time_unit: str | None = None
+    gyro_sensitivity: float | None = None
+    accel_sensitivity: float | None = None
+    columns: tuple[str, ...] = ()
+    time_column: str | None = None
+    accel_file: str | None = None
+    boot: int | None = None
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.speed <= 1000:
@@ -131,7 +142,9 @@ def _takes(options: ReplayedOptions) -> list[Take]:
     gyro_range = math.radians(options.gyro_range_dps)
     path = Path(options.file)
     if path.suffix != ".mcap":
-        return [Take.of_recording(load(path, options.rate_hz), secrets.randbits(64), gyro_range)]
+        told = {name: getattr(options, name) for name in _READING}
+        reading = Reading(**told, accel_file=Path(options.accel_file) if options.accel_file else None)
+        return [Take.of_recording(load(path, reading=reading), secrets.randbits(64), gyro_range)]
     recorded, whom = _recorded(path), options.recorded_device
     found = devices(path)
     if whom is None and len(found) > 1:
@@ -185,7 +198,7 @@ def _state(options: ReplayedOptions) -> str:
 
 KIND = DriverKind(
     name="replayed",
-    summary="a recording (.npz, .csv, .mcap) played as a device: file, speed, rate_hz, gyro_range_dps, recorded_device",
+    summary="a recording (.npz, .mcap, .csv and other text) played as a device: file, speed, rate_hz, gyro_unit, recorded_device",
     options=ReplayedOptions,
     make=ReplayedDriver,
     state=_state,

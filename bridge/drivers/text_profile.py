@@ -30,7 +30,7 @@ class TextDecoder:
 
     refused: is told of every line that is not taken, and why. The first line after an opening may be the end of one, which
     can look like a whole one: it is taken only if it is a banner. captured: nobody knows when what it is fed came, and the
-    device's own clock is believed.
+    device's own clock is believed. file: what it is fed is a file, whose first line is whole.
     """
 
     def __init__(
@@ -41,10 +41,12 @@ class TextDecoder:
         refused: Callable[[Refused, str], None] | None = None,
         *,
         captured: bool = False,
+        file: bool = False,
     ) -> None:
         self.faults = Tally()
         self._profile = profile
         self._captured, self._told = captured, 0
+        self._file = file or captured
         self._refused = refused
         self._lines = Lines(MAX_LINE, ANY_END)
         self._banners = [re.compile(rf"(?:{banner})\Z") for banner in profile.banners]
@@ -99,7 +101,7 @@ class TextDecoder:
         elif self._is_banner(text):
             self._booting = True
             self._assembly.rebooted()
-        elif line.begun:
+        elif line.begun and not self._file:
             self._refuse(Refused(LINE_BEGUN, "the first line after an opening may be the end of one"), text)
         elif not any(pattern.fullmatch(text) for pattern in self._ignore):
             read = self._reader.read(text)
@@ -231,7 +233,9 @@ class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 def _decoder(options: TextOptions) -> TextDecoder:
-    return TextDecoder(load_profile(options.profile), options.rate_hz, math.radians(options.gyro_range_dps))
+    gyro_range = math.radians(options.gyro_range_dps)
+    file = options.port.startswith("file://")
+    return TextDecoder(load_profile(options.profile), options.rate_hz, gyro_range, file=file)
 
 
 def _variants() -> list[dict[str, Any]]:

@@ -14,6 +14,7 @@ HALF, BAD_TIME = "half_missing", "bad_time"
 GYRO_RANGE = radians(2000.0)
 _GYRO = GYRO_RANGE / 32768
 _ACCEL = 16 * 9.80665 / 32768
+_ANGLES_END = 18  # bytes; the date and time follow, where a device sends them
 _WITHOUT_ACCEL = 8  # rates in a row: it is not sent at all
 _EPOCH = datetime(1999, 12, 31)  # noqa: DTZ001 - the device knows no zone
 _FOUR, _SIX = struct.Struct("<4h"), struct.Struct("<6h")
@@ -47,7 +48,8 @@ class Cycles:
         """The sample that a frame completes."""
         if frame.kind == witmotion.MOTION:
             x, y, z, *gyro = _SIX.unpack_from(frame.data)
-            return Sample(None, _vector(gyro, _GYRO), _vector((x, y, z), _ACCEL))
+            time_ms = self._time(frame.data[_ANGLES_END:]) if len(frame.data) > _ANGLES_END else None
+            return Sample(time_ms, _vector(gyro, _GYRO), _vector((x, y, z), _ACCEL))
         if frame.kind >= witmotion.REGISTERS:
             return None
         if frame.after_fault or frame.kind <= self._last_kind:

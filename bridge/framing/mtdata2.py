@@ -7,6 +7,7 @@ All bytes of a message but the first add up to 0 modulo 256. After any damage by
 message is found. Source: MT Low Level Communication Protocol Documentation, MT0101P.
 """
 
+import math
 import struct
 from typing import NamedTuple
 
@@ -17,6 +18,8 @@ REQ_DEVICE, GOTO_MEASUREMENT, REQ_FIRMWARE, REQ_PRODUCT = 0x00, 0x10, 0x12, 0x1C
 GOTO_CONFIG, MTDATA2, WAKE_UP, WAKE_UP_ACK, ERROR, SET_OUTPUT = 0x30, 0x36, 0x3E, 0x3F, 0x42, 0xC0
 TEMPERATURE, PACKET_COUNTER, SAMPLE_TIME = 0x0810, 0x1020, 0x1060
 ACCELERATION, RATE_OF_TURN, STATUS = 0x4020, 0x8020, 0xE020
+DELTA_V, DELTA_Q = 0x4010, 0x8030
+MTDATA = 0x32  # of devices before MTData2
 BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
 MAX_DATA = 2048
 _HEAD = b"\xfa\xff"
@@ -34,7 +37,10 @@ class Message(NamedTuple):
 
 
 class Data(NamedTuple):
-    """What is of use in an MTData2: rad/s, m/s², °C, a count of messages (16 bits), time in 0.1 ms (32 bits)."""
+    """What is of use in an MTData2: rad/s, m/s², °C, a count of messages (16 bits), time in 0.1 ms (32 bits).
+
+    turned: the rotation vector, rad, of a Δq; sped: Δv, m/s; both since the message before.
+    """
 
     gyro: tuple[float, float, float] | None
     accel: tuple[float, float, float] | None
@@ -42,6 +48,8 @@ class Data(NamedTuple):
     counter: int | None
     time: int | None
     gyro_clipped: bool
+    turned: tuple[float, float, float] | None = None
+    sped: tuple[float, float, float] | None = None
 
 
 def encode(kind: int, data: bytes = b"") -> bytes:
@@ -122,7 +130,19 @@ def decode(data: bytes) -> Data:
         counter=_whole(items, PACKET_COUNTER, 2),
         time=_whole(items, SAMPLE_TIME, 4),
         gyro_clipped=bool((status or 0) & _GYRO_CLIPPED),
+        turned=_rotation(_numbers(items, DELTA_Q, 4)),
+        sped=_vector(_numbers(items, DELTA_V, 3)),
     )
+
+
+def _rotation(quaternion: list[float]) -> tuple[float, float, float] | None:
+    """The rotation vector, rad, of a unit quaternion, scalar first; None of none."""
+    if not quaternion:
+        return None
+    w, *xyz = quaternion if quaternion[0] >= 0 else [-part for part in quaternion]
+    sine = math.hypot(*xyz)
+    scale = 2 * math.atan2(sine, w) / sine if sine > 0 else 2.0
+    return xyz[0] * scale, xyz[1] * scale, xyz[2] * scale
 
 
 def _vector(numbers: list[float]) -> tuple[float, float, float] | None:

@@ -2,6 +2,7 @@
 
     serial       55 kind data[8] sum      the sum of the ten bytes before it, modulo 256
     Bluetooth    55 61 data[18]           acceleration, rate, angle; nothing checks it
+                 55 61 data[26]           the same, and the date and time (WT901SDCL-BT50)
                  55 71 data[18]           a register's number, and eight registers from it on
 
 A device speaks one of the two. After any damage bytes are dropped one at a time until a frame is found; where nothing
@@ -16,13 +17,13 @@ HEAD = 0x55
 TIME, ACCEL, GYRO, REGISTERS = 0x50, 0x51, 0x52, 0x5F
 MOTION, MOTION_REGISTERS = 0x61, 0x71
 BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
-_CHECKED, _UNCHECKED = 11, 20  # bytes
+_CHECKED, _UNCHECKED, _UNCHECKED_TIMED = 11, 20, 28  # bytes
 _KINDS = frozenset((*range(TIME, 0x5B), REGISTERS))
 _UNCHECKED_KINDS = frozenset((MOTION, MOTION_REGISTERS))
 
 
 class Frame(NamedTuple):
-    """Data of 8 or 18 bytes; after_fault: bytes were dropped before it, be they frames or not."""
+    """Data of 8, 18 or 26 bytes; after_fault: bytes were dropped before it, be they frames or not."""
 
     kind: int
     data: bytes
@@ -42,6 +43,7 @@ class WitFrames:
     def opened(self) -> None:
         """What comes may be of another device."""
         self.checked: bool | None = None
+        self._motion_size = _UNCHECKED
         self._bytes = bytearray()
         self._dropped = 0  # since the last frame
 
@@ -71,7 +73,7 @@ class WitFrames:
         if self.checked is not False and held[at + 1] in _KINDS:
             return self._checked_size(held, at, left)
         if self.checked is not True and held[at + 1] in _UNCHECKED_KINDS:
-            return self._unchecked_size(held, at, left)
+            return self._unchecked_size(held, at, left, held[at + 1])
         return 0
 
     def _checked_size(self, held: bytearray, at: int, left: int) -> int:
@@ -84,17 +86,20 @@ class WitFrames:
             self.faults.add(BAD_SUM)
         return 0
 
-    def _unchecked_size(self, held: bytearray, at: int, left: int) -> int:
+    def _unchecked_size(self, held: bytearray, at: int, left: int, kind: int) -> int:
         """In the right place a frame is one unless something else follows it; elsewhere only if another one follows it."""
-        sure = self.checked is False and not self._dropped
-        if left < _UNCHECKED + (0 if sure else 2):
-            return -1
-        if left > _UNCHECKED and held[at + _UNCHECKED] != HEAD:
-            return 0
-        if not sure and held[at + _UNCHECKED + 1] not in _UNCHECKED_KINDS:
-            return 0
-        self.checked = False
-        return _UNCHECKED
+        if self.checked is False and not self._dropped:
+            size = self._motion_size if kind == MOTION else _UNCHECKED
+            if left < size:
+                return -1
+            return size if left == size or held[at + size] == HEAD else 0
+        for size in (_UNCHECKED, _UNCHECKED_TIMED) if kind == MOTION else (_UNCHECKED,):
+            if left < size + 2:
+                return -1
+            if held[at + size] == HEAD and held[at + size + 1] in _UNCHECKED_KINDS:
+                self.checked, self._motion_size = False, size if kind == MOTION else self._motion_size
+                return size
+        return 0
 
     def _tell_dropped(self) -> None:
         if self._dropped:

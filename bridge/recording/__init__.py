@@ -6,9 +6,9 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bridge.recording.readers import MAX_BYTES, TICK_S, Recording, RecordingError, Told, load
+    from bridge.recording.readers import MAX_BYTES, TICK_S, Reading, Recording, RecordingError, Told, load
 
-__all__ = ["MAX_BYTES", "TICK_S", "Recording", "RecordingError", "Told", "load"]
+__all__ = ["MAX_BYTES", "TICK_S", "Reading", "Recording", "RecordingError", "Told", "load"]
 
 
 def __getattr__(name: str) -> object:

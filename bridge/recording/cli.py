@@ -4,7 +4,7 @@ import argparse
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bridge.cli_parser import Verbs
 from bridge.cli_ward import add_ward, ward_of
@@ -13,9 +13,13 @@ from bridge.console import plain_console
 from bridge.logs import printable
 from bridge.pki.member import Role
 from bridge.progress import Bar
+from bridge.recording.cli_reading import add_reading, reading_of
 from bridge.recording.error import RecordingError
 from bridge.recording.settings import Recorder
 from bridge.toml_file import options
+
+if TYPE_CHECKING:
+    from bridge.recording.recording import Recording
 
 Run = Callable[[argparse.Namespace], int | None]
 
@@ -32,6 +36,15 @@ or where the recording of one began, calibrations and notes. `truerate calibrate
 examples:
   truerate recording export ward-3-20260801T101500Z.mcap --npz out/session
   truerate recording export recordings/*.mcap --bids out/dataset --subject 01 --task ward"""
+
+
+INSPECT = """examples:
+  truerate recording inspect session.csv
+  truerate recording inspect log.txt --gyro-unit deg/s --rate-hz 100"""
+CONVERT = """examples:
+  truerate recording convert export.csv session.npz --gyro-unit deg/s
+  truerate recording convert sd-card.bin session.mcap --driver witmotion --device wrist-01
+  truerate recording convert log.txt session.npz --profile openlog-artemis"""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -73,9 +86,39 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--session", default="", help="of a BIDS dataset (default: none)")
     verb.add_argument("--task", default="ward", help="of a BIDS dataset (default: %(default)s)")
 
+    verb = _verb(
+        inner,
+        "inspect",
+        _inspect,
+        "what is understood of any file: rate, gaps, noise, gravity, what is doubtful",
+        INSPECT,
+    )
+    verb.add_argument("file", type=Path, metavar="FILE", help="a recording: .npz, .mcap, or text of any tool")
+    add_reading(verb)
+    _add_capture(verb)
+    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+
+    verb = _verb(
+        inner, "convert", _convert, "any file, or a capture of a device's bytes, to .npz, .csv or .mcap", CONVERT
+    )
+    verb.add_argument("file", type=Path, metavar="IN", help="a recording, or what a device sent")
+    verb.add_argument("out", type=Path, metavar="OUT", help="a new file: .npz, .csv or .mcap")
+    add_reading(verb)
+    _add_capture(verb)
+
     verb = _verb(inner, "recover", _recover, "make a whole file of one that was cut short, and say what is lost")
     verb.add_argument("file", type=Path, metavar="FILE", help="such as ward-3-20260801T101500Z.mcap.part; it stays")
     verb.add_argument("--out", type=Path, metavar="FILE", help="what to write (default: beside it)")
+
+
+def _add_capture(verb: argparse.ArgumentParser) -> None:
+    how = verb.add_mutually_exclusive_group()
+    how.add_argument(
+        "--driver", default="", metavar="NAME", help="the file has a device's bytes: witmotion, mtdata2, ximu3 …"
+    )
+    how.add_argument(
+        "--profile", default="", metavar="NAME", help="the file has a device's lines: a profile, or a .toml"
+    )
 
 
 def _verb(
@@ -129,6 +172,45 @@ def _info(given: argparse.Namespace) -> int:
     else:
         show(plain_console(), found)
     return 1 if found.trouble else 0
+
+
+def _loaded(given: argparse.Namespace) -> "Recording":
+    from bridge.recording.readers import load  # noqa: PLC0415
+
+    if given.driver or given.profile:
+        from bridge.recording.capture import load_capture  # noqa: PLC0415
+
+        return load_capture(given.file, given.driver, given.profile, reading_of(given))
+    mcap = given.file.suffix.lower() == ".mcap"
+    return load(given.file, device=given.device if mcap else None, reading=reading_of(given))
+
+
+def _inspect(given: argparse.Namespace) -> None:
+    from bridge.recording.inspect import findings, sentences  # noqa: PLC0415
+
+    found = findings(_loaded(given))
+    if given.json:
+        print(json.dumps({**found._asdict(), "gaps": [gap._asdict() for gap in found.gaps]}))
+        return
+    for line in sentences(found):
+        print(printable(line))
+
+
+def _convert(given: argparse.Namespace) -> None:
+    from bridge.recording.convert import check_ending, convert  # noqa: PLC0415
+    from bridge.recording.files import check_new  # noqa: PLC0415
+
+    check_ending(given.out)
+    check_new([given.out])
+    recording = _loaded(given)
+    begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
+    device = given.device or recording.device or "recorded"
+    convert(recording, given.out, device, begin_ns)
+    print(
+        printable(
+            f"{given.out}: {len(recording)} samples of {device}, {recording.time_s[-1]:.1f} s at {recording.rate_hz:.6g} Hz"
+        )
+    )
 
 
 def _recover(given: argparse.Namespace) -> None:

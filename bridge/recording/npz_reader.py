@@ -11,14 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from bridge.recording.error import MAX_BYTES, RecordingError
+from bridge.recording.reading import Reading
 from bridge.recording.table import Table
 from bridge.wire import keys
 
-_WANTED = ("gyro_rad_s", "accel_m_s2", "temperature_c", "t_s", "rate_hz")
+#: corrected rates, as `truerate correct` writes them: where there is nothing else they are the rates
+_CORRECTED = "rate_rad_s"
+_WANTED = ("gyro_rad_s", _CORRECTED, "accel_m_s2", "temperature_c", "t_s", "rate_hz")
 _BOOT = re.compile("[0-9a-f]{16}")
 
 
-def read_npz(path: Path) -> Table:
+def read_npz(path: Path, reading: Reading) -> Table:
     """The wanted arrays; NumPy's complaints, which advise to load unsafely, are not passed on. Raises RecordingError."""
     if not path.stat().st_size:
         raise RecordingError(f"{path}: it is empty; an archive with 'gyro_rad_s' in it is needed")
@@ -37,6 +40,9 @@ def read_npz(path: Path) -> Table:
         ) from None
     if size > MAX_BYTES:
         raise RecordingError(f"{path}: it unpacks to {size} bytes; at most {MAX_BYTES} are taken")
+    corrected = arrays.pop(_CORRECTED, None)
+    if "gyro_rad_s" not in arrays and corrected is not None:
+        arrays["gyro_rad_s"] = corrected
     if "gyro_rad_s" not in arrays:
         raise RecordingError(f"{path}: 'gyro_rad_s' is missing; the file has {', '.join(present) or 'nothing'}")
     for name, array in arrays.items():
@@ -45,4 +51,11 @@ def read_npz(path: Path) -> Table:
     # As an export writes them; whatever else is called so tells nothing.
     whose = (device, int(boot, 16)) if keys.ID.match(device) and _BOOT.fullmatch(boot) else ("", 0)
     columns = {name: array.astype(np.float64, copy=False) for name, array in arrays.items()}
-    return Table(columns, device=whose[0], boot=whose[1])
+    notes = ["its rates are corrected ones"] if "gyro_rad_s" not in present else []
+    for name, factor in (("gyro_rad_s", reading.gyro_factor), ("accel_m_s2", reading.accel_factor)):
+        if factor not in (None, 1.0) and name in columns:
+            columns[name] = columns[name] * factor
+            notes.append(f"{name!r} is taken to be in the unit that is told")
+    if "t_s" in columns and reading.time_factor is not None:
+        columns["t_s"] = columns["t_s"] * reading.time_factor
+    return Table(columns, device=whose[0], boot=whose[1], notes=notes)

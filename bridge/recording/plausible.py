@@ -3,7 +3,6 @@
 A wrong unit is no small error: each is a factor of 57, of 9.8, or of a thousand, and would be corrected without a word.
 """
 
-import logging
 from math import degrees, radians
 from pathlib import Path
 
@@ -11,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.recording.error import RecordingError
+from bridge.recording.units import STANDARD_GRAVITY
 
-_log = logging.getLogger(__name__)
 Floats = NDArray[np.float64]
 #: rad/s that no wearable turns at, and few gyros can read
 ABSURD = 70.0
@@ -28,9 +27,13 @@ _COARSEST, _ENOUGH, _LOOKED_AT = radians(0.25), 100, 20_000
 _TOGETHER, _GAP = 64, 2.5
 #: the share of them that may be shorter than the shortest is taken to be; how much longer others may be, in steps
 _SHORTEST, _EVEN = 0.02, 1.01
-#: what the median length of the acceleration is near, in units that it is often given in, when it should be 9.8
-_GRAVITIES = {"g": 1.0, "milli-g": 1000.0}
-_NEAR = 0.25
+#: of standard gravity, the median length of an acceleration; and how near it is to gravity in another unit
+_LEAST_G, _MOST_G, _NEAR = 0.6, 1.7, 0.25
+#: °/s/√Hz at rest: half of the best MEMS gyro's (Epson M-G370: 0.0017), four times the worst's
+_QUIETEST, _LOUDEST = 0.001, 0.2
+#: the share of readings that are zero on all axes, and how many in a row, where a device corrects itself
+_ZEROED, _ZEROED_RUN = 0.05, 10
+_FEW_VALUES = 6
 
 
 def check_time(path: Path, time_s: Floats) -> None:
@@ -38,11 +41,9 @@ def check_time(path: Path, time_s: Floats) -> None:
     step = float(np.median(np.diff(time_s)))
     if 1 / FASTEST_HZ <= step < 1 / SLOWEST_HZ:
         return
-    unit = "milliseconds" if step < 1000 / SLOWEST_HZ else "microseconds"
-    asked = f"is the time in {unit}? It must be in seconds" if step >= 1 / SLOWEST_HZ else "is it in its column's unit?"
     raise RecordingError(
         f"{path}: the time steps by {step:g} s, a rate of {1 / step:g} Hz; "
-        f"{SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz is taken: {asked}"
+        f"{SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz is taken: is it in another unit? Say --time-unit ms (us, ns), or --rate-hz"
     )
 
 
@@ -71,7 +72,7 @@ def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
     if min(abs(step * rate_hz - 1), abs(float(steps.mean()) * rate_hz - 1)) > _RATE_OFF:
         raise RecordingError(
             f"{path}: its times step by {step:g} s, {1 / step:.4g} Hz, but its rate is said to be {rate_hz:g} Hz; "
-            "leave the rate out, or mend the one that is wrong"
+            "say the right one, --rate-hz, which replaces the times"
         )
 
 
@@ -83,40 +84,106 @@ def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
         most = float(np.abs(gyro[1:-1][stays]).max())
         raise RecordingError(
             f"{path}: readings of {most:.0f} rad/s are probably degrees per second, given as rad/s; "
-            "multiply them by π/180, or name a CSV's columns gx_dps, gy_dps, gz_dps"
+            "say --gyro-unit deg/s, or multiply an array by π/180"
         )
 
 
-def warn_of_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
-    """Warn of readings (n, 3), rad/s, too rare for rests to be seen, or rounded more than those of any gyro."""
+def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
+    """What makes readings (n, 3), rad/s, doubtful: too rare, too coarse, too quiet or too loud, constant, or zeroed at rest."""
+    doubts = []
     if rate_hz <= _LEAST_HZ:
-        _log.warning(
-            "%s: at %.3g Hz no rest can be seen, and so nothing learnt of bias or scale: more than %g Hz is needed",
-            *(path, rate_hz, _LEAST_HZ),
+        doubts.append(
+            f"at {rate_hz:.3g} Hz no rest can be seen, so no bias or scale is learnt: more than {_LEAST_HZ:g} Hz is needed"
         )
     some = gyro[:: len(gyro) // _LOOKED_AT + 1]
     apart = np.diff(np.sort(some, axis=0), axis=0)
     step = float(apart[apart > 1e-6].min(initial=np.inf))
-    if len(some) >= _ENOUGH and _COARSEST < step < np.inf and np.allclose(some / step, np.rint(some / step), atol=0.01):
-        _log.warning(
-            "%s: its readings are rounded to %.2g °/s, as no gyro's are: export them with more digits; "
-            "what is said of them is too sure, and a rest may not be seen",
-            *(path, degrees(step)),
+    coarse = (
+        len(some) >= _ENOUGH and _COARSEST < step < np.inf and np.allclose(some / step, np.rint(some / step), atol=0.01)
+    )
+    if coarse:
+        doubts.append(
+            f"its readings are rounded to {degrees(step):.2g} °/s, as no gyro's are: export them with more digits; "
+            "what is said of them is too sure, and a rest may not be seen"
         )
+    if len(gyro) < _ENOUGH:
+        return doubts
+    dead = [axis for axis, still in zip("xyz", np.ptp(gyro, axis=0) == 0, strict=True) if still]
+    if dead and len(dead) < 3:
+        doubts.append(
+            f"{' and '.join(dead)} of the gyro reads the same throughout: that axis is dead or stuck, and nothing is known of it"
+        )
+    zero = (gyro == 0).all(axis=1)
+    if not zero.all() and float(zero.mean()) > _ZEROED and _longest(zero) >= _ZEROED_RUN:
+        doubts.append(
+            f"{zero.mean():.0%} of its readings are exactly zero on all axes: the device corrects itself at rest, so its bias "
+            "cannot be seen; switch that off in the device's settings"
+        )
+    elif not dead and not coarse:
+        doubts += _doubts_of_noise(gyro, rate_hz)
+    return doubts
 
 
-def believed_accel(path: Path, accel: Floats | None) -> Floats | None:
-    """The acceleration (n, 3), m/s²; None, with a warning, where it is in another unit."""
-    if accel is None:
-        return None
-    length = float(np.median(np.linalg.norm(accel, axis=1)))
-    for unit, gravity in _GRAVITIES.items():
-        if abs(length / gravity - 1) < _NEAR:
-            _log.warning(
-                "%s: the accelerometer's median is %.4g, where gravity is 9.8: is it in %s? m/s² are expected; it is not used",
-                path,
-                length,
-                unit,
+def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
+    """Whether the quietest second is quieter than any MEMS gyro's, or louder: then its unit is another one."""
+    size = max(16, round(rate_hz))
+    n = len(gyro) // size
+    if n < 3:
+        return []
+    windows = gyro[: n * size].reshape(n, size, 3)
+    std = np.sort(np.median(windows.std(axis=1), axis=1))
+    distinct = np.median([len(np.unique(window[:, axis])) for window in windows[:20] for axis in range(3)])
+    density = degrees(float(np.quantile(std, 0.2))) / np.sqrt(rate_hz)
+    if density < _QUIETEST and distinct > _FEW_VALUES:
+        return [
+            (
+                f"at rest it has {density:.2g} °/s/√Hz of noise, less than any MEMS gyro's: is it in rad/s, where °/s are said? "
+                "Then say --gyro-unit rad/s"
             )
-            return None
-    return accel
+        ]
+    loudest = degrees(float(std[0])) / np.sqrt(rate_hz)
+    if loudest > _LOUDEST:
+        return [
+            (
+                f"where it is quietest it has {loudest:.2g} °/s/√Hz of noise, more than any gyro's: it never rested, or it is in "
+                "°/s, where rad/s are said: then say --gyro-unit deg/s"
+            )
+        ]
+    return []
+
+
+def quietest(gyro: Floats, rate_hz: float) -> slice:
+    """The second of rates (n, 3) with the least standard deviation; all of a shorter recording."""
+    size = max(16, round(rate_hz))
+    n = len(gyro) // size
+    if n < 2:
+        return slice(0, len(gyro))
+    std = gyro[: n * size].reshape(n, size, 3).std(axis=1).max(axis=1)
+    at = int(np.argmin(std)) * size
+    return slice(at, at + size)
+
+
+def _longest(flags: NDArray[np.bool_]) -> int:
+    """The longest run of true ones."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def believed_accel(accel: Floats | None) -> tuple[Floats | None, str]:
+    """The acceleration (n, 3), m/s², and no words; None, and why, where its median length is not gravity's."""
+    if accel is None or not len(accel):
+        return None, ""
+    length = float(np.median(np.linalg.norm(accel, axis=1)))
+    if _LEAST_G < length / STANDARD_GRAVITY < _MOST_G:
+        return accel, ""
+    said = f"the accelerometer's median is {length:.4g} m/s², where gravity is 9.8"
+    for asked, factor in (("g", 1 / STANDARD_GRAVITY), ("mg", 1e3 / STANDARD_GRAVITY), ("m/s2", 1.0)):
+        for claimed, made in (("m/s²", 1.0), ("g", STANDARD_GRAVITY), ("mg", STANDARD_GRAVITY * 1e-3)):
+            if factor * made != 1 and abs(length / (STANDARD_GRAVITY * factor * made) - 1) < _NEAR:
+                return (
+                    None,
+                    f"{said}: is it in {asked}, and taken as {claimed}? It is not used; say --accel-unit {asked}",
+                )
+    if length < _LEAST_G * STANDARD_GRAVITY:
+        return None, f"{said}: is gravity taken away from it? It is not used"
+    return None, f"{said}: is it in counts? It is not used; say --accel-sensitivity with the counts per g"

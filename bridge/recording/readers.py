@@ -1,53 +1,67 @@
-"""Reads a recording from a file of any kind: NumPy's .npz, CSV, or a ward's recording (.mcap).
+"""Reads a recording from a file of any kind: NumPy's .npz, text of any tool, or a ward's recording (.mcap).
 
 A reader of another kind is a function from a path to a Table; it stands in READERS under the ending of its files.
 """
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bridge.recording import stretches
-from bridge.recording.csv_reader import read_csv
 from bridge.recording.error import MAX_BYTES, RecordingError, check_file
 from bridge.recording.npz_reader import read_npz
-from bridge.recording.plausible import believed_accel, check_gyro
+from bridge.recording.plausible import believed_accel, check_gyro, doubts_of_gyro
+from bridge.recording.reading import AS_SAID, Reading
 from bridge.recording.recording import TICK_S, Recording, Told
 from bridge.recording.stretches import Stretch
 from bridge.recording.table import Table, recording_of
+from bridge.recording.text.reader import read_text
 from bridge.wire.messages import Calibration
 from bridge.wording import count
 
-__all__ = ["MAX_BYTES", "READERS", "TICK_S", "Recording", "RecordingError", "Told", "load"]
+__all__ = ["MAX_BYTES", "READERS", "TICK_S", "Reading", "Recording", "RecordingError", "Told", "load"]
 
 _log = logging.getLogger(__name__)
-READERS: dict[str, Callable[[Path], Table]] = {".npz": read_npz, ".csv": read_csv, ".txt": read_csv}
+TEXT = (".csv", ".tsv", ".txt", ".log", ".dat", ".gz")
+READERS: dict[str, Callable[[Path, Reading], Table]] = {".npz": read_npz, **dict.fromkeys(TEXT, read_text)}
 
 
 def load(
-    path: Path | str, rate_hz: float | None = None, *, device: str | None = None, boot: int | None = None
+    path: Path | str,
+    rate_hz: float | None = None,
+    *,
+    device: str | None = None,
+    boot: int | None = None,
+    reading: Reading = AS_SAID,
 ) -> Recording:
-    """Read a recording; rate_hz is used where the file has neither times nor a rate. Raises RecordingError.
+    """Read a recording; `reading` says what its file does not say. Raises RecordingError.
 
-    device and boot, counted from 1, choose from a ward's recording.
+    rate_hz, device and boot, counted from 1, where they are given, are those of the reading.
     """
     path = Path(path)
+    reading = replace(
+        reading,
+        rate_hz=reading.rate_hz if rate_hz is None else rate_hz,
+        device=device or reading.device,
+        boot=reading.boot if boot is None else boot,
+    )
     kind = path.suffix.lower()
     check_file(path)
-    size = path.stat().st_size
-    if size > MAX_BYTES:
-        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are taken")
     if kind == ".part":
         raise RecordingError(f"{path}: it was not finished; make it whole first: truerate recording recover {path}")
+    if kind not in (".mcap", *READERS):
+        raise RecordingError(f"{path}: a recording ends in .npz, .mcap or {', '.join(TEXT)}, not in {path.suffix!r}")
+    size = path.stat().st_size
+    if size > MAX_BYTES and kind not in TEXT:
+        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are taken")
     if kind == ".mcap":
-        return _of_stretch(path, *_chosen(path, device, boot))
-    if device is not None or boot is not None:
-        raise RecordingError(f"{path}: it is of one device and one boot; only a .mcap has several to choose from")
-    if kind not in READERS:
-        raise RecordingError(f"{path}: a recording ends in .npz, .csv or .mcap, not in {path.suffix!r}")
-    return recording_of(path, READERS[kind](path), rate_hz)
+        return _of_stretch(path, *_chosen(path, reading.device, reading.boot))
+    if reading.device is not None:
+        raise RecordingError(f"{path}: it is of one device; only a .mcap has several to choose from")
+    return recording_of(path, READERS[kind](path, reading), reading)
 
 
 def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, list[Calibration]]:
@@ -78,10 +92,14 @@ def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
         raise RecordingError(f"{path}: {count(len(of), 'sample')} of {of.device}; at least 2 are needed")
     gyro = of.gyro.astype(np.float64)
     check_gyro(path, gyro, of.rate_hz)
+    accel, said = believed_accel(None if of.accel is None else of.accel.astype(np.float64))
+    notes = [*doubts_of_gyro(gyro, of.rate_hz), *([said] if said else [])]
+    for words in notes:
+        _log.warning("%s: %s", path, words)
     return Recording(
         time_s=of.time_s,
         gyro=gyro,
-        accel=believed_accel(path, None if of.accel is None else of.accel.astype(np.float64)),
+        accel=accel,
         temperature_c=None if of.temperature_c is None else of.temperature_c.astype(np.float64),
         rate_hz=of.rate_hz,
         name=f"{path.stem}_{of.device}",
@@ -91,4 +109,5 @@ def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
         told=Told(of.ticks, of.tick_period_s, of.sequence, of.flags),
         device=of.device,
         boot=of.boot,
+        notes=tuple(notes),
     )

@@ -42,6 +42,8 @@ class Recording:
     told: Told | None = None
     device: str = ""
     boot: int = 0
+    #: what was understood, mended or doubted as it was read, for a person
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time_s)

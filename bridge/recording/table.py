@@ -1,12 +1,14 @@
-"""Checks columns of samples, and makes a Recording of them: whole, finite, in order, in plausible units."""
+"""Makes a Recording of columns of samples: faults of rows and times mended or refused, units checked, all of it said."""
 
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bridge.recording.clock import ClockFault, mend
 from bridge.recording.error import RecordingError
 from bridge.recording.plausible import (
     FASTEST_HZ,
@@ -15,21 +17,29 @@ from bridge.recording.plausible import (
     check_gyro,
     check_rate,
     check_time,
+    doubts_of_gyro,
     rate_of,
-    warn_of_gyro,
 )
-from bridge.recording.recording import TICK_S, Floats, Recording
+from bridge.recording.reading import Reading
+from bridge.recording.recording import Floats, Recording
+from bridge.recording.repeats import repeated, repeated_without_time
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wording import count
 
 _log = logging.getLogger(__name__)
 _MAX_TIME_S = 1e10  # since whatever epoch: 300 years
 _SAME_RATE = 1e-3  # relative: as precisely as people write a rate
+#: of all rows: more bad ones are no accident
+_MOST_BAD, _MOST_REPEATED = 0.2, 0.1
 _LIMITS = {
-    "gyro_rad_s": (MAX_RATE, "rad/s", "is it in degrees per second, or in counts?"),
-    "accel_m_s2": (MAX_ACCEL, "m/s²", "is it in milli-g, or in counts?"),
+    "gyro_rad_s": (
+        MAX_RATE,
+        "rad/s",
+        "is it in degrees per second (--gyro-unit deg/s), or in counts (--gyro-sensitivity)?",
+    ),
+    "accel_m_s2": (MAX_ACCEL, "m/s²", "is it in mg (--accel-unit mg), or in counts (--accel-sensitivity)?"),
     "temperature_c": (MAX_CELSIUS, "°C", "is it in counts?"),
-    "t_s": (_MAX_TIME_S, "s", "is it in microseconds, or in nanoseconds?"),
+    "t_s": (_MAX_TIME_S, "s", "is it in another unit (--time-unit us or ns)?"),
 }
 #: arguments: a column, a sample, an axis; results: what the file calls that column or axis, and where in it the sample is
 Place = Callable[[str, int, int], tuple[str, str]]
@@ -40,88 +50,264 @@ def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
     return repr(column), f" at sample {sample}"
 
 
-class Table(NamedTuple):
-    """Columns gyro_rad_s (n, 3) and, if known, accel_m_s2 (n, 3), temperature_c (n,), t_s (n,), rate_hz (), device and boot."""
+@dataclass(slots=True)
+class Table:
+    """Columns gyro_rad_s (n, 3) and, if known, accel_m_s2 (n, 3), temperature_c (n,), t_s (n,), counter (n,), rate_hz ().
+
+    tick_s: seconds of one count of the file's times, 0 where that is not known. notes: what was understood, for a person.
+    """
 
     columns: dict[str, Floats]
     place: Place = in_arrays
     device: str = ""
     boot: int = 0
+    notes: list[str] = field(default_factory=list)
+    tick_s: float = 0.0
 
 
-def recording_of(path: Path, table: Table, rate_hz: float | None) -> Recording:
-    """A Recording of a table; rate_hz is used where the file has neither times nor a rate. Raises RecordingError."""
-    columns = table.columns
+def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
+    """A Recording of a table. Raises RecordingError."""
+    columns, notes = dict(table.columns), list(table.notes)
+    _check_shapes(path, columns)
+    rate = _rate(path, columns, reading)
+    _drop_bad_rows(path, table, columns, notes)
+    time, parts = _time(path, table, columns, rate, reading, notes)
+    chosen = _part(path, time, parts, reading)
+    time = time[chosen] - time[chosen][0]
+    gyro = columns["gyro_rad_s"][chosen]
+    accel = columns.get("accel_m_s2")
+    warm = columns.get("temperature_c")
+    step = float(np.median(np.diff(time)))
+    check_gyro(path, gyro, 1 / step)
+    notes += doubts_of_gyro(gyro, rate_of(time))
+    accel, said = believed_accel(None if accel is None else accel[chosen])
+    notes += [said] if said else []
+    for words in notes:
+        _log.warning("%s: %s", path, words)
+    return Recording(
+        time_s=time,
+        gyro=gyro,
+        accel=accel,
+        temperature_c=None if warm is None else warm[chosen],
+        rate_hz=rate or rate_of(time),
+        name=path.stem,
+        device=table.device,
+        boot=table.boot,
+        notes=tuple(notes),
+    )
+
+
+def _check_shapes(path: Path, columns: dict[str, Floats]) -> None:
     gyro = columns["gyro_rad_s"]
     if gyro.ndim != 2 or gyro.shape[1] != 3:
         raise RecordingError(f"{path}: 'gyro_rad_s' has shape {gyro.shape}; (n, 3) is expected, a row for each sample")
     n = len(gyro)
-    shapes = {"gyro_rad_s": (n, 3), "accel_m_s2": (n, 3), "temperature_c": (n,), "t_s": (n,), "rate_hz": ()}
+    shapes = {
+        "gyro_rad_s": (n, 3),
+        "accel_m_s2": (n, 3),
+        "temperature_c": (n,),
+        "t_s": (n,),
+        "counter": (n,),
+        "rate_hz": (),
+    }
     for name, column in columns.items():
         if column.shape != shapes[name]:
             raise RecordingError(
                 f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected, as 'gyro_rad_s' has {count(n, 'sample')}"
             )
-        _check_values(path, name, column, table.place)
     if n < 2:
         raise RecordingError(f"{path}: {count(n, 'sample')}; at least 2 are needed")
-    rate = float(columns["rate_hz"]) if "rate_hz" in columns else rate_hz
-    for said in (rate, rate_hz):
+
+
+def _rate(path: Path, columns: dict[str, Floats], reading: Reading) -> float | None:
+    own = float(columns["rate_hz"]) if "rate_hz" in columns else None
+    if own is not None and not np.isfinite(own):
+        raise RecordingError(f"{path}: 'rate_hz' is not a finite number")
+    for said in (own, reading.rate_hz):
         if said is not None and not SLOWEST_HZ <= said <= FASTEST_HZ:
             raise RecordingError(
                 f"{path}: the rate that is told is {said:g} Hz; {SLOWEST_HZ:g} to {FASTEST_HZ:g} is taken"
             )
-    if rate_hz is not None and rate is not None and abs(rate_hz - rate) > _SAME_RATE * rate:
-        _log.warning("%s: its rate is %.5g Hz by itself; %.5g Hz, as told, is not used", path, rate, rate_hz)
-    time = _time(path, columns.get("t_s"), rate, n, table.place)
+    if own is not None and reading.rate_hz is not None and abs(reading.rate_hz - own) > _SAME_RATE * own:
+        _log.warning("%s: its rate is %.5g Hz by itself; %.5g Hz, as told, is used", path, own, reading.rate_hz)
+    return reading.rate_hz or own
+
+
+def _drop_bad_rows(path: Path, table: Table, columns: dict[str, Floats], notes: list[str]) -> None:
+    """Leave out rows without a rate, or with one beyond any; fill holes of the slower columns."""
+    gyro = columns["gyro_rad_s"]
+    limit = _LIMITS["gyro_rad_s"][0]
+    with np.errstate(invalid="ignore"):
+        good: NDArray[np.bool_] = np.asarray((np.abs(gyro) <= limit).all(axis=1))
+    bad = np.flatnonzero(~good)
+    if len(bad) > _MOST_BAD * len(gyro):
+        raise RecordingError(f"{path}: {_wrong_values('gyro_rad_s', gyro, table.place)}")
+    for name, what in (("accel_m_s2", "the accelerometer"), ("temperature_c", "the temperature")):
+        if name not in columns:
+            continue
+        filled = _filled(columns[name].reshape(len(gyro), -1), _LIMITS[name][0])
+        if filled is None:
+            notes.append(f"{what} is not used: {_wrong_values(name, columns[name], table.place)}")
+            del columns[name]
+        else:
+            columns[name] = filled.reshape(columns[name].shape)
     if "t_s" in columns:
-        check_time(path, time)
-        if rate is not None:
-            check_rate(path, time, rate)
-    check_gyro(path, gyro, 1 / float(np.median(np.diff(time))))
-    warn_of_gyro(path, gyro, rate_of(time))
-    return Recording(
-        time_s=time,
-        gyro=gyro,
-        accel=believed_accel(path, columns.get("accel_m_s2")),
-        temperature_c=columns.get("temperature_c"),
-        rate_hz=rate or rate_of(time),
-        name=path.stem,
-        device=table.device,
-        boot=table.boot,
-    )
+        time = columns["t_s"]
+        with np.errstate(invalid="ignore"):
+            late = ~(np.abs(time) <= _MAX_TIME_S)
+        if late.any():
+            if np.count_nonzero(late) > _MOST_BAD * len(time):
+                raise RecordingError(f"{path}: {_wrong_values('t_s', time, table.place)}")
+            columns["t_s"] = np.where(late, np.nan, time)
+    if len(bad):
+        notes.append(f"{count(len(bad), 'row')} left out: a rate is missing, or beyond any")
+        columns["row"] = np.arange(len(gyro), dtype=np.float64)
+        _keep(columns, good)
 
 
-def _check_values(path: Path, name: str, column: Floats, place: Place) -> None:
+def _keep(columns: dict[str, Floats], rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
+    for name, column in columns.items():
+        if column.ndim:
+            columns[name] = column[rows]
+
+
+def _filled(column: Floats, limit: float) -> Floats | None:
+    """Holes in (n, c) filled in between; None where too few rows are good."""
+    with np.errstate(invalid="ignore"):
+        good = (np.abs(column) <= limit).all(axis=1)
+    if good.all():
+        return column
+    beyond = np.isfinite(column).all(axis=1) & ~good
+    if np.count_nonzero(good) < 2 or np.count_nonzero(beyond) > _MOST_BAD * len(column) or np.mean(good) < 0.02:
+        return None
+    rows = np.arange(len(column))
+    return np.stack([np.interp(rows, rows[good], column[good, axis]) for axis in range(column.shape[1])], axis=1)
+
+
+def _wrong_values(name: str, column: Floats, place: Place) -> str:
+    """The first value that cannot be, and what to do."""
     bad = np.argwhere(~np.isfinite(column))
     if len(bad):
-        what, where = place(name, int(bad[0][0]), int(bad[0][-1])) if column.ndim else (repr(name), "")
-        raise RecordingError(f"{path}: {what} is not a finite number{where} ({count(len(bad), 'such value')})")
-    if name not in _LIMITS:
-        return
+        what, where = place(name, int(bad[0][0]), int(bad[0][-1]))
+        return f"{what} is not a finite number{where} ({count(len(bad), 'such value')})"
     limit, unit, words = _LIMITS[name]
     large = np.argwhere(np.abs(column) > limit)
-    if len(large):
-        what, where = place(name, int(large[0][0]), int(large[0][-1]))
-        value = column[tuple(large[0])]
-        raise RecordingError(f"{path}: {what} is {value:g} {unit}{where}; up to ±{limit:g} {unit} is taken; {words}")
+    what, where = place(name, int(large[0][0]), int(large[0][-1]))
+    value = column[tuple(large[0])]
+    return f"{what} is {value:g} {unit}{where}; up to ±{limit:g} {unit} is taken; {words}"
 
 
-def _time(path: Path, time: Floats | None, rate: float | None, n: int, place: Place) -> Floats:
-    if time is None:
+def _values(columns: dict[str, Floats]) -> Floats:
+    accel = columns.get("accel_m_s2")
+    return columns["gyro_rad_s"] if accel is None else np.hstack([columns["gyro_rad_s"], accel])
+
+
+def _time(
+    path: Path, table: Table, columns: dict[str, Floats], rate: float | None, reading: Reading, notes: list[str]
+) -> tuple[Floats, list[int]]:
+    """The time of each row kept, and where each boot begins. Columns are put in order. Raises RecordingError."""
+    if "t_s" not in columns:
         if rate is None:
             raise RecordingError(
                 f"{path}: it has neither sample times nor 'rate_hz'; say it with --rate-hz, or rate_hz in a ward's file"
             )
-        return np.arange(n) / rate
-    since = np.asarray(time - time[0])
-    # By what it is counted in: two samples of one tick are a clock that stands still, or goes back, as they are cut.
-    rises = np.diff(np.rint(since / TICK_S)) > 0
-    if not rises.all():
-        at = int(np.argmin(rises)) + 1
-        _, where = place("t_s", at, 0)
+        return _counted(path, columns, rate, notes), [0]
+    rises = bool((np.diff(columns["t_s"]) > 0).all())
+    if not rises and (again := repeated(columns["t_s"], _values(columns))).any():
+        notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier one, time and all")
+        _keep(columns, ~again)
+    if len(columns["t_s"]) < 2:
+        raise RecordingError(f"{path}: {count(len(columns['t_s']), 'different row')}; at least 2 are needed")
+    try:
+        mended = mend(columns["t_s"], table.tick_s)
+    except ClockFault as fault:
+        if reading.rate_hz is None:
+            raise RecordingError(f"{path}: {fault}") from None
+        notes.append(f"its times are replaced by the rate that is told, {reading.rate_hz:g} Hz: {fault}")
+        return _counted(path, columns, reading.rate_hz, notes), [0]
+    if not rises:
+        _keep(columns, mended.order)
+    notes += mended.notes
+    time = mended.time
+    if reading.rate_hz is not None:
+        return _at_told_rate(time, mended.starts, reading.rate_hz, notes, arrival=mended.arrival), mended.starts
+    for start, end in zip(mended.starts, [*mended.starts[1:], len(time)], strict=True):
+        check_time(path, time[start:end])
+        if rate is not None:
+            check_rate(path, time[start:end], rate)
+    return time, mended.starts
+
+
+def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[str]) -> Floats:
+    """Times by a counter of samples, where there is one that counts them, else by the number of the row."""
+    again = repeated_without_time(_values(columns))
+    share = float(np.mean(again))
+    if share > _MOST_REPEATED:
         raise RecordingError(
-            f"{path}: time does not rise{where}: {time[at - 1]:.10g} s, then {time[at]:.10g} s; a step is "
-            f"{TICK_S:g} s or more. Are the times those of arrival? Leave them out, and say the device's rate"
+            f"{path}: {share:.0%} of its rows came before, value for value, and no times tell whether as new samples: export it "
+            "with times"
         )
-    return since
+    if again.any():
+        notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier one in all values")
+    number = columns.pop("row", None)
+    rows = np.arange(len(again), dtype=np.float64) if number is None else number
+    rows = rows - np.cumsum(again)
+    counter = columns.pop("counter", None)
+    if again.any():
+        rows = rows[~again]
+        counter = None if counter is None else counter[~again]
+        _keep(columns, ~again)
+    if counter is not None and (by_counter := _numbers(counter)) is not None:
+        if (missing := int(by_counter[-1]) + 1 - len(by_counter)) and int(by_counter[-1]) != int(rows[-1] - rows[0]):
+            notes.append(f"{count(missing, 'sample')} missing by its counter")
+        rows = by_counter
+    return np.asarray((rows - rows[0]) / rate)
+
+
+def _numbers(counter: Floats) -> Floats | None:
+    """Sample numbers of a counter, its wraps undone; None where it does not count samples one by one."""
+    if not np.isfinite(counter).all() or (counter != np.rint(counter)).any() or len(counter) < 8:
+        return None
+    steps = np.diff(counter)
+    if np.median(steps) != 1:
+        return None
+    back = steps < 0
+    if back.any():
+        most = max((1 << bits for bits in (8, 16, 24, 32)), key=lambda m: -abs(m - (counter.max() + 1)))
+        steps = np.where(back, steps + most, steps)
+    if (steps < 1).any() or steps.max() > 1000:
+        return None
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _at_told_rate(time: Floats, starts: list[int], rate_hz: float, notes: list[str], *, arrival: bool) -> Floats:
+    """Times at a rate that is told; where the file's own show a gap, it stays one."""
+    told = np.empty(len(time))
+    for start, end in zip(starts, [*starts[1:], len(time)], strict=True):
+        steps = np.diff(time[start:end]) * rate_of(time[start:end]) if end - start > 1 else np.empty(0)
+        whole = np.ones(len(steps)) if arrival else np.where(steps > 1.75, np.rint(steps), 1.0)
+        told[start:end] = np.concatenate([[0.0], np.cumsum(whole)]) / rate_hz
+    own = rate_of(time[: starts[1]] if len(starts) > 1 else time)
+    doubt = f", far from the {own:.4g} Hz of its times" if abs(own / rate_hz - 1) > 0.1 else ""
+    notes.append(f"its times are replaced by the rate that is told, {rate_hz:g} Hz{doubt}")
+    return told
+
+
+def _part(path: Path, time: Floats, starts: list[int], reading: Reading) -> slice:
+    """The rows of the boot that is meant. Raises RecordingError."""
+    ends = [*starts[1:], len(time)]
+    boot = reading.boot
+    if boot is None and len(starts) > 1:
+        said = ", ".join(
+            f"{number} ({count(end - start, 'sample')}, {time[end - 1] - time[start]:.0f} s)"
+            for number, (start, end) in enumerate(zip(starts, ends, strict=True), 1)
+        )
+        raise RecordingError(
+            f"{path}: the device rebooted, its time began again {count(len(starts) - 1, 'time')}; choose a part by --boot: {said}"
+        )
+    if boot is not None and not 1 <= boot <= len(starts):
+        raise RecordingError(f"{path}: it has boots 1 to {len(starts)}, not {boot}")
+    at = 0 if boot is None else boot - 1
+    if ends[at] - starts[at] < 2:
+        raise RecordingError(f"{path}: {count(ends[at] - starts[at], 'sample')}; at least 2 are needed")
+    return slice(starts[at], ends[at])

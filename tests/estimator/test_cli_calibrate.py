@@ -183,11 +183,16 @@ def test_a_bad_session_is_not_accepted_and_says_why(
     assert words in found["reason"]
 
 
-def test_a_recording_with_nan_is_refused_with_the_sample(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_samples_without_a_rate_are_left_out_and_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
     session = simulate_session(4)
     gyro = session.gyro.copy()
     gyro[123, 1] = np.nan
-    assert main(["calibrate", save(tmp_path / "nan.npz", session, gyro)]) == 1
+    assert main(["calibrate", save(tmp_path / "nan.npz", session, gyro)]) == 0
+    assert "1 row left out: a rate is missing" in caplog.text
+    gyro[123:] = np.nan
+    assert main(["calibrate", save(tmp_path / "many.npz", session, gyro)]) == 1
     assert "sample 123" in capsys.readouterr().err
 
 

@@ -266,20 +266,20 @@ def test_readings_in_other_units_are_refused_or_not_used(
     right = {"gyro_rad_s": session.gyro, "accel_m_s2": session.accel, "t_s": session.time_s}
     for wrong, said in (
         ({"gyro_rad_s": np.degrees(session.gyro)}, "are probably degrees per second, given as rad/s"),
-        ({"t_s": session.time_s * 1e3}, "is the time in milliseconds? It must be in seconds"),
-        ({"t_s": session.time_s * 1e6}, "is the time in microseconds? It must be in seconds"),
-        ({"t_s": session.time_s * 1e-3}, "is it in its column's unit?"),
+        ({"t_s": session.time_s * 1e3}, "is it in another unit? Say --time-unit ms"),
+        ({"t_s": session.time_s * 1e6}, "is it in another unit? Say --time-unit ms (us"),
+        ({"t_s": session.time_s * 1e-3}, "is it in another unit?"),
     ):
         saved({**right, **wrong})
         for verb in (["correct", "in.npz", "out.npz"], ["calibrate", "in.npz"]):
             assert main(verb) == 1
             assert said in capsys.readouterr().err
         assert not Path("out.npz").exists()
-    for scale, unit in ((1 / 9.80665, "g"), (1e3 / 9.80665, "milli-g")):
+    for scale, unit in ((1 / 9.80665, "g"), (1e3 / 9.80665, "mg")):
         saved({**right, "accel_m_s2": session.accel * scale})
         for verb in (["correct", "in.npz", "out.npz"], ["calibrate", "in.npz"]):
             assert main(verb) == 0
-            assert f"is it in {unit}? m/s² are expected; it is not used" in caplog.text
+            assert f"is it in {unit}, and taken as m/s²? It is not used; say --accel-unit {unit}" in caplog.text
             caplog.clear()
         with np.load("out.npz") as file:
             assert "accel_m_s2" not in file

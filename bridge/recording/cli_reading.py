@@ -1,0 +1,50 @@
+"""Options of the command line that say what a recording's file does not say."""
+
+import argparse
+from pathlib import Path
+
+from bridge.recording.reading import Reading
+
+
+def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
+    """Add the options of a Reading; device: with those that choose from a ward's recording."""
+    told = verb.add_argument_group("what the file does not say, or says wrongly")
+    told.add_argument("--rate-hz", type=float, metavar="HZ", help="output data rate; it replaces the file's times")
+    told.add_argument("--gyro-unit", metavar="UNIT", help="of the rates: deg/s, rad/s, mdeg/s")
+    told.add_argument("--accel-unit", metavar="UNIT", help="of the accelerations: g, m/s2, mg")
+    told.add_argument("--gyro-sensitivity", type=float, metavar="N", help="the rates are raw counts, N per °/s")
+    told.add_argument("--accel-sensitivity", type=float, metavar="N", help="the accelerations are raw counts, N per g")
+    told.add_argument("--time-unit", metavar="UNIT", help="of the times: s, ms, us, ns")
+    told.add_argument("--time-column", metavar="NAME", help="the column with the times, by its name or number")
+    told.add_argument(
+        "--columns",
+        metavar="NAME,…",
+        help="columns of gyro x,y,z (and accelerometer x,y,z) by name or number; or a tool of configs/columns, or a .toml",
+    )
+    told.add_argument("--accel-file", type=Path, metavar="FILE", help="the accelerometer is in this file")
+    if device:
+        told.add_argument("--device", metavar="ID", help="of a ward's recording (.mcap): whose samples")
+    told.add_argument(
+        "--boot", type=int, metavar="N", help="which boot, from 1, where the device was switched on several times"
+    )
+
+
+def reading_of(given: argparse.Namespace) -> Reading:
+    """The options that were given. Raises RecordingError."""
+    return Reading(
+        rate_hz=given.rate_hz,
+        gyro_unit=given.gyro_unit,
+        accel_unit=given.accel_unit,
+        time_unit=given.time_unit,
+        gyro_sensitivity=given.gyro_sensitivity,
+        accel_sensitivity=given.accel_sensitivity,
+        columns=named(given.columns or ""),
+        time_column=given.time_column,
+        accel_file=given.accel_file,
+        boot=given.boot,
+    )
+
+
+def named(columns: str) -> tuple[str, ...]:
+    """Names apart from each other by commas; or, where names have commas in them, by semicolons."""
+    return tuple(name.strip() for name in columns.split(";" if ";" in columns else ",") if name.strip())

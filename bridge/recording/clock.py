@@ -1,0 +1,247 @@
+"""Mends the times of a recording: wraps, swapped rows, single bad times, coarse clocks, times of arrival, reboots.
+
+Each fault is recognised by its own sign and said by its name; times that show none are left as they are.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording.recording import TICK_S, Floats
+from bridge.wording import count
+
+Indices = NDArray[np.intp]
+_COUNTERS = tuple(float(1 << bits) for bits in (16, 24, 31, 32))
+#: steps that a step over a wrap may last, and that a swapped row may be from its place
+_NEAR, _FAR = 20.0, 64
+#: bad times in a row that are mended
+_BAD_RUN = 3
+#: of the mean step: shorter ones are within a bunch; and the share of such steps that makes times those of arrival
+_SHORT, _BUNCHED = 0.3, 0.1
+#: seconds in which at least one sample came without waiting
+_STALL_S = 1.0
+#: of the longest usual step: times of arrival may be so far from their line, else samples are missing
+_OFF_LINE = 2.5
+_LEAST_PARTS_ROWS = 10
+_MOST_PARTS = 50
+
+
+class ClockFault(Exception):
+    """Times that cannot be mended; the sentence says how they are wrong, and what to do."""
+
+
+class Mended(NamedTuple):
+    """order: indices of the rows, in order of time. time (len(order),) s. starts: where each boot begins in it."""
+
+    order: Indices
+    time: Floats
+    starts: list[int]
+    notes: list[str]
+    arrival: bool = False
+
+
+def mend(time: Floats, tick_s: float) -> Mended:
+    """Mend times (n,), s, NaN where one is missing; tick_s: seconds of one count of the file's number. Raises ClockFault."""
+    notes = list[str]()
+    order = np.arange(len(time))
+    time = _filled(time, notes)
+    if (np.diff(time) > TICK_S / 2).all() and not _is_bunched(time):
+        return Mended(order, _outliers_mended(time, notes), [0], notes)
+    time = _unwrapped(time, tick_s, notes)
+    order, time = _sorted(order, time, notes)
+    time = _outliers_mended(time, notes)
+    back = np.flatnonzero(np.diff(time) < 0) + 1
+    starts = [0, *back.tolist()]
+    lengths = np.diff([*starts, len(time)])
+    if len(starts) > 1 and (len(starts) > _MOST_PARTS or int(lengths.min()) < _LEAST_PARTS_ROWS):
+        raise ClockFault(
+            f"time goes back {count(len(back), 'time')}, first from {time[back[0] - 1]:.10g} to {time[back[0]]:.10g} s, and is "
+            "neither a counter that wraps, nor swapped rows, nor a device that rebooted: export the file anew, or choose "
+            "another column: --time-column NAME"
+        )
+    arrival = False
+    parts = list[Floats]()
+    for start, end in zip(starts, [*starts[1:], len(time)], strict=True):
+        part, said, of_arrival = _spaced(time[start:end])
+        arrival = arrival or of_arrival
+        parts.append(part)
+        notes += [said] if said and said not in notes else []
+    return Mended(order, np.concatenate(parts), starts, notes, arrival)
+
+
+def _filled(time: Floats, notes: list[str]) -> Floats:
+    bad = ~np.isfinite(time)
+    if not bad.any():
+        return time
+    if np.count_nonzero(~bad) < 2:
+        raise ClockFault(
+            "no times can be read in its column: say the device's rate, --rate-hz, or another --time-column"
+        )
+    notes.append(f"{count(int(bad.sum()), 'time')} missing, interpolated")
+    rows = np.arange(len(time))
+    return np.interp(rows, rows[~bad], time[~bad])
+
+
+def _unwrapped(time: Floats, tick_s: float, notes: list[str]) -> Floats:
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    if not tick_s or usual <= 0:
+        return time
+    for most in _COUNTERS:
+        over = steps + most * tick_s
+        wraps = (steps < 0) & (over > 0) & (over < _NEAR * usual)
+        if wraps.any():
+            notes.append(f"its counter wrapped {count(int(wraps.sum()), 'time')} at {most:.0f}: undone")
+            time = time.copy()
+            time[1:] += np.cumsum(wraps) * most * tick_s
+            return time
+    return time
+
+
+def _sorted(order: Indices, time: Floats, notes: list[str]) -> tuple[Indices, Floats]:
+    """Rows in order of time, where a few are out of place, near it, and none is between two others then."""
+    if (np.diff(time) >= 0).all():
+        return order, time
+    by_time = np.argsort(time, kind="stable")
+    moved = np.abs(by_time - order)
+    steps = np.diff(time[by_time])
+    usual = float(np.median(steps))
+    back = np.flatnonzero(np.diff(time) < 0)
+    # A bad time, put in order, would crowd others and leave a hole where it was.
+    near = [float(steps[max(0, at - _FAR) : at + _FAR].min()) for at in back[:1000]]
+    if int(moved.max()) <= _FAR and usual > 0 and min(near) > usual / 2:
+        notes.append(f"{count(int(np.count_nonzero(np.diff(time) < 0)), 'row')} out of order: sorted by time")
+        return by_time, time[by_time]
+    return order, time
+
+
+def _outliers_mended(time: Floats, notes: list[str]) -> Floats:
+    """Times of single rows that lie outside those around them, where those go on evenly, are interpolated."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    if usual <= 0 or len(time) < 8:
+        return time
+    bad = np.zeros(len(time), bool)
+    for run in range(1, _BAD_RUN + 1):
+        across = time[run + 1 :] - time[: -run - 1]
+        even = np.abs(across - (run + 1) * usual) < 0.75 * usual
+        for at in np.flatnonzero(even & ((steps[:-run] < 0) | (steps[run:] < 0))):
+            inside = time[at + 1 : at + 1 + run]
+            if not bad[at] and not bad[at + run + 1] and ((inside <= time[at]) | (inside >= time[at + run + 1])).all():
+                bad[at + 1 : at + 1 + run] = True
+    if steps[0] < 0 or (steps[0] > 1000 * usual and np.abs(steps[1:7] - usual).max() < usual):
+        bad[0] = True
+    if not bad.any():
+        return time
+    notes.append(f"{count(int(bad.sum()), 'bad time')}, outside the times around, interpolated")
+    rows = np.arange(len(time))
+    mended = np.interp(rows, rows[~bad], time[~bad])
+    if bad[0]:
+        mended[0] = mended[1] - usual
+    return mended
+
+
+def _is_bunched(time: Floats) -> bool:
+    steps = np.diff(time)
+    mean = float(steps.mean())
+    return len(steps) > 20 and float(np.mean(steps < _SHORT * mean)) > _BUNCHED and _crowded(steps)
+
+
+def _crowded(steps: Floats) -> bool:
+    """Whether short steps lie between long ones, as in bunches, and not among gaps of a long pause."""
+    usual = float(np.quantile(steps, 0.9))
+    longest = steps[steps > 5 * usual]
+    mean = float((steps.sum() - longest.sum()) / max(1, len(steps) - len(longest)))
+    return float(np.mean(steps < _SHORT * mean)) > _BUNCHED
+
+
+def _spaced(time: Floats) -> tuple[Floats, str, bool]:
+    """Rising times of one boot: as they are, or on a line through coarse ones or those of arrival; what to say; of arrival."""
+    steps = np.diff(time)
+    distinct = int(np.count_nonzero(steps > 0)) + 1
+    if len(time) < 2:
+        return time, "", False
+    if distinct < 8 and len(time) > 4 * distinct:
+        raise ClockFault(
+            f"its times have lost their digits: {distinct} different ones in {count(len(time), 'row')}; export them with more "
+            "digits, or say the device's rate: --rate-hz"
+        )
+    stands = float(np.mean(steps <= TICK_S / 2))
+    if not stands and not _is_bunched(time):
+        return time, "", False
+    coarse = bool(stands) and _is_coarse(time)
+    if coarse:
+        return _ticks_spread(time), "its clock is coarse: times of equal readings of the clock are spread evenly", False
+    return (
+        _on_a_line(time),
+        "its times are those of arrival, in bunches: the samples are put on an even line through them",
+        True,
+    )
+
+
+def _is_coarse(time: Floats) -> bool:
+    """Whether times are whole multiples of a tick, and each tick holds as many samples as the one before, one more or less."""
+    ticks, held = np.unique(time, return_counts=True)
+    tick = float(np.median(np.diff(ticks)))
+    middle = np.diff(ticks)
+    whole = np.abs(middle / tick - np.rint(middle / tick)) < 0.05
+    return bool(
+        np.mean(whole) > 0.95 and np.ptp(np.quantile(held[1:-1], [0.02, 0.98])) <= max(1.0, 0.2 * np.median(held))
+    )
+
+
+def _ticks_spread(time: Floats) -> Floats:
+    """Times (n,) that stand still for some samples, spread up to the clock's next reading; gaps stay."""
+    ticks, first, held = np.unique(time, return_index=True, return_counts=True)
+    to_next = np.append(np.diff(ticks), np.inf)
+    usual = float(np.median(to_next[:-1])) if len(ticks) > 1 else 0.0
+    middle = float(np.median(held[1:-1])) if len(held) > 2 else float(held.max())
+    each = np.minimum(to_next, usual) / np.maximum(held, 1)
+    each[0] = each[-1] = usual / max(middle, 1.0)
+    within = np.arange(len(time)) - np.repeat(first, held)
+    # In the first tick the clock may have begun half way: its samples are its last.
+    within[: held[0]] += round(max(0.0, middle - held[0]))
+    spread = np.repeat(ticks, held) + within * np.repeat(each, held)
+    return _smoothed(spread, usual)
+
+
+def _smoothed(time: Floats, tick: float) -> Floats:
+    """Evenly spaced between gaps: how many samples a tick holds goes up and down, the device's own rate does not."""
+    rate = _line(time)
+    edges = np.flatnonzero(np.diff(time) > 2.5 * max(tick, rate)) + 1
+    parts = []
+    for part in np.split(time, edges):
+        n = len(part)
+        if n < 16:
+            parts.append(part)
+            continue
+        slope, start = np.polyfit(np.arange(n), part, 1)
+        line = start + slope * np.arange(n)
+        parts.append(line if np.abs(line - part).max() < 1.5 * tick else part)
+    return np.concatenate(parts)
+
+
+def _line(time: Floats) -> float:
+    return float((time[-1] - time[0]) / (len(time) - 1))
+
+
+def _on_a_line(time: Floats) -> Floats:
+    """Evenly spaced times through those of arrival, which are late by what their bunch waited. Raises ClockFault."""
+    n = len(time)
+    rows = np.arange(n)
+    wait = float(np.quantile(np.diff(time), 0.98))
+    window = min(max(16, round(_STALL_S * (n - 1) / max(time[-1] - time[0], TICK_S))), max(2, n // 4))
+    since = time - time[0]
+    slope, start = np.polyfit(rows, since, 1)
+    for _ in range(2):  # the samples that waited least, window by window, are on the device's line
+        late = since - slope * rows
+        least = [at + int(np.argmin(late[at : at + window])) for at in range(0, n - window + 1, window)]
+        slope, start = np.polyfit(rows[least], since[least], 1)
+    off = since[least] - (start + slope * rows[least])
+    if np.abs(off).max() > _OFF_LINE * wait:
+        raise ClockFault(
+            f"its times are those of arrival, and samples are missing between them: the least late are off an even line by up to "
+            f"{np.abs(off).max():.2g} s. Record the device's own time or counter; a scale of such a recording would be wrong"
+        )
+    return np.asarray(time[0] + start + slope * rows)

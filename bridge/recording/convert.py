@@ -1,0 +1,118 @@
+"""Writes a recording of one device, whatever file it was read from, as .npz, .csv or .mcap."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from bridge.recording import kinds
+from bridge.recording.error import RecordingError
+from bridge.recording.export import WRITERS
+from bridge.recording.files import new_file
+from bridge.recording.kinds import KINDS
+from bridge.recording.mcap_writer import McapWriter
+from bridge.recording.recording import TICK_S, Recording, Told
+from bridge.recording.recording_file import ABOUT
+from bridge.recording.stretches import Stretch
+from bridge.wire import codec, keys
+from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch
+
+ENDINGS = (*WRITERS, ".mcap")
+_BRIDGE, _WARD = "converted", "converted"
+_BATCH = 256
+_BOOT = 1
+
+
+def check_ending(out: Path) -> None:
+    """Raise RecordingError for a file that cannot be written, before anything is read."""
+    if out.suffix.lower() not in ENDINGS:
+        raise RecordingError(f"{out}: a recording is written as {', '.join(ENDINGS)}, not as {out.suffix!r}")
+    if not out.parent.is_dir():
+        raise RecordingError(f"{out}: there is no folder {out.parent}; make it first")
+
+
+def convert(recording: Recording, out: Path, device: str, begin_ns: int) -> None:
+    """Write a recording; begin_ns: host time of its first sample. Raises RecordingError."""
+    keys.check_id(device, "--device")
+    stretch = _stretch(recording, device, begin_ns)
+    with new_file(out) as file:
+        if out.suffix.lower() == ".mcap":
+            _write_mcap(file, stretch)
+        else:
+            WRITERS[out.suffix.lower()](file, stretch)
+
+
+def _stretch(recording: Recording, device: str, begin_ns: int) -> Stretch:
+    n = len(recording)
+    told = recording.told or Told(recording.ticks, TICK_S, recording.sequence, np.zeros(n, np.uint32))
+    accel, warm = recording.accel, recording.temperature_c
+    boot = recording.boot or _BOOT
+    return Stretch(
+        device=device,
+        bridge=_BRIDGE,
+        boot=boot,
+        number=1,
+        info=_info(recording, device, boot, begin_ns),
+        tick_period_s=told.tick_period_s,
+        sequence=told.sequence,
+        ticks=told.ticks,
+        time_ns=begin_ns + np.rint(recording.time_s * 1e9).astype(np.int64),
+        gyro=recording.gyro.astype(np.float32),
+        accel=None if accel is None else accel.astype(np.float32),
+        temperature_c=None if warm is None else warm.astype(np.float32),
+        flags=told.flags,
+        corrected=None,
+    )
+
+
+def _info(recording: Recording, device: str, boot: int, begin_ns: int) -> DeviceInfo:
+    return DeviceInfo(
+        device=device,
+        bridge=_BRIDGE,
+        boot=boot,
+        boot_cause=BootCause.UNKNOWN,
+        model=recording.name[:32],
+        firmware="recording",
+        driver="",
+        port="",
+        rate_hz=recording.rate_hz,
+        measured_rate_hz=recording.rate_hz,
+        gyro_range=recording.gyro_range,
+        has_accel=recording.accel is not None,
+        has_temperature=recording.temperature_c is not None,
+        time_ns=begin_ns,
+        samples=len(recording),
+    )
+
+
+def _write_mcap(file: BinaryIO, of: Stretch) -> None:
+    writer = McapWriter(file, ABOUT, {"ward": _WARD, "version": "1"})
+
+    def channel(what: str) -> int:
+        key = keys.build(_WARD, what, bridge=of.bridge, device=of.device)
+        return writer.channel(kinds.topic(key), kinds.PACKAGE + KINDS[what].schema, kinds.DESCRIPTORS, kinds.facts(key))
+
+    if of.info is not None:
+        writer.add(channel("info"), int(of.time_ns[0]), int(of.time_ns[0]), codec.encode_info(of.info))
+    raw = channel("raw")
+    holes = np.flatnonzero(np.diff(of.sequence) != 1) + 1
+    for start, end in pairwise(np.unique(np.concatenate([np.arange(0, len(of), _BATCH), holes, [len(of)]])).tolist()):
+        part = slice(start, end)
+        at_ns = int(of.time_ns[start])
+        batch = SampleBatch(
+            device=of.device,
+            boot=of.boot,
+            sequence=int(of.sequence[start]),
+            receive_time_ns=at_ns,
+            start_time_ns=at_ns,
+            tick_period_s=of.tick_period_s,
+            clock_rate=1.0,
+            ticks=of.ticks[part],
+            gyro=of.gyro[part],
+            accel=None if of.accel is None else of.accel[part],
+            temperature_c=None if of.temperature_c is None else of.temperature_c[part],
+            flags=of.flags[part],
+        )
+        writer.add(raw, at_ns, at_ns, codec.encode_samples(batch))
+    writer.finish()

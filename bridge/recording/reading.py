@@ -1,0 +1,80 @@
+"""Options for reading a recording: what its file does not say, or says wrongly."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from bridge.recording.error import RecordingError
+from bridge.recording.units import ACCEL, GYRO, TIME, unit_in
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """How to read one file. An option that is given replaces what the file says.
+
+    rate_hz: output data rate in Hz; it replaces the times. gyro_unit, accel_unit, time_unit: such as deg/s.
+    gyro_sensitivity, accel_sensitivity: raw counts per °/s and per g. columns: names or numbers, counted from 1, of the
+    columns with gyro x, y, z and, after them, accelerometer x, y, z; or one name of a tool, or a .toml. time_column: a name or
+    number. accel_file: a second file with the accelerometer. device, boot, counted from 1: which part of a recording.
+    Raises RecordingError for an option that cannot be.
+    """
+
+    rate_hz: float | None = None
+    gyro_unit: str | None = None
+    accel_unit: str | None = None
+    time_unit: str | None = None
+    gyro_sensitivity: float | None = None
+    accel_sensitivity: float | None = None
+    columns: tuple[str, ...] = ()
+    time_column: str | None = None
+    accel_file: Path | None = None
+    device: str | None = None
+    boot: int | None = None
+
+    def __post_init__(self) -> None:
+        for option, given, known in (
+            ("--gyro-unit", self.gyro_unit, GYRO),
+            ("--accel-unit", self.accel_unit, ACCEL),
+            ("--time-unit", self.time_unit, TIME),
+        ):
+            if given is not None and unit_in(given, known) is None:
+                raise RecordingError(f"{option} is {given!r}; one of {', '.join(known)} is taken")
+        for option, counts in (
+            ("--gyro-sensitivity", self.gyro_sensitivity),
+            ("--accel-sensitivity", self.accel_sensitivity),
+        ):
+            if counts is not None and not 0 < counts < 1e9:
+                raise RecordingError(f"{option} is {counts:g}; counts per °/s, or per g, are expected: more than 0")
+        if len(self.columns) not in (0, 1, 3, 6):
+            raise RecordingError(
+                f"--columns names {len(self.columns)} columns; 3 (gyro x,y,z), 6 (and accelerometer x,y,z), "
+                "or a tool's name or .toml are expected"
+            )
+
+    @property
+    def gyro_factor(self) -> float | None:
+        """From the file's numbers to rad/s, where an option says it."""
+        if self.gyro_sensitivity is not None:
+            return GYRO["deg/s"] / self.gyro_sensitivity
+        return None if self.gyro_unit is None else unit_in(self.gyro_unit, GYRO)
+
+    @property
+    def accel_factor(self) -> float | None:
+        """From the file's numbers to m/s², where an option says it."""
+        if self.accel_sensitivity is not None:
+            return ACCEL["g"] / self.accel_sensitivity
+        return None if self.accel_unit is None else unit_in(self.accel_unit, ACCEL)
+
+    @property
+    def time_factor(self) -> float | None:
+        """From the file's numbers to seconds, where an option says it."""
+        return None if self.time_unit is None else unit_in(self.time_unit, TIME)
+
+
+AS_SAID = Reading()
+
+
+def as_table(reading: Reading) -> dict[str, object]:
+    """The options that were given, as the keys of a replayed device in a ward's file."""
+    told = {one.name: getattr(reading, one.name) for one in fields(reading)}
+    keys = {name: str(value) if isinstance(value, Path) else value for name, value in told.items()}
+    return {name: value for name, value in keys.items() if value not in (None, ())}

@@ -1,0 +1,206 @@
+"""Which columns of a text table are the rates, the acceleration and the time, and their factors to SI."""
+
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+
+from bridge.recording.error import RecordingError
+from bridge.recording.reading import Reading
+from bridge.recording.text.layout import Layout, is_number
+from bridge.recording.text.names import Name, understood
+from bridge.recording.text.times import is_clock
+from bridge.recording.text.tools import Tool, Vector, known, plain, tool
+from bridge.recording.units import ACCEL, GYRO, TIME, unit_in
+
+AXES = "xyz"
+_SHOWN = 12
+
+
+@dataclass(slots=True)
+class Triple:
+    """Three columns by index and the factor from their numbers to SI; None where nothing says the unit."""
+
+    at: tuple[int, int, int]
+    factor: float | None
+    unit: str = ""
+
+
+@dataclass(slots=True)
+class Clock:
+    """A column of times by index; factor to seconds, None where nothing says it. text: it holds dates or times of day."""
+
+    at: int
+    factor: float | None
+    text: bool = False
+    rank: int = 0
+
+
+@dataclass(slots=True)
+class Columns:
+    """What a table's columns hold. gyro: the same rates in one or several units. unused: of incomplete vectors."""
+
+    gyro: list[Triple]
+    accel: list[Triple] = field(default_factory=list)
+    clocks: list[Clock] = field(default_factory=list)
+    counter: int | None = None
+    temperature: int | None = None
+    rate: int | None = None
+    unused: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def find(path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False) -> Columns:
+    """The columns of a table whose first row has these cells. Raises RecordingError."""
+    names = [understood(name) for name in layout.names]
+    found = Columns([])
+    chosen = _chosen(path, layout, reading)
+    if chosen is not None:
+        _by_tool(path, layout, chosen, found)
+    if len(reading.columns) >= 3:
+        indices = [_index(path, layout, name, "--columns") for name in reading.columns]
+        found.gyro = [_triple(indices[:3], names)]
+        found.accel = [_triple(indices[3:], names)] if indices[3:] else []
+    if not found.gyro and not only_accel:
+        found.gyro = _vector(path, layout, names, "gyro", GYRO)
+    if not found.accel and len(reading.columns) != 3:
+        found.accel = _vector(path, layout, names, "accel", ACCEL)
+    if not found.gyro and not only_accel:
+        raise RecordingError(f"{path}: {_no_gyro(layout)}")
+    if only_accel:
+        found.gyro = []
+    _with_options(layout, reading, found)
+    _times(path, layout, reading, names, cells, found)
+    firsts = {name.kind: at for at, name in reversed(list(enumerate(names)))}
+    found.temperature, found.rate = firsts.get("temperature"), firsts.get("rate")
+    found.counter = next(
+        (at for at, name in enumerate(names) if name.kind == "counter" and is_number(cells[at], layout.decimal)), None
+    )
+    used = {at for triple in (*found.gyro, *found.accel) for at in triple.at}
+    found.unused = [
+        name for at, name in enumerate(layout.names) if names[at].kind in {"gyro", "accel"} and at not in used
+    ]
+    return found
+
+
+def shown(names: list[str]) -> str:
+    """Names for a message: the first of them, and how many there are."""
+    more = f" … ({len(names)} in all)" if len(names) > _SHOWN else ""
+    return ", ".join(name[:40] or "(no name)" for name in names[:_SHOWN]) + more
+
+
+def _chosen(path: Path, layout: Layout, reading: Reading) -> Tool | None:
+    if len(reading.columns) == 1:
+        return tool(reading.columns[0])
+    return next((one for one in known().values() if one.is_of(path, layout.names)), None)
+
+
+def _by_tool(path: Path, layout: Layout, chosen: Tool, found: Columns) -> None:
+    def triple(vector: Vector | None, known_units: dict[str, float], per: str) -> list[Triple]:
+        if vector is None:
+            return []
+        indices = [_index(path, layout, name, "the tool's file") for name in vector.columns]
+        factor = vector.factor(known_units, per)
+        return [Triple((indices[0], indices[1], indices[2]), factor, vector.unit)]
+
+    found.gyro, found.accel = triple(chosen.gyro, GYRO, "deg/s"), triple(chosen.accel, ACCEL, "g")
+    if chosen.time is not None:
+        at = _index(path, layout, chosen.time.column, "the tool's file")
+        found.clocks = [Clock(at, unit_in(chosen.time.unit, TIME) if chosen.time.unit else None)]
+    found.notes.append(f"read as {chosen.summary}")
+
+
+def _index(path: Path, layout: Layout, name: str, of: str) -> int:
+    """Index of a column by its name, or its number from 1."""
+    names = [plain(one) for one in layout.names]
+    if plain(name) in names:
+        return names.index(plain(name))
+    if name.strip().isdecimal() and 1 <= int(name) <= layout.width:
+        return int(name) - 1
+    raise RecordingError(
+        f"{path}: {of} names {name!r}; the columns are {shown(layout.names)}, or their numbers, 1 to {layout.width}"
+    )
+
+
+def _triple(indices: list[int], names: list[Name]) -> Triple:
+    units = {names[at].unit for at in indices}
+    unit = units.pop() if len(units) == 1 else ""
+    return Triple((indices[0], indices[1], indices[2]), {**GYRO, **ACCEL}.get(unit), unit)
+
+
+def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dict[str, float]) -> list[Triple]:
+    """The triples of columns of one kind: one, or the same in several units."""
+    for wanted in ({kind}, {"axis"}):
+        alike = [(name, at) for at, name in enumerate(names) if name.kind in wanted and _fits(name, wanted, units)]
+        alike.sort(key=lambda one: (one[0].group, one[0].unit, one[1]))
+        whole = dict[tuple[str, ...], list[Triple]]()
+        for (group, unit), members in groupby(alike, key=lambda one: (one[0].group, one[0].unit)):
+            axes = {axis: [at for name, at in list_ if name.axis == axis] for list_ in [list(members)] for axis in AXES}
+            if twice := next((ats for ats in axes.values() if len(ats) > 1), None):
+                raise RecordingError(
+                    f"{path}: the header has {layout.names[twice[0]]!r} more than once; choose by number: --columns "
+                    f"{','.join(str(at + 1) for at in sorted(ats[0] for ats in axes.values() if ats))}"
+                )
+            if all(axes.values()):
+                at = axes["x"][0], axes["y"][0], axes["z"][0]
+                whole.setdefault(_sensor(group), []).append(Triple(at, units.get(unit), unit))
+        if len(whole) > 1:
+            each = [",".join(layout.names[at] for at in triples[0].at) for triples in whole.values()]
+            raise RecordingError(
+                f"{path}: {len(whole)} sensors have such columns: {'; '.join(each[:4])}; choose one: --columns {each[0]}"
+            )
+        if whole:
+            found = next(iter(whole.values()))
+            said = [triple for triple in found if triple.factor is not None]
+            return said or found[:1]
+    return []
+
+
+def _sensor(group: tuple[str, ...]) -> tuple[str, ...]:
+    """A sensor's other words: a long and a short name of the same thing are one sensor."""
+    same = {"g", "w", "a", "gyr", "gyro", "gyroscope", "acc", "accel", "accelerometer", "acceleration"}
+    return tuple(word for word in group if word not in same)
+
+
+def _fits(name: Name, wanted: set[str], units: dict[str, float]) -> bool:
+    return "axis" not in wanted or name.unit in units
+
+
+def _with_options(layout: Layout, reading: Reading, found: Columns) -> None:
+    for triples, said, factor, units, option in (
+        (found.gyro, layout.gyro_unit, reading.gyro_factor, GYRO, "--gyro-unit"),
+        (found.accel, layout.accel_unit, reading.accel_factor, ACCEL, "--accel-unit"),
+    ):
+        for triple in triples:
+            if factor is not None:
+                if triple.factor is not None and abs(triple.factor / factor - 1) > 1e-6:
+                    found.notes.append(f"its header says {triple.unit or 'another unit'}; {option} is used instead")
+                triple.factor = factor
+            elif triple.factor is None and said:
+                triple.factor = unit_in(said, units)
+
+
+def _times(path: Path, layout: Layout, reading: Reading, names: list[Name], cells: list[str], found: Columns) -> None:
+    if reading.time_column is not None:
+        at = _index(path, layout, reading.time_column, "--time-column")
+        found.clocks = [Clock(at, TIME.get(names[at].unit), text=not is_number(cells[at], layout.decimal))]
+    elif not found.clocks:
+        found.clocks = [
+            Clock(at, TIME.get(name.unit), text=not number, rank=name.rank + 4 * (not number))
+            for at, name in enumerate(names)
+            if name.kind == "time" and ((number := is_number(cells[at], layout.decimal)) or is_clock(cells[at]))
+        ]
+    if reading.time_factor is not None:
+        for clock in found.clocks:
+            clock.factor = reading.time_factor
+
+
+def _no_gyro(layout: Layout) -> str:
+    if not any(layout.names):
+        return (
+            f"no header row names its {layout.width} columns; say which are gyro x, y, z (and accelerometer x, y, z) by "
+            "number, and their unit: --columns 2,3,4 --gyro-unit deg/s, and the time's: --time-column 1"
+        )
+    return (
+        f"no columns of a gyro are recognised; the header has {shown(layout.names)}. Say which are x, y, z by name or "
+        "number, and their unit: --columns NAME,NAME,NAME --gyro-unit deg/s"
+    )

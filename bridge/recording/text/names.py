@@ -1,0 +1,142 @@
+"""Column names in people's spellings: quantity, axis and unit of each.
+
+`Gyroscope X (deg/s)`, `gyroX`, `w_RS_S_x [rad s^-1]`, `gx_dps` and `Angular velocity.y` are rates about an axis.
+"""
+
+import re
+from typing import NamedTuple
+
+from bridge.recording.units import ACCEL, GYRO, TIME, spelling
+
+_BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_AXIS = re.compile(r"(gyroscope|gyro|gyr|accelerometer|acceleration|accel|acc|omega|angvel|[gaw])[_-]?([xyz])")
+_GYRO = {"gyr", "gyro", "gyros", "gyroscope", "gyroscopes", "omega", "angvel", "rotationrate", "angularvelocity"}
+_ACCEL = {"acc", "accel", "accl", "accels", "accelerometer", "accelerometers", "acceleration", "accelerations"}
+_PAIRS = (
+    {"angular", "rate"},
+    {"angular", "velocity"},
+    {"angular", "vel"},
+    {"angular", "speed"},
+    {"ang", "vel"},
+    {"ang", "rate"},
+    {"rotation", "rate"},
+    {"rate", "turn"},
+)
+#: words of quantities that are not measured rates or accelerations, though units or other words are alike
+_OTHER = {
+    *("mag", "magn", "magnetometer", "magnetic", "angle", "angles", "euler", "quat", "quaternion", "orientation"),
+    *("bias", "std", "stdev", "sigma", "var", "cov", "covariance", "offset", "offsets", "error", "err"),
+    *("user", "linear", "lin", "free", "gravity", "grav", "delta", "position", "pos", "filtered", "dir", "direction"),
+}
+_TIME = {
+    "time",
+    "timestamp",
+    "times",
+    "t",
+    "epoch",
+    "elapsed",
+    "clock",
+    "chiptime",
+    "stamp",
+    "datetime",
+    "utc",
+    "timer",
+}
+_COUNTER = {"counter", "packetcounter", "packet", "sample", "samples", "index", "frame", "seq", "sequence", "n"}
+_OWN_CLOCK = {"sensor", "chip", "chiptime", "device", "micros", "millis", "us", "sampletime", "elapsed"}
+_ARRIVAL = {"phone", "host", "arrival", "received", "pc", "system", "rtc", "date"}
+
+
+class Name(NamedTuple):
+    """What a column's name says. kind: gyro, accel, axis, time, counter, temperature, rate, or empty for none of them.
+
+    unit: in one spelling, empty where none is said. group: its other words, the same for the three axes of one sensor.
+    rank: of a time, the lower the better.
+    """
+
+    kind: str
+    axis: str
+    unit: str
+    group: tuple[str, ...]
+    rank: int = 0
+
+
+_NOTHING = Name("", "", "", ())
+
+
+def understood(name: str) -> Name:
+    """The meaning of one column's name."""
+    bare, unit = _unit_of(name.strip())
+    words = [word.lower() for word in _WORD.findall(bare)]
+    if not words:
+        return _NOTHING
+    if name.strip().lower() in {"rate_hz", "output_hz", "sample_rate_hz"}:
+        return Name("rate", "", "hz", ())
+    if words[0].startswith("temp") or "temperature" in words or unit in {"degc", "c", "celsius"}:
+        return Name("temperature", "", unit, tuple(words))
+    if words == ["t"] and unit and unit not in TIME:
+        return Name("temperature", "", unit, ("t",)) if unit == "deg" else _NOTHING
+    axis, words = _axis_of(words)
+    others = set(words)
+    if axis:
+        return _of_axis(axis, unit, words, others)
+    if unit in TIME or others & (_TIME | {"seconds", "millis", "micros", "nanos", "ms", "us", "ns", "date"}):
+        return _time(unit, words, others)
+    if others & _COUNTER and not unit:
+        return Name("counter", "", "", tuple(words))
+    return _NOTHING
+
+
+def _of_axis(axis: str, unit: str, words: list[str], others: set[str]) -> Name:
+    if others & _OTHER:
+        return _NOTHING
+    rest = tuple(words)
+    if others & _GYRO or any(pair <= others for pair in _PAIRS) or words[:1] == ["w"]:
+        return Name("gyro", axis, unit, rest)
+    if others & _ACCEL or words[:1] == ["a"] or {"specific", "force"} <= others:
+        return Name("accel", axis, unit, rest)
+    if words[:1] == ["g"] or (words == ["g"]):
+        return Name("gyro", axis, unit, rest)
+    if unit in GYRO or unit in ACCEL:
+        return Name("axis", axis, unit, rest)
+    return _NOTHING
+
+
+def _time(unit: str, words: list[str], others: set[str]) -> Name:
+    if unit not in TIME:
+        found = next((spelling(word) for word in words if spelling(word) in TIME and word not in {"s", "min"}), "")
+        unit = found
+    rank = 2 - 2 * bool(others & _OWN_CLOCK) + 2 * bool(others & _ARRIVAL)
+    return Name("time", "", unit, tuple(words), rank)
+
+
+def _unit_of(name: str) -> tuple[str, str]:
+    """The name without its unit, and the unit: in brackets, else its last words."""
+    if found := _BRACKETS.findall(name):
+        unit = next(
+            (spelling(one) for one in reversed(found) if spelling(one) in {*GYRO, *ACCEL, *TIME, "degc", "c"}), ""
+        )
+        return _BRACKETS.sub(" ", name), unit or spelling(found[-1])
+    parts = re.split(r"[_\s,]+", name)
+    for last in (3, 2, 1):
+        unit = spelling("_".join(parts[-last:])) if last == 1 else spelling("/".join(parts[-last:]))
+        if (
+            len(parts) > last
+            and unit in {*GYRO, *ACCEL, *TIME, "degc"}
+            and not (last == 1 and parts[-1].lower() == "c")
+        ):
+            return "_".join(parts[:-last]), unit
+    return name, "degc" if name.lower().endswith(("degc", "_c")) else ""
+
+
+def _axis_of(words: list[str]) -> tuple[str, list[str]]:
+    """The axis, and the words without it."""
+    for at, word in enumerate(words):
+        if word in {"x", "y", "z"}:
+            left = [*words[:at], *words[at + 1 :]]
+            return word, [one for one in left if one not in {"axis", "ax"} or (one == "ax" and len(left) == 1)]
+    for at, word in enumerate(words):
+        if match := _AXIS.fullmatch(word):
+            return match[2], [*words[:at], match[1], *words[at + 1 :]]
+    return "", words

@@ -1,0 +1,272 @@
+"""Text tables as the columns of a recording, in SI units."""
+
+from itertools import chain
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bridge.recording.error import RecordingError
+from bridge.recording.reading import Reading
+from bridge.recording.recording import Floats
+from bridge.recording.table import Table
+from bridge.recording.text.columns import Clock, Columns, Triple, find, shown
+from bridge.recording.text.layout import Layout, layout_of, split
+from bridge.recording.text.rows import Read, TooLong, read_rows
+from bridge.recording.text.source import blocks
+from bridge.recording.text.times import seconds_of
+from bridge.recording.units import ACCEL, STANDARD_GRAVITY, TIME
+from bridge.wording import count
+
+#: of the largest value: more than rounding to what people print
+_AGREED = 1e-3
+#: an IMU's rate: one unit of time at most puts a step in it
+_SLOW_HZ, _FAST_HZ = 4.5, 4000.0
+_NEAR_GRAVITY = 0.15
+#: of all steps; a clock's own are even
+_EVEN, _EVENLY = 0.5, 0.8
+#: two columns of times whose steps differ by more are not one clock in two units
+_SAME_STEP = 1.1
+
+
+def read_text(path: Path, reading: Reading) -> Table:
+    """Read the columns of a recording; what the file does not say is asked for by the option's name. Raises RecordingError."""
+    table = _read(path, reading, only_accel=False)
+    if reading.accel_file is not None:
+        other = _read(reading.accel_file, reading, only_accel=True)
+        _join(path, table, reading.accel_file, other)
+    return table
+
+
+def _read(path: Path, reading: Reading, *, only_accel: bool) -> Table:
+    source = blocks(path)
+    start = next(source, [])
+    if not any(line.strip() for line in start):
+        raise RecordingError(
+            f"{path}: it is empty; a header row that names the columns, and a row a sample, are needed"
+        )
+    layout = layout_of(start)
+    if layout is None:
+        raise RecordingError(
+            f"{path}: no rows of numbers are found; it begins with {start[0][:60]!r}. A header row that names the columns, "
+            "and a row a sample, are needed"
+        )
+    cells = [*split(start[layout.first], layout.separator), *[""] * layout.width][: layout.width]
+    columns = find(path, layout, reading, cells, only_accel=only_accel)
+    if asked := _asked(reading, layout, columns, only_accel=only_accel):
+        raise RecordingError(f"{path}: {asked}")
+    triples = [*columns.gyro, *columns.accel]
+    singles = [at for at in (columns.counter, columns.temperature, columns.rate) if at is not None]
+    wanted = sorted({*chain(*(t.at for t in triples)), *singles, *(c.at for c in columns.clocks if not c.text)})
+    try:
+        read = read_rows(chain([start], source), layout, wanted, [c.at for c in columns.clocks if c.text])
+    except TooLong as error:
+        raise RecordingError(f"{path}: {error} and more; cut it in parts") from None
+    return _table(reading, layout, columns, Values(read, wanted), path)
+
+
+def _table(reading: Reading, layout: Layout, columns: Columns, values: "Values", path: Path) -> Table:
+    found: dict[str, Floats] = {}
+    notes = [*columns.notes, *(f"{count(n, 'line')} left out: {what}" for what, n in values.read.odd.items())]
+    if columns.unused:
+        notes.append(f"{shown(columns.unused)}: not used; x, y and z of a sensor are needed")
+    if columns.gyro:
+        found["gyro_rad_s"] = _agreed(path, layout, columns.gyro, values)
+    if columns.accel:
+        accel = _agreed(path, layout, columns.accel, values)
+        factor, said = _by_gravity(layout, columns.accel[0], accel)
+        notes += [said] if said else []
+        if factor is not None:
+            found["accel_m_s2"] = accel if factor == 1.0 else accel * factor
+    tick_s = 0.0
+    if clocks := [(clock, values.times(clock)) for clock in columns.clocks]:
+        found["t_s"], tick_s, said = _best_clock(path, layout, clocks)
+        notes += [said] if said else []
+    elif columns.counter is not None:
+        found["counter"] = values.column(columns.counter)
+    if columns.temperature is not None and np.isfinite(warm := values.column(columns.temperature)).any():
+        found["temperature_c"] = warm
+    if rate := _rate(path, reading, layout, columns, values):
+        found["rate_hz"] = np.asarray(rate)
+    names = {"gyro_rad_s": columns.gyro, "accel_m_s2": columns.accel}
+    read = values.read
+
+    def place(column: str, sample: int, axis: int) -> tuple[str, str]:
+        triples = names.get(column)
+        name = layout.names[triples[0].at[axis]] if triples else {"t_s": "time"}.get(column, column)
+        return repr(name), f" in line {read.line(sample)}"
+
+    return Table(found, place, notes=notes, tick_s=tick_s)
+
+
+class Values(NamedTuple):
+    """Columns that were read, by their index in the file."""
+
+    read: Read
+    columns: list[int]
+
+    def column(self, at: int) -> Floats:
+        """(n,) one column."""
+        return self.read.numbers[:, self.columns.index(at)]
+
+    def vector(self, triple: Triple) -> Floats:
+        """(n, 3) in SI, where the unit is known."""
+        at = [self.columns.index(one) for one in triple.at]
+        beside = at == list(range(at[0], at[0] + 3))
+        values = self.read.numbers[:, slice(at[0], at[0] + 3) if beside else at]
+        with np.errstate(over="ignore"):  # what becomes infinite is dropped or refused with its sample
+            values *= triple.factor or 1.0
+        return values
+
+    def times(self, clock: Clock) -> Floats:
+        """(n,) times in the column's own unit, of texts in seconds."""
+        return seconds_of(self.read.texts[clock.at]) if clock.text else self.column(clock.at)
+
+
+def _rate(path: Path, reading: Reading, layout: Layout, columns: Columns, values: Values) -> float:
+    """The rate that the file says: in a column, else above its header; 0 where it says none."""
+    if columns.rate is None or not len(values.read.numbers):
+        return layout.rate_hz
+    rates = values.column(columns.rate)
+    if np.ptp(rates) == 0:
+        return float(rates[0])
+    if columns.clocks or reading.rate_hz is not None:
+        return 0.0
+    raise RecordingError(
+        f"{path}: {layout.names[columns.rate]!r} is not the same in all rows; say the rate: --rate-hz HZ"
+    )
+
+
+def _asked(reading: Reading, layout: Layout, columns: Columns, *, only_accel: bool) -> str:
+    """What the file does not say and nobody told, with the options that tell it; empty where nothing is missing."""
+    if only_accel:
+        return (
+            ""
+            if columns.accel
+            else f"no columns of an accelerometer are recognised; the header has {shown(layout.names)}"
+        )
+    missing = []
+    if columns.gyro[0].factor is None:
+        name = layout.names[columns.gyro[0].at[0]] or f"column {columns.gyro[0].at[0] + 1}"
+        missing.append(
+            f"the unit of {name!r} is not said: say --gyro-unit deg/s or --gyro-unit rad/s, or of raw counts "
+            "--gyro-sensitivity with the counts per °/s in the sensor's sheet (131 of an MPU-6050 at ±250 °/s)"
+        )
+    if not columns.clocks and not layout.rate_hz and columns.rate is None and reading.rate_hz is None:
+        missing.append("it has neither sample times nor a rate: say --rate-hz with the device's output data rate")
+    return "; and ".join(missing)
+
+
+def _agreed(path: Path, layout: Layout, triples: list[Triple], values: Values) -> Floats:
+    """The first; RecordingError where two units of the same quantity disagree."""
+    first_values = values.vector(triples[0])
+    for triple in triples[1:]:
+        most = float(np.nanmax(np.abs(first_values), initial=0.0))
+        if not np.allclose(values.vector(triple), first_values, rtol=0.0, atol=_AGREED * most, equal_nan=True):
+            first, second = (layout.names[one.at[0]] for one in (triples[0], triple))
+            raise RecordingError(
+                f"{path}: {first!r} and {second!r} are not the same in two units; choose one: --columns "
+                f"{','.join(layout.names[at] for at in triples[0].at)}"
+            )
+    return first_values
+
+
+def _by_gravity(layout: Layout, triple: Triple, accel: Floats) -> tuple[float | None, str]:
+    """The factor still to apply, and what to say: gravity tells g, mg and m/s² apart where no unit is said."""
+    if triple.factor is not None:
+        return 1.0, ""
+    name = layout.names[triple.at[0]] or f"column {triple.at[0] + 1}"
+    lengths = np.linalg.norm(accel[np.isfinite(accel).all(axis=1)], axis=1)
+    length = float(np.median(lengths)) if len(lengths) else 0.0
+    for unit in ("g", "m/s2", "mg"):
+        if abs(length * ACCEL[unit] / STANDARD_GRAVITY - 1) < _NEAR_GRAVITY:
+            return ACCEL[
+                unit
+            ], f"the unit of {name!r} is not said; its median length of {length:.4g} is gravity in {unit}"
+    return None, (
+        f"the unit of {name!r} is not said, and its median length of {length:.4g} is gravity in none of g, m/s², mg; it is "
+        "not used: say --accel-unit, or of raw counts --accel-sensitivity with the counts per g"
+    )
+
+
+def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) -> tuple[Floats, float, str]:
+    """Times in seconds, the seconds of one count of its column, and what to say. Raises RecordingError."""
+    scaled = []
+    for clock, time in clocks:
+        factor, said = _unit(path, layout, clock, time)
+        scaled.append((clock.rank - 10 * _evenness(time), clock, time, factor, said))
+    scaled.sort(key=lambda one: one[0])
+    _, clock, time, factor, said = scaled[0]
+    even = {layout.names[c.at]: _step(t) * f for _, c, t, f, _ in scaled if not c.text and _evenness(t) > _EVENLY}
+    if even and max(even.values()) > _SAME_STEP * min(even.values()):
+        rates = "; ".join(f"{name!r} at {1 / step:.4g} Hz" for name, step in even.items())
+        raise RecordingError(f"{path}: its times disagree: {rates}. Choose one: --time-column {next(iter(even))!r}")
+    if len(scaled) > 1:
+        name = layout.names[clock.at]
+        said = f"{said}; " if said else ""
+        said += f"the time is {name!r}; others are not used ({shown([layout.names[c[1].at] for c in scaled[1:]])})"
+    return time * factor if factor != 1.0 else time, factor, said
+
+
+def _step(time: Floats) -> float:
+    return float(np.median(np.diff(time)))
+
+
+def _evenness(time: Floats) -> float:
+    """The share of steps that are near the median step."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(time)
+        middle = float(np.median(steps)) if len(steps) else 0.0
+        return float(np.mean(np.abs(steps - middle) < _EVEN * middle)) if middle > 0 else 0.0
+
+
+def _unit(path: Path, layout: Layout, clock: Clock, time: Floats) -> tuple[float, str]:
+    """Seconds of one count: as said, else the only unit that makes the rate one of an IMU."""
+    if clock.text:
+        return 1.0, ""
+    if clock.factor is not None:
+        return clock.factor, ""
+    name = layout.names[clock.at] or f"column {clock.at + 1}"
+    finite = time[np.isfinite(time)]
+    steps = np.diff(finite)
+    with np.errstate(over="ignore", invalid="ignore"):
+        span = float(np.median(np.abs(steps))) if len(steps) else 0.0
+        if not span and len(steps):
+            span = float(np.ptp(finite)) / len(steps)
+    fits = [unit for unit in ("s", "ms", "us", "ns") if span and _SLOW_HZ <= 1 / (span * TIME[unit]) <= _FAST_HZ]
+    if fits:
+        return TIME[
+            fits[0]
+        ], f"the unit of {name!r} is not said; its steps of {span:.6g} make an IMU's rate in {fits[0]} only"
+    if not span:
+        return 1.0, ""
+    raise RecordingError(
+        f"{path}: the unit of {name!r} is not said, and its steps of {span:.6g} make no IMU's rate in any: say --time-unit, "
+        "or the device's rate: --rate-hz"
+    )
+
+
+def _join(path: Path, table: Table, other_path: Path, other: Table) -> None:
+    """Put the accelerometer of another file beside the rates, at their times."""
+    ours, theirs = table.columns.get("t_s"), other.columns.get("t_s")
+    if "accel_m_s2" not in other.columns:
+        raise RecordingError(f"{other_path}: no accelerometer that can be used: {'; '.join(other.notes)}")
+    accel = other.columns["accel_m_s2"]
+    if ours is None or theirs is None:
+        if len(accel) != len(table.columns["gyro_rad_s"]):
+            raise RecordingError(
+                f"{other_path}: {count(len(accel), 'row')}, and no times in both files to match them with the "
+                f"{count(len(table.columns['gyro_rad_s']), 'row')} of {path}"
+            )
+        table.columns["accel_m_s2"] = accel
+        return
+    good = np.isfinite(theirs) & np.isfinite(accel).all(axis=1)
+    order = np.argsort(theirs[good], kind="stable")
+    known, values = theirs[good][order], accel[good][order]
+    inside = (ours >= known[0]) & (ours <= known[-1]) if len(known) else np.zeros(len(ours), bool)
+    if np.mean(inside) < 0.5:
+        raise RecordingError(
+            f"{other_path}: its times are not those of {path}: less than half of the rates are within them"
+        )
+    table.columns["accel_m_s2"] = np.stack([np.interp(ours, known, values[:, axis]) for axis in range(3)], axis=1)
+    table.notes.append(f"the accelerometer is of {other_path.name}, interpolated")

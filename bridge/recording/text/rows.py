@@ -1,0 +1,117 @@
+"""Rows of a text table as numbers; lines that are no rows are left out and counted."""
+
+from array import array
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bridge.recording.recording import Floats
+from bridge.recording.text.layout import Layout, split
+from bridge.wording import count
+
+_MOST = 1 << 25  # rows: eight hours at 1165 Hz
+
+
+@dataclass(slots=True)
+class Read:
+    """numbers (n, c): a column for each that was asked for, NaN where a cell is no number. texts: of others, as written.
+
+    odd: how many lines are no rows, by what they are.
+    """
+
+    texts: dict[int, list[str]]
+    numbers: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    odd: dict[str, int] = field(default_factory=dict)
+    lines: list[Sequence[int]] = field(default_factory=list)
+
+    def line(self, row: int) -> int:
+        """The line number, from 1, of a row."""
+        for block in self.lines:
+            if row < len(block):
+                return block[row]
+            row -= len(block)
+        return 0
+
+
+class TooLong(Exception):
+    """A table has more rows than are read."""
+
+
+def read_rows(blocks: Iterable[list[str]], layout: Layout, columns: list[int], texts: list[int]) -> Read:
+    """Read the columns with these indices as numbers, and those of `texts` as written. Raises TooLong."""
+    parts, read, begins, n = list[Floats](), Read({at: [] for at in texts}), 0, 0
+    for block in blocks:
+        first = max(0, layout.first - begins)
+        lines = block[first:]
+        numbers: Sequence[int] = range(begins + first + 1, begins + len(block) + 1)
+        part = _quick(lines, layout, columns, read)
+        if part is None:
+            part, numbers = _slow(lines, numbers, layout, columns, read)
+        begins += len(block)
+        parts.append(part)
+        read.lines.append(numbers)
+        n += len(part)
+        if n > _MOST:
+            raise TooLong(count(n, "row"))
+    read.numbers = np.empty((n, len(columns)))
+    while parts:  # each is freed as it is copied
+        part = parts.pop()
+        read.numbers[n - len(part) : n] = part
+        n -= len(part)
+    return read
+
+
+def _quick(lines: list[str], layout: Layout, columns: list[int], read: Read) -> Floats | None:
+    """A block of rows without a fault, by NumPy's reader; None where one has any."""
+    separator, last = layout.separator, layout.width - 1
+    if not lines or not columns:
+        return None
+    if separator is not None:
+        if sum(map(str.count, lines, [separator] * len(lines))) != last * len(lines):
+            return None
+        # Each has as many cells as another, unless one that is longer makes up for one without the last column.
+        if last not in columns and any(line.count(separator) != last for line in lines):
+            return None
+    text = [line.replace(",", ".") for line in lines] if layout.decimal == "," else lines
+    try:
+        part = np.loadtxt(text, delimiter=separator, usecols=columns, comments=None, ndmin=2, quotechar='"')
+    except ValueError:
+        return None
+    if len(part) != len(lines):
+        return None
+    for at, cells in read.texts.items():
+        cells += [line.split(separator)[at] for line in lines]
+    return part
+
+
+def _slow(
+    lines: list[str], numbers: Sequence[int], layout: Layout, columns: list[int], read: Read
+) -> tuple[Floats, Sequence[int]]:
+    part, good = array("d"), array("l")
+    for number, line in zip(numbers, lines, strict=True):
+        if not line or line.isspace():
+            continue
+        cells = split(line, layout.separator)
+        if len(cells) == layout.width + 1 and not cells[-1].strip():
+            cells.pop()
+        values = [_number(cells[at], layout.decimal) for at in columns] if len(cells) == layout.width else []
+        if not values or all(value is None for value in values):
+            what = "more or fewer cells than others" if len(cells) > 1 and not values else "no row of numbers"
+            read.odd[what] = read.odd.get(what, 0) + 1
+            continue
+        part.extend([np.nan if value is None else value for value in values])
+        for at, texts in read.texts.items():
+            texts.append(cells[at])
+        good.append(number)
+    return np.array(part, np.float64).reshape(-1, len(columns)), good
+
+
+def _number(cell: str, decimal: str) -> float | None:
+    cell = cell.strip().strip('"')
+    if decimal == ",":
+        cell = cell.replace(",", ".")
+    try:
+        return float(cell)
+    except ValueError:
+        return None

@@ -1,0 +1,56 @@
+"""Units as people write them, with their factors to rad/s, m/s² and s."""
+
+import re
+from math import pi
+
+STANDARD_GRAVITY = 9.80665
+GYRO = {"rad/s": 1.0, "deg/s": pi / 180, "mdeg/s": pi / 180e3, "mrad/s": 1e-3, "deg/h": pi / 180 / 3600}
+ACCEL = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3, "mm/s2": 1e-3, "cm/s2": 1e-2}
+TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+
+_SPELT = (
+    (re.compile("[°º˚]"), "deg"),
+    (re.compile("²"), "2"),
+    (re.compile("[µμ]"), "u"),
+    (re.compile(r"degrees?"), "deg"),
+    (re.compile(r"radians?"), "rad"),
+    (re.compile(r"milli-?(?=deg|g)"), "m"),
+    (re.compile(r"milliseconds?|millis|msecs?"), "ms"),
+    (re.compile(r"microseconds?|micros|usecs?"), "us"),
+    (re.compile(r"nanoseconds?|nanos|nsecs?"), "ns"),
+    (re.compile(r"seconds?|secs?\b"), "s"),
+    (re.compile(r"\bper\b"), "/"),
+    (re.compile(r"[\s_^*·.()\[\]]"), ""),
+    (re.compile(r"[-−]1$|⁻¹$"), "!"),
+    (re.compile(r"[-−]2$|⁻2$"), "!2"),
+    (re.compile(r"s!"), "/s"),
+    (re.compile(r"/s/s$"), "/s2"),
+)
+_SHORT = {
+    "dps": "deg/s",
+    "mdps": "mdeg/s",
+    "degs": "deg/s",
+    "degsec": "deg/s",
+    "deg/sec": "deg/s",
+    "rads": "rad/s",
+    "rad/sec": "rad/s",
+    "mps2": "m/s2",
+    "ms2": "m/s2",
+    "gs": "g",
+    "gn": "g",
+    "sec": "s",
+    "hr": "h",
+}
+
+
+def spelling(text: str) -> str:
+    """A unit in one spelling: `°/s`, `deg_s` and `dps` are all deg/s."""
+    text = text.strip().lower()
+    for pattern, put in _SPELT:
+        text = pattern.sub(put, text)
+    return _SHORT.get(text, text)
+
+
+def unit_in(text: str, known: dict[str, float]) -> float | None:
+    """The factor of a unit, in any spelling, to SI; None where it is none of these."""
+    return known.get(spelling(text))
