@@ -103,7 +103,7 @@ class Membership:
         return sorted(there - before), sorted(before - there)
 
     def owns(self, device: str) -> bool:
-        """Whether a device belongs to us, by the estimators that are alive; from any thread."""
+        """Whether a device belongs to us, by the estimators that are alive."""
         return self._owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
@@ -134,7 +134,7 @@ class Membership:
         self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
 
     def answers(self, device: str) -> bool:
-        """Whether we speak of a device, held or unknown; from any thread."""
+        """Whether we speak of a device, held or unknown."""
         if device in self.held or self.alone:
             return True
         return self.owns(device) and not any(True for _ in self._claims(device))

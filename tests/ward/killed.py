@@ -41,10 +41,14 @@ HEARD_S = 0.3
 
 @dataclass(slots=True)
 class Kill:
-    """One kill. Seconds from the start of the next process to the first GOOD sample of one, and of every steady device."""
+    """One kill. Seconds from the start of the next process to the first GOOD sample of one, and of every steady device.
+
+    threads: of the next process, once it serves.
+    """
 
     first_s: float
     all_s: float
+    threads: int
     faults: list[str] = field(default_factory=list)
     moved: list[float] = field(default_factory=list)  # each steady device's bias, in standard deviations
 
@@ -161,7 +165,10 @@ class Victim:
         moved = [_moved(before[name][1], batch) for name, (_, batch) in first.items()]
         moments = [moment - begun for moment, _ in first.values()] or [np.inf]
         faults += self.ear.holes.new()
-        return Kill(min(moments), max(moments), faults, moved)
+        return Kill(min(moments), max(moments), self._threads(), faults, moved)
+
+    def _threads(self) -> int:
+        return len(list(Path(f"/proc/{self.ward.pid('estimator')}/task").iterdir()))
 
     def lost(self) -> list[str]:
         """Calibrations that were acknowledged and are not in the store."""
