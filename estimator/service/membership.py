@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from bridge.wire.messages import Holding, Owned
-from estimator.service.epochs import BEYOND, epoch_after
-from estimator.service.ownership import owner
+from estimator.service.ownership import BEYOND, epoch_after, owner
 
 #: an estimator that says nothing for this long is taken for dead, s
 LEASE_S = 1.5

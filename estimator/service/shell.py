@@ -35,13 +35,11 @@ from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.presence import Presence
 from estimator.service.quota import FLOODED, Quotas
 from estimator.service.record import Record
-from estimator.service.replay import since
+from estimator.service.replay import Resumed, since
 from estimator.service.replicas import calibrated
-from estimator.service.resumed import Resumed
 from estimator.service.roster import Roster
-from estimator.service.stock import Stock
+from estimator.service.stock import Stock, Totals
 from estimator.service.store import Store
-from estimator.service.totals import Totals
 from estimator.service.views import Views
 from estimator.service.vitals import Vitals
 
