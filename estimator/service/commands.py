@@ -65,7 +65,9 @@ class Commands:
             if not self._ours(key.device):
                 asked.reply(b"")  # another estimator answers
             elif now - asked.came_s > ANSWER_S:
-                _refuse(asked.reply, command.request_id, "the estimator was too busy; nothing was done, try again")
+                _refuse(
+                    asked.reply, command.request_id, "the estimator is too busy to answer; nothing was done, try again"
+                )
             else:
                 self._once(asked, key, command, do)
         for (_, _, request_id), waiting in self._unkept.items():
