@@ -1,6 +1,7 @@
 """The verb `truerate estimator serve`."""
 
 import argparse
+import os
 from pathlib import Path
 
 from bridge.cli_parser import Verbs, add_verb
@@ -18,6 +19,8 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _serve(given: argparse.Namespace) -> None:
+    # No matrix here is worth a second thread; by default NumPy and SciPy start one a core each.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from estimator.config import Ward  # noqa: PLC0415
     from estimator.service.serve import run  # noqa: PLC0415
 

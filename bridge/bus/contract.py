@@ -16,6 +16,10 @@ class Message(NamedTuple):
     payload: bytes
 
 
+#: answers a query, at any time and from any thread; empty where the answer is somebody else's
+Reply = Callable[[bytes], None]
+
+
 class BusError(Exception):
     """The bus could not do it: what was tried, where, and what to do."""
 
@@ -90,6 +94,7 @@ class Bus(Protocol):
         history: bool = False,
         capacity: int = 65536,
         most_past: int | None = None,
+        prompt: bool = True,
     ) -> Subscription:
         """Receive what matches the pattern, or one of several that do not overlap, in one queue.
 
@@ -97,10 +102,12 @@ class Bus(Protocol):
 
         Of what a publisher's cache holds now the last most_past come, by default all. A full queue drops its oldest messages,
         and counts them in `missed`; of what caches held none is dropped.
+
+        prompt: a thread of its own hands messages on as they come; without, the session's thread does within about 25 ms.
         """
 
-    def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> Declared:
-        """Answer queries on matching keys with handler(key, payload), or with nothing: then the answer is somebody else's."""
+    def answer(self, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> Declared:
+        """Answer queries on matching keys: handler(key, payload, reply) calls reply, then or later. What it raises is told."""
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
         """The first answer to a query that is not empty, of all who answer it: an empty one says that another is meant.

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from queue import Empty, SimpleQueue
 from typing import Any, Self
 
-from bridge.bus.contract import BusError, Message
+from bridge.bus.contract import BusError, Message, Reply
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.inbox import Inbox, newest_last
 from bridge.bus.keyexpr import check_key, check_pattern, check_patterns, matches
@@ -68,13 +68,14 @@ class MemoryBus:
         history: bool = False,
         capacity: int = 65536,
         most_past: int | None = None,
+        prompt: bool = True,  # noqa: ARG002 - here everything is
     ) -> "_Subscription":
         """See contract.Bus."""
         inbox = _Subscription(self._open(), check_patterns(patterns), capacity, history=history)
         inbox.begin(most_past)
         return inbox
 
-    def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Answerer":
+    def answer(self, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> "_Answerer":
         """See contract.Bus."""
         return _Answerer(self._open(), check_pattern(pattern), handler)
 
@@ -88,9 +89,7 @@ class MemoryBus:
             raise BusError(f"nobody answers {key!r}; is the service that should answer running?")
         done = SimpleQueue[tuple[bytes, str]]()
         for one in able:
-            threading.Thread(
-                target=one.tell, args=(key, bytes(payload), done.put), name=f"answer {key}", daemon=True
-            ).start()
+            one.tell(key, bytes(payload), done.put)
         deadline, errors = time.monotonic() + timeout_s, list[str]()
         while len(errors) < len(able):
             try:
@@ -235,13 +234,13 @@ class _Subscription(_Declared, Inbox):
 
 
 class _Answerer(_Declared):
-    def __init__(self, bus: MemoryBus, pattern: str, handler: Callable[[str, bytes], bytes]) -> None:
+    def __init__(self, bus: MemoryBus, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> None:
         self.pattern, self._handler = pattern, Guarded(handler, f"queries on {pattern}")
         super().__init__(bus, bus.broker.answerers)
 
     def tell(self, key: str, payload: bytes, done: Callable[[tuple[bytes, str]], None]) -> None:
         try:
-            done((self._handler(key, payload), "an empty answer"))
+            self._handler(key, payload, lambda reply: done((reply, "an empty answer")))
         except HandlerError as error:
             done((b"", str(error)))
 

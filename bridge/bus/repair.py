@@ -1,5 +1,9 @@
-"""Gap repair, one thread a session: answers for its publishers' caches, and asks other caches for what its subscriptions lack."""
+"""A session's thread: gap repair, liveliness watchers and answers.
 
+It answers for the session's own caches, and asks other publishers' caches for what its subscriptions lack.
+"""
+
+import contextlib
 import logging
 import os
 import threading
@@ -7,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import count
+from typing import Any, TypeVar
 
 import zenoh
 from zenoh import handlers
@@ -16,6 +21,7 @@ from bridge.bus.handlers import HandlerError
 from bridge.bus.zenoh_session import CHANNEL, Channel, said
 from bridge.bus.zenoh_subscription import Found, Subscription, by_source
 
+_T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 #: how often the thread looks at its channels, and while it waits for answers: zenoh cannot wait for several channels
@@ -29,8 +35,8 @@ _LAST_S = 2.0
 _LAST_WITHIN_S, _AFTER_S = 40.0, 10.0
 #: queries that may wait; the oldest is dropped when more come, and its asker asks again
 _QUESTIONS = 4096
-#: queries answered before the thread turns to its other work
-_AT_ONCE = 256
+#: queries answered, and tokens told, before the thread turns to its other work
+_AT_ONCE = 1024
 
 
 @dataclass(slots=True, eq=False)
@@ -52,7 +58,7 @@ class _Question:
 
 
 class Repair:
-    """Caches, questions and liveliness watchers of one session. Everything but `run` may be called from any thread."""
+    """Caches, questions, answers and liveliness watchers of one session. Everything but `run` may be called from any thread."""
 
     def __init__(self, session: zenoh.Session, subscriptions: Callable[[], Iterator[Subscription]]) -> None:
         self._session, self._subscriptions = session, subscriptions
@@ -60,7 +66,7 @@ class Repair:
         self._caches, self._cached = Caches(), 0
         self._asked: dict[str, Channel[zenoh.Query]] = {}
         self._queryables = list[object]()  # zenoh takes back what nobody holds
-        self._watched = list[tuple[Channel[zenoh.Sample], Callable[[zenoh.Sample], None]]]()
+        self._watched = list[tuple[Channel[Any], Callable[[Any], None]]]()
         self._questions = list[_Question]()
         self._last_s = 0.0
         self._routers: set[str] = set()
@@ -85,8 +91,8 @@ class Repair:
             self._cached -= cache.size
             self._caches.discard(cache)
 
-    def watch(self, channel: Channel[zenoh.Sample], handle: Callable[[zenoh.Sample], None]) -> None:
-        """Call handle for each token that comes or goes, on this thread, until the channel is closed."""
+    def watch(self, channel: Channel[_T], handle: Callable[[_T], None]) -> None:
+        """Call handle for each thing that comes, a token or a query, on this thread, until the channel is closed."""
         self._watched = [*self._watched, (channel, handle)]
 
     def begin(self, subscription: Subscription, most: int | None) -> None:
@@ -122,6 +128,8 @@ class Repair:
                 self._answer()
                 self._hand_on()
                 self._listen()
+                for subscription in self._subscriptions():
+                    subscription.poll()
                 self._ask_about_gaps()
                 if time.monotonic() >= self._last_s + _LAST_S:
                     self._last_s = time.monotonic()
@@ -156,15 +164,15 @@ class Repair:
                 question.then(by_source(question.found))
 
     def _listen(self) -> None:
-        """Tell watchers of tokens that came or went."""
+        """Have tokens and queries handled."""
         for watched in self._watched:
             channel, handle = watched
             try:
-                while (sample := channel.try_recv()) is not None:
-                    try:
-                        handle(sample)
-                    except HandlerError:
-                        continue  # already logged; the next one may well be handled
+                for _ in range(_AT_ONCE):
+                    if (one := channel.try_recv()) is None:
+                        break
+                    with contextlib.suppress(HandlerError):  # already logged; the next one may well be handled
+                        handle(one)
             except zenoh.ZError:
                 self._watched = [one for one in self._watched if one is not watched]
 

@@ -12,7 +12,7 @@ from zenoh import handlers
 
 from bridge.bus import zenoh_settings
 from bridge.bus.cache import HISTORY
-from bridge.bus.contract import BusError
+from bridge.bus.contract import BusError, Reply
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.keyexpr import check_key, check_pattern, check_patterns
 from bridge.bus.knock import knock
@@ -24,7 +24,6 @@ from bridge.bus.zenoh_session import (
     Declared,
     as_bus_error,
     close_session,
-    each,
     open_session,
 )
 from bridge.bus.zenoh_subscription import Subscription
@@ -83,6 +82,7 @@ class ZenohBus:
         history: bool = False,
         capacity: int = 65536,
         most_past: int | None = None,
+        prompt: bool = True,
     ) -> Subscription:
         """See contract.Bus. Ask for history only where publishers have a cache.
 
@@ -94,18 +94,18 @@ class ZenohBus:
             for one in patterns:
                 channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(CHANNEL)
                 found.append(self._session.declare_subscriber(one, channel))
-            subscription = Subscription(self, found, patterns, capacity, repaired=history)
+            subscription = Subscription(self, found, patterns, capacity, repaired=history, prompt=prompt)
             if history:
                 self._repair.begin(subscription, most_past)
             return subscription
 
-    def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "Declared":
+    def answer(self, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> "Declared":
         """See contract.Bus."""
         guarded = Guarded(handler, f"queries on {pattern}")
         with self._doing(f"answer {check_pattern(pattern)}"):
             # A ring: more questions than this unanswered, and the oldest asker is told that nobody answered.
             queryable = self._session.declare_queryable(pattern, handlers.RingChannel(256), complete=True)
-        self.run(lambda: each(queryable.handler, lambda query: _reply(query, guarded)), f"answer {pattern}")
+        self._repair.watch(queryable.handler, lambda query: _answer(query, guarded))
         return Declared(self, queryable)
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
@@ -224,17 +224,20 @@ def _why(routers: Routers) -> str:
     return f": {'; '.join(said)}"
 
 
-def _reply(query: zenoh.Query, handler: Guarded[[str, bytes], bytes]) -> None:
-    """Answer one query; leaving the block tells the asker that no more is to come."""
-    with query:
-        key = str(query.key_expr)
+def _answer(query: zenoh.Query, handler: Guarded[[str, bytes, Reply], None]) -> None:
+    """Have one query answered; leaving its block tells the asker that no more is to come."""
+    key = str(query.key_expr)
+
+    def reply(answer: bytes) -> None:
         try:
-            try:
-                check_key(key)
-                answer = handler(key, query.payload.to_bytes() if query.payload is not None else b"")
-            except (BusError, HandlerError) as error:
-                query.reply_err(str(error).encode())
-            else:
+            with query:
                 query.reply(query.key_expr, answer)
         except zenoh.ZError as error:
             _log.warning("an answer to %s could not be sent: %s", key, error)
+
+    try:
+        check_key(key)
+        handler(key, query.payload.to_bytes() if query.payload is not None else b"", reply)
+    except (BusError, HandlerError) as error:
+        with query, contextlib.suppress(zenoh.ZError):
+            query.reply_err(str(error).encode())

@@ -20,7 +20,6 @@ import zenoh
 from bridge import os_words
 from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError
-from bridge.bus.handlers import HandlerError
 from bridge.toml_file import nearest
 
 _T_co = TypeVar("_T_co", covariant=True)
@@ -165,19 +164,6 @@ class Declared:
                     one.undeclare()
             except zenoh.ZError:
                 _log.debug("already gone with its session")
-
-
-def each(channel: Channel[_T], handle: Callable[[_T], None]) -> None:
-    """Handle what comes until the channel is closed."""
-    while True:
-        try:
-            item = channel.recv()
-        except zenoh.ZError:
-            return
-        try:
-            handle(item)
-        except HandlerError:
-            continue  # already logged; the next one may well be handled
 
 
 @contextlib.contextmanager

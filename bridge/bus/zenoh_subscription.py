@@ -16,15 +16,17 @@ from bridge.bus.zenoh_session import Declared, Home, Joined
 
 _log = logging.getLogger(__name__)
 
-_BATCH = 512
+#: messages taken at once, and how often in a turn of the session's thread
+_BATCH, _TURNS = 512, 8
 
 Found = dict[Source, dict[int, Message]]
 
 
 class Subscription(Inbox, Declared):
-    """Queue of the messages of several patterns; a thread takes them from zenoh.
+    """Queue of the messages of several patterns.
 
     repaired: live messages wait for the history (`begin`), and gaps are asked about (`due`, `answered`) by the session's Repair.
+    prompt: a thread of its own takes messages from zenoh as they come; else the session's thread does (`poll`).
     """
 
     def __init__(
@@ -35,17 +37,19 @@ class Subscription(Inbox, Declared):
         capacity: int,
         *,
         repaired: bool,
+        prompt: bool,
     ) -> None:
         Inbox.__init__(self, capacity)
-        Declared.__init__(self, bus, *subscribers)
-        self.patterns, self.repaired = patterns, repaired
+        self.patterns, self.repaired, self._prompt = patterns, repaired, prompt
         self._samples = Joined([one.handler for one in subscribers])
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # messages enter the queue in the order of this lock
         self._begun = threading.Event()
         if not repaired:
             self._begun.set()
-        bus.run(self._pump, f"receive {patterns[0]}")
+        Declared.__init__(self, bus, *subscribers)  # from here on the session's thread knows it
+        if prompt:
+            bus.run(self._pump, f"receive {patterns[0]}")
 
     @property
     def caught_up(self) -> bool:
@@ -75,6 +79,17 @@ class Subscription(Inbox, Declared):
             for source, numbers in newest.items():
                 self._sequences.heard(source, max(numbers), time.monotonic())
 
+    def poll(self) -> None:
+        """Take in what has come, without waiting; does nothing where a thread of its own does."""
+        if self._prompt or not self.caught_up:
+            return
+        try:
+            for _ in range(_TURNS):
+                if samples := self._arrived():
+                    self._take(samples)
+        except zenoh.ZError:
+            Inbox.close(self)
+
     def close(self) -> None:
         """See contract.Subscription."""
         Inbox.close(self)
@@ -85,16 +100,20 @@ class Subscription(Inbox, Declared):
         try:
             self._begun.wait()
             while True:
-                batch = [self._samples.recv()]
-                while len(batch) < _BATCH and (sample := self._samples.try_recv()) is not None:
-                    batch.append(sample)
-                self._take([sample for sample in batch if sample.kind == zenoh.SampleKind.PUT])
+                self._take([self._samples.recv(), *self._arrived()])
         except zenoh.ZError:
             _log.debug("subscription closed")
         finally:
             Inbox.close(self)
 
+    def _arrived(self) -> list[zenoh.Sample]:
+        found = list[zenoh.Sample]()
+        while len(found) < _BATCH and (sample := self._samples.try_recv()) is not None:
+            found.append(sample)
+        return found
+
     def _take(self, samples: Sequence[zenoh.Sample]) -> None:
+        samples = [sample for sample in samples if sample.kind == zenoh.SampleKind.PUT]
         if not self.repaired:
             self.put([_message(sample) for sample in samples])
             return

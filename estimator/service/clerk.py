@@ -1,13 +1,13 @@
-"""The thread that writes to the store, so that a slow disk delays no sample, and one that reads what takes long.
+"""The thread that uses the store, so that a slow disk delays no sample.
 
-Writes are done in the order in which they are given. Where the disk fails they wait and are tried again.
+Writes are done in the order in which they are given. Where the disk fails they wait and are tried again. Reads wait for
+writes that are urgent.
 """
 
 import logging
 import threading
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 
 from estimator.database import Damaged, Database, StoreError, Unavailable
@@ -42,10 +42,10 @@ class Clerk:
         self._finished: deque[tuple[Done, StoreError | None]] = deque()
         self._more = threading.Condition()
         self._urgent = self._closing = False
-        self._threads = None if not thread else ThreadPoolExecutor(1, "store-reader")
-        self._writer = threading.Thread(target=self._run, name="store-writer", daemon=True)
-        if thread:
-            self._writer.start()
+        self._reads: deque[tuple[Write, Done]] = deque()
+        self._thread = threading.Thread(target=self._run, name="store", daemon=True) if thread else None
+        if self._thread is not None:
+            self._thread.start()
 
     @property
     def idle(self) -> bool:
@@ -62,20 +62,22 @@ class Clerk:
                 self._more.notify()
         if refused:
             done(StoreError(f"store {self._database.path}: {MOST} writes wait for the disk; this one is not kept"))
-        elif self._threads is None:
+        elif self._thread is None:
             self._write_all()
             self.collect()
 
     def look_up(self, read: Write, done: Done = lambda _: None) -> None:
-        """Read on another thread; `done` is called in `collect`."""
-        if self._threads is not None and not self._closing:
-            self._threads.submit(lambda: self._finished.append((done, _looked_up(read))))
-        elif self._threads is None:
+        """Read, or back up, on the store's thread; `done` is called in `collect`. After close nothing is read."""
+        if self._thread is None:
             done(_looked_up(read))
+            return
+        with self._more:
+            self._reads.append((read, done))
+            self._more.notify()
 
     def collect(self) -> None:
         """Call each `done` that is due, on the caller's thread."""
-        if self._threads is None and self._waiting:
+        if self._thread is None and self._waiting:
             self._write_all()
         while self._finished:
             done, error = self._finished.popleft()
@@ -86,11 +88,10 @@ class Clerk:
         with self._more:
             self._closing = True
             self._more.notify()
-        if self._threads is None:
+        if self._thread is None:
             self._write_all()
         else:
-            self._threads.shutdown(wait=False, cancel_futures=True)
-            self._writer.join(PATIENCE_S)
+            self._thread.join(PATIENCE_S)
         if self._waiting:
             log.error("store %s: the disk fails or does not answer; the last writes are lost", self._database.path)
             lost = StoreError(f"store {self._database.path}: the disk fails or does not answer")
@@ -100,14 +101,18 @@ class Clerk:
     def _run(self) -> None:
         while True:
             with self._more:
-                self._more.wait_for(lambda: self._waiting or self._closing)
+                self._more.wait_for(lambda: self._waiting or self._reads or self._closing)
                 self._more.wait_for(
-                    lambda: self._urgent or self._closing or len(self._waiting) >= TOGETHER, timeout=GATHER_S
+                    lambda: self._urgent or self._reads or self._closing or len(self._waiting) >= TOGETHER,
+                    timeout=GATHER_S,
                 )
                 self._urgent = False
             wrote = self._write_all()
             if self._closing and not (wrote and self._waiting):
                 return
+            while self._reads and not self._urgent and not self._closing:
+                read, done = self._reads.popleft()
+                self._finished.append((done, _looked_up(read)))
             if not wrote:
                 with self._more:
                     self._more.wait_for(lambda: self._closing, timeout=RETRY_S)

@@ -30,14 +30,13 @@ DOUBLE = "messages of another estimator with our id"
 
 
 class Cluster:
-    """Used from the service's own thread, but for `answers` and the handler of tokens. peers: ids seen at the start."""
+    """Used from the service's own thread, but for the handler of tokens. peers: ids seen at the start."""
 
     def __init__(
         self,
         ward: str,
         own: str,
-        data: Bus,
-        control: Bus,
+        bus: Bus,
         now_ns: Callable[[], int],
         counts: Tally,
         peers: Collection[str],
@@ -45,7 +44,7 @@ class Cluster:
         now = time.monotonic()
         self.membership = Membership(own, peers, now)
         self.replicas = Replicas(MAX_DEVICES)
-        self._buses, self._now_ns, self._counts = (data, control), now_ns, counts
+        self._bus, self._now_ns, self._counts = bus, now_ns, counts
         self._replay = ReplayLog()
         #: whether there ever was another estimator
         self.company = not self.membership.alone
@@ -55,10 +54,10 @@ class Cluster:
         self._owned = Decoder[Owned]("ownership", codec.decode_owned)
         self._checkpoints = Decoder[Checkpoint]("checkpoint", codec.decode_checkpoint)
         self._own_key = keys.build(ward, "owned", estimator=own)
-        self._said, self._mine = data.publisher(self._own_key), deque[int](maxlen=_SAID)
-        self._heard = data.subscribe(keys.pattern(ward, "owned"))
-        self._kept = data.subscribe(keys.pattern(ward, "checkpoint"), history=True)
-        self._watch = control.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
+        self._said, self._mine = bus.publisher(self._own_key), deque[int](maxlen=_SAID)
+        self._heard = bus.subscribe(keys.pattern(ward, "owned"), prompt=False)
+        self._kept = bus.subscribe(keys.pattern(ward, "checkpoint"), history=True, prompt=False)
+        self._watch = bus.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
         self._looked, self._deaf_s, self._next_say, self._scan = now, 0.0, 0.0, True
         self._devices = dict[str, str | None]()  # by key
         self._moves: deque[Move] = deque(maxlen=_MOVES)
@@ -86,7 +85,7 @@ class Cluster:
         membership = self.membership
         said = self._heard.drain(512, 0.0)
         self._excuse(now, heard=heard or any(message.key != self._own_key for message in said))
-        if self._tokens and not all(bus.connected for bus in self._buses):
+        if self._tokens and not self._bus.connected:
             membership.hold_off(now)  # all tokens died with the router
         while self._tokens:
             self._changed(*self._tokens.popleft(), now)
@@ -111,7 +110,7 @@ class Cluster:
     def look_round(self, now: float, devices: Collection[str]) -> None:
         """Once a second: forget devices that are gone, and look for some that nobody has."""
         self.membership.keep(devices)
-        if not all(bus.connected for bus in self._buses):
+        if not self._bus.connected:
             self.membership.hold_off(now)
         self._scan = True
 
@@ -209,7 +208,7 @@ class Cluster:
         return self.membership.held.get(device) or self.membership.take(device, self._now_ns())
 
     def answers(self, device: str) -> bool:
-        """Whether it is for us to answer a command; from any thread."""
+        """Whether it is for us to answer a command."""
         return self.membership.answers(device)
 
     def _device(self, key: str) -> str | None:

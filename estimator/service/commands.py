@@ -1,112 +1,100 @@
-"""Commands from people: asked on a thread of the bus, done on the service's own, answered with what came of it.
+"""Commands from people: taken in on a thread of the bus, done and answered on the service's own.
 
 A command sent again with the same request id gets the same answer, changes nothing, and is counted: so a recording of commands
-that is played does nothing. One that was answered as too late is not done afterwards. It is answered once it is written down.
+that is played does nothing. A command that waited too long is not done. It is answered once it is written down.
 """
 
-import queue
-import threading
+import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
+from bridge.bus.contract import Reply
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply
 from bridge.wire.refusal import Refusal
 
-#: how long a command waits for its turn, and then for its end; together less than who asks waits
-ANSWER_S, FINISH_S = 1.0, 0.8
-_REMEMBERED = 1000
+#: how long a command may wait for its turn, and for the disk; less than who asks waits, s
+ANSWER_S, WRITTEN_S = 1.0, 1.8
+#: commands that wait, and answers that are remembered
+MOST, _REMEMBERED = 64, 1000
 
 #: is given what to call once that may be answered
 Do = Callable[[keys.Key, Command, Callable[[], None]], CommandReply]
+#: device, verb and request id, by which a command is the same as another
+Request = tuple[str, str, str]
 
 
-@dataclass(slots=True)
-class _Asked:
-    key: keys.Key
-    command: Command
-    done: threading.Event = field(default_factory=threading.Event)
-    reply: CommandReply | None = None
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-    _decided: bool = False
-
-    @property
-    def request(self) -> tuple[str, str, str]:
-        """By which it is the same as another."""
-        return self.key.device, self.key.ids["verb"], self.command.request_id
-
-    def decide(self) -> bool:
-        """Begin it, or give it up: True for whoever comes first."""
-        with self._lock:
-            first, self._decided = not self._decided, True
-        return first
+class _Asked(NamedTuple):
+    key: str
+    payload: bytes
+    reply: Reply
+    came_s: float
 
 
 class Commands:
-    """The desk between the bus and the service. ours(device): whether it is for us to answer; from any thread."""
+    """The desk between the bus and the service. ours(device): whether it is for us to answer."""
 
     def __init__(
         self, ours: Callable[[str], bool] = lambda _: True, counted: Callable[[str], object] = lambda _: None
     ) -> None:
         self._ours, self._counted = ours, counted
-        self._refused: deque[str] = deque(maxlen=_REMEMBERED)  # on threads of the bus; counted on the service's own
-        self._waiting: queue.Queue[_Asked] = queue.Queue(maxsize=64)
-        self._answered: OrderedDict[tuple[str, str, str], CommandReply] = OrderedDict()
-        self._unkept: dict[tuple[str, str, str], list[_Asked]] = {}  # those that are done, and not written down yet
+        self._waiting = deque[_Asked]()
+        self._answered = OrderedDict[Request, CommandReply]()
+        #: commands that are done, and not written down yet
+        self._unkept = dict[Request, list[tuple[_Asked, bytes]]]()
 
-    def ask(self, key: str, payload: bytes) -> bytes:
-        """Called by the bus: hand a command to the service and wait for what came of it."""
-        try:
-            asked = _Asked(keys.parse(key), codec.decode_command(key, payload))
-        except Refusal as refusal:
-            self._refused.append(refusal.reason)
-            return codec.encode_reply(CommandReply("", accepted=False, message=str(refusal)))
-        if not self._ours(asked.key.device):
-            return b""  # another estimator answers
-        try:
-            self._waiting.put_nowait(asked)
-        except queue.Full:
-            return self._late(asked, "too many commands are waiting; nothing was done, try again")
-        if not asked.done.wait(ANSWER_S) and asked.decide():
-            return self._late(asked, "the estimator is too busy to answer; nothing was done, try again")
-        if not asked.done.wait(FINISH_S) or asked.reply is None:
-            return self._late(asked, "it was begun, but how it ended is not known yet: look at the status")
-        return codec.encode_reply(asked.reply)
+    def ask(self, key: str, payload: bytes, reply: Reply) -> None:
+        """Called by the bus: a command waits for the service."""
+        if len(self._waiting) >= MOST:
+            _refuse(reply, "", "too many commands are waiting; nothing was done, try again")
+        else:
+            self._waiting.append(_Asked(key, payload, reply, time.monotonic()))
 
     def work(self, do: Do) -> None:
-        """Called by the service: do what is waiting and was not given up."""
-        while self._refused:
-            self._counted(f"refused, {self._refused.popleft()}")
-        while not self._waiting.empty():
-            asked = self._waiting.get_nowait()  # nobody else takes any
-            if asked.decide():
-                self._once(asked, do)
+        """Called by the service: do what is waiting, and answer what is not written down in time."""
+        now = time.monotonic()
+        while self._waiting:
+            asked = self._waiting.popleft()
+            try:
+                key, command = keys.parse(asked.key), codec.decode_command(asked.key, asked.payload)
+            except Refusal as refusal:
+                self._counted(f"refused, {refusal.reason}")
+                _refuse(asked.reply, "", str(refusal))
+                continue
+            if not self._ours(key.device):
+                asked.reply(b"")  # another estimator answers
+            elif now - asked.came_s > ANSWER_S:
+                _refuse(
+                    asked.reply, command.request_id, "the estimator is too busy to answer; nothing was done, try again"
+                )
+            else:
+                self._once(asked, key, command, do)
+        for (_, _, request_id), waiting in self._unkept.items():
+            while waiting and now - waiting[0][0].came_s > WRITTEN_S:
+                words = "it was begun, but how it ended is not known yet: look at the status"
+                _refuse(waiting.pop(0)[0].reply, request_id, words)
 
-    def _once(self, asked: _Asked, do: Do) -> None:
-        request = asked.request
-        if (before := self._answered.get(request)) is not None:
+    def _once(self, asked: _Asked, key: keys.Key, command: Command, do: Do) -> None:
+        request = key.device, key.ids["verb"], command.request_id
+        if request in self._answered:
             self._counted("repeated")
-            self._answer(asked, before)
-            return
-        self._unkept[request] = []
-
-        def kept() -> None:
-            for each in self._unkept.pop(request, ()):
-                each.done.set()
-
-        self._answered[request] = do(asked.key, asked.command, kept)
-        self._answer(asked, self._answered[request])
+        else:
+            self._unkept[request] = []
+            self._answered[request] = do(key, command, lambda: self._kept(request))
+        answer = codec.encode_reply(self._answered[request])
         while len(self._answered) > _REMEMBERED:
             self._answered.popitem(last=False)
-
-    def _answer(self, asked: _Asked, reply: CommandReply) -> None:
-        """At once, or when what was done is written down."""
-        asked.reply = reply
-        if (waiting := self._unkept.get(asked.request)) is None:
-            asked.done.set()
+        if (waiting := self._unkept.get(request)) is not None:
+            waiting.append((asked, answer))
         else:
-            waiting.append(asked)
+            asked.reply(answer)
 
-    def _late(self, asked: _Asked, message: str) -> bytes:
-        return codec.encode_reply(CommandReply(asked.command.request_id, accepted=False, message=message))
+    def _kept(self, request: Request) -> None:
+        """What a command did is written down."""
+        for asked, answer in self._unkept.pop(request, ()):
+            asked.reply(answer)
+
+
+def _refuse(reply: Reply, request_id: str, message: str) -> None:
+    reply(codec.encode_reply(CommandReply(request_id, accepted=False, message=message)))

@@ -26,6 +26,8 @@ ANNOUNCED_AT = 5
 FIRST_CHECKPOINT_S = 1.0
 #: of who said nothing for longer it is told how old what is known is now, s
 SILENT_S = 2.0
+#: of a device, before some work of it: samples held, taken in, corrected and published
+Counted = tuple[int, int, int, int]
 
 
 class Device:
@@ -78,6 +80,12 @@ class Device:
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
         self._encoder = published.Encoder(name, epoch)
+
+    @property
+    def counted(self) -> Counted:
+        """What `Isolation.failed` needs to know."""
+        sequence = self.session.sequence
+        return self.admission.waiting.samples, sequence.samples_in, sequence.samples_out, self.told
 
     @property
     def announced(self) -> bool:

@@ -18,8 +18,8 @@ from estimator.outcome import Outcome
 from estimator.service.boots import Boots
 from estimator.service.decode import decode
 from estimator.service.device import Device
-from estimator.service.isolation import Isolation, counted
-from estimator.service.resumed import DONE, Resumed
+from estimator.service.isolation import Isolation
+from estimator.service.replay import DONE, Resumed
 from estimator.service.roster import Roster
 from estimator.service.stock import Stock
 
@@ -58,16 +58,18 @@ class Intake:
 
     def take(self, messages: Sequence[Message]) -> None:
         """Messages of samples."""
-        now = time.monotonic()
+        now, came = time.monotonic(), 0
+        resumed = self._resumed.lasts(now)
         for message, samples in zip(messages, decode(messages), strict=True):
             if isinstance(samples, Refusal):
                 self._samples.refuse(message.key, samples)
                 continue
-            self._came(samples.n)
-            if self._resumed.done(samples, now):
+            came += samples.n
+            if resumed and self._resumed.done(samples):
                 self._counts.add(DONE, samples.n)
                 continue
             self._on_samples(message.key, samples, now)
+        self._came(came)
         self._publish()
 
     def hear(self, message: Message) -> None:
@@ -124,7 +126,7 @@ class Intake:
             return
         if device.admission.source.owns(samples.bridge, now):
             device.key = key
-            before = counted(device)
+            before = device.counted
             try:
                 self._take(device, samples, now)
             except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
@@ -192,6 +194,6 @@ class Intake:
             try:
                 device.say_corrected(cut, rates)
             except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
-                before = counted(device)
+                before = device.counted
                 device.told -= cut.n
                 self._guarded.failed(device, error, before)

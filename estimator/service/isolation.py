@@ -6,16 +6,13 @@ from typing import TypeVarTuple
 
 from bridge.bus.contract import BusError
 from bridge.wire.refusal import Tally
-from estimator.service.device import Device
+from estimator.service.device import Counted, Device
 
 Ts = TypeVarTuple("Ts")
 
 log = logging.getLogger(__name__)
 
 FAILED = "session failed"
-
-#: of a device, before some work of it: samples held, taken in, corrected and published
-Before = tuple[int, int, int, int]
 
 
 class Isolation:
@@ -26,7 +23,7 @@ class Isolation:
 
     def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0) -> bool:
         """Whether work(*args) went well; else the device's session begins anew. came: see `failed`."""
-        before = counted(device)
+        before = device.counted
         try:
             work(*args)
         except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
@@ -34,7 +31,7 @@ class Isolation:
             return False
         return True
 
-    def failed(self, device: Device, error: Exception, before: Before, *, came: int = 0) -> None:
+    def failed(self, device: Device, error: Exception, before: Counted, *, came: int = 0) -> None:
         """Work of a device has: its session begins anew. The service of all others must not end with it.
 
         came: samples that the work was to take in.
@@ -50,9 +47,3 @@ class Isolation:
         if device.session.count_event(FAILED) == 1:
             words = "%s: its session failed and begins anew (more of this device are only counted)"
             log.error(words, device.name, exc_info=error)
-
-
-def counted(device: Device) -> Before:
-    """What `failed` needs to know."""
-    sequence = device.session.sequence
-    return device.admission.waiting.samples, sequence.samples_in, sequence.samples_out, device.told

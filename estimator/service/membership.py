@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from bridge.wire.messages import Holding, Owned
-from estimator.service.epochs import BEYOND, epoch_after
-from estimator.service.ownership import owner
+from estimator.service.ownership import BEYOND, epoch_after, owner
 
 #: an estimator that says nothing for this long is taken for dead, s
 LEASE_S = 1.5
@@ -103,7 +102,7 @@ class Membership:
         return sorted(there - before), sorted(before - there)
 
     def owns(self, device: str) -> bool:
-        """Whether a device belongs to us, by the estimators that are alive; from any thread."""
+        """Whether a device belongs to us, by the estimators that are alive."""
         return self._owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
@@ -134,7 +133,7 @@ class Membership:
         self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
 
     def answers(self, device: str) -> bool:
-        """Whether we speak of a device, held or unknown; from any thread."""
+        """Whether we speak of a device, held or unknown."""
         if device in self.held or self.alone:
             return True
         return self.owns(device) and not any(True for _ in self._claims(device))

@@ -61,10 +61,6 @@ class Encoder:
         self._encoder = CorrectedEncoder(device, epoch)
         self._correction: Correction | None = None  # of what was encoded last
 
-    def under(self, epoch: int) -> None:
-        """What comes next is said under this epoch."""
-        self._encoder.under(epoch)
-
     def encode(self, cut: Cut, rates: Rates) -> bytes:
         """The payload of samples that were corrected so."""
         samples, correction = cut.samples, cut.correction

@@ -1,12 +1,13 @@
-"""Replay log: the last messages of all devices, from which a device that is taken over is brought up to now. Pure."""
+"""Samples that are received again: the backlog of a device that is taken over, and what was corrected before a restart. Pure."""
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from google.protobuf.message import DecodeError
 
 from bridge.bus.contract import Message
 from bridge.wire import columns_pb2 as columns
+from estimator.device.samples import Samples
 
 #: longer than a checkpoint is old plus the time in which a dead estimator is noticed, s
 REPLAY_S = 10.0
@@ -14,10 +15,19 @@ REPLAY_S = 10.0
 MERGED = 512
 #: bytes of all messages
 REPLAY_BYTES = 64 * 2**20
+#: samples corrected before the restart are counted under this name
+DONE = "samples corrected before the restart"
+#: longer than a bridge's cache goes back, and than it takes to come, s
+LASTS_S = 60.0
+#: the last seconds are published again: a line may have been dead for so long before that was noticed, s
+OVERLAP_S = 5.0
+
+#: of a device: boot, sequence number and host time, ns, up to which it was corrected; the bridge that it was heard from
+Reached = tuple[int, int, int, str]
 
 
 class ReplayLog:
-    """Messages with their devices, in the order in which they came; `now` is monotonic seconds."""
+    """The last messages of all devices, with their devices, in the order in which they came; `now` is monotonic seconds."""
 
     def __init__(self) -> None:
         self._kept: deque[tuple[float, str, Message]] = deque()
@@ -46,6 +56,30 @@ class ReplayLog:
             if device in found:
                 found[device].append(message)
         return found
+
+
+class Resumed:
+    """Knows how far each device was; `now` is monotonic seconds."""
+
+    def __init__(self, reached: Mapping[str, Reached], now: float) -> None:
+        self._reached, self._until = dict(reached), now + LASTS_S
+
+    def lasts(self, now: float) -> bool:
+        """Whether any may still come."""
+        if self._reached and now >= self._until:
+            self._reached = {}
+        return bool(self._reached)
+
+    def done(self, samples: Samples) -> bool:
+        """Whether samples were corrected before the restart; another run under the same boot number was not."""
+        boot, following, time_ns, _ = self._reached.get(samples.device, (-1, 0, 0, ""))
+        before = samples.receive_time_ns < time_ns - OVERLAP_S * 1e9
+        return samples.boot == boot and samples.sequence + samples.n <= following and before
+
+    def bridge(self, device: str, came_ns: int) -> str:
+        """The bridge that a device was heard from before the restart, for samples received before it; empty where unknown."""
+        found = self._reached.get(device)
+        return "" if found is None or came_ns > found[2] else found[3]
 
 
 def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:

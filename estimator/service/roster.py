@@ -38,10 +38,6 @@ class Roster(dict[str, Device]):
             )
         return False
 
-    def roomy(self, more: int) -> bool:
-        """Whether so many more can be had without any being forgotten."""
-        return len(self) + more <= MAX_DEVICES
-
     def info(self, bridge: str, device: str) -> DeviceInfo | None:
         """What a bridge said last of a device."""
         return self._infos.get((bridge, device))

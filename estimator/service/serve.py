@@ -1,9 +1,10 @@
-"""`truerate estimator serve`: sessions on the bus, signals, and the wait for a router."""
+"""`truerate estimator serve`: a session on the bus, signals, and the wait for a router."""
 
 import gc
 import logging
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from importlib import import_module
 
@@ -23,8 +24,8 @@ log = logging.getLogger(__name__)
 
 #: objects made before Python looks for unreachable cycles among them: a round makes thousands, and none stays in a cycle
 _CYCLES = 50_000
-#: what calibrations import when they begin
-_SCIPY = ("linalg", "optimize", "spatial.transform", "special")
+#: what trackers and calibrations import when they begin
+_LEARNING = ("filterpy.kalman", "scipy.linalg", "scipy.optimize", "scipy.spatial.transform", "scipy.special")
 
 
 def run(ward: Ward) -> None:
@@ -34,6 +35,8 @@ def run(ward: Ward) -> None:
     """
     if ward.estimator is None:
         raise ValueError("no estimator is configured")
+    gc.set_threshold(_CYCLES)
+    kernels = _load()
     vitals = Vitals(expects=bool(ward.bridge and ward.bridge.devices), routers=ward.bus.routers)
     with stopped_by_signal() as stop, ExitStack() as stack:
         if ward.estimator.health:
@@ -50,16 +53,16 @@ def run(ward: Ward) -> None:
             stack.enter_context(owned(ward.estimator.store))  # it may just have been ending
         database = Database(ward.estimator.store, patient=True, backups=ward.estimator.backups)
         stack.callback(database.close)
-        data, control = (connected(routers, stop, patient=True) for _ in range(2))
-        if data is None or control is None:
+        bus = connected(routers, stop, patient=True)
+        if bus is None:
             return
-        stack.enter_context(data)
-        stack.enter_context(control)
-        for words in self_test(control, routers, ward.ward):
+        stack.enter_context(bus)
+        for words in self_test(bus, routers, ward.ward):
             log.error("%s", words)
         others = set[str]()
-        stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id, _load, others.add)))
-        from estimator.service.clerk import Clerk  # noqa: PLC0415 - see _load
+        stack.enter_context(closing(look_round(bus, ward.ward, ward.estimator.id, _load_service, others.add)))
+        kernels.result()
+        from estimator.service.clerk import Clerk  # noqa: PLC0415 - see _load_service
         from estimator.service.shell import Service  # noqa: PLC0415
         from estimator.service.store import Store  # noqa: PLC0415
 
@@ -69,8 +72,7 @@ def run(ward: Ward) -> None:
         Service(
             ward.ward,
             ward.estimator,
-            data,
-            control,
+            bus,
             store,
             vitals=vitals,
             clerk=clerk,
@@ -82,28 +84,35 @@ def run(ward: Ward) -> None:
 def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
     """Raise BusError where an estimator of our own id is there already; a router that cannot be asked is no news now."""
     try:
-        control = connected(ward.bus.routers, stop, patient=False)
+        bus = connected(ward.bus.routers, stop, patient=False)
     except BusError:
         return
-    if control is not None:
-        with control:
-            look_round(control, ward.ward, own).close()
+    if bus is not None:
+        with bus:
+            look_round(bus, ward.ward, own).close()
 
 
-def _load() -> None:
-    """Load the mathematics before the first sample comes, so that none waits for it."""
-    gc.set_threshold(_CYCLES)
-    for part in ("estimator.service.shell", "filterpy.kalman", *(f"scipy.{name}" for name in _SCIPY)):
-        import_module(part)
-    ready()
+def _load() -> Future[None]:
+    """Load the kernels on a thread, without which no sample is corrected, and then what is only learnt by."""
+    loader = ThreadPoolExecutor(1, "load")
+    kernels = loader.submit(ready)
+    for part in _LEARNING:
+        loader.submit(import_module, part)
+    loader.shutdown(wait=False)
+    return kernels
+
+
+def _load_service() -> None:
+    """Load the service while it is waited for what others say."""
+    import_module("estimator.service.shell")
 
 
 def look_round(
-    control: Bus,
+    bus: Bus,
     ward: str,
     own: str,
     meanwhile: Callable[[], None] = lambda: None,
     another: Callable[[str], object] = lambda _: None,
 ) -> Declared:
     """Watch the other estimators of the ward, another(id) is told of each; raises BusError when one has our own id."""
-    return alone(control, ward, "estimator", own, another, meanwhile)
+    return alone(bus, ward, "estimator", own, another, meanwhile)

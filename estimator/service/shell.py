@@ -35,13 +35,11 @@ from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.presence import Presence
 from estimator.service.quota import FLOODED, Quotas
 from estimator.service.record import Record
-from estimator.service.replay import since
+from estimator.service.replay import Resumed, since
 from estimator.service.replicas import calibrated
-from estimator.service.resumed import Resumed
 from estimator.service.roster import Roster
-from estimator.service.stock import Stock
+from estimator.service.stock import Stock, Totals
 from estimator.service.store import Store
-from estimator.service.totals import Totals
 from estimator.service.views import Views
 from estimator.service.vitals import Vitals
 
@@ -63,7 +61,7 @@ LINGER_S = 40.0
 
 
 class Service:
-    """A running estimator. Samples and results go over `data`; commands and liveliness over `control`, its own session.
+    """A running estimator on a session of the bus.
 
     peers: ids of other estimators of the ward that were seen already.
     """
@@ -72,8 +70,7 @@ class Service:
         self,
         ward: str,
         settings: Estimator,
-        data: Bus,
-        control: Bus,
+        bus: Bus,
         store: Store,
         now_ns: Callable[[], int] = time.time_ns,
         vitals: Vitals | None = None,
@@ -83,8 +80,8 @@ class Service:
     ) -> None:
         self.ward, self.settings = ward, settings
         self.counts = Tally()
-        self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
-        self._cluster = Cluster(ward, settings.id, data, control, now_ns, self.counts, peers)
+        self._bus, self._now_ns, self._store_path = bus, now_ns, store.path
+        self._cluster = Cluster(ward, settings.id, bus, now_ns, self.counts, peers)
         membership = self._cluster.membership
         self._guarded = Isolation(self.counts)
         self._record = Record(
@@ -118,7 +115,7 @@ class Service:
         )
         self._presence, self._views = Presence(self.counts), Views(self.counts)
         self._gate = Gate(enrolment, self.counts)
-        self._notices = Notices(data, ward, self._gate)
+        self._notices = Notices(bus, ward, self._gate)
         self._quotas = Quotas(self._flooded, time.monotonic)
         self._overload = Overload(time.monotonic())
         self._lost = Lost(self._presence, self._gate, self._quotas, settings.silence_s)
@@ -130,15 +127,15 @@ class Service:
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # Beside others all of the past would keep us behind: they have corrected it.
         past = PAST_IN_COMPANY if peers else None
-        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, most_past=past)
+        self._raw = bus.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, most_past=past)
         self._cluster.on_token = self._raw.wake
-        self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
+        self._info = bus.subscribe(keys.pattern(ward, "info"), history=True, prompt=False)
         self._totals = Totals()
         self._declared = [
-            control.answer(keys.pattern(ward, "rpc"), self._commands.ask),
-            control.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
-            control.watch_alive(keys.pattern(ward, "alive/device"), self._presence.change),
-            control.watch_alive(keys.pattern(ward, "alive/bridge"), self._presence.change),
+            bus.answer(keys.pattern(ward, "rpc"), self._commands.ask),
+            bus.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
+            bus.watch_alive(keys.pattern(ward, "alive/device"), self._presence.change),
+            bus.watch_alive(keys.pattern(ward, "alive/bridge"), self._presence.change),
         ]
 
     def run(self, stop: threading.Event) -> None:
@@ -366,7 +363,7 @@ class Service:
             self._left.popleft()[1].close()
         self._presence.note(now)
         connected = self._bus.connected
-        if not self._control.connected:
+        if not connected:
             self._presence.forget()
         if self._router.look(now, connected=connected):
             for device in self._devices.values():  # nothing can be heard: unknown, not lost

@@ -1,4 +1,4 @@
-"""Taking stock, once a second: the conservation law is checked, and what is so is noted for whoever asks."""
+"""Taking stock, once a second: the conservation law is checked, what is so is noted, and totals are told when they change."""
 
 import logging
 
@@ -6,11 +6,14 @@ from bridge.wire.refusal import Tally
 from estimator.device.source import ELSEWHERE
 from estimator.service.device import Device
 from estimator.service.law import EVENT, Account, Conservation
-from estimator.service.resumed import DONE
+from estimator.service.replay import DONE
 from estimator.service.roster import TOO_MANY, Roster
 from estimator.service.vitals import DeviceVitals, Note, Vitals
 
 log = logging.getLogger(__name__)
+
+#: totals are told no more often, s: seldom enough to be read
+TOLD_S = 10.0
 
 
 class Stock:
@@ -62,3 +65,18 @@ def _account(device: Device) -> Account:
     return Account(
         sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.admission.waiting.samples
     )
+
+
+class Totals:
+    """Tells counts; times are monotonic seconds."""
+
+    def __init__(self) -> None:
+        self._told: dict[str, int] = {}
+        self._next_s = float("-inf")
+
+    def tell(self, now: float, counts: dict[str, int], *, last: bool = False) -> None:
+        """Log them if they changed since they were told."""
+        if counts == self._told or (now < self._next_s and not last):
+            return
+        self._told, self._next_s = counts, now + TOLD_S
+        log.warning("so far: %s", ", ".join(f"{label} {n}" for label, n in sorted(counts.items())))

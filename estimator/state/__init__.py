@@ -22,8 +22,8 @@ class StateStruct(msgspec.Struct, array_like=True):
 
 
 def encode(state: StateStruct) -> bytes:
-    """The bytes of a state."""
-    return zlib.compress(msgspec.msgpack.encode(state, enc_hook=_packed), 1)
+    """The bytes of a state: the same of the same state, so sets are put in order."""
+    return zlib.compress(msgspec.msgpack.encode(state, enc_hook=_packed, order="deterministic"), 1)
 
 
 def decode(data: bytes, kind: type[T]) -> T:

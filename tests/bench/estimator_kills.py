@@ -23,7 +23,7 @@ _STARTS = {
     "an interpreter": "pass",
     "and numpy, zenoh": "import numpy, zenoh",
     "and the command": _COMMAND,
-    "and the service": f"{_COMMAND}; serve._load()",
+    "and the service": f"{_COMMAND}; kernels = serve._load(); serve._load_service(); kernels.result()",
 }
 
 
@@ -65,6 +65,11 @@ def main() -> int:
         console.print(f"{what}: median {p50:.2f} s, p95 {p95:.2f} s, worst {seconds.max():.2f} s{goal}")
     for what, seconds_of in starts.items():
         console.print(f"of which {what}: median {np.median(seconds_of):.2f} s, worst {max(seconds_of):.2f} s")
+    spent = np.array([kill.cpu_s for kill in kills])
+    console.print(
+        f"processor time until the first GOOD sample: median {np.median(spent):.2f} s, worst {spent.max():.2f} s"
+    )
+    console.print(f"threads of the estimator: {max(kill.threads for kill in kills)}")
     moved = np.concatenate([kill.moved for kill in kills])
     console.print(
         f"the bias is where it was within its standard deviation: {(moved <= 1).mean():.1%}; "

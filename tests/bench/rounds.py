@@ -169,14 +169,14 @@ class Ward:
     def run(self, meter: Meter | None = None, said: Said = lambda *_: None) -> float:
         """CPU s, once the ward is warm; said is told all that is published."""
         raw = _Laid(self._rounds, self._round_s)
-        with pytest.MonkeyPatch.context() as patch, Mute(said) as bus, MemoryBus(MemoryBroker()) as control:
+        with pytest.MonkeyPatch.context() as patch, Mute(said) as bus:
             if meter is not None:
                 for where, part in _PARTS.items():
                     owner, _, name = where.replace(":", ".").rpartition(".")
                     patch.setattr(pkgutil.resolve_name(owner), name, meter.metered(part, pkgutil.resolve_name(where)))
             patch.setattr("time.monotonic", lambda: raw.now)
             store = Store(":memory:")
-            service = Service(WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9))
+            service = Service(WARD, Estimator(id="e"), bus, store, lambda: _NOW_NS + round(raw.now * 1e9))
             service._raw = raw  # type: ignore[assignment]
             begun = 0.0
             for number in range(len(self._rounds)):

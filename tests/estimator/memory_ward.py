@@ -38,14 +38,13 @@ class Ward:
 
     def start(self, clerk: Callable[[Database], Clerk | None] = lambda _: None) -> None:
         self.store = Store(self.path, patient=True)
-        self._buses = MemoryBus(self.broker), MemoryBus(self.broker)
+        self._bus = MemoryBus(self.broker)
         writes = clerk(self.store.database)
-        self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: self.now_ns, clerk=writes)
+        self.service = Service(WARD, SETTINGS, self._bus, self.store, now_ns=lambda: self.now_ns, clerk=writes)
 
     def kill(self) -> None:
         """Nothing is said or written any more; what was written is there."""
-        for bus in self._buses:
-            bus.close()
+        self._bus.close()
         self.store.close()
 
     def stop(self) -> None:

@@ -1,8 +1,6 @@
 """A service by itself: messages are put before it in rounds, and what it publishes of rates is kept. No disk."""
 
-import contextlib
-import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
 
@@ -72,7 +70,7 @@ class Served:
     def __init__(self, enrolment: Enrolment | None = None, store: Store | None = None) -> None:
         self._patch = pytest.MonkeyPatch()
         self.now = 1000.0
-        self._bus, self._control = Kept(), MemoryBus(MemoryBroker())
+        self._bus = Kept()
         self._own, self._enrolment = store is None, enrolment
         self.store = store or Store(":memory:")
         self.raw, self.info = Before(), Before()
@@ -80,9 +78,7 @@ class Served:
     def __enter__(self) -> Self:
         self._patch.setattr("estimator.service.shell.time.monotonic", lambda: self.now)
         settings = Estimator(id="e", silence_s=2.0)
-        self.service = Service(
-            WARD, settings, self._bus, self._control, self.store, lambda: NOW_NS, enrolment=self._enrolment
-        )
+        self.service = Service(WARD, settings, self._bus, self.store, lambda: NOW_NS, enrolment=self._enrolment)
         self.service._raw, self.service._info = self.raw, self.info  # type: ignore[assignment]
         return self
 
@@ -91,8 +87,7 @@ class Served:
     ) -> None:
         for thing in self.service._declared:
             thing.close()
-        for bus in (self._bus, self._control):
-            bus.close()
+        self._bus.close()
         if self._own:
             self.store.close()
         self._patch.undo()
@@ -114,23 +109,6 @@ class Served:
         self.now += passed_s
         self.service.step(0.0)
         return self.published()
-
-    @contextlib.contextmanager
-    def answering(self) -> Iterator[None]:
-        """It makes its rounds meanwhile."""
-        over = threading.Event()
-
-        def run() -> None:
-            while not over.wait(0.002):
-                self.service.step(0.0)
-
-        thread = threading.Thread(target=run)
-        thread.start()
-        try:
-            yield
-        finally:
-            over.set()
-            thread.join()
 
     def rest(self) -> list[CorrectedBatch]:
         """What waits for what does not come."""

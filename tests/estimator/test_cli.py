@@ -366,6 +366,6 @@ def test_an_answer_names_its_device_once(
         "estimator.client.connection.Routers", SimpleNamespace(of=lambda _: SimpleNamespace(identity=None))
     )
     reply = codec.encode_reply(CommandReply("1", accepted=True, message=message))
-    MemoryBus(broker).answer(keys.pattern("ward", "rpc"), lambda *_: reply)
+    MemoryBus(broker).answer(keys.pattern("ward", "rpc"), lambda _key, _payload, answer: answer(reply))
     assert main(["cancel", "chest"]) == 0
     assert capsys.readouterr().out == f"{printed}\n"

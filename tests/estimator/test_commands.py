@@ -1,7 +1,6 @@
-import threading
-import time
+"""Commands between the bus and the service; the clock is `now`."""
+
 from collections.abc import Callable
-from typing import Self
 
 import pytest
 
@@ -13,51 +12,62 @@ from estimator.service.commands import Commands
 KEY = keys.build("w", "rpc", device="chest", verb="recalibrate")
 
 
-class Worker:
-    """Does as the service: works until told to stop."""
+class Desk:
+    """Commands, and a service that does them when it `works`; what is written down is said by `writes`."""
 
-    def __init__(self, desk: Commands) -> None:
+    def __init__(self, *, writes: bool = True) -> None:
+        self.counts = list[str]()
+        self.commands = Commands(counted=self.counts.append)
         self.done: list[tuple[str, str]] = []
-        self._desk, self._stop = desk, threading.Event()
-        self._thread = threading.Thread(target=self._run)
+        self.unwritten = list[Callable[[], None]]()
+        self._writes = writes
 
-    def _run(self) -> None:
-        while not self._stop.wait(0.002):
-            self._desk.work(self.do)
+    def ask(self, request_id: str = "r1", key: str = KEY, payload: bytes | None = None) -> list[CommandReply]:
+        """Replies, as they come."""
+        replies = list[CommandReply]()
+        asked = codec.encode_command(Command(request_id, "nurse", "")) if payload is None else payload
+        self.commands.ask(key, asked, lambda reply: replies.append(codec.decode_reply(reply)))
+        return replies
 
-    def do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
+    def answer(self, request_id: str = "r1", key: str = KEY, payload: bytes | None = None) -> CommandReply:
+        replies = self.ask(request_id, key, payload)
+        self.work()
+        (reply,) = replies
+        return reply
+
+    def work(self) -> None:
+        self.commands.work(self._do)
+
+    def _do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
         self.done.append((key.ids["verb"], command.request_id))
-        kept()
+        if self._writes:
+            kept()
+        else:
+            self.unwritten.append(kept)
         return CommandReply(command.request_id, accepted=True, message=f"number {len(self.done)}")
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-
-
-def ask(desk: Commands, request_id: str = "r1", key: str = KEY) -> CommandReply:
-    return codec.decode_reply(desk.ask(key, codec.encode_command(Command(request_id, "nurse", ""))))
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    at = [100.0]
+    monkeypatch.setattr("estimator.service.commands.time.monotonic", lambda: at[0])
+    return at
 
 
 def test_a_command_is_done_once_however_often_it_is_sent() -> None:
-    desk = Commands()
-    with Worker(desk) as worker:
-        first, second, other = ask(desk), ask(desk), ask(desk, "r2")
+    desk = Desk()
+    first, second, other = desk.answer(), desk.answer(), desk.answer("r2")
     assert first == second == CommandReply("r1", accepted=True, message="number 1")
     assert other.message == "number 2"
-    assert worker.done == [("recalibrate", "r1"), ("recalibrate", "r2")]
+    assert desk.done == [("recalibrate", "r1"), ("recalibrate", "r2")]
+    assert desk.counts == ["repeated"]
 
 
 def test_one_request_id_for_two_devices_or_verbs_is_two_requests() -> None:
-    desk = Commands()
-    with Worker(desk) as worker:
-        for device, verb in (("chest", "recalibrate"), ("back", "recalibrate"), ("chest", "cancel")):
-            ask(desk, "r1", keys.build("w", "rpc", device=device, verb=verb))
-    assert len(worker.done) == 3
+    desk = Desk()
+    for device, verb in (("chest", "recalibrate"), ("back", "recalibrate"), ("chest", "cancel")):
+        desk.answer("r1", keys.build("w", "rpc", device=device, verb=verb))
+    assert len(desk.done) == 3
 
 
 @pytest.mark.parametrize(
@@ -72,97 +82,62 @@ def test_one_request_id_for_two_devices_or_verbs_is_two_requests() -> None:
     ],
 )
 def test_what_is_no_command_is_answered_with_the_reason(key: str, payload: bytes) -> None:
-    with Worker(Commands()) as worker:
-        reply = codec.decode_reply(Commands().ask(key, payload))
+    desk = Desk()
+    reply = desk.answer(key=key, payload=payload)
     assert not reply.accepted
     assert len(reply.message) > 10
-    assert worker.done == []
+    assert desk.done == []
 
 
-def test_a_service_that_does_not_come_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "ANSWER_S", 0.05)
-    desk = Commands()
-    reply = ask(desk)
-    assert not reply.accepted
-    assert "too busy" in reply.message
-    assert "nothing was done" in reply.message
-    monkeypatch.undo()
-    with Worker(desk) as worker:
-        assert ask(desk, "r2").accepted
-        assert worker.done == [("recalibrate", "r2")], "what was called too late is not done afterwards"
-        assert ask(desk).accepted
-    assert worker.done == [("recalibrate", "r2"), ("recalibrate", "r1")]
+def test_a_command_that_waited_too_long_is_not_done(now: list[float]) -> None:
+    desk = Desk()
+    replies = desk.ask()
+    now[0] += 1.5
+    desk.work()
+    assert not replies[0].accepted
+    assert "nothing was done" in replies[0].message
+    assert desk.done == []
+    assert desk.answer().accepted
 
 
-def test_what_was_begun_but_is_not_done_in_time_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "ANSWER_S", 0.2)
-    monkeypatch.setattr(commands, "FINISH_S", 0.05)
-    desk, over = Commands(), threading.Event()
-
-    def slow(_key: keys.Key, command: Command, _kept: Callable[[], None]) -> CommandReply:
-        over.wait(5)
-        return CommandReply(command.request_id, accepted=True, message="done")
-
-    def serve() -> None:
-        while not over.wait(0.005):
-            desk.work(slow)
-
-    worker = threading.Thread(target=serve)
-    worker.start()
-    reply = ask(desk)
-    over.set()
-    worker.join()
-    assert not reply.accepted
-    assert "begun" in reply.message
+def test_what_is_not_written_down_in_time_is_called_so(now: list[float]) -> None:
+    desk = Desk(writes=False)
+    replies = desk.ask()
+    desk.work()
+    assert replies == []
+    now[0] += 1.9
+    desk.work()
+    assert not replies[0].accepted
+    assert "begun" in replies[0].message
+    desk.unwritten[0]()
+    assert len(replies) == 1
+    assert desk.answer().accepted, "asked again, it is told how it ended"
 
 
 def test_it_is_answered_once_it_is_written_down() -> None:
-    desk, writes = Commands(), list[Callable[[], None]]()
-
-    def work(_key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
-        writes.append(kept)
-        return CommandReply(command.request_id, accepted=True, message="done")
-
-    replies: list[CommandReply] = []
-    asking = [threading.Thread(target=lambda: replies.append(ask(desk))) for _ in range(2)]
-    asking[0].start()
-    while not writes:
-        desk.work(work)
-    asking[1].start()  # the same again
-    until = time.monotonic() + 0.3
-    while time.monotonic() < until:
-        desk.work(work)
-    assert replies == []
-    writes[0]()
-    for one in asking:
-        one.join()
-    assert replies == 2 * [CommandReply("r1", accepted=True, message="done")]
-    assert len(writes) == 1
+    desk = Desk(writes=False)
+    first, second = desk.ask(), desk.ask()
+    desk.work()
+    assert first == second == []
+    desk.unwritten[0]()
+    assert first == second == [CommandReply("r1", accepted=True, message="number 1")]
+    assert len(desk.done) == 1
 
 
-def test_too_many_at_once_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "ANSWER_S", 1.0)
-    desk = Commands()
-    replies: list[CommandReply] = []
-
-    def run(job: Callable[[], CommandReply]) -> None:
-        replies.append(job())
-
-    threads = [threading.Thread(target=run, args=(lambda n=n: ask(desk, f"r{n}"),)) for n in range(80)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sum("too many" in r.message for r in replies) == 80 - 64
-    assert not any(r.accepted for r in replies)
+def test_too_many_at_once_are_turned_away() -> None:
+    desk = Desk()
+    asked = [desk.ask(f"r{n}") for n in range(80)]
+    assert [len(replies) for replies in asked] == 64 * [0] + 16 * [1]
+    assert all("too many" in replies[0].message for replies in asked[64:])
+    desk.work()
+    assert all(replies[0].accepted for replies in asked[:64])
 
 
 def test_answers_are_forgotten_oldest_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(commands, "_REMEMBERED", 3)
-    desk = Commands()
-    with Worker(desk) as worker:
-        for n in range(5):
-            ask(desk, f"r{n}")
-        assert ask(desk, "r4").message == "number 5"
-        assert ask(desk, "r0").message == "number 6"
-    assert len(worker.done) == 6
+    desk = Desk()
+    for n in range(5):
+        desk.answer(f"r{n}")
+    assert desk.answer("r4").message == "number 5"
+    assert desk.answer("r0").message == "number 6"
+    assert len(desk.done) == 6

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.wire.checks import MAX_EPOCH
-from estimator.service.epochs import epoch_after
+from estimator.service.ownership import epoch_after
 
 NOW_NS = st.integers(0, 2**62)
 IDS = st.text("abcdefghij-_0123456789", min_size=1, max_size=32)

@@ -202,8 +202,8 @@ def test_a_device_that_is_enrolled_no_more_is_lost_for_that_reason(
     file.write_text("chest\nwrist\n")
     broker = MemoryBroker()
     bridge, store = MemoryBus(broker), Store(tmp_path / "s.sqlite3")
-    buses = MemoryBus(broker), MemoryBus(broker)
-    service = Service("w", Estimator(id="e", silence_s=0.2), *buses, store, enrolment=Enrolment(file=str(file)))
+    bus = MemoryBus(broker)
+    service = Service("w", Estimator(id="e", silence_s=0.2), bus, store, enrolment=Enrolment(file=str(file)))
     raw = bridge.publisher(keys.build("w", "raw", bridge="b1", device="chest"), cache=0)
     told = bridge.publisher(keys.build("w", "info", bridge="b1", device="chest"), cache=0)
     told.put(codec.encode_info(replace(info(1), device="chest", bridge="b1")))
@@ -218,8 +218,8 @@ def test_a_device_that_is_enrolled_no_more_is_lost_for_that_reason(
     said = Client(ward="w", bus=MemoryBus(broker)).statuses(0.05)["chest"]
     assert said.state is State.LOST
     assert "not enrolled: what it sends is not used" in said.reason
-    for bus in (*buses, bridge):
-        bus.close()
+    bus.close()
+    bridge.close()
     store.close()
 
 
@@ -228,8 +228,8 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     file.write_text("wrist\n")
     broker = MemoryBroker()
     bridge, store = MemoryBus(broker), Store(tmp_path / "s.sqlite3")
-    buses = MemoryBus(broker), MemoryBus(broker)
-    service = Service("w", Estimator(id="e"), *buses, store, enrolment=Enrolment(file=str(file)))
+    bus = MemoryBus(broker)
+    service = Service("w", Estimator(id="e"), bus, store, enrolment=Enrolment(file=str(file)))
     client = Client(ward="w", bus=MemoryBus(broker))
     raw = bridge.publisher(keys.build("w", "raw", bridge="b1", device="chest"), cache=0)
     told = bridge.publisher(keys.build("w", "info", bridge="b1", device="chest"), cache=0)
@@ -262,6 +262,6 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     service.work()
     said = client.statuses(0.05)["chest"]
     assert (said.samples_in, said.samples_out) == (100, 100)
-    for bus in (*buses, bridge):
-        bus.close()
+    bus.close()
+    bridge.close()
     store.close()

@@ -180,8 +180,10 @@ def test_a_command_that_is_played_again_does_nothing_and_is_counted(served: Serv
     payload = codec.encode_command(Command("r1", "nurse", ""))
 
     def ask(payload: bytes) -> CommandReply:
-        with served.answering():
-            return codec.decode_reply(served.service._commands.ask(key, payload))
+        replies = list[bytes]()
+        served.service._commands.ask(key, payload, replies.append)
+        served.round()
+        return codec.decode_reply(replies[0])
 
     first = ask(payload)
     assert first.accepted

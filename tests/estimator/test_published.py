@@ -61,7 +61,7 @@ def test_whatever_is_accepted_every_word_that_follows_is_understood(heard: list[
     store = Store(":memory:")
     with pytest.MonkeyPatch.context() as patch, MemoryBus(broker) as bus, MemoryBus(broker) as ours:
         patch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
-        service = Service("w", Estimator(id="e1"), bus, bus, store, now_ns=lambda: 10**18)
+        service = Service("w", Estimator(id="e1"), bus, store, now_ns=lambda: 10**18)
         said = {what: ours.subscribe(keys.pattern("w", what)) for what in ("status", "corrected")}
         raw = ours.publisher(RAW)
         for batch, pause_s in heard:

@@ -66,8 +66,8 @@ class Heard:
 def ward(rounds: Sequence[Sequence[Sent]]) -> Heard:
     """What is heard when these are sent, a round at a time."""
     broker, store = MemoryBroker(), Store(":memory:")
-    with MemoryBus(broker) as data, MemoryBus(broker) as control, MemoryBus(broker) as outside:
-        service = Service(WARD, Estimator(id="e"), data, control, store, lambda: NOW_NS)
+    with MemoryBus(broker) as bus, MemoryBus(broker) as outside:
+        service = Service(WARD, Estimator(id="e"), bus, store, lambda: NOW_NS)
         corrected = outside.subscribe(keys.pattern(WARD, "corrected"), capacity=1 << 20)
         status = outside.subscribe(keys.pattern(WARD, "status"), capacity=1 << 20)
         publishers = {

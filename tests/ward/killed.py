@@ -4,6 +4,7 @@ Steady devices live in the bridge and are calibrated once; others, behind pseudo
 that at any moment some calibration is under way, being written, or just said.
 """
 
+import os
 import random
 import signal
 import threading
@@ -41,10 +42,15 @@ HEARD_S = 0.3
 
 @dataclass(slots=True)
 class Kill:
-    """One kill. Seconds from the start of the next process to the first GOOD sample of one, and of every steady device."""
+    """One kill. Seconds from the start of the next process to the first GOOD sample of one, and of every steady device.
+
+    cpu_s: processor time of the next process until the first GOOD sample was heard; threads: once it serves.
+    """
 
     first_s: float
     all_s: float
+    cpu_s: float
+    threads: int
     faults: list[str] = field(default_factory=list)
     moved: list[float] = field(default_factory=list)  # each steady device's bias, in standard deviations
 
@@ -148,9 +154,11 @@ class Victim:
         self.ear.first.clear()
         begun = time.monotonic()
         self.ward.start("estimator")
-        deadline = begun + 30.0
+        deadline, cpu_s = begun + 30.0, np.inf
         while not self.ear.first.keys() >= set(self.steady) and time.monotonic() < deadline:
             self.listen(time.monotonic() + 0.01)
+            if self.ear.first and not np.isfinite(cpu_s):
+                cpu_s = self._cpu_s()
         first = {name: self.ear.first[name] for name in self.steady if name in self.ear.first}
         for name in self.steady:
             faults += (
@@ -161,7 +169,15 @@ class Victim:
         moved = [_moved(before[name][1], batch) for name, (_, batch) in first.items()]
         moments = [moment - begun for moment, _ in first.values()] or [np.inf]
         faults += self.ear.holes.new()
-        return Kill(min(moments), max(moments), faults, moved)
+        return Kill(min(moments), max(moments), cpu_s, self._threads(), faults, moved)
+
+    def _cpu_s(self) -> float:
+        """Processor time of the estimator so far, s."""
+        fields = Path(f"/proc/{self.ward.pid('estimator')}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def _threads(self) -> int:
+        return len(list(Path(f"/proc/{self.ward.pid('estimator')}/task").iterdir()))
 
     def lost(self) -> list[str]:
         """Calibrations that were acknowledged and are not in the store."""

@@ -69,11 +69,11 @@ def _info(device: str, boot: int, now_ns: int) -> DeviceInfo:
 class Running:
     """An estimator on a thread of its own."""
 
-    def __init__(self, name: str, buses: Callable[[], Bus], others: list[str]) -> None:
+    def __init__(self, name: str, bus: Callable[[], Bus], others: list[str]) -> None:
         self.name = name
-        self._buses = buses(), buses()
+        self._bus = bus()
         self.store = Store(":memory:")
-        self.service = Service(WARD, Estimator(id=name), *self._buses, self.store, peers=others)
+        self.service = Service(WARD, Estimator(id=name), self._bus, self.store, peers=others)
         self._over, self._awake = threading.Event(), threading.Event()
         self._awake.set()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -101,8 +101,7 @@ class Running:
         self._over.set()
         self._awake.set()
         self._thread.join()
-        for bus in self._buses:
-            bus.close()
+        self._bus.close()
 
 
 class Shared:

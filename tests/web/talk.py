@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from bridge.bus.contract import Publisher
+from bridge.bus.contract import Publisher, Reply
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import (
@@ -98,11 +98,12 @@ class Talk:
         for token in self._alive:
             token.close()
 
-    def _on_command(self, key: str, payload: bytes) -> bytes:
+    def _on_command(self, key: str, payload: bytes, reply: Reply) -> None:
         place, command = keys.parse(key), codec.decode_command(key, payload)
         with self._lock:
             self.asked.append((place.device, place.ids["verb"], command.who, command.reason))
-        return codec.encode_reply(replace(self.answer(place.ids["verb"], place.device), request_id=command.request_id))
+        said = self.answer(place.ids["verb"], place.device)
+        reply(codec.encode_reply(replace(said, request_id=command.request_id)))
 
 
 _KINDS: dict[type, tuple[str, Callable[[Any], bytes]]] = {

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import pytest
 
-from bridge.bus.contract import Bus, BusError
+from bridge.bus.contract import Bus, BusError, Reply
 from tests.bridge.bus.worlds import World, eventually
 
 
 def test_an_answer_comes_back(a: Bus, b: Bus) -> None:
-    b.answer("q/*/double", lambda key, payload: key.encode() + payload * 2)
+    b.answer("q/*/double", lambda key, payload, reply: reply(key.encode() + payload * 2))
     eventually(lambda: answered(a, "q/x/double"))
     assert a.ask("q/x/double", b"ab") == b"q/x/doubleabab"
 
@@ -27,10 +27,10 @@ def answered(bus: Bus, key: str) -> bool:
 def test_of_all_who_answer_the_one_who_has_something_to_say_is_heard(world: World, a: Bus, b: Bus) -> None:
     asked: list[str] = []
 
-    def of(name: str, says: bytes) -> Callable[[str, bytes], bytes]:
-        def handler(key: str, payload: bytes) -> bytes:
+    def of(name: str, says: bytes) -> Callable[[str, bytes, Reply], None]:
+        def handler(key: str, payload: bytes, reply: Reply) -> None:
             asked.append(name)
-            return says + payload if says else b""
+            reply(says + payload if says else b"")
 
         return handler
 
@@ -52,9 +52,9 @@ def test_asking_nobody_fails_at_once(a: Bus) -> None:
 
 
 def test_an_answer_too_late_or_empty_is_a_failure(a: Bus, b: Bus) -> None:
-    done = threading.Event()
-    b.answer("q/slow", lambda key, payload: b"late" if done.wait(5.0) else b"")
-    b.answer("q/empty", lambda key, payload: b"")
+    slow = list[Reply]()
+    b.answer("q/slow", lambda key, payload, reply: slow.append(reply))
+    b.answer("q/empty", lambda key, payload, reply: reply(b""))
     eventually(lambda: answered(a, "q/empty"))
     with pytest.raises(BusError):
         a.ask("q/empty", b"")
@@ -62,14 +62,24 @@ def test_an_answer_too_late_or_empty_is_a_failure(a: Bus, b: Bus) -> None:
     with pytest.raises(BusError):
         a.ask("q/slow", b"", 0.3)
     assert time.monotonic() - began < 2.0
-    done.set()
+    for reply in slow:
+        reply(b"late")
+
+
+def test_an_answer_may_be_given_later_and_by_another_thread(a: Bus, b: Bus) -> None:
+    def later(_key: str, payload: bytes, reply: Reply) -> None:
+        threading.Timer(0.1, reply, (payload * 2,)).start()
+
+    b.answer("q/later", later)
+    eventually(lambda: answered(a, "q/later"))
+    assert a.ask("q/later", b"ab") == b"abab"
 
 
 def test_a_handler_that_raises_is_heard_of_on_both_sides(a: Bus, b: Bus, caplog: pytest.LogCaptureFixture) -> None:
-    def handler(key: str, payload: bytes) -> bytes:
-        if payload == b"good":
-            return b"fine"
-        raise ValueError("out of turns")
+    def handler(key: str, payload: bytes, reply: Reply) -> None:
+        if payload != b"good":
+            raise ValueError("out of turns")
+        reply(b"fine")
 
     caplog.set_level(logging.DEBUG)
     b.answer("q/bad", handler)

@@ -15,7 +15,7 @@ def test_closing_twice_is_closing_once(world: World) -> None:
         bus.publisher("t/c", cache=5),
         bus.subscribe("t/c", history=True),
         bus.subscribe("t/c"),
-        bus.answer("q/c", lambda key, payload: payload),
+        bus.answer("q/c", lambda key, payload, reply: reply(payload)),
         bus.declare_alive("alive/c"),
         bus.watch_alive("alive/c", lambda key, alive: None),
     ]
@@ -41,7 +41,7 @@ def test_a_closed_bus_says_so(world: World) -> None:
         lambda: bus.publisher("t/y"),
         lambda: bus.subscribe("t/y", history=True),
         lambda: bus.ask("t/y", b""),
-        lambda: bus.answer("t/y", lambda key, payload: payload),
+        lambda: bus.answer("t/y", lambda key, payload, reply: reply(payload)),
         lambda: bus.declare_alive("t/y"),
         lambda: bus.watch_alive("t/y", lambda key, alive: None),
     ):

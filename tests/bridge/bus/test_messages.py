@@ -9,8 +9,9 @@ from bridge.bus.contract import Bus
 from tests.bridge.bus.worlds import collect, eventually, meet, numbers
 
 
-def test_messages_arrive_in_order_and_once(a: Bus, b: Bus) -> None:
-    publisher, subscription = a.publisher("t/order"), b.subscribe("t/order")
+@pytest.mark.parametrize("prompt", [True, False])
+def test_messages_arrive_in_order_and_once(a: Bus, b: Bus, *, prompt: bool) -> None:
+    publisher, subscription = a.publisher("t/order"), b.subscribe("t/order", prompt=prompt)
     meet(publisher, subscription)
     for n in range(2000):
         publisher.put(b"%d" % n)

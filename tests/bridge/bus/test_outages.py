@@ -8,8 +8,9 @@ from bridge.bus.contract import Bus
 from tests.bridge.bus.worlds import World, collect, eventually, meet, numbers
 
 
-def test_an_outage_loses_nothing_that_is_cached(world: World, a: Bus, b: Bus) -> None:
-    publisher, subscription = a.publisher("t/outage", cache=1000), b.subscribe("t/outage", history=True)
+@pytest.mark.parametrize("prompt", [True, False])
+def test_an_outage_loses_nothing_that_is_cached(world: World, a: Bus, b: Bus, *, prompt: bool) -> None:
+    publisher, subscription = a.publisher("t/outage", cache=1000), b.subscribe("t/outage", history=True, prompt=prompt)
     meet(publisher, subscription)
     for n in range(100):
         publisher.put(b"%d" % n)

@@ -3,6 +3,8 @@
 import threading
 import time
 
+import pytest
+
 from bridge.bus.contract import Bus
 from tests.bridge.bus.worlds import World, collect, eventually, numbers
 
@@ -41,12 +43,13 @@ def test_who_joins_busy_publishers_has_their_past(world: World, a: Bus) -> None:
         busy.join()
 
 
-def test_a_late_joiner_gets_history_then_live(a: Bus, b: Bus) -> None:
+@pytest.mark.parametrize("prompt", [True, False])
+def test_a_late_joiner_gets_history_then_live(a: Bus, b: Bus, *, prompt: bool) -> None:
     publisher = a.publisher("t/late", cache=100)
     for n in range(150):
         publisher.put(b"%d" % n)
     time.sleep(0.1)  # what is still on its way to the router would come as live
-    subscription = b.subscribe("t/*", history=True)
+    subscription = b.subscribe("t/*", history=True, prompt=prompt)
     assert numbers(collect(subscription, 100)) == list(range(50, 150))
     for n in range(150, 160):
         publisher.put(b"%d" % n)

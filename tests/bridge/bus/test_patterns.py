@@ -59,7 +59,7 @@ def test_a_hostile_pattern_is_refused(a: Bus, pattern: str) -> None:
     with pytest.raises(BusError):
         a.watch_alive(pattern, lambda key, alive: None)
     with pytest.raises(BusError):
-        a.answer(pattern, lambda key, payload: payload)
+        a.answer(pattern, lambda key, payload, reply: reply(payload))
 
 
 @pytest.mark.parametrize("length", [201, 70_000])

@@ -180,14 +180,14 @@ def commanded(ward: GuardedWard) -> Counts:
     """Who gets an answer from an estimator; and whose answers to a command its asker takes."""
     said, key = Counts(), keys.build(WARD, "rpc", device="d1", verb="note")
     with ward.bus("estimator:e1") as e1, ExitStack() as stack:
-        e1.answer(keys.pattern(WARD, "rpc"), lambda _, payload: payload)
+        e1.answer(keys.pattern(WARD, "rpc"), lambda _, payload, reply: reply(payload))
         for who in MEMBERS:
             if who != "estimator:e1":
                 said[who, "asks"] = _answered(stack.enter_context(ward.bus(who)), key)
     for who in MEMBERS:
         if who != "commander:c1":
             with ward.bus(who) as bus, ward.bus("commander:c1") as commander:
-                bus.answer(keys.pattern(WARD, "rpc"), lambda _, payload: payload)
+                bus.answer(keys.pattern(WARD, "rpc"), lambda _, payload, reply: reply(payload))
                 time.sleep(0.1)
                 said[who, "answers"] = _answered(commander, key)
     return +said

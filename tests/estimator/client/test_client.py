@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bridge.bus.contract import BusError, Publisher
+from bridge.bus.contract import BusError, Publisher, Reply
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality
@@ -186,10 +186,10 @@ def test_revisions_come_as_they_are_made(broker: MemoryBroker, client: Client) -
 def test_commands_reach_the_estimator_and_bring_back_its_word(broker: MemoryBroker, client: Client) -> None:
     asked: list[tuple[str, Command]] = []
 
-    def answer(key: str, payload: bytes) -> bytes:
+    def answer(key: str, payload: bytes, reply: Reply) -> None:
         command = codec.decode_command(key, payload)
         asked.append((keys.parse(key).ids["verb"], command))
-        return codec.encode_reply(CommandReply(command.request_id, accepted=True, message="so be it"))
+        reply(codec.encode_reply(CommandReply(command.request_id, accepted=True, message="so be it")))
 
     MemoryBus(broker).answer(keys.pattern(WARD, "rpc"), answer)
     assert client.recalibrate(NAME, "nurse", "strap").message == "so be it"
@@ -203,7 +203,7 @@ def test_commands_reach_the_estimator_and_bring_back_its_word(broker: MemoryBrok
 def test_nobody_there_or_nonsense_is_a_bus_error(broker: MemoryBroker, client: Client) -> None:
     with pytest.raises(BusError, match=f"no estimator answers in ward {WARD}; is one running"):
         client.recalibrate(NAME, "nurse")
-    MemoryBus(broker).answer(keys.pattern(WARD, "rpc"), lambda *_: b"\xff\xff")
+    MemoryBus(broker).answer(keys.pattern(WARD, "rpc"), lambda _key, _payload, reply: reply(b"\xff\xff"))
     with pytest.raises(BusError, match="not understood"):
         client.recalibrate(NAME, "nurse")
 

@@ -5,7 +5,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from estimator.device.reorder_buffer import WAIT_S, WINDOW, ReorderBuffer
+from estimator.device.admission import WAIT_S, WINDOW, ReorderBuffer
 from estimator.device.samples import Samples
 from tests.estimator.stream import stream
 

@@ -8,6 +8,7 @@ import pytest
 
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, State, Status
 from estimator.session import TURNS_LOST, DeviceSession
+from estimator.state import StateStruct, encode
 from tests.estimator.session.lives import again, state, worn
 from tests.estimator.stream import NAME, calibration, feed, stream
 
@@ -145,3 +146,12 @@ def test_a_damaged_state_is_refused_or_goes_on_with_numbers() -> None:
         except ValueError:
             continue
         assert np.isfinite(resumed.status(0).bias).all()
+
+
+def test_the_same_state_is_the_same_bytes() -> None:
+    class Names(StateStruct):
+        names: set[str]
+
+    names = [f"kind {n}" for n in range(50)]
+    backward = [*reversed(names)]
+    assert encode(Names(set(names))) == encode(Names(set(backward)))

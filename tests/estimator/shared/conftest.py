@@ -30,7 +30,7 @@ class Both:
     def __init__(self) -> None:
         self.now, self.now_ns = 1000.0, 1_700_000_100_000_000_000
         self.broker = MemoryBroker()
-        self.buses: dict[str, tuple[MemoryBus, MemoryBus]] = {}
+        self.buses: dict[str, MemoryBus] = {}
         self.services: dict[str, Service] = {}
         self.stores: dict[str, Store] = {}
         self.client = Client(ward=WARD, bus=MemoryBus(self.broker))
@@ -42,17 +42,16 @@ class Both:
 
     def start(self, name: str, store: Store | None = None) -> None:
         """With a store of its own, be it the one that it had before it was killed."""
-        self.buses[name] = data, control = MemoryBus(self.broker), MemoryBus(self.broker)
+        self.buses[name] = bus = MemoryBus(self.broker)
         self.stores[name] = store or Store(":memory:")
         self.services[name] = Service(
-            WARD, Estimator(id=name), data, control, self.stores[name], lambda: self.now_ns, peers=[*self.services]
+            WARD, Estimator(id=name), bus, self.stores[name], lambda: self.now_ns, peers=[*self.services]
         )
         self.told()
 
     def kill(self, name: str) -> None:
         del self.services[name]
-        for bus in self.buses.pop(name):
-            bus.detach()
+        self.buses.pop(name).detach()
         self.told()
 
     def told(self) -> None:
@@ -116,9 +115,8 @@ def both(monkeypatch: pytest.MonkeyPatch) -> Iterator[Both]:
     for module in ("shell", "intake", "cluster", "device"):
         monkeypatch.setattr(f"estimator.service.{module}.time", Clock(made))
     yield made
-    for pair in made.buses.values():
-        for bus in pair:
-            bus.close()
+    for bus in made.buses.values():
+        bus.close()
 
 
 class Clock:

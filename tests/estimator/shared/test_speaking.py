@@ -111,7 +111,7 @@ def test_two_of_one_id_are_told_of_each_other(both: Both, caplog: pytest.LogCapt
     both.pass_(3.0)
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
     alone = both.services[FIRST]
-    double = Service(WARD, Estimator(id=FIRST), MemoryBus(both.broker), MemoryBus(both.broker), Store(":memory:"))
+    double = Service(WARD, Estimator(id=FIRST), MemoryBus(both.broker), Store(":memory:"))
     for _ in range(30):
         both.pass_(0.1)
         double.step(0.0)
