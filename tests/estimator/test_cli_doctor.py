@@ -85,25 +85,6 @@ def test_a_store_that_an_estimator_could_not_use_is_found_before_it_is_started(
         assert (level, "is damaged" in said) == ("trouble", True)
 
 
-def test_a_ward_file_is_right_though_its_store_is_where_one_may_not_look(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def closed(path: Path, **_: object) -> bool:
-        if path.name == "t.sqlite3":
-            raise PermissionError(13, "Permission denied", str(path))
-        return bool(os.path.lexists(path))
-
-    endpoint, config = f"tcp/127.0.0.1:{free_port()}", tmp_path / "ward.toml"
-    config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
-    monkeypatch.setattr(Path, "exists", closed)
-    monkeypatch.setattr(Path, "is_dir", closed)
-    with Router([endpoint]):
-        code, found = look(capsys, str(config))
-    assert code == 1
-    assert found["store"] == ("trouble", f"{tmp_path}/store/t.sqlite3: no permission to look there")
-    assert found["config"][0] == "ok"
-
-
 def test_two_bridges_with_one_device_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     endpoint, config = f"tcp/127.0.0.1:{free_port()}", tmp_path / "ward.toml"
     config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
@@ -150,12 +131,3 @@ def test_trouble_is_an_exit_code(
     monkeypatch.setattr(terminals, "busy", lambda _: [trouble("busy ports", "[taken]", "close it")])
     assert main(["doctor"]) == 1
     assert "✗ busy ports: [taken]\n    do: close it\n" in capsys.readouterr().out
-
-
-def test_what_moves_a_cursor_is_shown_as_an_escape(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["doctor", "\x1b[2J.toml"]) == 1
-    printed = capsys.readouterr().out
-    assert r"\x1b[2J.toml: there is no such file" in printed
-    assert "do: check its name, and the folder" in printed
-    assert "mend it" not in printed
-    assert "\x1b[2J" not in printed

@@ -52,14 +52,6 @@ def test_a_command_is_done_once_however_often_it_is_sent() -> None:
     assert worker.done == [("recalibrate", "r1"), ("recalibrate", "r2")]
 
 
-def test_one_request_id_for_two_devices_or_verbs_is_two_requests() -> None:
-    desk = Commands()
-    with Worker(desk) as worker:
-        for device, verb in (("chest", "recalibrate"), ("back", "recalibrate"), ("chest", "cancel")):
-            ask(desk, "r1", keys.build("w", "rpc", device=device, verb=verb))
-    assert len(worker.done) == 3
-
-
 @pytest.mark.parametrize(
     ("key", "payload"),
     [
@@ -77,21 +69,6 @@ def test_what_is_no_command_is_answered_with_the_reason(key: str, payload: bytes
     assert not reply.accepted
     assert len(reply.message) > 10
     assert worker.done == []
-
-
-def test_a_service_that_does_not_come_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "ANSWER_S", 0.05)
-    desk = Commands()
-    reply = ask(desk)
-    assert not reply.accepted
-    assert "too busy" in reply.message
-    assert "nothing was done" in reply.message
-    monkeypatch.undo()
-    with Worker(desk) as worker:
-        assert ask(desk, "r2").accepted
-        assert worker.done == [("recalibrate", "r2")], "what was called too late is not done afterwards"
-        assert ask(desk).accepted
-    assert worker.done == [("recalibrate", "r2"), ("recalibrate", "r1")]
 
 
 def test_what_was_begun_but_is_not_done_in_time_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,14 +132,3 @@ def test_too_many_at_once_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> No
         thread.join()
     assert sum("too many" in r.message for r in replies) == 80 - 64
     assert not any(r.accepted for r in replies)
-
-
-def test_answers_are_forgotten_oldest_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "_REMEMBERED", 3)
-    desk = Commands()
-    with Worker(desk) as worker:
-        for n in range(5):
-            ask(desk, f"r{n}")
-        assert ask(desk, "r4").message == "number 5"
-        assert ask(desk, "r0").message == "number 6"
-    assert len(worker.done) == 6

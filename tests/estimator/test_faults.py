@@ -13,7 +13,6 @@ from bridge.sim.motion import Still
 from bridge.sim.script import swing
 from bridge.wire.messages import CorrectedBatch, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason
-from estimator.finite import runs
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, Stream, calibration, feed, rates
 
@@ -155,24 +154,6 @@ def test_a_device_that_sends_nothing_else_is_heard_and_believed_nothing() -> Non
     status = device.status(1)
     assert (status.samples_out, status.dropped) == (0, {Reason.NON_FINITE: len(worn)})
     assert status.rate_hz == 0.0
-
-
-def test_where_all_is_well_nothing_is_cut(worn: Stream) -> None:
-    (batch,) = worn.part(0, 100).batches([])
-    assert runs(batch, 7) == [(7, 100)]
-    assert runs(replace(batch, accel=None), 0) == [(0, 100)]
-
-
-@pytest.mark.parametrize("column", ["gyro", "accel"])
-def test_only_what_is_new_is_looked_at(worn: Stream, column: str) -> None:
-    (batch,) = worn.part(0, 10).batches([])
-    readings = getattr(batch, column).copy()
-    readings[[0, 4, 9], 1] = np.inf
-    spoilt = replace(batch, **{column: readings})
-    assert runs(spoilt, 0) == [(1, 4), (5, 9)]
-    assert runs(spoilt, 2) == [(2, 4), (5, 9)]
-    assert runs(spoilt, 5) == [(5, 9)]
-    assert runs(spoilt, 9) == []
 
 
 # ---- spikes -------------------------------------------------------------------------------------------------------

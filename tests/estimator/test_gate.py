@@ -56,14 +56,6 @@ def test_only_enrolled_devices_from_their_own_bridges_are_let_in(gate: Gate, cou
     assert gate.strangers["ghost"].messages == 4
 
 
-def test_keys_that_are_none_are_left_to_the_door_that_says_why(gate: Gate, counts: Tally) -> None:
-    strange = [
-        Message(key, b"") for key in ("**", "truerate/**", "truerate/@v1/w/raw/b1/*", "truerate/@v1/w/raw/*/wrist", "")
-    ]
-    assert gate.admit(strange, 0.0) == strange
-    assert counts.as_dict() == {}
-
-
 def test_a_hundred_thousand_invented_devices_take_no_more_room_than_a_few(gate: Gate, counts: Tally) -> None:
     for n in range(100_000):
         assert gate.admit([sent(f"b{n % 7}", f"ghost-{n}"), sent(f"b{n}", "chest")], n * 1e-4) == [
@@ -137,26 +129,6 @@ def test_of_an_enrolled_device_that_another_bridge_sends_it_is_said(gate: Gate) 
     assert said() == [], "its own bridge is heard: somebody has it, and speaks of it"
     notices.close()
     bus.close()
-
-
-def test_a_file_that_changes_while_it_is_read_is_read_again(
-    tmp_path: Path, counts: Tally, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "enrolled.txt"
-    file.write_text("chest\n")
-    enrolment = Enrolment(file=str(file))
-
-    def just_then(self: Enrolment) -> dict[str, str]:
-        found = read(self)
-        file.write_text("chest\nwrist\n")
-        return found
-
-    read = Enrolment.read
-    with monkeypatch.context() as patch:
-        patch.setattr(Enrolment, "read", just_then)
-        gate = Gate(enrolment, counts)
-    gate.look(1.0)
-    assert gate.words("wrist") == ""
 
 
 @pytest.fixture

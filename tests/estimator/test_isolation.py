@@ -72,30 +72,6 @@ def test_a_fault_anywhere_leaves_no_sample_uncounted(
     assert devices["other"].status(1).samples_out == 10
 
 
-@pytest.mark.parametrize("at", range(4))
-def test_what_a_block_leads_to_cannot_be_told_after_samples_of_the_same_round(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, at: int
-) -> None:
-    batches = once.batches()
-    ward.send(batches[:40], info(1))
-    whole, calls = Device.say_status, [0]
-
-    def failing(*args: Any) -> None:
-        calls[0] += 1
-        if calls[0] - 1 == at:
-            raise FloatingPointError("singular")
-        whole(*args)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Device, "say_status", failing)
-        for start in range(40, len(batches), 30):
-            ward.send(batches[start : start + 30])
-    mine = ward.latest()
-    assert mine.events["session failed"] == 1
-    assert mine.samples_in == len(once) == mine.samples_out + sum(mine.dropped.values())
-    assert mine.samples_out == ward.service._devices[NAME].told
-
-
 @pytest.mark.parametrize("at", range(6))
 def test_a_message_that_cannot_be_published_is_counted_and_those_before_it_are_out(
     ward: Ward, once: Stream, at: int

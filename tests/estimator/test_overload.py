@@ -4,7 +4,6 @@ import logging
 
 import pytest
 
-from bridge.wire.messages import State
 from estimator import glance
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
@@ -105,20 +104,3 @@ def test_a_slow_service_says_so_wherever_one_looks(monkeypatch: pytest.MonkeyPat
             served.service.step(0.05)
         assert OVERLOADED not in device.latest.events
         assert busy() < 0.1
-
-
-def test_a_device_whose_messages_wait_for_their_round_is_not_said_to_be_lost() -> None:
-    batches = calibration(seed=1).batches()
-    with Served() as served:
-        served.put(batches[0])
-        served.round()
-        life = served.service._devices[NAME].session.life
-        for batch in batches[1:]:
-            served.put(batch)
-        served.round(0.9)
-        while len(served.service._quotas):
-            served.round(0.9)
-            assert life.state is not State.LOST
-        for _ in range(4):
-            served.round(1.0)
-        assert life.state is State.LOST, "nothing waits any more, and nothing came"

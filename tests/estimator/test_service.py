@@ -72,23 +72,6 @@ def test_a_reboot_asks_for_a_recalibration(ward: Ward, once: Stream, other_boot:
     assert status.samples_in == status.samples_out + sum(status.dropped.values())
 
 
-@pytest.mark.parametrize("change", ["firmware", "model"])
-def test_other_hardware_under_the_same_name_has_no_prior(ward: Ward, once: Stream, change: str) -> None:
-    ward.send(once.batches(), info(1))
-    list(ward.subscriber)
-    ward.send(once.batches(boot=2)[:15], replace(info(2), **{change: "other"}))  # type: ignore[arg-type]
-    assert {b.quality for b in ward.subscriber} == {Quality.NONE}
-
-
-def test_a_prior_is_believed_when_the_info_comes_after_the_samples(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    again = once.batches(boot=2)
-    ward.send(again[:5])
-    list(ward.subscriber)
-    ward.send(again[5:15], info(2))
-    assert {b.quality for b in ward.subscriber} == {Quality.PRIOR}
-
-
 def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) -> None:
     upto = once.at(once.time[-1] - 0.5) // 10
     batches = once.batches()
@@ -259,26 +242,6 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     ward.service._devices[NAME].heard -= 1200.0
     later = ward.latest()
     assert (later.state, later.reason[:25]) == (State.LOST, "no samples for 20 minutes")
-
-
-def test_who_was_lost_before_the_router_went_is_lost_for_as_long_when_it_is_back(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    device = ward.service._devices[NAME]
-    device.heard -= 600.0
-    assert ward.latest().reason == "no samples for 10 minutes"
-    ward.broker.stop()
-    for _ in range(3):
-        ward.service._every_second(time.monotonic())
-    ward.broker.start()
-    again = ward.latest()
-    assert again.reason.startswith("no samples for 10 minutes: its bridge bridge has not shown itself since the router")
-
-
-def test_what_is_known_of_a_silent_device_grows_old(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    before = ward.latest().evidence_age_s
-    ward.service._devices[NAME].heard -= 600.0
-    assert ward.latest().evidence_age_s == pytest.approx(before + 600.0, abs=30.0)
 
 
 def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> None:

@@ -59,31 +59,6 @@ def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> Non
     )
 
 
-def test_a_rest_that_never_was_has_no_age(ward: Ward, once: Stream) -> None:
-    vitals = watched(ward)
-    ward.send(once.batches()[:2], info(1))
-    a_second(ward)
-    (ages,) = (f.values for f in vitals.families() if f.name == "evidence_age_seconds")
-    assert not ages
-    ward.send(once.batches()[2:])
-    a_second(ward)
-    (ages,) = (f.values for f in vitals.families() if f.name == "evidence_age_seconds")
-    assert list(ages) == [(NAME,)]
-
-
-def test_a_device_that_was_forgotten_has_none(ward: Ward, once: Stream) -> None:
-    vitals = watched(ward)
-    ward.send(once.batches()[:2], info(1))
-    a_second(ward)
-    assert vitals._note is not None
-    assert list(vitals._note.devices) == [NAME]
-    ward.service._devices[NAME].heard = -ward.service.settings.silence_s
-    assert ward.service._devices._forget(time.monotonic())
-    a_second(ward)
-    assert not vitals._note.devices
-    assert not ward.service._stock._seen
-
-
 def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     vitals = watched(ward)
     assert vitals.unready() == ["no router yet"]

@@ -19,15 +19,15 @@ from estimator.remembered import Remembered
 from estimator.service.clerk import Clerk
 from estimator.service.device import Device
 from estimator.service.record import Record
-from estimator.service.store import BOOTS, POINTS, Store
+from estimator.service.store import Store
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
-from estimator.track.bias_filter import BIAS, SLOPE, BiasKnobs, BiasState
+from estimator.track.bias_filter import SLOPE, BiasKnobs, BiasState
 from estimator.track.learning import Points, learn
-from estimator.track.temperature import Floats, TemperatureLaw
+from estimator.track.temperature import TemperatureLaw
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, calibration, feed, info
-from tests.estimator.track.test_temperature import KNOBS, LAW, boot, learnt
+from tests.estimator.track.test_temperature import LAW, boot, learnt
 
 HOUR_NS = 3_600_000_000_000
 
@@ -66,46 +66,6 @@ def batches(of: Stream, number: int, *, accel: bool = True) -> list[SampleBatch]
 # ---- the store ----------------------------------------------------------------------------------------------------
 
 
-def test_points_come_back_as_they_were_kept(store: Store) -> None:
-    kept(store, 1, seed=1)
-    (got,) = store.points(info(9))
-    want = boot(np.random.default_rng(1))
-    np.testing.assert_allclose(got.time - got.time[0], want.time, atol=1e-3)
-    np.testing.assert_allclose(got.bias, want.bias)
-    np.testing.assert_allclose(got.std, want.std)
-    np.testing.assert_allclose(got.temperature_c, want.temperature_c)
-
-
-def test_only_earlier_boots_of_the_same_hardware_teach(store: Store) -> None:
-    kept(store, 1, seed=1, minutes=5)
-    kept(store, 2, seed=2, minutes=6, firmware="2.0")
-    assert [len(points.time) for points in store.points(info(9))] == [5]
-    assert [len(points.time) for points in store.points(info(9, firmware="2.0"))] == [6]
-    assert store.points(info(1)) == []
-    assert store.points(replace(info(9), device="other")) == []
-
-
-def test_the_latest_boots_and_the_first_points_of_each(store: Store) -> None:
-    for number in range(1, BOOTS + 3):
-        kept(store, number, seed=number, minutes=number)
-    assert [len(points.time) for points in store.points(info(99))] == list(range(BOOTS + 2, 2, -1))
-    late = 100 * HOUR_NS
-    store.add_boot(info(50), late)
-    points = [late + i for i in range(POINTS + 10)]
-    state = BiasState(np.zeros(6), np.eye(6), 1.0, 20.0)
-    with store.database.transaction():
-        for time_ns in points:
-            store.save_bias(NAME, 50, time_ns, state, history=True)
-    assert len(store.points(info(99))[0].time) == POINTS
-
-
-def test_a_boot_without_temperature_or_points_teaches_nothing(store: Store) -> None:
-    store.add_boot(info(1), 1)
-    store.add_boot(info(2), 2)
-    store.save_bias(NAME, 2, 3, BiasState(np.zeros(6), np.eye(6), 1.0), history=True)
-    assert store.points(info(9)) == []
-
-
 # ---- the session --------------------------------------------------------------------------------------------------
 
 
@@ -139,43 +99,6 @@ def error(of: Stream, law: TemperatureLaw | None) -> float:
         if of.time[end] > 60:
             errors.append(device.tracker.bias - of.bias[end])
     return float(np.degrees(np.sqrt(np.mean(np.square(errors)))))
-
-
-def test_a_law_is_there_from_the_first_sample_on_and_gone_with_the_next_boot() -> None:
-    device, of = DeviceSession(NAME), batches(day(0.01, 1), 1)
-    device.begin_boot(1, 0.0, None, LAW)
-    device.handle(of[0])
-    for batch in of[1:5]:
-        device.handle(batch)
-    np.testing.assert_allclose(device.tracker.state.x[SLOPE], LAW.slope(23.0), atol=np.radians(0.002))
-    device.begin_boot(2, 0.0, None)
-    for batch in batches(day(0.01, 2), 2)[:5]:
-        device.handle(batch)
-    assert device.tracker.state.P[3, 3] > 0.5 * KNOBS.per_kelvin**2
-
-
-def test_a_law_that_comes_late_is_used_too() -> None:
-    device, of = DeviceSession(NAME), batches(day(0.01, 1), 1)
-    feed(device, of[:5])
-    bias = device.tracker.bias
-    device.learnt.expect(LAW)
-    state = device.tracker.state
-    np.testing.assert_array_equal(state.x[BIAS], bias)
-    np.testing.assert_allclose(state.x[SLOPE], LAW.slope(state.temperature_c))
-
-
-def test_what_was_learnt_of_the_slope_in_this_boot_is_kept_when_the_law_comes() -> None:
-    device, of = DeviceSession(NAME), batches(day(0.01, 1), 1)
-    feed(device, of[:5])
-    before = device.tracker.state
-    device.tracker.follow(LAW)
-    state = device.tracker.state
-    np.testing.assert_array_equal(state.x, before.x)
-    np.testing.assert_array_equal(state.P, before.P)
-    warmer = device.tracker._filter
-    warmer.predict(state.time + 1.0, state.temperature_c + 1.0)
-    assert warmer.bent is not None
-    np.testing.assert_allclose(warmer.bent[SLOPE], 2 * LAW.quadratic)
 
 
 @pytest.mark.parametrize("how", ["adopted", "restarted", "calibrated"])
@@ -267,29 +190,3 @@ def test_no_sample_waits_for_what_earlier_boots_teach(tmp_path: Path, monkeypatc
     np.testing.assert_allclose(tracker.state.x[SLOPE], law.slope(tracker.thermometer.now), atol=np.radians(0.003))
     clerks[0].close()
     ward.kill()
-
-
-def test_a_store_that_fails_teaches_nothing_and_is_counted(tmp_path: Path) -> None:
-    store, counts = Store(tmp_path / "a.sqlite3", patient=True), Tally()
-    record, session = Record(store, counts, lambda: 0), DeviceSession(NAME)
-    store.database.execute("DROP TABLE bias_history")
-    store.add_boot(info(1), 1)
-    found = list[TemperatureLaw]()
-    record.earlier.law(session, info(2), found.append)
-    record.tend(0.0)
-    assert found == []
-    assert counts.as_dict()["store failed"] >= 1
-    store.close()
-
-
-def spread(law: TemperatureLaw) -> Floats:
-    return np.sqrt(law.slope_var(28.0))
-
-
-def test_more_boots_know_more(store: Store) -> None:
-    known = []
-    for number in (1, 2, 3, 4):
-        kept(store, number, seed=number)
-        known.append(spread(learnt(store.points(info(9)))))
-    assert np.all(known[3] < known[0])
-    assert learn([], KNOBS) is None

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -22,12 +20,6 @@ def test_without_noise_it_is_the_truth() -> None:
     assert result.parameters == MATRIX_PARAMETERS
     np.testing.assert_allclose(result.matrix, of.truth.matrix, atol=1e-9)
     np.testing.assert_allclose(result.bias, of.bias[0], atol=1e-9)
-
-
-def test_it_needs_no_accelerometer() -> None:
-    of = samples(on_a_turntable(1))
-    blind = by_turntable(replace(of, accel=None), RATES)
-    np.testing.assert_array_equal(blind.matrix, by_turntable(of, RATES).matrix)
 
 
 def test_its_covariance_is_what_repeating_shows() -> None:
@@ -55,28 +47,10 @@ def test_the_fit_is_the_closed_form_of_two_rates_either_way() -> None:
         assert result.scale[axis] == pytest.approx(textbook, abs=3e-5)
 
 
-def test_its_plateaus_are_found_from_the_readings_alone() -> None:
-    found = plateaus(samples(on_a_turntable(3)))
-    spins = [p for p in found if np.linalg.norm(p.mean) > np.radians(15)]
-    assert len(spins) == 18
-    assert all(2.5 < p.end - p.start < 4.0 for p in spins)
-    axes = [int(np.argmax(np.abs(p.mean))) for p in spins]
-    assert axes == sorted(axes)
-
-
 @pytest.mark.parametrize("k", [0.75, 0.9, 1.0, 1.2, 1.35])
 def test_known_rates_are_told_apart_whatever_the_scale(k: float) -> None:
     true = np.radians([30.0, 60, 90, 30, 90])
     np.testing.assert_array_equal(nearest_rates(true / k, RATES), true)
-
-
-def test_rates_below_a_bias_are_told_from_rest() -> None:
-    rates = (4.0, 8.0)
-    of = turned(np.eye(3), rates, 4, ImuSpec(bias_limit_dps=20.0, noise_dps=0.01))
-    assert np.degrees(np.abs(of.bias[0]).max()) > 8.0
-    result = by_turntable(samples(of), tuple(np.radians(rates)))
-    assert result.verdict is Verdict.ACCEPTED
-    np.testing.assert_allclose(result.scale, of.truth.k, atol=1e-3)
 
 
 def test_other_rates_are_left_out_and_said() -> None:
@@ -124,8 +98,3 @@ def test_a_recording_made_by_hand_has_no_constant_rates() -> None:
     result, _ = offline.calibrate(in_poses(8, 6).recording(), "turntable", rates=RATES)
     assert (result.verdict, result.repeat) == (Verdict.REPEAT, (0, 1, 2))
     assert not np.isfinite(result.covariance).any()
-
-
-def test_too_short_a_recording_has_no_plateau() -> None:
-    of = on_a_turntable(6).part(0, 30)
-    assert plateaus(samples(of)) == []

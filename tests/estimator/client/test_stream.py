@@ -4,7 +4,6 @@ import asyncio
 import logging
 import threading
 from collections.abc import Iterator
-from itertools import chain
 
 import pytest
 
@@ -172,37 +171,6 @@ def test_a_loop_goes_on_while_it_waits_and_a_cancelled_read_loses_nothing(client
     assert numbers(asyncio.run(asyncio.wait_for(read(), 30.0))) == list(range(100))
 
 
-def test_several_tasks_each_read_their_own(client: Client, estimator: Bus) -> None:
-    for device in ("a", "b", "c"):
-        put(publisher(estimator, device), *range(0, 50, 5), device=device)
-
-    async def read(device: str) -> list[CorrectedBatch]:
-        return [one async for one in client.corrected(device, idle_s=0.5)]
-
-    async def read_all() -> list[list[CorrectedBatch]]:
-        return await asyncio.gather(*map(read, ("a", "b", "c")))
-
-    for found in asyncio.run(read_all()):
-        assert numbers(found) == list(range(50))
-
-
-def test_a_slow_loop_is_no_other_queue(client: Client, estimator: Bus) -> None:
-    async def slow() -> tuple[int, int]:
-        stream = client.corrected("d", queue=10, idle_s=0.5)
-        reading = aiter(stream)
-        sending = publisher(estimator)
-        put(sending, 0)
-        found = [await anext(reading)]
-        put(sending, *range(5, 500, 5))
-        eventually(lambda: stream.dropped == 89)  # the loop is busy with something else
-        found += [one async for one in reading]
-        return len(found), stream.dropped
-
-    found, dropped = asyncio.run(slow())
-    assert found + dropped == 100
-    assert found <= 11
-
-
 @pytest.mark.parametrize("by_client", [False, True])
 def test_closing_ends_a_loop_that_waits(world: World, by_client: bool) -> None:
     bus = world.bus()
@@ -214,69 +182,6 @@ def test_closing_ends_a_loop_that_waits(world: World, by_client: bool) -> None:
 
     assert asyncio.run(asyncio.wait_for(read(), 10.0)) == []
     bus.close()
-
-
-def test_a_loop_that_ends_while_something_waits_makes_no_noise(
-    client: Client, caplog: pytest.LogCaptureFixture
-) -> None:
-    stream = client.corrected("d")
-
-    async def give_up() -> None:
-        with pytest.raises(TimeoutError):
-            await asyncio.wait_for(anext(aiter(stream)), 0.02)
-
-    asyncio.run(give_up())
-    stream.close()
-    assert caplog.records == []
-
-
-def test_loops_that_are_left_and_begun_anew_read_the_queue_one_at_a_time(client: Client, estimator: Bus) -> None:
-    async def read() -> tuple[list[CorrectedBatch], int]:
-        stream, before = client.corrected("d"), threading.active_count()
-        for _ in range(10):
-            with pytest.raises(TimeoutError):
-                await asyncio.wait_for(anext(aiter(stream)), 0.005)
-        more = threading.active_count() - before
-        put(publisher(estimator), *range(0, 100, 5))
-        found: list[CorrectedBatch] = []
-        async for one in stream:
-            found.append(one)
-            if len(found) == 20:
-                break
-        return found, more
-
-    found, more = asyncio.run(asyncio.wait_for(read(), 30.0))
-    assert numbers(found) == list(range(100))
-    assert more <= 1
-
-
-def test_two_tasks_may_share_a_stream(client: Client, estimator: Bus) -> None:
-    put(publisher(estimator), *range(0, 100, 5))
-
-    async def read_all() -> list[CorrectedBatch]:
-        stream = client.corrected("d", idle_s=1.0)
-
-        async def read() -> list[CorrectedBatch]:
-            return [one async for one in stream]
-
-        return list(chain(*await asyncio.gather(read(), read())))
-
-    assert sorted(numbers(asyncio.run(read_all()))) == list(range(100))
-
-
-def test_a_program_that_ends_does_not_wait_until_a_stream_is_idle(client: Client) -> None:
-    stream, before = client.corrected("d", idle_s=60.0), set(threading.enumerate())
-
-    async def give_up() -> None:
-        with pytest.raises(TimeoutError):
-            await asyncio.wait_for(anext(aiter(stream)), 0.02)
-
-    asyncio.run(give_up())
-    stream._thread.shutdown(wait=False)  # as Python does at its end
-    for thread in set(threading.enumerate()) - before:
-        thread.join(5.0)
-        assert not thread.is_alive()
-    stream.close()
 
 
 def test_without_a_router_it_is_said_that_one_is_looked_for_and_the_error_says_what_to_do(

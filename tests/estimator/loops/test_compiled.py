@@ -1,6 +1,5 @@
 """Compiled loops are cached for the next start; where they cannot be, that is said."""
 
-import ast
 import os
 import subprocess
 import sys
@@ -42,16 +41,3 @@ def test_what_is_compiled_is_cached_and_what_is_damaged_is_said(tmp_path: Path) 
     damaged = start(tmp_path, _CUT)
     assert damaged.stdout.startswith("called"), damaged.stderr
     assert "cut is not cached" in damaged.stderr
-
-
-def test_a_loop_reads_no_constant_of_another_file() -> None:
-    """Numba compiles a constant in, and looks for changes in the file of the loop alone."""
-    folder = ROOT / "estimator" / "loops"
-    found = {
-        node.module
-        for file in folder.glob("[!_]*.py")
-        if file.name != "compiled.py"
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in ("bridge", "estimator")
-    }
-    assert found == {"estimator.loops.compiled"}

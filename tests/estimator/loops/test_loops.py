@@ -50,36 +50,6 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
     np.testing.assert_array_equal(known, rows[loop.STEP])
 
 
-def test_the_least_step_is_remembered_where_noise_hides_it() -> None:
-    known = np.array([0.1, 1e-6, 0.2])
-    gyro = np.random.default_rng(0).normal(0.0, 5.0, (50, 3))
-    samples = np.column_stack([np.arange(50) / 50, gyro, gyro, np.zeros(50)])
-    _, rows, _ = measured(samples, -0.02, 0.01, COARSE_STEP, known)
-    np.testing.assert_array_equal(rows[loop.STEP], [0.1, 1e-6, 0.2])
-
-
-def steps_of(gyro: Floats, known: Floats) -> Floats:
-    """(3,) of readings (n, 3) at rest, where these are known."""
-    n = len(gyro)
-    samples = np.column_stack([np.arange(n) / n, gyro, gyro, np.zeros(n)])
-    return np.asarray(measured(samples, -1 / n, np.inf, COARSE_STEP, known)[1][loop.STEP])
-
-
-@pytest.mark.parametrize("far", [3.0, 600.0])
-def test_readings_on_a_known_grid_have_steps_of_it_and_finer_ones_are_found(far: float) -> None:
-    rng, grid = np.random.default_rng(0), 1e-3
-    gyro = grid * rng.integers(0, 20, (100, 3)) + grid * rng.uniform(-0.01, 0.01, (100, 3))  # as float32 rounds
-    gyro[:, 1] = 3 * grid * np.round(gyro[:, 1] / (3 * grid))  # every third of its steps, and as far as that goes
-    gyro[-1, 1] = 3 * grid * far
-    gyro[:, 2] = grid
-    known = np.full(3, grid)
-    np.testing.assert_allclose(steps_of(gyro, known), [grid, 3 * grid, COARSE_STEP], rtol=1e-9)
-    np.testing.assert_array_equal(known, grid)
-    gyro[50, 0] += grid / 2
-    assert steps_of(gyro, known)[0] < 0.51 * grid
-    assert known[0] < 0.51 * grid
-
-
 def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
     rng = np.random.default_rng(4)
     n, matrix = 400, np.eye(3) + 0.05 * rng.normal(size=(3, 3))

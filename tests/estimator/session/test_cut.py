@@ -9,7 +9,7 @@ import pytest
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, State, Status
 from estimator.session import TURNS_LOST, DeviceSession
 from tests.estimator.session.lives import again, state, worn
-from tests.estimator.stream import NAME, calibration, feed, stream
+from tests.estimator.stream import NAME, calibration, feed
 
 #: bytes of a device at 100 samples a second
 MOST_BYTES = 12_000
@@ -80,22 +80,6 @@ def test_a_run_cut_at_any_sample_and_resumed_equals_the_whole_run(*, aided: bool
             n = len(revision.sequences)
             np.testing.assert_array_equal(same.sequences[-n:], revision.sequences)
             np.testing.assert_array_equal(same.bias[-n:], revision.bias)
-
-
-@pytest.mark.parametrize("cut", [1, 40, 333])
-def test_a_boot_that_is_not_calibrated_yet_goes_on_too(cut: int) -> None:
-    """Blocks are shorter while a first rest is awaited, so what is learnt may be applied half a second earlier or later."""
-    batches = stream(worn(1), 40.0).batches()  # type: ignore[arg-type]
-    whole = DeviceSession(NAME)
-    feed(whole, batches[:cut])
-    bytes_ = whole.state()
-    assert bytes_ is not None
-    resumed = DeviceSession.restored(bytes_, None, NAME)
-    feed(whole, batches[cut:])
-    feed(resumed, [batch for batch in batches if batch.sequence + len(batch) > (resumed.sequence.next or 0)])
-    np.testing.assert_array_equal(resumed.tracker.bias, whole.tracker.bias)
-    np.testing.assert_array_equal(resumed.tracker.std, whole.tracker.std)
-    assert resumed.life.state in (State.AWAITING_STILL, State.BIAS_ONLY)
 
 
 def test_turns_of_a_calibration_under_way_are_said_to_be_lost() -> None:

@@ -1,6 +1,5 @@
 """Repeats, losses and silences."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from bridge.wire.messages import Quality, State
 from estimator.session import DeviceSession
 from tests.estimator.session.lives import calibrated, state
-from tests.estimator.stream import NAME, Stream, feed, rates
+from tests.estimator.stream import NAME, Stream, feed
 from tests.estimator.track.worn import PLAIN, rest
 
 
@@ -26,32 +25,6 @@ def test_a_lost_device_is_not_good_and_comes_back(once: Stream) -> None:
     assert state(device) is State.TRACKING
     assert outcome.corrected[-1].quality is Quality.GOOD
     assert device.status(1).events["missing_samples"] == start - once.at(40.0)
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda batches: [b for b in batches for _ in range(2)],
-        lambda batches: [b for pair in zip(batches, batches[3:], strict=False) for b in pair],
-        lambda batches: [
-            b for i, b in enumerate(batches) for b in ([b] if i % 50 else [b, *batches[max(0, i - 5) : i]])
-        ],
-    ],
-    ids=["each twice", "ahead and behind", "bursts again"],
-)
-def test_repeats_change_no_rate(once: Stream, damage: Callable[..., list[object]]) -> None:
-    batches = once.batches()
-    whole = feed(DeviceSession(NAME), batches)
-    device = DeviceSession(NAME)
-    damaged = damage(batches)
-    outcome = feed(device, damaged)  # type: ignore[arg-type]
-    status = device.status(1)
-    assert status.samples_in == status.samples_out + sum(status.dropped.values())
-    assert status.dropped["duplicate"] > 0
-    numbers = np.concatenate([b.sequence + np.arange(len(b)) for b in outcome.corrected])
-    assert len(set(numbers.tolist())) == len(numbers) == status.samples_out
-    if status.events.get("gaps", 0) == 0:
-        np.testing.assert_array_equal(rates(outcome.corrected), rates(whole.corrected))
 
 
 def test_one_percent_of_lost_batches_in_the_rests_does_no_harm(once: Stream) -> None:

@@ -31,21 +31,6 @@ def test_a_reboot_in_the_middle_of_a_turn_forgets_the_turns(once: Stream) -> Non
     assert state(device) is State.TURNING
 
 
-def test_late_samples_of_the_old_boot_are_dropped_and_counted(once: Stream) -> None:
-    device = calibrated(once)
-    fresh = calibration(seed=9).batches(boot=2)
-    feed(device, fresh[:50])
-    late = feed(device, once.batches(boot=1)[-5:])
-    assert late.corrected == []
-    assert device.boot == 2
-    status = device.status(1)
-    assert status.dropped["old_boot"] == sum(map(len, once.batches()[-5:]))
-    # And they change nothing in what comes after.
-    undisturbed = calibrated(once)
-    expected = feed(undisturbed, fresh).corrected[-len(fresh) + 60 :]
-    np.testing.assert_array_equal(rates(feed(device, fresh[50:]).corrected)[-200:], rates(expected)[-200:])
-
-
 def test_an_earlier_boots_scale_is_a_prior_until_the_first_calibration(once: Stream) -> None:
     old = calibrated(once).calibration
     assert old is not None
@@ -95,16 +80,6 @@ def test_restored_without_knowing_since_when_it_waits_for_a_rest(once: Stream, l
     assert outcome.corrected[0].quality is Quality.DEGRADED
     assert outcome.corrected[-1].quality is Quality.GOOD
     assert resumed.status(1).evidence_age_s >= 0
-
-
-def test_of_a_boot_of_which_nothing_came_nothing_is_kept(once: Stream) -> None:
-    device = calibrated(once)
-    assert device.calibration is not None
-    resumed = DeviceSession(NAME)
-    resumed.begin_boot(1, 30.0, Remembered(device.calibration, device.checkpoint()))
-    assert resumed.checkpoint() is None
-    feed(resumed, once.batches()[-2:])
-    assert resumed.checkpoint() is not None
 
 
 def test_a_clock_that_goes_back_goes_on(once: Stream) -> None:
