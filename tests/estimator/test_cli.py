@@ -156,9 +156,6 @@ def test_who_misspells_a_verb_is_told_of_the_nearest(capsys: pytest.CaptureFixtu
         (["bridge", "run", "a.toml", "--cofig=x"], "truerate bridge run: unknown option '--cofig'; "),
         (["calibrate", "a.npz", "b.npz"], "truerate calibrate: unexpected 'b.npz'"),
         (["demo", "--seed", "-1"], "'-1': a whole number from 0 to"),
-        (["study", "scaling", "--message-us", "0"], "a number above 0 is expected"),
-        (["study", "scaling", "--known-s", "-3"], "'-3': a number from 0 on is expected"),
-        (["study", "scaling", "--known-s", "nan"], "'nan': a number from 0 on is expected"),
     ],
 )
 def test_what_no_verb_takes_is_refused_in_a_line(
@@ -208,8 +205,6 @@ def test_who_reads_no_further_ends_it_without_a_word() -> None:
         ["errors", "--runs", "0"],
         ["protocols", "--runs", "-1"],
         ["protocols", "--workers", "0"],
-        ["scaling", "--devices", "0"],
-        ["scaling", "--total", "many"],
     ],
 )
 def test_a_study_of_nothing_is_wrong_use(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -236,10 +231,7 @@ def test_a_study_of_the_paper_needs_a_scenario_it_can_read(tmp_path: Path, capsy
     assert "give it by --recording FILE" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("verb", [["demo"], ["study", "scaling"]])
-def test_where_no_picture_can_be_is_said_before_the_work(
-    verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_where_no_picture_can_be_is_said_before_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "file").touch()
     (tmp_path / "thesis.pdf").write_bytes(b"%PDF-1.7 my only copy")
@@ -249,7 +241,7 @@ def test_where_no_picture_can_be_is_said_before_the_work(
         ("folder.png", "a folder; give the picture a name of its own"),
         ("file/out.png", "is a file, not a folder"),
     ):
-        assert main([*verb, "--picture", str(tmp_path / place)]) == 2
+        assert main(["demo", "--picture", str(tmp_path / place)]) == 2
         assert said in capsys.readouterr().err
 
 
