@@ -10,11 +10,9 @@ import pytest
 
 from bridge.wire.messages import Quality
 from estimator.database import Database, StoreError
-from estimator.service import clerk as rules
 from estimator.service import record
 from estimator.service.clerk import Clerk
 from estimator.service.store import Store
-from tests.estimator.database.kept import CALIBRATIONS
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, calibration, info
 
@@ -103,22 +101,6 @@ def test_who_was_answered_can_rely_on_it_unless_the_disk_does_not_answer(
     busy.free()
     assert ward.command(lambda: ward.client.note(NAME, "nurse", "she stood up")).accepted
     assert [line["reason"] for line in ward.store.database.rows("audit", "verb = 'note'", ())][-1] == "she stood up"
-
-
-def test_more_than_can_wait_is_refused(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rules, "MOST", 3)
-    heard = list[StoreError | None]()
-    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
-        other.execute("BEGIN IMMEDIATE")
-        clerk = Clerk(store.database)
-        for _ in range(20):
-            clerk.do(lambda: store.add_calibration(CALIBRATIONS[0]), heard.append)
-        assert heard
-        assert all("writes wait for the disk" in str(error) for error in heard)
-        other.execute("COMMIT")
-    clerk.close()
-    assert len(heard) == 20
-    assert None in heard
 
 
 def test_what_cannot_be_written_at_the_end_is_told(

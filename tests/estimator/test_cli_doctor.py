@@ -16,7 +16,6 @@ from bridge.wire import keys
 from bridge.wire.codec import encode_status
 from estimator.cli import main
 from estimator.demo.ward import free_port
-from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.service.store import Store
 from tests.estimator.test_glance import STATUS
 
@@ -99,22 +98,6 @@ def test_two_bridges_with_one_device_are_found(tmp_path: Path, capsys: pytest.Ca
             found = look(capsys, str(config))
             assert (found[0], found[1]["bridges of the ward"][0]) == (code, level)
     assert "b2's samples are refused; stop one" in found[1]["bridges of the ward"][1]
-
-
-def test_an_estimator_that_does_not_keep_up_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    endpoint, config = f"tcp/127.0.0.1:{free_port()}", tmp_path / "ward.toml"
-    config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
-    with Router([endpoint]), ZenohBus([endpoint]) as bus:
-        said = bus.publisher(keys.build("w", "status", device="a"), cache=1)
-        for events in ({OVERLOADED: 7}, {UNKEPT: 1}, {}):
-            said.put(encode_status(replace(STATUS, events=events)))
-            code, found = look(capsys, str(config))
-            assert code == (1 if events else 0)
-            assert found.get("estimator of the ward", ("", ""))[0] == ("trouble" if events else "")
-            if UNKEPT in events:
-                assert "the store of 1 device cannot be written" in found["estimator of the ward"][1]
-            if OVERLOADED in events:
-                assert "has not kept up with its devices for 7 s" in found["estimator of the ward"][1]
 
 
 def test_trouble_is_an_exit_code(

@@ -144,18 +144,6 @@ def test_a_million_readings_that_are_not_finite_change_not_one_bit(worn: Stream)
     assert status.samples_in == status.samples_out + MILLION
 
 
-def test_a_device_that_sends_nothing_else_is_heard_and_believed_nothing() -> None:
-    worn = calibration(seed=1)
-    device = DeviceSession(NAME)
-    before = device.tracker.state
-    outcome = feed(device, spoilt(worn, slice(None), np.nan).batches())
-    assert outcome.corrected == []
-    np.testing.assert_array_equal(device.tracker.state.P, before.P)
-    status = device.status(1)
-    assert (status.samples_out, status.dropped) == (0, {Reason.NON_FINITE: len(worn)})
-    assert status.rate_hz == 0.0
-
-
 # ---- spikes -------------------------------------------------------------------------------------------------------
 
 

@@ -113,24 +113,6 @@ def test_a_list_that_is_suddenly_empty_throws_nobody_out(
     assert "not a file; what was enrolled before stays so" in caplog.text
 
 
-def test_of_an_enrolled_device_that_another_bridge_sends_it_is_said(gate: Gate) -> None:
-    bus = MemoryBus(MemoryBroker())
-    heard, notices = bus.subscribe(keys.pattern("w", "status")), Notices(bus, "w", gate)
-
-    def said() -> list[str]:
-        notices.say(5, ())
-        return [codec.decode_status(*message).reason for message in heard.drain(9, 0.0)]
-
-    gate.admit([sent("b2", "wrist")], 0.0)
-    (reason,) = said()
-    assert reason.startswith("enrolled by b1 and sent by b2: ")
-    gate.admit([sent("b1", "wrist"), sent("b2", "wrist")], 1.0)
-    gate.look(1.0)
-    assert said() == [], "its own bridge is heard: somebody has it, and speaks of it"
-    notices.close()
-    bus.close()
-
-
 @pytest.fixture
 def status() -> Iterator[tuple[Notices, Gate, list[Status]]]:
     gate, bus = Gate(ENROLLED, Tally()), MemoryBus(MemoryBroker())
@@ -164,35 +146,6 @@ def test_a_stranger_stands_in_every_list_as_not_enrolled(status: tuple[Notices, 
     notices.say(6, ())
     assert list(said) == []
     assert notices._publishers == {}
-
-
-def test_a_device_that_is_enrolled_no_more_is_lost_for_that_reason(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("estimator.service.shell.SLOW_S", 0.0)  # as on a busy machine: its first round takes long
-    file = tmp_path / "enrolled.txt"
-    file.write_text("chest\nwrist\n")
-    broker = MemoryBroker()
-    bridge, store = MemoryBus(broker), Store(tmp_path / "s.sqlite3")
-    buses = MemoryBus(broker), MemoryBus(broker)
-    service = Service("w", Estimator(id="e", silence_s=0.2), *buses, store, enrolment=Enrolment(file=str(file)))
-    raw = bridge.publisher(keys.build("w", "raw", bridge="b1", device="chest"), cache=0)
-    told = bridge.publisher(keys.build("w", "info", bridge="b1", device="chest"), cache=0)
-    told.put(codec.encode_info(replace(info(1), device="chest", bridge="b1")))
-    raw.put(codec.encode_samples(replace(calibration(seed=1).batches()[0], device="chest")))
-    service.step(0.0)
-    assert service._devices["chest"].heard <= time.monotonic(), "nobody is heard later than now"
-    file.write_text("wrist\n")
-    time.sleep(0.25)
-    for _ in range(2):
-        service._every_second(time.monotonic())
-        service.work()
-    said = Client(ward="w", bus=MemoryBus(broker)).statuses(0.05)["chest"]
-    assert said.state is State.LOST
-    assert "not enrolled: what it sends is not used" in said.reason
-    for bus in (*buses, bridge):
-        bus.close()
-    store.close()
 
 
 def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from bridge.drivers.replayed import Playback
 from bridge.drivers.takes import Take
@@ -157,20 +156,6 @@ def test_turns_that_calibrate_are_not_lost_to_warming_up(prompt: Recording) -> N
     assert same(replace(found, said=found.said[1:]), been_on), "to the bit as of one that has not to warm up"
 
 
-def test_a_calibration_as_the_recording_ends_is_said_and_smooths_all_of_it(day: Stream) -> None:
-    of = recorded(day.part(0, day.at(27.0)))
-    found, smooth = correct(of), correct(of, smooth=True)
-    assert found.quality.max() == Quality.BIAS_ONLY, "no sample was corrected by it when it came"
-    assert "calibrated as it ends" in found.said[-1]
-    prior = correct(of, calibrate(recorded(day))[0], other_boot=True)
-    assert (prior.quality.max(), prior.said[-1]) == (Quality.BIAS_ONLY, found.said[-1]), (
-        "another boot's does not hide it"
-    )
-    agree(smooth, of)
-    assert (smooth.quality == Quality.GOOD).all()
-    np.testing.assert_allclose(smooth.rate, (of.gyro - smooth.bias) @ smooth.matrix.T, atol=1e-5)
-
-
 # ---- a calibration that was made before ---------------------------------------------------------------------------
 
 
@@ -264,26 +249,6 @@ def test_smoothed_the_deviation_of_a_rate_is_that_of_noise_and_bias(
     found = correct(recorded(day), smooth=True)
     k = day.truth.k
     np.testing.assert_allclose(np.degrees(found.rate_std[100]), k * np.hypot(0.1, 0.03), rtol=0.05)
-
-
-def test_doubt_that_was_never_cleared_stays(day: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reading off about the vertical, in whatever pose: gravity cannot tell it from a slow turn, so it is not learnt."""
-    jump = day.at(100.0)
-    off = np.where(np.arange(len(day)) >= jump, np.radians(1.0), 0.0)
-    up = Rotation.from_quat(day.attitude, scalar_first=True).inv().apply([0.0, 0.0, 1.0])
-    of = replace(recorded(day), gyro=day.gyro + off[:, None] * up)
-    smoother(monkeypatch, known(day, 0.0, 150.0))
-    found = correct(of, smooth=True)
-    assert found.quality[0] == Quality.GOOD
-    assert found.quality[-1] == Quality.DEGRADED
-    assert not (found.quality[jump + 3000 :] == Quality.GOOD).any()
-
-
-def test_without_a_calibration_a_smoothed_bias_is_all_there_is(worn: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
-    smoother(monkeypatch, known(worn, 0.0, 43.0))
-    assert (correct(recorded(worn), smooth=True).quality == Quality.BIAS_ONLY).all()
-    smoother(monkeypatch, Smoothed(np.zeros(1), np.zeros((1, 3)), np.full((1, 3), np.radians(1.0))))
-    assert (correct(recorded(worn), smooth=True).quality == Quality.NONE).all()
 
 
 # ---- as a library, and on real recordings -------------------------------------------------------------------------

@@ -125,15 +125,6 @@ def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_eithe
     assert ward.latest().calibration == made.id
 
 
-def test_a_device_with_a_clock_may_be_told_another_rate(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    list(ward.subscriber)
-    ward.send(second(once)[:30], replace(info(2), rate_hz=208.0))
-    assert {b.quality for b in ward.subscriber} <= {Quality.PRIOR, Quality.BIAS_ONLY}
-    assert "scratch" not in ward.latest().reason
-    assert scratched(ward) == []
-
-
 def test_after_a_reboot_the_scale_is_a_prior_and_the_bias_as_wide_as_from_power_up_to_power_up(
     ward: Ward, once: Stream
 ) -> None:
@@ -144,20 +135,6 @@ def test_after_a_reboot_the_scale_is_a_prior_and_the_bias_as_wide_as_from_power_
     wide = ward.service._devices[NAME].session.knobs.prior.bias_std
     assert (last.boot, last.quality, last.calibration) == (2, Quality.PRIOR, before.id)
     assert np.all(last.bias_std >= 0.99 * wide * np.diag(before.matrix))
-
-
-def test_what_held_over_earlier_boots_is_believed_more(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    (made,) = ward.store.calibrations(NAME)
-    stds = []
-    for boot in (2, 3, 4):
-        ward.send([replace(batch, boot=boot) for batch in second(once)[:6]], info(boot))
-        session = ward.service._devices[NAME].session
-        stds.append(session.applied.model.scale_std.max())
-        assert session.tracker._model.scale_std.max() == stds[-1], "by whom gravity is judged"
-        ward.store.add_calibration(replace(made, id=f"c{boot}", boot=boot))
-    prior = ward.service._devices[NAME].session.knobs.prior
-    np.testing.assert_allclose(stds, prior.scale_std / np.sqrt([1, 4, 7]), rtol=1e-3)
 
 
 def calibrated(batches: list[SampleBatch]) -> tuple[Calibration, DeviceSession]:
@@ -181,23 +158,6 @@ def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
         assert first.quality is (Quality.DEGRADED if doubted else Quality.GOOD)
         assert status.state is (State.DEGRADED if doubted else State.TRACKING)
         assert ("in doubt when the estimator was restarted" in status.reason) is doubted
-
-
-@pytest.mark.parametrize("doubt", ["", "a jump"])
-def test_the_bias_of_a_boot_without_a_calibration_goes_on(ward: Ward, once: Stream, doubt: str) -> None:
-    batches = once.batches()
-    upto = once.at(6.0) // 10
-    ward.send(batches[:upto], info(1))
-    session = ward.service._devices[NAME].session
-    assert session.status(1).quality is Quality.BIAS_ONLY
-    session.tracker.doubt.why = doubt
-    ward.service._record.checkpoint(ward.service._devices[NAME], 0.0, force=True)
-    list(ward.subscriber)
-    restart(ward)
-    ward.send(batches[upto : upto + 2])
-    last = list(ward.subscriber)[-1]
-    assert last.quality is (Quality.NONE if doubt else Quality.BIAS_ONLY)
-    np.testing.assert_allclose(last.bias, session.tracker.bias, atol=np.radians(0.02))
 
 
 def test_an_estimator_that_is_stopped_and_started_goes_on_to_the_bit(tmp_path: Path, once: Stream) -> None:

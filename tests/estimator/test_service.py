@@ -14,10 +14,8 @@ from bridge.wire.messages import Note, Quality, State, Verdict
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
-from estimator.service.overload import UNKEPT
 from estimator.session import DeviceSession
 from tests.estimator.client.test_revision import revision
-from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
 
@@ -89,37 +87,6 @@ def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) ->
     numbers = np.concatenate([b.sequence + np.arange(len(b)) for b in before + after])
     np.testing.assert_array_equal(numbers, np.arange(len(once)))
     assert ward.subscriber.repeated > 0, "the cached samples were corrected again"
-
-
-@pytest.mark.parametrize("seconds", [1.0, 40.0], ids=["no bias known", "calibrated"])
-def test_restarted_when_the_clock_was_set_back_its_rates_are_listened_to_at_once(
-    ward: Ward, once: Stream, seconds: float
-) -> None:
-    upto = once.at(min(seconds, once.time[-1] - 0.5)) // 10
-    batches = once.batches()
-    ward.send(batches[:upto], info(1))
-    before = list(ward.subscriber)
-    ward.kill()
-    ward.now_ns -= 3_600_000_000_000
-    ward.start()
-    ward.send(batches[upto:])
-    after = list(ward.subscriber)
-    assert sum(map(len, before + after)) == len(once)
-    assert after[-1].epoch > before[-1].epoch
-
-
-def test_a_store_that_fails_is_counted_and_gone_on_without(
-    ward: Ward, once: Stream, caplog: pytest.LogCaptureFixture
-) -> None:
-    with full_disk():
-        ward.send(once.batches(), info(1))
-        assert list(ward.subscriber)[-1].quality is Quality.GOOD
-        assert ward.latest().events[UNKEPT] == 1
-        assert ward.service.counts.as_dict()["store failed"] >= 2
-        assert caplog.text.count("goes on from memory") == 1, "the first is told aloud, the others counted"
-        assert ward.command(lambda: ward.client.recalibrate(NAME, "nurse")).accepted
-    ward.settle()
-    assert ward.store.calibrations(NAME)
 
 
 def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -129,17 +129,6 @@ def test_of_earlier_boots_of_the_same_hardware_the_last_calibrations_come_in_the
     assert store.earlier(replace(info(boot=5), device="other")) == []
 
 
-def test_what_was_calibrated_while_the_clock_was_behind_is_not_undone_when_it_is_right_again(store: Store) -> None:
-    for name, time_ns in (("before", 50), ("again", 40)):
-        store.add_calibration(replace(GOOD, id=name, time_ns=time_ns))
-    for now_ns in (45, 100):
-        remembered = store.recall(NAME, 1, now_ns)
-        assert remembered is not None
-        assert remembered.calibration is not None
-        assert remembered.calibration.id == "again"
-    assert same(store.prior(info(boot=9)), replace(GOOD, id="again"))
-
-
 def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
     assert store.answer(NAME, "recalibrate", "r1") is None
     store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", "done", accepted=True)

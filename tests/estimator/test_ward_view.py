@@ -14,7 +14,7 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 from estimator import listening, watch, watch_ward
-from estimator.client import Client, Corrected
+from estimator.client import Client
 from estimator.session import DeviceSession
 from estimator.ward_view import SILENT_S, WardView, chosen
 from tests.estimator.stream import info
@@ -188,21 +188,6 @@ def test_of_whom_only_a_memory_is_left_it_is_said_at_once(speaking: Speaking, cl
     assert ("is the estimator running?" in statuses["d3"].reason) is hangs
     assert watch_ward.watch_ward(console, client, once=True) == 0
     assert ("1 silent" in file.getvalue()) is hangs
-
-
-@pytest.mark.usefixtures("client")
-def test_who_is_heard_is_said_where_the_one_that_is_watched_is_not(
-    speaking: Speaking, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bus, (console, file) = speaking.bus, terminal()
-    monkeypatch.setattr(watch, "Client", lambda *_, ward: Client(ward=ward, bus=bus))
-    monkeypatch.setattr(Corrected, "receive", lambda *_: speaking.sleep(0.2))
-    assert watch.watch(console, WARD, (), "d1x", 5.0) == 1
-    waiting, names, unheard = file.getvalue().splitlines()
-    assert waiting == "waiting for d1x …"
-    assert names.startswith("heard in ward w: d0, d1, d10, ")
-    assert names.endswith(" and 100 more")
-    assert "nothing was heard of d1x" in unheard
 
 
 def test_once_as_json(client: Client, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,7 +1,5 @@
 """What temperature does is learnt in one boot, kept, and used in the next: sessions and store as the service has them."""
 
-import threading
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,22 +9,17 @@ import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.day import simulate_day
-from bridge.sim.motion import Still
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
-from estimator.database import Database
-from estimator.remembered import Remembered
-from estimator.service.clerk import Clerk
 from estimator.service.device import Device
 from estimator.service.record import Record
 from estimator.service.store import Store
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
-from estimator.track.bias_filter import SLOPE, BiasKnobs, BiasState
-from estimator.track.learning import Points, learn
+from estimator.track.bias_filter import SLOPE, BiasState
 from estimator.track.temperature import TemperatureLaw
 from tests.estimator.memory_ward import Ward
-from tests.estimator.stream import NAME, Stream, calibration, feed, info
+from tests.estimator.stream import NAME, Stream, feed, info
 from tests.estimator.track.test_temperature import LAW, boot, learnt
 
 HOUR_NS = 3_600_000_000_000
@@ -61,9 +54,6 @@ def day(hours: float, number: int, seed: int = 2) -> Stream:
 
 def batches(of: Stream, number: int, *, accel: bool = True) -> list[SampleBatch]:
     return of.batches(list(range(52, len(of), 52)), boot=number, accel=accel)
-
-
-# ---- the store ----------------------------------------------------------------------------------------------------
 
 
 # ---- the session --------------------------------------------------------------------------------------------------
@@ -101,31 +91,6 @@ def error(of: Stream, law: TemperatureLaw | None) -> float:
     return float(np.degrees(np.sqrt(np.mean(np.square(errors)))))
 
 
-@pytest.mark.parametrize("how", ["adopted", "restarted", "calibrated"])
-def test_no_law_is_refuted_by_a_slope_that_was_not_learnt_under_it(how: str) -> None:
-    """That of a calibrated bias is none before it is learnt: the first second gave up what earlier boots had taught."""
-    of = calibration(seed=1, after=[Still(12.0)])
-    of = replace(of, temperature_c=np.full(len(of), 25.0))
-    before, after = of.batches()[:-100], of.batches()[-100:]
-    device = DeviceSession(NAME)
-    device.begin_boot(1, 0.0, None, LAW if how == "adopted" else None)
-    feed(device, before)
-    assert device.calibration is not None
-    if how == "adopted":  # where the law is known already; else it is looked up only now
-        device.adopt(Remembered(device.calibration, None), device.calibration)
-    elif how == "restarted":  # before any checkpoint
-        remembered, device = Remembered(device.calibration, None), DeviceSession(NAME)
-        device.begin_boot(1, float(after[0].device_time[0]), remembered, None, 25.0)
-    if how != "adopted":
-        device.learnt.expect(LAW)
-    feed(device, after)
-    learnt = device.tracker.state
-    device.learnt.expect(LAW)  # another bridge has it now
-    np.testing.assert_array_equal(device.tracker.state.P, learnt.P)
-    assert "temperature law disagrees" not in device.status(0).events
-    np.testing.assert_allclose(device.tracker.state.x[SLOPE], LAW.slope(25.0), atol=np.radians(1e-4))
-
-
 def test_a_wrong_law_is_given_up_and_told_once() -> None:
     of = day(0.2, 1)
     wrong = replace(LAW, linear=of.truth.bias_per_kelvin + np.radians(0.06))
@@ -153,40 +118,4 @@ def test_the_service_hands_the_law_on(tmp_path: Path, info_first: bool) -> None:
     tracker = ward.service._devices[NAME].session.tracker
     law = learnt(ward.store.points(info(3)))
     np.testing.assert_allclose(tracker.state.x[SLOPE], law.slope(tracker.thermometer.now), atol=np.radians(0.003))
-    ward.kill()
-
-
-def test_no_sample_waits_for_what_earlier_boots_teach(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ward, go_on = Ward(tmp_path), threading.Event()
-    kept(ward.store, 1, seed=1)
-    kept(ward.store, 2, seed=2)
-    ward.kill()
-    clerks: list[Clerk] = []
-
-    def hired(database: Database) -> Clerk:
-        clerks.append(Clerk(database))
-        return clerks[0]
-
-    def thorough(points: list[Points], knobs: BiasKnobs) -> TemperatureLaw | None:
-        assert go_on.wait(20.0)
-        return learn(points, knobs)
-
-    monkeypatch.setattr("estimator.service.earlier.learn", thorough)
-    ward.start(hired)
-    of = batches(day(0.01, 3), 3)
-    ward.send(of[:10], info(3))
-    tracker = ward.service._devices[NAME].session.tracker
-    assert sum(map(len, ward.subscriber)) == sum(map(len, of[:10]))
-
-    def taught() -> bool:
-        return tracker._law is not None
-
-    assert not taught()
-    go_on.set()
-    deadline = time.monotonic() + 20.0
-    while not taught() and time.monotonic() < deadline:
-        ward.settle()
-    law = learnt(ward.store.points(info(3)))
-    np.testing.assert_allclose(tracker.state.x[SLOPE], law.slope(tracker.thermometer.now), atol=np.radians(0.003))
-    clerks[0].close()
     ward.kill()

@@ -1,17 +1,15 @@
 """Windows of samples say of them what a plain loop finds, however the samples came."""
 
-import asyncio
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bridge.sim.motion import Still
-from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFlag, WindowBatch
+from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFlag
 from estimator.session import DeviceSession
 from estimator.windowed import Second, windows
-from tests.estimator.memory_ward import Ward
-from tests.estimator.stream import NAME, Stream, calibration, info
+from tests.estimator.stream import NAME, Stream, calibration
 
 
 @pytest.fixture(scope="module")
@@ -79,34 +77,3 @@ def test_a_gap_a_boot_and_a_new_quality_each_begin_anew(once: Stream) -> None:
     # A message tells of one calibration only.
     qualities = [batch.quality for batch in windows(seconds_of(once.batches())[0])]
     assert len(set(qualities)) >= 3
-
-
-def test_they_are_made_only_while_somebody_asks_and_read_both_ways(ward: Ward, once: Stream) -> None:
-    cuts = [once.batches()[at : at + 100] for at in range(0, 400, 100)]
-    ward.send(cuts[0], of=info())
-    ward.latest()
-
-    def made() -> bool:
-        ward.latest()  # it looks round once a second
-        return ward.service._devices[NAME].session.windowed
-
-    assert not made()
-    looks = ward.client.windows(idle_s=0.05)
-    assert made()
-    ward.send(cuts[1])
-    ward.service._views.say(float("inf"))
-    found = list(looks)
-    assert [batch.device for batch in found] == [NAME] * len(found)
-    assert sum(int(batch.samples.sum()) for batch in found) > 800
-    assert looks.refused == {}
-    ward.send(cuts[2])
-    ward.service._views.say(float("inf"))
-
-    async def read() -> list[WindowBatch]:
-        return [batch async for batch in looks]
-
-    assert len(asyncio.run(read())) >= 8
-    looks.close()
-    assert not made()
-    ward.send(cuts[3])
-    assert not ward.service._views._waiting

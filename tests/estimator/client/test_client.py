@@ -1,7 +1,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from bridge.bus.contract import BusError, Publisher
@@ -50,32 +49,6 @@ def test_every_sample_once_the_past_first(broker: MemoryBroker, client: Client) 
     assert found[0].quality is Quality.GOOD
     assert subscription.repeated == subscription.missed == 0
     assert list(client.corrected(history=False, idle_s=0.05)) == []
-
-
-def test_what_a_restarted_estimator_corrects_again_is_left_out(broker: MemoryBroker, client: Client) -> None:
-    subscription = client.corrected(NAME, idle_s=0.1)
-    put = publisher(broker).put
-    for start, end in [(0, 50), (50, 100), (30, 60), (60, 90), (80, 130), (130, 140)]:
-        put(codec.encode_corrected(corrected(start, end)))
-    found = list(subscription)
-    assert numbers(found) == list(range(140))
-    assert subscription.repeated == 30 + 30 + 20
-    # A batch cut at its head keeps its own times.
-    tail = next(b for b in found if b.sequence == 100)
-    whole = corrected(80, 130)
-    np.testing.assert_array_equal(tail.rate, whole.rate[20:])
-    assert np.abs(tail.sample_time_ns - whole.sample_time_ns[20:]).max() <= 1
-
-
-def test_a_device_started_anew_under_its_old_boot_number_is_heard(broker: MemoryBroker, client: Client) -> None:
-    subscription = client.corrected(idle_s=0.1)
-    put = publisher(broker).put
-    put(codec.encode_corrected(corrected(0, 50)))
-    for start, end in [(0, 10), (10, 60)]:
-        batch = corrected(start, end)
-        put(codec.encode_corrected(replace(batch, start_time_ns=batch.start_time_ns + 4_000_000_000)))
-    assert numbers(list(subscription)) == [*range(50), *range(60)]
-    assert subscription.repeated == 0
 
 
 @pytest.mark.parametrize("by_bus", [False, True])

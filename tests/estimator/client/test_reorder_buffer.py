@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bridge.wire.messages import CorrectedBatch
 from estimator.client import Miss
-from estimator.client.reorder_buffer import BOOTS, HANDOVER_S, WAIT_S, WINDOW, ReorderBuffer
+from estimator.client.reorder_buffer import HANDOVER_S, WAIT_S, ReorderBuffer
 from tests.estimator.client.test_revision import batch
 
 MINUTE_NS = 60_000_000_000
@@ -65,21 +65,6 @@ def test_a_hole_is_given_up_in_time_and_told_before_the_batch_after_it() -> None
     assert buffer.missing == {"d": 4}
     buffer.feed(numbered(3, 7), 2.0)  # all of it again, or too late
     assert (said(buffer), buffer.repeated) == ([], 7)
-
-
-def test_of_too_many_samples_that_are_held_the_first_are_given() -> None:
-    buffer = fed((0, 5), *[(start, start + 5) for start in range(10, 10 + WINDOW + 5, 5)])
-    assert said(buffer)[:2] == [(0, 5, 0), (5, 10, None)]
-    assert buffer.due() == inf
-
-
-def test_a_late_joiner_waits_at_the_beginning_only_and_misses_nothing() -> None:
-    buffer = fed((100, 105), (95, 100))
-    assert said(buffer) == []
-    buffer.overdue(WAIT_S)
-    assert said(buffer) == [(95, 105, 0)]
-    buffer.feed(numbered(90, 5), 1.0)
-    assert (said(buffer), buffer.missing, buffer.repeated) == ([], {}, 5)
 
 
 # ---- several estimators --------------------------------------------------------------------------------------------
@@ -141,17 +126,6 @@ def test_low_numbers_are_repeats_where_they_are_not_later_or_another_estimators(
     assert (said(buffer), buffer.repeated) == ([(0, 70, 0)], 5)
     buffer.feed(later(0, MINUTE_NS, epoch), 2.0)
     assert said(buffer) == [(0, 5, epoch)]
-
-
-def test_memory_is_bounded_and_the_boots_heard_last_are_remembered() -> None:
-    rng, buffer = np.random.default_rng(2), ReorderBuffer(boots=20)
-    for number in rng.integers(1, 2**40, 3000).tolist():
-        buffer.feed(numbered(number % 2**20, 5, device=f"d{number % 7}", boot=number % 110), 0.0)
-        buffer.feed(numbered(0, 5, device="steady"), 0.0)
-    assert sum(event.device == "steady" for event in buffer.ready) == 1
-    assert len(buffer._boots) == 20
-    assert len(buffer._waiting) <= 20
-    assert BOOTS >= 4096
 
 
 # ---- any mixture ---------------------------------------------------------------------------------------------------

@@ -71,26 +71,6 @@ def test_late_joiners_get_the_past_before_what_is_sent_as_they_join(
     assert numbers(found) == list(range(2000))
 
 
-def test_two_estimators_that_publish_the_same_for_a_while(client: Client, world: World, estimator: Bus) -> None:
-    misses: list[Miss] = []
-    stream = client.corrected("d", idle_s=10.0, on_miss=misses.append, wait_s=5.0)
-    with world.bus() as second:
-        one, other = publisher(estimator), publisher(second)
-        put(one, 0)
-        first = stream.receive(10.0)
-        assert first is not None
-        put(other, 0)
-        eventually(lambda: stream.receive(0.05) is None and stream.repeated == 5)
-        for start in range(5, 100, 5):
-            put(one, *([start] if start < 60 else []))
-            put(other, *([start - 2] if start > 30 else []))
-        put(other, 98)
-        found = [first, *until(iter(stream), 102)]
-        eventually(lambda: stream.receive(0.05) is None and stream.repeated == 5 + 27)  # whoever was ahead
-    assert numbers(found) == list(range(103))
-    assert misses == []
-
-
 def test_a_router_that_is_gone_for_a_while_costs_nothing(client: Client, world: World, estimator: Bus) -> None:
     sending, stream = publisher(estimator), client.corrected("d", idle_s=20.0)
     put(sending, 0)
@@ -105,19 +85,6 @@ def test_a_router_that_is_gone_for_a_while_costs_nothing(client: Client, world: 
     put(sending, 50)
     assert numbers([first, *until(iter(stream), 54)]) == list(range(55))
     assert stream.missing == {}
-
-
-def test_a_few_devices_are_read_together(client: Client, estimator: Bus) -> None:
-    stream = client.corrected(["a", "b", "a"], idle_s=0.5)
-    for device in ("a", "b", "c"):
-        put(publisher(estimator, device), 0, 5, device=device)
-    found = list(stream)
-    assert sorted((one.device, one.sequence) for one in found) == [("a", 0), ("a", 5), ("b", 0), ("b", 5)]
-    assert stream.missed == stream.dropped == 0
-    stream.close()
-    assert list(stream) == []
-    with pytest.raises(ValueError, match="empty list"):
-        client.corrected([])
 
 
 @pytest.mark.parametrize("devices", ["d", ["d", "other"]])

@@ -101,22 +101,6 @@ def test_a_backup_that_cannot_be_made_is_said_and_the_store_goes_on(
     store.close()
 
 
-def test_what_a_backup_finds_damaged_is_put_right_by_the_next_write(tmp_path: Path) -> None:
-    path = made(tmp_path)
-    store = Store(path, patient=True)
-    store.database.back_up_if_due()
-    kept = loaded(store)
-    os.utime(Backups.of(path).newest_first()[0], (0, 0))
-    path.write_bytes(path.read_bytes().replace(b"nothing to cancel", b"Nothing to cancel", 1))
-    store.database.back_up_if_due()
-    assert len(Backups.of(path).newest_first()) == 1, "no copy of what is damaged is kept"
-    assert store.calibrations(NAME) == []
-    store.add_calibration(CALIBRATIONS[0])
-    assert loaded(store) == kept
-    assert "is restored" in store.database.notes[0]
-    store.close()
-
-
 def test_the_newest_sound_backup_is_restored_from_its_folder(tmp_path: Path) -> None:
     """Also where the store is missing, as after a crash in the midst of it; a log without its store is set aside."""
     path, folder = tmp_path / "ward" / "a.sqlite3", tmp_path / "stick"

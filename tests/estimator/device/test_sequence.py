@@ -39,25 +39,6 @@ def test_repeats_overlaps_and_gaps(source: Stream) -> None:
     assert sequence.seen == 40
 
 
-def test_boots_of_before_are_asked_for_once_another_than_the_present_one_comes(source: Stream) -> None:
-    sequence, asked = begun(3), []
-
-    def before() -> list[int]:
-        asked.append(True)
-        return [1, 2]
-
-    sequence.recall(before)
-    take(sequence, source, [(0, 10)], boot=3)
-    assert not sequence.is_new_boot(3)
-    assert not asked
-    assert sequence.is_new_boot(4)
-    sequence.begin(4)
-    assert [sequence.is_new_boot(boot) for boot in (1, 2, 3, 4, 5)] == [False, False, False, False, True]
-    batch = Samples.of(*source.part(0, 10).batches([], boot=3, first=0))
-    assert not sequence.follows(batch), "how far the one before had come is not forgotten"
-    assert len(asked) == 1
-
-
 def test_what_comes_late_of_an_old_boot_is_dropped_and_counted(source: Stream) -> None:
     sequence = begun(1)
     take(sequence, source, [(0, 10)])

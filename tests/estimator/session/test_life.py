@@ -8,7 +8,6 @@ import pytest
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import TurnPlan
-from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, State, Verdict
 from estimator.batch.session import STALE_S
 from estimator.device_knobs import knobs_of
@@ -102,21 +101,3 @@ def test_by_how_much_its_bias_flickers_is_told_by_its_model_beside_how_well_its_
     )
     status = device.status(1)
     assert status.bias_std == steady.status(1).bias_std, "as a person wants it: of the mean"
-
-
-def test_a_calibration_that_fails_is_told_and_fits_the_wire(monkeypatch: pytest.MonkeyPatch) -> None:
-    from estimator.batch import closure
-
-    def never(*_: object) -> None:
-        raise closure.NotConverged("no scale factors close the three turns")
-
-    monkeypatch.setattr(closure, "estimate", never)
-    device = DeviceSession(NAME)
-    outcome = feed(device, calibration(seed=4).batches())
-    assert state(device) is State.TURNING
-    assert device.calibration is None
-    assert outcome.calibration is not None
-    assert outcome.calibration.verdict is Verdict.REFUSED
-    key = keys.build("w", "calibration", device=NAME)
-    assert codec.decode_calibration(key, codec.encode_calibration(outcome.calibration)).parameters == ()
-    assert not any(b.quality is Quality.GOOD for b in outcome.corrected)

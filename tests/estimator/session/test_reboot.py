@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from bridge.sim.script import TurnPlan
 from bridge.wire.messages import Quality, State
@@ -62,24 +61,6 @@ def test_the_same_boot_is_restored_at_once(once: Stream) -> None:
     assert resumed.life.state is State.TRACKING
     expected = feed(device, rest)
     np.testing.assert_allclose(rates(outcome.corrected), rates(expected.corrected), atol=np.radians(0.01))
-
-
-@pytest.mark.parametrize("later_s", [0.0, -4295.0])
-def test_restored_without_knowing_since_when_it_waits_for_a_rest(once: Stream, later_s: float) -> None:
-    """The checkpoint is damaged, or the device's clock has gone round while nobody looked."""
-    device = calibrated(once)
-    bias = device.checkpoint()
-    assert device.calibration is not None
-    assert bias is not None
-    remembered = Remembered(device.calibration, None if later_s == 0 else replace(bias, time=bias.time - later_s))
-    more = replace(once, ticks=once.ticks + 2_000_000_000)
-    if later_s:
-        remembered = Remembered(device.calibration, replace(bias, time=2000.0 - later_s))
-    resumed = DeviceSession(NAME)
-    outcome = feed(resumed, more.part(0, 600).batches(first=9000), remembered)
-    assert outcome.corrected[0].quality is Quality.DEGRADED
-    assert outcome.corrected[-1].quality is Quality.GOOD
-    assert resumed.status(1).evidence_age_s >= 0
 
 
 def test_a_clock_that_goes_back_goes_on(once: Stream) -> None:

@@ -4,7 +4,6 @@ import pytest
 
 from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
-from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch, State
 from estimator.config import Estimator
 from estimator.service.cluster import DOUBLE
@@ -99,18 +98,3 @@ def test_two_of_one_id_are_told_of_each_other(both: Both, caplog: pytest.LogCapt
     assert len(errors) == 2
     assert all(f"another estimator says to be {FIRST}" in words for words in errors)
     assert DOUBLE not in both.services[SECOND].counts.as_dict()
-
-
-def test_a_device_that_was_silent_may_come_back_at_another_bridge(both: Both) -> None:
-    batches = silent(both)
-    both.kill(SECOND)
-    both.pass_(3.0)
-    other = MemoryBus(both.broker)
-    raw = other.publisher(keys.build(WARD, "raw", bridge="other", device=NAME), cache=1)
-    for batch in batches[-20:]:
-        raw.put(codec.encode_samples(batch))
-    both.pass_(1.2)
-    session = both.services[FIRST]._devices[NAME].session
-    assert not [label for label in session.sequence.events.as_dict() if label.startswith("also from")]
-    assert both.client.statuses(0.1)[NAME].state is State.TRACKING
-    other.close()

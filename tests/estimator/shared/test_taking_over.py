@@ -1,11 +1,9 @@
 """A device goes over to another estimator: as it was calibrated and all, at once, and before nothing that is more urgent."""
 
-from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
-from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch
 from tests.estimator.served import numbers
-from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both, powered_up_again
+from tests.estimator.shared.conftest import FIRST, SECOND, Both
 from tests.estimator.stream import NAME, calibration
 
 
@@ -40,34 +38,6 @@ def test_it_goes_on_as_it_was_calibrated_and_all(both: Both) -> None:
     statuses = both.client.statuses(0.1)
     assert statuses[NAME].epoch == given[-1].epoch
     assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
-
-
-def test_a_power_up_under_the_same_boot_number_is_not_good_by_what_is_in_the_takers_own_store(both: Both) -> None:
-    heard = MemoryBus(both.broker).subscribe(keys.pattern(WARD, "corrected"))
-    batches = calibration(seed=1, after=[Still(30.0)]).batches()
-    both.start(FIRST)
-    both.send(batches[:-60])
-    (made,) = both.stores[FIRST].calibrations(NAME)
-    both.start(SECOND)
-    both.pass_(3.0)
-    both.send(batches[-60:])
-    assert both.has() == [SECOND]
-
-    again = powered_up_again(batches[-200:])
-    for batch in again[:80]:  # known long ago, again and again
-        both.send([batch])
-    both.pass_(6.0)  # it is said to the others
-    assert both.services[SECOND]._devices[NAME].session.applied.quality is Quality.BIAS_ONLY
-    heard.drain(10_000, 0.0)
-    both.kill(SECOND)
-    both.send(again[80:])
-    both.pass_(1.0)
-    both.send(calibration(seed=1).batches()[:1])  # late, of the earlier one
-    assert both.has() == [FIRST]
-    said: list[CorrectedBatch] = [codec.decode_corrected(m.key, m.payload) for m in heard.drain(10_000, 0.0)]
-    assert said[-1].sequence + len(said[-1]) == again[-1].sequence + len(again[-1])
-    assert Quality.GOOD not in {batch.quality for batch in said}
-    assert [c.id for c in both.stores[FIRST].calibrations(NAME)] == [made.id]
 
 
 def whole(both: Both, batches: list[SampleBatch]) -> list[CorrectedBatch]:

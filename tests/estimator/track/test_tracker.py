@@ -67,14 +67,6 @@ def test_a_copy_goes_on_bit_for_bit(day: Stream, cut_s: float) -> None:
 # ---- with less than all -------------------------------------------------------------------------------------------
 
 
-def test_a_gyro_alone_is_tracked(day: Stream) -> None:
-    worn = Worn.new().lives(day, accel=False)
-    assert {r.kind for r in worn.receipts} >= {"zaru"}
-    assert len(worn.tracker.state.x) == 6
-    assert (np.abs(worn.error_dps(day)) < 3 * np.degrees(worn.tracker.std)).all()
-    assert worn.tracker.sure
-
-
 def test_an_accelerometer_that_is_lost_half_way_stops_nothing(day: Stream) -> None:
     half, worn = day.at(20.0), Worn.new()
     worn.lives(day.part(0, half))
@@ -144,21 +136,6 @@ def test_a_wrong_bias_is_found_in_motion_alone(seed: int) -> None:
     assert (np.abs(worn.error_dps(of)) < 3 * std).all()
     unaided = Worn.new(of.bias[0] + off, bias_std_dps=1.0).lives(of, accel=False)
     np.testing.assert_allclose(unaided.tracker.state.x[BIAS], of.bias[0] + off)
-
-
-def test_the_past_is_improved_once_a_gap() -> None:
-    worn, told = Worn.new(), []
-    of = busy(24.0, seed=3, resting_s=12.0)
-    for start in range(0, len(of), 104):
-        worn.lives(of.part(start, start + 104))
-        if (improved := worn.tracker.improved()) is not None:
-            told.append((of.time[min(start + 104, len(of) - 1)], *improved))
-    assert len(told) == 1, [gap for _, gap, _ in told]
-    now, gap_s, smoothed = told[0]
-    assert gap_s == pytest.approx(24.0, abs=6.0)
-    assert now == pytest.approx(36.0 + 10.0, abs=3.0)
-    assert smoothed.time[0] == pytest.approx(12.0, abs=3.0)
-    assert worn.tracker.improved() is None
 
 
 # ---- restored -----------------------------------------------------------------------------------------------------

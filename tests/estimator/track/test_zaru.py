@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bridge.sim.motion import Piece, Spin, Still
 from estimator.track.bias_filter import OWN, BiasFilter, BiasKnobs, start
-from estimator.track.evidence import GATES, Evidence, Receipt
+from estimator.track.evidence import Evidence, Receipt
 from estimator.track.seconds import Second
 from estimator.track.zaru import REFUSED_TILT, UNPROVEN, Zaru, ZaruKnobs
 from tests.estimator.stream import Stream, stream
@@ -76,44 +76,6 @@ def test_a_rest_measures_the_bias_with_the_noise_of_its_mean() -> None:
     (late,) = rest.lives(1.0)
     # A second late, and its mean half a second older than its end: no more is known of now than then was of it.
     np.testing.assert_allclose(np.diag(late.innovation_cov), np.diag(then - walked + walked / 3 + own), rtol=0.01)
-
-
-def test_late_it_is_worth_what_it_was_in_time() -> None:
-    """Against a filter that holds the bias of then as well as that of now, and takes the same in one stroke."""
-    knobs, rng = BiasKnobs(), np.random.default_rng(0)
-    P0, R = np.radians(0.004) ** 2, np.radians(0.006) ** 2
-    walk = knobs.rate_random_walk**2
-    for seconds in (1, 5):
-        bias = BiasFilter(start(np.zeros(3), P0 * np.eye(3), 0.0, knobs), knobs)
-        bias.predict(1.0)
-        bias.wait()
-        z = np.radians(0.01) * rng.normal(size=3)
-        for second in range(seconds):
-            bias.predict(2.0 + second)
-        bias.take_first(Evidence("late", z, np.eye(3, OWN), R * np.eye(3), GATES[3]))
-        before, shared = P0 + walk, P0 + walk / 2  # of the bias as the measurement ended; and what its mean has of it
-        S = P0 + walk / 3 + R
-        np.testing.assert_allclose(bias.x[:3], shared / S * z)
-        np.testing.assert_allclose(np.diag(bias.state.bias_cov), before + seconds * walk - shared**2 / S)
-
-
-def test_late_it_knows_what_warmth_has_moved_meanwhile() -> None:
-    """Against a filter that takes the same in time, and goes on."""
-    knobs = BiasKnobs(rate_random_walk=1e-12, curvature=0.0)
-    begun = start(BIAS, np.radians(0.02) ** 2 * np.eye(3), 0.0, knobs, temperature_c=25.0)
-    begun.x[3:] = np.radians([0.03, -0.02, 0.0])
-    in_time, late = BiasFilter(begun, knobs), BiasFilter(begun, knobs)
-    measured = Evidence("zaru", BIAS + np.radians(0.01), np.eye(3, OWN), np.radians(0.006) ** 2 * np.eye(3), GATES[3])
-    in_time.predict(1.0, 25.2)
-    late.predict(1.0, 25.2)
-    late.wait()
-    in_time.update(measured)
-    for second in range(1, 9):
-        in_time.predict(1.0 + second, 25.2 + 0.02 * second)
-        late.predict(1.0 + second, 25.2 + 0.02 * second)
-    late.take_first(measured)
-    np.testing.assert_allclose(late.x, in_time.x, rtol=1e-9)
-    np.testing.assert_allclose(late.cov, in_time.cov, rtol=1e-6, atol=1e-18)
 
 
 def test_the_first_seconds_of_quiet_are_no_proof_of_rest() -> None:
@@ -263,20 +225,6 @@ def test_movement_ends_an_insistence() -> None:
     for _ in range(3):
         assert not any(r.reason == "insisted" for r in rest.lives(ZaruKnobs().insist_s - 5.0, 0.5))
         rest.moves(0.5)
-
-
-def test_after_a_gap_a_surprise_widens_the_bias_within_reason() -> None:
-    """A bias that walked three times as fast as was thought is taken; one that walked thirty times as fast is doubted."""
-    gap = 300.0
-    walked = BiasKnobs().rate_random_walk * np.sqrt(gap)
-    for times, taken in ((4.5, True), (60.0, False)):
-        rest = Rest()
-        rest.lives(20.0)
-        rest.moves(gap)
-        offset = float(np.degrees(times * walked))
-        receipts = rest.lives(10.0, offset)
-        assert receipts[-1].accepted is taken
-        assert bool(abs(rest.error_dps()[2] - offset) < 0.02) is taken
 
 
 # ---- tilting ------------------------------------------------------------------------------------------------------
