@@ -19,7 +19,7 @@ GROUPS = {
     "bridge": ("bridge_load", "hotplug"),
     "cluster": ("cluster",),
     "network": ("network",),
-    "faults": ("suffering", "estimator_kills", "store_faults", "recovery", "router_kills"),
+    "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
     "hostile": ("forged", "access"),
     "viewers": ("subscribing", "dashboard", "recorder", "kills"),
 }
