@@ -175,8 +175,9 @@ def test_the_version_is_said(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk here that is always full")
-@pytest.mark.parametrize("words", [["--version"], ["config", "check", str(DEMO)], ["allan", "--help"]])
-@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize(
+    ("words", "unbuffered"), [(["--version"], ""), (["config", "check", str(DEMO)], "1"), (["allan", "--help"], "1")]
+)
 def test_what_goes_to_a_full_disk_fails_in_our_words(words: list[str], unbuffered: str) -> None:
     program = "import sys; from estimator.command import main; sys.exit(main())"
     with Path("/dev/full").open("w") as full:

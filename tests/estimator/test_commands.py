@@ -71,28 +71,6 @@ def test_what_is_no_command_is_answered_with_the_reason(key: str, payload: bytes
     assert worker.done == []
 
 
-def test_what_was_begun_but_is_not_done_in_time_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "ANSWER_S", 0.2)
-    monkeypatch.setattr(commands, "FINISH_S", 0.05)
-    desk, over = Commands(), threading.Event()
-
-    def slow(_key: keys.Key, command: Command, _kept: Callable[[], None]) -> CommandReply:
-        over.wait(5)
-        return CommandReply(command.request_id, accepted=True, message="done")
-
-    def serve() -> None:
-        while not over.wait(0.005):
-            desk.work(slow)
-
-    worker = threading.Thread(target=serve)
-    worker.start()
-    reply = ask(desk)
-    over.set()
-    worker.join()
-    assert not reply.accepted
-    assert "begun" in reply.message
-
-
 def test_it_is_answered_once_it_is_written_down() -> None:
     desk, writes = Commands(), list[Callable[[], None]]()
 

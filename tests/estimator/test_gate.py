@@ -92,27 +92,6 @@ def test_the_file_is_read_again_when_it_changes_and_kept_when_it_is_broken(
     assert gate.admit([sent("b1", "wrist")], 2.0), "a file that is gone for a moment throws nobody out"
 
 
-@pytest.mark.parametrize("by_hand", [(), ("hip", "b1/ankle")])
-def test_a_list_that_is_suddenly_empty_throws_nobody_out(
-    by_hand: tuple[str, ...], tmp_path: Path, counts: Tally, caplog: pytest.LogCaptureFixture
-) -> None:
-    file = tmp_path / "enrolled.txt"
-    file.write_text("chest\n")
-    gate = Gate(Enrolment(enrolled=by_hand, file=str(file)), counts)
-    for text in ("", "# none\n"):
-        file.write_text(text)
-        gate.look(1.0)
-        assert gate.admit([sent("b1", "chest")], 1.0)
-    assert caplog.text.count("no device of its own stands in it any more; what was enrolled before stays so") == 2
-    file.write_bytes(b"\xef\xbb\xbfwrist\r\n")  # as some editors write it
-    gate.look(2.0)
-    assert gate.words("wrist") == ""
-    file.unlink()
-    os.mkfifo(file)
-    gate.look(3.0)
-    assert "not a file; what was enrolled before stays so" in caplog.text
-
-
 @pytest.fixture
 def status() -> Iterator[tuple[Notices, Gate, list[Status]]]:
     gate, bus = Gate(ENROLLED, Tally()), MemoryBus(MemoryBroker())

@@ -1,15 +1,12 @@
 """A device that is silent for a while, then heard again in another pose: nothing breaks, and it can be calibrated."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from bridge.sim.session import simulate_session
-from bridge.wire.messages import Quality, SampleBatch, Verdict
+from bridge.wire.messages import SampleBatch, Verdict
 from estimator.session import DeviceSession
-from estimator.track.bias_filter import BiasKnobs
 
 
 @pytest.mark.parametrize("hole_s", [1.0, 60.0, 119.0, 121.0, 3600.0])
@@ -46,26 +43,3 @@ def raw(gyro: NDArray[np.float64], ticks: NDArray[np.int64], sequence: int) -> S
         temperature_c=None,
         flags=np.zeros(n, np.uint32),
     )
-
-
-@pytest.mark.parametrize("hours", [0.5, 10.0])
-def test_a_clock_that_wrapped_while_the_bridge_was_away_makes_nobody_sure(hours: float) -> None:
-    session = simulate_session(5)
-    device = DeviceSession("chest")
-    device.begin_boot(1, 0.0, None)
-    n = len(session.ticks)
-    for i in range(0, n, 5):
-        device.handle(raw(session.gyro[i : i + 5], session.ticks[i : i + 5], i))
-    before = device.status(0)
-    assert before.quality is Quality.GOOD
-    late = replace(raw(session.gyro[:5], session.ticks[:5], n), receive_time_ns=int(hours * 3600e9))
-    device.handle(late)
-    for i in range(5, 300, 5):
-        again = raw(session.gyro[i : i + 5] + 0.5, session.ticks[i : i + 5], n + i)
-        device.handle(replace(again, receive_time_ns=late.receive_time_ns + i))
-    after = device.status(0)
-    walk = BiasKnobs().rate_random_walk * np.sqrt(hours * 3600)
-    assert min(after.bias_std) > walk * 0.9
-    assert after.evidence_age_s > hours * 3600 * 0.9
-    if hours > 1:
-        assert after.quality is Quality.DEGRADED

@@ -70,32 +70,3 @@ def test_a_fault_anywhere_leaves_no_sample_uncounted(
     assert mine.samples_out == sum(len(batch) for batch in ward.subscriber if batch.device == NAME)
     assert mine.samples_in == 800 + 400 + 120
     assert devices["other"].status(1).samples_out == 10
-
-
-@pytest.mark.parametrize("at", range(6))
-def test_a_message_that_cannot_be_published_is_counted_and_those_before_it_are_out(
-    ward: Ward, once: Stream, at: int
-) -> None:
-    batches = once.batches()[:80]
-    for batch in batches[:40]:
-        ward.send([batch], info(1))
-    device = ward.service._devices[NAME]
-    put, calls = device._put, [0]
-
-    def failing(payload: bytes) -> None:
-        calls[0] += 1
-        if calls[0] - 1 == at:
-            raise FloatingPointError("singular")
-        put(payload)
-
-    device._put = failing
-    for batch in batches[40:]:
-        ward.send([batch])
-        assert not device.admission.waiting, "what follows waits for nothing"
-    mine = ward.latest()
-    assert mine.events["session failed"] == 1
-    assert EVENT not in mine.events
-    assert mine.dropped == {"session failed": mine.samples_in - mine.samples_out}
-    assert 0 < mine.dropped["session failed"] <= 10
-    assert mine.samples_in == 800
-    assert mine.samples_out == device.told == sum(len(batch) for batch in ward.subscriber)

@@ -75,29 +75,6 @@ def test_another_device_under_the_name_begins_from_scratch_and_it_is_said(
     assert "from scratch" not in ward.latest().reason
 
 
-@pytest.mark.parametrize(("other", "words"), OTHERS)
-def test_a_device_that_changes_within_a_boot_begins_from_scratch(
-    ward: Ward, once: Stream, other: dict[str, Any], words: str
-) -> None:
-    first = replace(info(1), has_clock=other.get("has_clock", True))
-    batches = once.batches()
-    ward.send(batches[:-80], first)
-    assert ward.latest().quality is Quality.GOOD
-    list(ward.subscriber)
-    ward.send(batches[-80:-40], replace(first, **other))
-    after = list(ward.subscriber)
-    assert {b.quality for b in after} <= {Quality.NONE, Quality.BIAS_ONLY}
-    assert sum(map(len, after)) == 400, "its samples go on"
-    status = ward.latest()
-    assert status.state in (State.AWAITING_STILL, State.BIAS_ONLY)
-    assert words in status.reason
-    assert len(scratched(ward)) == 1
-    restart(ward)
-    ward.send(batches[-40:])
-    assert ward.latest().quality in (Quality.NONE, Quality.BIAS_ONLY)
-    assert words in ward.latest().reason
-
-
 def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_either(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,12 +1,10 @@
 """Windows of samples say of them what a plain loop finds, however the samples came."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from bridge.sim.motion import Still
-from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFlag
+from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch
 from estimator.session import DeviceSession
 from estimator.windowed import Second, windows
 from tests.estimator.stream import NAME, Stream, calibration
@@ -58,22 +56,3 @@ def test_each_window_is_what_a_plain_loop_makes_of_its_samples(once: Stream) -> 
     last = next(batch for batch in corrected if batch.sequence + len(batch) > int(found[-1].sequences[-1]))
     np.testing.assert_array_equal(found[-1].bias, last.bias)
     assert (found[-1].rate_mean_std[-1] < last.rate_std[0]).all()
-
-
-def test_a_gap_a_boot_and_a_new_quality_each_begin_anew(once: Stream) -> None:
-    gap = replace(once.part(104, len(once)).batches(first=104)[0], flags=np.full(10, SampleFlag.AFTER_GAP, np.uint32))
-    batches = [*once.part(0, 30).batches(), gap, *once.part(114, 230).batches(first=114)]
-    other = once.part(0, 300).batches(boot=2)
-    found = windows(seconds_of([*batches, *other])[0])
-    assert [int(batch.boot) for batch in found] == sorted(int(batch.boot) for batch in found)
-    first = found[0]
-    assert int(first.sequences[-1]) == 29
-    assert first.samples.sum() == 30
-    assert found[1].flags[0] == SampleFlag.AFTER_GAP
-    assert found[1].sequences[0] >= 104
-    for batch in found:
-        assert len(np.unique((batch.sequences[-1], batch.sequences[0]))) <= 2
-        assert (np.diff(batch.sequences.astype(np.int64)) > 0).all()
-    # A message tells of one calibration only.
-    qualities = [batch.quality for batch in windows(seconds_of(once.batches())[0])]
-    assert len(set(qualities)) >= 3

@@ -1,15 +1,13 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from bridge.sim.imperfection import ImuSpec
 from bridge.wire.messages import Verdict
 from estimator import offline
 from estimator.batch.result import PARAMETERS
-from estimator.batch.servomotor import ServoKnobs, by_servomotor
+from estimator.batch.servomotor import by_servomotor
 from tests.estimator.batch.machines import SERVO_DPS, on_a_servo, samples, turned
-from tests.estimator.batch.sessions import true_parameters
 
 RATE = tuple(np.radians(SERVO_DPS))
 
@@ -30,18 +28,6 @@ def test_an_accelerometer_has_no_say_however_far_off_it_is() -> None:
         other = by_servomotor(replace(samples(of), accel=accel), RATE)
         np.testing.assert_array_equal(other.covariance, result.covariance)
         np.testing.assert_array_equal(other.scale, result.scale)
-
-
-@pytest.mark.parametrize(("misalignment_deg", "low", "high"), [(0.0, 0.3, 1.5), (0.57, 0.15, 1.5)])
-def test_its_covariance_is_what_repeating_shows(misalignment_deg: float, low: float, high: float) -> None:
-    """The knob is the standard deviation of what is drawn evenly within ± misalignment_deg, times 1.7."""
-    scores = []
-    for seed in range(15):
-        of = on_a_servo(seed, misalignment_deg=misalignment_deg)
-        result = by_servomotor(samples(of), RATE, knobs=ServoKnobs(1e-5, 1e-4, 0.01 if misalignment_deg else 2e-5))
-        error = np.concatenate([result.bias, result.scale]) - true_parameters(of)[:6]
-        scores.append(error @ np.linalg.solve(result.covariance, error) / 6)
-    assert low < np.mean(scores) < high
 
 
 def test_what_it_needs_is_said() -> None:

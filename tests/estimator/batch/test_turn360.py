@@ -57,14 +57,14 @@ def test_turns_that_are_none_do_not_converge() -> None:
 
 
 def test_its_covariance_is_what_repeating_shows() -> None:
-    """Bias and k of 30 sessions, without and with a hand's errors: errors over published deviations."""
+    """Bias and k of 15 sessions, without and with a hand's errors: errors over published deviations."""
     for plan, low, high in (
         (SessionPlan(), 0.02, 1.2),  # the re-placement it assumes was perfect: too modest, never too bold
         (SessionPlan(replacement_deg=0.2), 0.4, 1.2),
         (SessionPlan(wobble_deg=3.0), 0.1, 1.2),
     ):
         k_score, bias_score = [], []
-        for seed in range(30):
+        for seed in range(15):
             of = calibration(seed=seed, plan=plan, rate_hz=52.0)
             found = turn360.estimate(capture(of))
             std = np.sqrt(np.diag(found.covariance))

@@ -6,9 +6,9 @@ from bridge.wire.messages import Verdict
 from estimator import offline
 from estimator.batch.carry import MATRIX_PARAMETERS
 from estimator.batch.plateaus import nearest_rates, plateaus
-from estimator.batch.turntable import TurntableKnobs, by_turntable
+from estimator.batch.turntable import by_turntable
 from tests.estimator.batch.machines import TABLE_DPS, on_a_turntable, samples, turned
-from tests.estimator.batch.sessions import in_poses, true_parameters
+from tests.estimator.batch.sessions import in_poses
 
 RATES = tuple(np.radians(TABLE_DPS))
 
@@ -20,19 +20,6 @@ def test_without_noise_it_is_the_truth() -> None:
     assert result.parameters == MATRIX_PARAMETERS
     np.testing.assert_allclose(result.matrix, of.truth.matrix, atol=1e-9)
     np.testing.assert_allclose(result.bias, of.bias[0], atol=1e-9)
-
-
-def test_its_covariance_is_what_repeating_shows() -> None:
-    """Of white noise alone: that the bias does not wander, the rests cannot quite tell."""
-    scores: list[float] = []
-    for seed in range(15):
-        of = on_a_turntable(seed)
-        result = by_turntable(samples(of), RATES, knobs=TurntableKnobs(1e-9, 1e-8, square=1e-9))
-        M = result.matrix
-        found = np.concatenate([result.bias, np.diag(M), M[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]]])
-        error = found - true_parameters(of)
-        scores.append(float(error @ np.linalg.solve(result.covariance, error)) / 12)
-    assert 0.4 < np.mean(scores) < 1.4
 
 
 def test_the_fit_is_the_closed_form_of_two_rates_either_way() -> None:
@@ -64,7 +51,7 @@ def test_other_rates_are_left_out_and_said() -> None:
 
 @pytest.mark.parametrize("told", [(30.0, 60.0, 100.0), (30.0, 45.0, 90.0), (30.0, 60.3, 90.0)])
 def test_one_wrong_rate_is_refused(told: tuple[float, ...]) -> None:
-    for seed in range(4):
+    for seed in range(2):
         result = by_turntable(samples(on_a_turntable(seed)), tuple(np.radians(told)))
         assert result.verdict is Verdict.REFUSED
         assert "are the rates right" in result.reason

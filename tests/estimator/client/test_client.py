@@ -135,25 +135,3 @@ def test_a_router_may_be_given_by_itself(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr("estimator.client.connection.ZenohBus", opened)
     Client("tcp/10.0.0.5:7447", ward=WARD)
     assert asked == [("tcp/10.0.0.5:7447",)]
-
-
-def test_of_whom_nothing_comes_the_log_says_so_once(
-    broker: MemoryBroker, client: Client, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr("estimator.client.stream.NOTHING_S", 0.05)
-    publisher(broker).put(codec.encode_corrected(corrected(0, 20)))
-    for names, said in (
-        ("chst", "nothing has come yet of chst in ward w; are the names right?"),
-        (["chst", "bakc"], "nothing has come yet of chst, bakc in ward w"),
-        (NAME, ""),
-        (None, ""),
-    ):
-        caplog.clear()
-        stream = client.corrected(names, idle_s=0.2)
-        assert bool(list(stream)) == (not said)
-        assert list(stream) == []
-        assert len(caplog.records) == bool(said)
-        assert said in caplog.text
-    caplog.clear()
-    assert list(client.corrected("chst", idle_s=0.2, quiet=True)) == []
-    assert not caplog.records

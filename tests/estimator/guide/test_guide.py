@@ -13,10 +13,9 @@ from estimator.guide.guide import Guide
 from estimator.guide.steps import Picture, Step, Told
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
-from estimator.stillness import StillnessKnobs
 from tests.estimator.batch.sessions import in_poses
 from tests.estimator.guide.scripted import BATCH, batches, follow, steps, turned
-from tests.estimator.stream import NAME, calibration, feed
+from tests.estimator.stream import NAME, calibration
 
 ONE_TURN = ["turn", "turning", "settle"]
 
@@ -130,26 +129,6 @@ def test_a_method_by_movements_wants_sides_and_no_turns() -> None:
     assert seen[-1] >= 5
     assert keys(told) == set()
     assert told[-1].step is Step.DONE
-
-
-def test_its_ring_agrees_with_an_estimator_that_takes_the_device_for_noisier() -> None:
-    """A noisy device rests only for the one who knows that it is noisy: estimator and guide have to know alike."""
-    stream = turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))
-    noisy = replace(stream, gyro=stream.gyro + np.random.default_rng(3).normal(0, np.radians(1.2), stream.gyro.shape))
-    knobs = SessionKnobs(stillness=StillnessKnobs(noise_guess=np.radians(1.2), std_ceiling=np.radians(3.0)))
-    device, right, wrong = DeviceSession(NAME, knobs), Guide(stillness=knobs.stillness), Guide()
-    agreed = []
-    for batch in batches(noisy)[:60]:
-        feed(device, [batch])
-        for guide in (right, wrong):
-            guide.take_samples(batch)
-            guide.take_status(device.status(batch.receive_time_ns))
-        agreed.append((right.hand.settled, wrong.hand.settled, device.life.state is State.BIAS_ONLY))
-    ours, default, estimator = np.array(agreed).T
-    assert not default.any()
-    assert abs(int(ours.argmax()) - int(estimator.argmax())) <= 3
-    assert ours.any()
-    assert estimator.any()
 
 
 def test_one_who_comes_in_the_middle_sees_the_step() -> None:

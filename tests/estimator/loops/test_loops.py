@@ -83,27 +83,3 @@ def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
     by_turn[9:12] = -T / 2 * by_turn[6:9]
     added = turned * by_turn @ by_turn.T + np.diag(np.repeat([0.0, 0.0, 0.0, pushed, posed, 0.0, 0.0, 0.0], 3))
     np.testing.assert_allclose(Q, added, atol=1e-15)
-
-
-@pytest.mark.parametrize("std", [0.02, 0.15])
-def test_what_no_first_order_tells_of_a_turn_by_a_doubtful_matrix_is_noise(std: float) -> None:
-    """Against many matrices drawn: how far gravity is from where F takes it."""
-    rng, n = np.random.default_rng(5), 100
-    dt, accel, nothing = np.full(n, 0.01), np.tile(UP, (n, 1)), np.zeros(3)
-    gyro = np.tile(np.radians([60.0, 0.0, 70.0]), (n, 1))
-    P = np.zeros((24, 24))
-    P[15:, 15:] = std**2 * np.eye(9)
-    span = summed(dt, gyro, accel, np.eye(3), nothing, nothing, np.zeros(9))
-    x = np.concatenate([np.zeros(6), UP, np.zeros(15)])
-    (moved, F, Q), known = (carried(x, cov, span, 1.0, 9.8, (0.0, 0.0, 0.0)) for cov in (P, 0 * P))
-    np.testing.assert_array_equal(moved, known[0])
-    np.testing.assert_array_equal(F, known[1])
-    left = []
-    for change in std * rng.normal(size=(500, 9)):
-        end = summed(dt, gyro, accel, np.eye(3), nothing, nothing, change)[loops.END]
-        left.append(end.T @ UP - moved[6:9] - F[6:9, 15:] @ change)
-    told = np.trace(Q[6:9, 6:9])
-    assert 0.2 * told < np.mean(np.square(left).sum(axis=1)) < 1.2 * told
-    T = float(dt.sum())
-    np.testing.assert_allclose(Q[9:12, 9:12], T**2 / 4 * Q[6:9, 6:9])
-    np.testing.assert_allclose(Q[6:9, 9:12], -T / 2 * Q[6:9, 6:9])

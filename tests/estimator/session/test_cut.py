@@ -55,7 +55,7 @@ def test_a_run_cut_at_any_sample_and_resumed_equals_the_whole_run(*, aided: bool
     batches = life(aided=aided)[1]
     whole, corrected, revisions = begun(aided=aided), list[CorrectedBatch](), list[BiasRevision]()
     saved: dict[int, bytes | None] = {}
-    cuts = np.random.default_rng(0).choice(len(batches), 25, replace=False)
+    cuts = np.random.default_rng(0).choice(len(batches), 10, replace=False)
     for number, batch in enumerate(batches):
         if number in cuts:
             saved[number] = whole.state()

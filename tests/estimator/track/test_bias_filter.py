@@ -113,54 +113,9 @@ def test_a_slope_is_learnt_from_two_temperatures_and_used_at_a_third() -> None:
     assert knobs.curvature * 13 / knobs.per_kelvin / 3 < std_k < 0.7
 
 
-@pytest.mark.parametrize("steps", [10, 100, 3600])
-def test_a_slope_is_given_way_by_the_kelvin_however_slowly_it_warms(steps: int) -> None:
-    """By the step, 3600 of them left a twentieth of what ten did, and each jitter of the thermometer added to it."""
-    bias = BiasFilter(begin(np.zeros(3), SMALL, 0.0, BiasKnobs(), temperature_c=25.0))
-    learnt = bias.state
-    learnt.P[SLOPE, SLOPE] = 0.0
-    bias.restart(learnt)
-    for i in range(1, steps + 1):
-        if i == steps // 2:
-            bias = BiasFilter(bias.state)  # a cut changes nothing
-        bias.predict(3600.0 * i / steps, 25.0 + 10.0001 * i / steps)
-    slope_std = np.sqrt(np.diag(bias.cov)[SLOPE])
-    np.testing.assert_allclose(slope_std, np.sqrt(10) * BiasKnobs().curvature, rtol=0.05)
-    before = bias.cov[SLOPE, SLOPE].copy()
-    for i in range(1, 1001):
-        bias.predict(3600.0 + i, 35.0 + 0.2 * (i % 2))
-    np.testing.assert_array_equal(bias.cov[SLOPE, SLOPE], before)
-
-
 def test_an_error_common_to_all_measurements_is_not_averaged_away() -> None:
     bias, common = start(), np.array([0.0, 4e-8, 0.0])
     for _ in range(1000):
         assert bias.update(seen(bias.state.bias, SMALL + np.diag(common), common)).accepted
     assert bias.state.P[0, 0] < 1e-10
     assert bias.state.P[1, 1] == pytest.approx(4e-8)
-
-
-def test_saved_state_is_a_copy_and_goes_on_bit_for_bit() -> None:
-    rng = np.random.default_rng(0)
-    steps = [
-        (10.0 + t, 25.0 + 0.1 * rng.normal(), [0.1, -0.2, 0.0] + 1e-3 * rng.normal(size=3), rng.uniform(0.5, 2.0))
-        for t in range(1, 120)
-    ]
-
-    def run(bias: BiasFilter, part: slice) -> BiasFilter:
-        for time, temperature, z, size in steps[part]:
-            bias.predict(time, temperature)
-            bias.update(seen(z, size * 1e-6 * np.eye(3)))
-        return bias
-
-    whole = run(start(temperature=25.0), slice(None)).state
-    for cut in range(0, 119, 7):
-        first = run(start(temperature=25.0), slice(cut))
-        saved = first.state
-        first.widen(SMALL)  # what happens to the old filter does not reach the copy
-        run(first, slice(cut, None))
-        resumed = run(BiasFilter(replace(saved)), slice(cut, None)).state
-        for name in ("x", "P"):
-            np.testing.assert_array_equal(getattr(resumed, name), getattr(whole, name))
-        assert resumed.time == whole.time
-        assert (resumed.temperature_c, resumed.powered) == (whole.temperature_c, whole.powered)

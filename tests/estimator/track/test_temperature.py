@@ -66,7 +66,7 @@ def test_boots_with_offsets_and_a_walk_tell_the_law() -> None:
 @pytest.mark.parametrize("boots", [1, 4])
 def test_it_is_as_sure_as_it_may_be(boots: int) -> None:
     rng, nees = np.random.default_rng(boots), []
-    for _ in range(60):
+    for _ in range(25):
         truth = drawn(rng)
         law = learnt([boot(rng, truth) for _ in range(boots)])
         there = truth.linear + 2 * (law.reference_c - truth.reference_c) * truth.quadratic
