@@ -33,6 +33,8 @@ def a_second(ward: Ward) -> None:
 def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> None:
     vitals = watched(ward)
     ward.send(once.batches()[:-1], info(1))
+    a_second(ward)  # however long that took
+    ward.service.work()
     ward.send(once.batches()[-4:])  # three of them repeated
     a_second(ward)
     with Health(("127.0.0.1", 0), vitals.asked) as health:
