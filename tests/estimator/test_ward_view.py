@@ -90,8 +90,9 @@ def test_some_of_them(only: tuple[str, ...], found: int) -> None:
 @pytest.mark.parametrize("width", [60, 80, 120, 200])
 @pytest.mark.parametrize("height", [3, 8, 24])
 def test_it_fits_a_terminal_and_says_what_does_not(width: int, height: int) -> None:
-    rows = MANY.rows(10.0)
-    shown = [line.plain for line in watch_ward.lines(rows, "head", width, height)]
+    rows, file = MANY.rows(10.0), io.StringIO()
+    Console(file=file, width=width, height=height).print(watch_ward.shown(rows, "head", width, height))
+    shown = file.getvalue().splitlines()
     assert len(shown) <= height
     assert max(map(cell_len, shown)) <= width
     assert shown[2].startswith("lost") or height == 3
