@@ -4,8 +4,9 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
+BENCHES := bench-calibration bench-tracking bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-viewers
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-cluster bench-network bench-faults bench-hostile pins supply fuzz soak nemesis docs test-lowest clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench $(BENCHES) pins supply fuzz soak nemesis docs test-lowest clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -60,63 +61,13 @@ proto: setup-dev
 study: setup
 	$(BIN)/truerate study all
 
-# Measurements, with no verdict: the time of a calibration, how honest those on a machine are, recovery times of a ward, damaged frames, subscribers,
-# what a recorder costs and loses.
+# Measurements: all of them and one table, which takes hours; or a group, such as `make bench-load ARGS=--json`.
 bench: setup-dev
-	-$(BIN)/python -m tests.bench.calibration
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench.machines --runs 10
-	$(BIN)/python -m tests.bench.gravity_methods
-	$(BIN)/python -m tests.bench.closure_honesty
-	$(BIN)/python -m tests.bench.clipping
-	$(BIN)/python -m tests.bench.recovery
-	$(BIN)/python -m tests.bench.frames
-	$(BIN)/python -m tests.bench.recorder
-	-$(BIN)/python -m tests.bench.kills
-	-$(BIN)/python -m tests.bench.router_kills
-	$(BIN)/python -m tests.bench.subscribing
-	$(BIN)/python -m tests.bench.stalls
-	$(BIN)/python -m tests.bench.watching
-	$(BIN)/python -m tests.bench.dashboard
-	$(BIN)/python -m tests.bench.newcomer
-	$(BIN)/python -m tests.bench.dashboard_memory
-	$(BIN)/python -m tests.bench.dashboard_viewers
-	$(BIN)/python -m tests.bench.access
+	$(BIN)/python -m tests.bench
 
-# The bridge by itself: what many devices cost and how long a sample is under way, a device pulled a thousand times. Takes minutes.
-bench-bridge: setup-dev
-	$(BIN)/python -m tests.bench.bridge_load
-	$(BIN)/python -m tests.bench.hotplug
-
-# The estimator beside a bare relay: throughput, latency, CPU, memory; ARGS=--quick for a short look.
-bench-load: setup-dev
-	$(BIN)/python -m tests.bench.load $(ARGS)
-
-# Who suffers when a subscriber freezes, a device floods, a disk is slow, fifty calibrate at once; and an estimator killed 200 times.
-bench-faults: setup-dev
-	-$(BIN)/python -m tests.bench.suffering
-	$(BIN)/python -m tests.bench.estimator_kills $(ARGS)
-	$(BIN)/python -m tests.bench.store_faults
-
-# Three estimators share a ward: one is killed, one hangs; what a subscriber notices. ARGS='--devices 60 --rounds 1' for a short look.
-bench-cluster: setup-dev
-	$(BIN)/python -m tests.bench.cluster $(ARGS)
-
-# Two routers over TLS on a network of their own that fails (root, iproute2): what is lost, given twice, late. ARGS='--only router' for some.
-bench-network: setup-dev
-	$(BIN)/python -m tests.bench.network $(ARGS)
-
-# Bias trackers, ours and its peers, side by side, what a learnt temperature law is worth, and how honest it is, without one, scene by scene and at real rests; takes minutes. ARGS='--hours 1 --days 1' for a short look.
-bench-tracking: setup-dev
-	$(BIN)/python -m tests.bench.tracking $(ARGS)
-	$(BIN)/python -m tests.bench.temperature $(ARGS)
-	$(BIN)/python -m tests.bench.thermometer $(ARGS)
-	$(BIN)/python -m tests.bench.warming $(ARGS)
-	$(BIN)/python -m tests.bench.honesty $(ARGS)
-	$(BIN)/python -m tests.bench.rests $(ARGS)
-
-# Wildcard, foreign, forged and replayed traffic, and a flood of invented devices: what is accepted, who is delayed.
-bench-hostile: setup-dev
-	$(BIN)/python -m tests.bench.forged $(ARGS)
+bench-calibration: export OPENBLAS_NUM_THREADS = 1
+$(BENCHES): bench-%: setup-dev
+	$(BIN)/python -m tests.bench $* $(ARGS)
 
 # Regenerates the pins for deployment, each with its hashes: of every platform, and of what builds the package.
 pins: setup-dev

@@ -1,7 +1,6 @@
 """The verbs that measure the methods by simulation: `truerate study ...`."""
 
 import argparse
-from math import inf, nan
 from pathlib import Path
 
 from rich.console import Console
@@ -47,30 +46,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.add_argument("--method", default="closure", help="of calibration by hand (default: %(default)s)")
     verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
-    does = "how many estimators a ward needs, and how many a region"
-    _add_scaling(add_verb(inner, "scaling", _study_scaling, does))
 
 
 def _add_common(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--quick", action="store_true", help="a first look, with few runs")
     verb.add_argument("--out", type=Path, default=Path("out/study"), help="folder of results and figures (%(default)s)")
     verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
-
-
-def _add_scaling(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("--devices", type=_at_least_one, default=1000, help="of a ward (default: %(default)s)")
-    verb.add_argument("--total", type=_at_least_one, default=100_000, help="of all wards (default: %(default)s)")
-    verb.add_argument(
-        "--message-us",
-        type=_above_zero,
-        default=150.0,
-        help="µs of a core for ten samples, as `make bench-load` measures them",
-    )
-    verb.add_argument(
-        "--router-us", type=_above_zero, default=12.0, help="the same of the router, for each message it passes on"
-    )
-    verb.add_argument("--known-s", type=_from_zero, default=0.1, help="s until the others know of a death (hung: 1.5)")
-    verb.add_argument("--picture", type=Path, default=Path("out/scaling.png"))
 
 
 def _at_least_one(text: str) -> int:
@@ -80,22 +61,6 @@ def _at_least_one(text: str) -> int:
         number = 0
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1 on is expected")
-    return number
-
-
-def _from_zero(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = nan
-    if not 0 <= number < inf:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number from 0 on is expected")
-    return number
-
-
-def _above_zero(text: str) -> float:
-    if not (number := _from_zero(text)):
-        raise argparse.ArgumentTypeError("0: a number above 0 is expected")
     return number
 
 
@@ -130,11 +95,3 @@ def _study_protocols(given: argparse.Namespace) -> None:
     from estimator.study.protocols import run  # noqa: PLC0415
 
     run(Console(), given.runs, given.method, given.workers)
-
-
-def _study_scaling(given: argparse.Namespace) -> None:
-    picture_file.check("--picture", given.picture)
-    from estimator.study.scaling import Costs, run  # noqa: PLC0415
-
-    costs = Costs(1e-6 * given.message_us, 1e-6 * given.router_us, given.known_s)
-    run(Console(), costs, given.total, given.devices, given.picture)

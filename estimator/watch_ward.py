@@ -5,9 +5,9 @@ import time
 from collections.abc import Sequence
 
 import msgspec
-from rich.cells import cell_len
 from rich.console import Console, Group
 from rich.live import Live
+from rich.table import Table
 from rich.text import Text
 
 from estimator.client import Client
@@ -18,11 +18,10 @@ from estimator.ward_view import TRACKING, WORDS, Row, age, chosen, counted, head
 _REDRAW_S = 1.0
 _STYLE = {WORDS[state]: style for state, style in STYLES.items()}
 _TROUBLE = "bold red"
-HEADINGS = ("device", "state", "quality", "Hz", "gaps", "rest", "battery", "why")
-_ALWAYS, _NUMBERS = ("device", "state", "why"), ("Hz", "gaps", "rest", "battery")
-#: what is left out first where there is no room for the reason
-_DISPENSABLE = ("quality", "rest", "gaps", "Hz", "battery")
-_MIN_WHY = 30
+#: columns, and the least width of a terminal that shows each
+_COLUMNS = {"device": 0, "state": 0, "quality": 100, "Hz": 70, "gaps": 100, "rest": 100, "battery": 70, "why": 0}
+_NUMBERS = ("Hz", "gaps", "rest", "battery")
+_WHOLE = 10_000
 
 
 def watch_ward(
@@ -57,13 +56,11 @@ def watch_ward(
             if as_json:
                 _print_json(client.ward, everything, rows)
             elif live:
-                screen.update(Group(*lines(rows, head, console.width, console.height)), refresh=True)
+                screen.update(shown(rows, head, console.width, console.height), refresh=True)
             elif once:
-                width = console.width if console.is_terminal else None
-                for text in lines(rows, head, width, cut=False):
-                    console.print(
-                        text if width is None else _wrapped(console, text, width), highlight=False, soft_wrap=True
-                    )
+                if not console.is_terminal:
+                    console.width = _WHOLE  # one line a device, for other programs
+                console.print(shown(rows, head, console.width))
             else:
                 _print_changes(console, rows, said)
             if once or (seconds is not None and now - begin >= seconds):
@@ -86,64 +83,32 @@ def _strange(words: list[str], heard: Sequence[Row]) -> str:
     return f"no device that is heard, and no state, is {' or '.join(words)}; states are {states}{there}"
 
 
-def lines(
-    rows: Sequence[Row], head: str, width: int | None = None, height: int | None = None, *, cut: bool = True
-) -> list[Text]:
-    """A head line, headings and a line a device, cut to width and height where there are any; the last line tells of the rest.
+def shown(rows: Sequence[Row], head: str, width: int, height: int | None = None) -> Group:
+    """A head line, headings and a line a device; the last line tells of the devices that have no room in `height` lines.
 
-    Without `cut` the width only decides which columns there are.
+    Without a height reasons are folded, with one they are cut. Columns without a value are left out.
     """
     room = len(rows) if height is None else max(1, height - 2)
-    shown, rest = (rows, ()) if len(rows) <= room else (rows[: room - 1], rows[room - 1 :])
-    cells = [_cells(row) for row in shown]
-    columns = _fitting([max(map(cell_len, column)) for column in zip(HEADINGS, *cells, strict=True)], cells, width)
-    found = [_text(head, "bold"), _line(HEADINGS, columns, dict.fromkeys(HEADINGS, "dim"))]
-    for row, line in zip(shown, cells, strict=True):
+    listed, rest = (rows, ()) if len(rows) <= room else (rows[: room - 1], rows[room - 1 :])
+    cells = [_cells(row) for row in listed]
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    kept = [
+        at
+        for at, least in enumerate(_COLUMNS.values())
+        if not least or (width >= least and any(line[at] for line in cells))
+    ]
+    names = [*_COLUMNS]
+    for at in kept:
+        table.add_column(names[at], justify="right" if names[at] in _NUMBERS else "left", no_wrap=names[at] != "why")
+    for row, line in zip(listed, cells, strict=True):
         styles = {"state": _STYLE.get(row.state, _TROUBLE), "battery": _TROUBLE if row.low_battery else ""}
-        found.append(_line(line, columns, styles))
-    if rest:
-        found.append(_text(f"… and {len(rest)} more: {counted(rest)}", "dim"))
-    if width is not None and cut:
-        for text in found:
-            text.truncate(width, overflow="ellipsis")
-    return found
+        table.add_row(*(_text(line[at], styles.get(names[at], ""), cut=height is not None) for at in kept))
+    more = [_text(f"… and {len(rest)} more: {counted(rest)}", "dim")] if rest else []
+    return Group(_text(head, "bold", cut=height is not None), table, *more)
 
 
-def _wrapped(console: Console, text: Text, width: int) -> Text:
-    """A line in as many as it takes, none wider than the width."""
-    whole = Text(text.plain, text.style, spans=text.spans)
-    return Text("\n  ").join(whole.wrap(console, max(1, width - 2), no_wrap=False, overflow="fold"))
-
-
-def _fitting(widths: list[int], cells: Sequence[Sequence[str]], width: int | None) -> dict[str, int]:
-    """Columns and their widths: those with something in them, and of these the dispensable only where there is room."""
-    columns = {name: widths[i] for i, name in enumerate(HEADINGS) if name in _ALWAYS or any(line[i] for line in cells)}
-    if width is None:
-        return columns
-    for name in _DISPENSABLE:
-        if width - _taken(columns) < _MIN_WHY:
-            columns.pop(name, None)
-    return columns
-
-
-def _taken(columns: dict[str, int]) -> int:
-    return sum(width + 2 for name, width in columns.items() if name != "why")
-
-
-def _line(cells: Sequence[str], columns: dict[str, int], styles: dict[str, str]) -> Text:
-    text = _text()
-    for name, cell in zip(HEADINGS, cells, strict=True):
-        if name == "why":
-            text.append(cell, styles.get(name, ""))
-        elif name in columns:
-            space = " " * (columns[name] - cell_len(cell))
-            text.append(space + cell if name in _NUMBERS else cell + space, styles.get(name, ""))
-            text.append("  ")
-    return text
-
-
-def _text(words: str = "", style: str = "") -> Text:
-    return Text(words, style, no_wrap=True, overflow="ellipsis")
+def _text(words: str, style: str = "", *, cut: bool = True) -> Text:
+    return Text(words, style, no_wrap=cut or None, overflow="ellipsis" if cut else "fold")
 
 
 def _cells(row: Row) -> tuple[str, ...]:

@@ -103,11 +103,6 @@ def _by_poses(links: Sequence[tuple[int, int]], paths: Sequence[Path], u: Floats
     return by_u.reshape(3 * len(links), -1)
 
 
-def gravity_of(accel: Floats) -> Floats:
-    """(n, 3) unit directions of gravity from mean readings (n, 3) in many poses, the accelerometer calibrated on them."""
-    return _accelerometer(accel)[1]
-
-
 def _accelerometer(accel: Floats) -> tuple[Floats, Floats]:
     """T and a0 (9,) and the unit directions (n, 3) they make of the readings they were found from."""
     start = np.array([1.0, 1, 1, 0, 0, 0, 0, 0, 0])

@@ -8,8 +8,6 @@ when all is over: the processors are the ward's.
 `--kills`: nobody hangs.
 
 `--beside N`: so many other programs take a processor each, if they get it: a ward whose machine has too much to do.
-
-`--pinned`: as much as one processor can do, by one estimator and by three, all held to it; all else has the others.
 """
 
 import argparse
@@ -48,8 +46,6 @@ from tests.bench.load.stream import WARD
 
 NAMES = ("estimator-1", "estimator-2", "estimator-3")
 RATE_HZ, SAMPLES = 104.0, 5
-#: messages, as fast as they are taken; and when no more come
-BURST, QUIET_S = 30_000, 4.0
 GAP_S, STOPPED_S, STOP_S = 1.0, 3.0, 5.0
 #: shares of so many devices or more may be so far from even (those of fewer are chance's); and a device of which nothing came of
 #: the last seconds is silent
@@ -87,10 +83,8 @@ class Cluster:
         stack: ExitStack,
         devices: int,
         load: tuple[str, str],
-        names: tuple[str, ...] = NAMES,
-        core: int | None = None,
     ) -> None:
-        self.folder, self._stack, self._core = folder, stack, core
+        self.folder, self._stack = folder, stack
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         # The router of a ward does not wait for a viewer that is slow: on a busy machine that loss would be counted here.
@@ -103,9 +97,9 @@ class Cluster:
         reader = stack.enter_context(ZenohBus([self.endpoint]))
         self._corrected = reader.subscribe(keys.pattern(WARD, "corrected"), history=True, capacity=ROOM)
         self.came: list[tuple[float, list[Message]]] = []
-        for name in names:
+        for name in NAMES:
             self.start(name)
-        self.until(lambda: len(self.owned) == len(names), 60.0)
+        self.until(lambda: len(self.owned) == len(NAMES), 60.0)
         arguments = [self.endpoint, str(devices), str(RATE_HZ), str(SAMPLES), *load, "0"]
         self.sender = stack.enter_context(_process("tests.bench.load.sender", *arguments, pipe=True))
 
@@ -116,8 +110,6 @@ class Cluster:
         )
         process = self._stack.enter_context(_process("estimator.cli", "estimator", "serve", str(config)))
         self.processes[name] = process
-        if self._core is not None:
-            os.sched_setaffinity(process.pid, {self._core})  # its threads, which are still to come, have it from it
 
     def poll(self, wait_s: float = 0.01) -> None:
         if messages := self._corrected.drain(ROOM, wait_s):
@@ -161,11 +153,6 @@ class Cluster:
     def missed(self) -> int:
         """Messages that the bus lost, or that found no room."""
         return self._corrected.missed
-
-    @property
-    def count(self) -> int:
-        """How many messages came."""
-        return sum(len(messages) for _, messages in self.came)
 
 
 class Given:
@@ -246,54 +233,11 @@ def _process(module: str, *arguments: str, pipe: bool = False) -> Iterator[subpr
         process.wait()
 
 
-def pinned(console: Console, devices: int, rounds: int) -> int:
-    """Print how long one and three take for the same; 1 when something was lost, or shares are far from even."""
-    core = max(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, os.sched_getaffinity(0) - {core} or {core})
-    headings = ("estimators", "messages a second", "seconds of processor", "even within", "lost", "given twice")
-    table = Columns([Column(words, number=True) for words in headings])
-    faulty, missed = False, []
-    for names in (NAMES[:1], NAMES) * rounds:
-        with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-            cluster = Cluster(Path(folder), stack, devices, ("burst", str(BURST)), names, core)
-            cluster.until(lambda: bool(cluster.came), 60.0)  # noqa: B023 - done at once
-            seen, quiet_s = 0, 0.0
-            while quiet_s < QUIET_S:
-                cluster.listen(0.5)
-                count = cluster.count
-                seen, quiet_s = count, quiet_s + 0.5 if count == seen else 0.0
-            given = Given(cluster.came)
-            even = devices / len(names)
-            off = max(abs(n - even) / even for n in cluster.shares().values())
-            spent_s = sum(_spent_s(process.pid) for process in cluster.processes.values())
-            if off > EVEN and devices >= MANY:
-                missed.append(f"shares {off:.0%} from even (goal {EVEN:.0%})")
-            faults = given.faults(map(stream.name, range(devices)))
-            lost = BURST // devices * devices * SAMPLES - given.samples
-            faulty |= bool(lost or any(faults.values()))
-            table.add(
-                str(len(names)),
-                f"{BURST / (cluster.came[-1][0] - cluster.came[0][0]):,.0f}",
-                f"{spent_s:.1f}",
-                f"{off:.0%}",
-                f"{lost:,}",
-                str(faults["given twice"]),
-            )
-    console.print(table)
-    return int(_unreached(console, missed) or faulty)
-
-
 def _unreached(console: Console, missed: list[str]) -> bool:
     """Say which goals were missed, if any was."""
     if missed:
         console.print(f"not reached: {'; '.join(missed)}")
     return bool(missed)
-
-
-def _spent_s(pid: int) -> float:
-    """User and system time of a process so far."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _ended(pid: int) -> float:
@@ -319,13 +263,10 @@ def main() -> int:
     parser.add_argument("--devices", type=int, default=300)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--beside", type=int, default=0, metavar="N", help="programs that take a processor each")
-    parser.add_argument("--pinned", action="store_true")
     parser.add_argument("--kills", action="store_true")
     args = parser.parse_args()
     console = Console(width=140)
     gc.disable()  # it keeps all that comes: to look through that would hold up everything, and be taken for the ward's
-    if args.pinned:
-        return pinned(console, args.devices, args.rounds)
     table = Columns(
         [
             Column("what"),

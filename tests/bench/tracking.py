@@ -3,7 +3,7 @@
 The column "true bias" is what the truth itself comes to; "optics" is a filter that sees the optical orientation in place of
 the accelerometer, in real time and through the matrix of the very trial: what no method can hope for. "truerate unpushed" is this
 project's own, in real time, with an accelerometer that reads gravity as optics has it: what it could do if nothing pushed.
-Writes out/tracking.json and out/tracking.png. --hours and --days make the days shorter and fewer.
+Writes out/tracking.json. --hours and --days make the days shorter and fewer.
 """
 
 import argparse
@@ -18,15 +18,13 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from bridge.sim.body import Activity
-from estimator import figures
 from tests.bench import broad
-from tests.bench.cases import DRIFT, ERROR, KEPT, LIMITS, ROWS, Case, Row, broad_cases, day_cases, turn_cases
+from tests.bench.cases import DRIFT, KEPT, LIMITS, ROWS, Case, Row, broad_cases, day_cases, turn_cases
 from tests.bench.trackers import TRACKERS, Track
 
 TRUTH = "true bias"
 SHOWN_FOR_TRUTH = {row.name for row in ROWS if row.group in (KEPT, DRIFT)}
-_PICTURE_EVERY_S, _WIDTH = 30.0, 138
+_WIDTH = 138
 
 #: row, method, values of its cases by name
 Results = dict[str, dict[str, dict[str, float]]]
@@ -82,32 +80,6 @@ def written(row: Row, values: list[float] | None) -> str:
     return shown if furthest is None else f"{shown} ({furthest:.0f})"
 
 
-def picture(results: Results, case: Case, path: Path) -> None:
-    """All of the table, and one axis of one day."""
-    step = round(_PICTURE_EVERY_S * case.rate_hz)
-    axis = int(np.argmax(np.ptp(case.bias, axis=0)))
-    tracks = {method: track.bias for method in TRACKERS if (track := tracked(method, case)) is not None}
-    day = figures.BiasDay(
-        hours=np.arange(0, len(case.bias), step) / case.rate_hz / 3600,
-        truth_dps=np.degrees(case.bias[::step, axis]),
-        tracks_dps={method: np.degrees(bias[::step, axis]) for method, bias in tracks.items()},
-        activity=np.zeros(0, np.int8) if case.activity is None else case.activity[::step],
-        names=[one.name.lower().replace("_", " ") for one in Activity],
-    )
-    panels = [dots(results, group) for group in dict.fromkeys(row.group for row in ROWS)]
-    figures.tracking(panels, day, list(TRACKERS), path)
-
-
-def dots(results: Results, group: str) -> figures.Dots:
-    """The rows of a group that were measured, as a panel."""
-    rows = [row for row in ROWS if row.group == group and results[row.name]]
-    values = {
-        method: [row.summary(list(results[row.name].get(method, {"": np.nan}).values())) for row in rows]
-        for method in TRACKERS
-    }
-    return figures.Dots(group, [row.label for row in rows], values, [row.goal for row in rows], log=group == ERROR)
-
-
 def written_out(results: Results, path: Path) -> None:
     """Every case of every method, and the goals."""
     rows = [
@@ -154,9 +126,7 @@ def main() -> int:
         console.print(shown)
     wanted.out.mkdir(parents=True, exist_ok=True)
     written_out(results, wanted.out / "tracking.json")
-    with console.status("drawing one day"):
-        picture(results, next(day_cases(1, wanted.hours)), wanted.out / "tracking.png")
-    console.print(f"{wanted.out / 'tracking.json'}, {wanted.out / 'tracking.png'}")
+    console.print(f"{wanted.out / 'tracking.json'}")
     return 0
 
 

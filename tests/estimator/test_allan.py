@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from estimator.allan import degrees_of_freedom, interval, octaves, overlapping
+from estimator.allan import degrees_of_freedom, octaves, overlapping
 from estimator.allan_fit import identify
 from tests.estimator.rest import Floats, at_rest
 
@@ -32,23 +32,11 @@ def test_the_same_as_allantools(n: int, rate_hz: float) -> None:
     assert np.sqrt(overlapping(rate, factors)) == pytest.approx(deviation, rel=1e-9)
 
 
-def test_three_axes_at_once_are_as_each_alone() -> None:
-    rates = np.column_stack([at_rest(seed, 300, 50.0, 0.01, 0.0) for seed in range(3)])
-    assert overlapping(rates, [1, 5]) == pytest.approx(np.column_stack([overlapping(r, [1, 5]) for r in rates.T]))
-
-
 @pytest.mark.parametrize(("column", "alpha"), [(0, 0), (1, -1), (2, -2)])
 def test_degrees_of_freedom_are_those_of_allantools(column: int, alpha: int) -> None:
     factors = octaves(3000)[1:]  # its flicker at m = 1 lacks the square of SP 1065
     theirs = [allantools.edf_simple(3001, m, alpha) for m in factors]
     assert degrees_of_freedom(3000, factors)[:, column] == pytest.approx(theirs)
-
-
-def test_an_interval_of_many_degrees_of_freedom_is_narrow() -> None:
-    (wide_low, narrow_low), (wide_high, narrow_high) = interval(np.ones(2), np.array([2.0, 2000.0]))
-    assert wide_low < 0.3
-    assert 0.9 < narrow_low < 1 < narrow_high < 1.1
-    assert wide_high > 30
 
 
 def test_coefficients_of_an_hour() -> None:

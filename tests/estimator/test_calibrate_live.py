@@ -6,15 +6,13 @@ import time
 from collections.abc import Callable
 
 import pytest
-from rich.console import Console, Group
+from rich.console import Console
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Piece, Still
-from estimator.calibrate_live import MISNAMED_S, calibrate, panel
+from estimator.calibrate_live import MISNAMED_S, calibrate
 from estimator.cli import main
 from estimator.client import Client
-from estimator.guide.reasons import Words
-from estimator.guide.steps import Picture, Step, Told
 from estimator.texts import texts
 from estimator.ward_view import SILENT_S
 from tests.estimator.stream import NAME
@@ -69,15 +67,6 @@ def test_it_says_it_in_chinese() -> None:
     assert "完成：设备已校准" in printed
 
 
-def test_of_a_calibrated_device_it_asks_for_a_new_one() -> None:
-    turns = [turn(2), turn(0), turn(1)]
-    code, printed = guided([*rests_between(*turns), Still(3.0), *rests_between(*turns)], skip=6)
-    assert code == 0
-    assert "recalibration asked for by nurse" in printed
-    assert printed.count("Done: it is calibrated") >= 1
-    assert "scale before" in printed
-
-
 def test_what_somebody_else_asked_for_goes_on_and_that_is_said() -> None:
     broker = MemoryBroker()
     talk = Talk(broker)
@@ -128,18 +117,6 @@ def test_a_name_that_is_mistyped_is_answered_by_those_there_are() -> None:
     talk.close()
     assert isinstance(console.file, io.StringIO)
     assert console.file.getvalue().count("no device chset was heard; there are: ankle, chest") == 1
-
-
-def test_on_a_terminal_it_is_a_picture_of_a_few_lines() -> None:
-    told = Told(Step.TURNING, Picture.FLAT, Words("turning_about", {"axis": "z"}), 0.5, 3.1416, 2, (0,), (2, 1))
-    console = Console(file=io.StringIO(), width=100)
-    console.print(Group(*panel(told, NAME, texts("en"))))
-    assert isinstance(console.file, io.StringIO)
-    *_, bar, turns = console.file.getvalue().splitlines()
-    assert set(bar.strip()) <= set("━╸╺")
-    assert turns.startswith("180°   x over, away: done")
-    for words in ("Calibrate chest", "Go on, all the way round", "180°", "x over, away: done", "z flat, round: to do"):
-        assert words in console.file.getvalue()
 
 
 @pytest.mark.parametrize(

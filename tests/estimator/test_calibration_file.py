@@ -53,13 +53,6 @@ def test_what_was_saved_is_loaded(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["chest.json"], "nothing is left beside it"
 
 
-def test_it_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, named = tmp_path / "chest.json", list[bool]()
-    monkeypatch.setattr("os.fsync", lambda _: named.append(path.exists()))
-    calibration_file.save(KNOWN, path)
-    assert named == [False]
-
-
 def test_a_full_matrix_and_unknown_keys_pass(tmp_path: Path) -> None:
     n = len(MATRIX_PARAMETERS)
     full = replace(KNOWN, parameters=MATRIX_PARAMETERS, covariance=1e-6 * np.eye(n), temperature_c=float("nan"))
@@ -123,10 +116,6 @@ def test_what_is_no_calibration_is_refused(change: Callable[[Json], object], wor
     assert str(refused.value).startswith(f"{path}: ")
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-def test_the_file_that_is_changed_above_is_a_good_one(tmp_path: Path) -> None:
-    assert calibration_file.load(written(tmp_path)).id == KNOWN.id
 
 
 @pytest.mark.parametrize(

@@ -4,18 +4,15 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from bridge.wire.messages import Quality
 from estimator.database import Database, StoreError
-from estimator.service import clerk as rules
 from estimator.service import record
 from estimator.service.clerk import Clerk
 from estimator.service.store import Store
-from tests.estimator.database.kept import CALIBRATIONS
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, calibration, info
 
@@ -104,68 +101,6 @@ def test_who_was_answered_can_rely_on_it_unless_the_disk_does_not_answer(
     busy.free()
     assert ward.command(lambda: ward.client.note(NAME, "nurse", "she stood up")).accepted
     assert [line["reason"] for line in ward.store.database.rows("audit", "verb = 'note'", ())][-1] == "she stood up"
-
-
-def test_one_that_cannot_be_written_keeps_the_others_from_nothing(store: Store) -> None:
-    clerk, heard = Clerk(store.database), list[StoreError | None]()
-    bad = replace(CALIBRATIONS[0], id=None)  # type: ignore[arg-type]
-    for c in (CALIBRATIONS[0], bad, CALIBRATIONS[1]):
-        clerk.do(lambda c=c: store.add_calibration(c), heard.append)  # type: ignore[misc]
-    assert heard == [], "told only in collect"
-    clerk.close()
-    assert [error is None for error in heard] == [True, False, True]
-    assert [c.id for c in store.calibrations(NAME)] == ["c1", "c2"]
-
-
-def test_more_than_can_wait_is_refused(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rules, "MOST", 3)
-    heard = list[StoreError | None]()
-    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
-        other.execute("BEGIN IMMEDIATE")
-        clerk = Clerk(store.database)
-        for _ in range(20):
-            clerk.do(lambda: store.add_calibration(CALIBRATIONS[0]), heard.append)
-        assert heard
-        assert all("writes wait for the disk" in str(error) for error in heard)
-        other.execute("COMMIT")
-    clerk.close()
-    assert len(heard) == 20
-    assert None in heard
-
-
-def test_what_need_not_be_written_soon_is_written_together(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a thousand devices two hundred writes a second waited for the disk one by one."""
-    monkeypatch.setattr(rules, "GATHER_S", 30.0)
-    clerk, written, heard = Clerk(store.database), list[int](), list[StoreError | None]()
-    for n in range(5):
-        clerk.do(lambda n=n: written.append(n), heard.append, soon=n == 4)  # type: ignore[misc]
-        time.sleep(0.02)
-        assert not written or n == 4
-    clerk.close()
-    assert heard == [None] * 5
-
-
-def test_who_has_the_file_is_waited_for_and_that_is_told(
-    store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(rules, "RETRY_S", 0.05)
-    store.database.execute("PRAGMA busy_timeout = 50")
-    clerk, heard = Clerk(store.database), list[StoreError | None]()
-    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
-        other.execute("BEGIN IMMEDIATE")
-        for n in range(4):
-            clerk.do(lambda n=n: store.save_epoch(n), heard.append)  # type: ignore[misc]
-        deadline = time.monotonic() + 20
-        while not store.database.trouble and time.monotonic() < deadline:
-            clerk.collect()
-            time.sleep(0.01)
-        assert "locked" in store.database.trouble
-        assert heard == []
-        other.execute("COMMIT")
-    clerk.close()
-    assert heard == [None] * 4
-    assert store.epoch() == 3
-    assert "works again" in caplog.text
 
 
 def test_what_cannot_be_written_at_the_end_is_told(

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.recording import load
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import TurnPlan
 from bridge.sim.session import Session, simulate_session
-from bridge.wire.messages import Verdict
-from estimator import calibration_file, offline
 from estimator.cli import main
 from tests.estimator.batch.machines import on_a_turntable
 from tests.estimator.batch.sessions import in_poses
@@ -73,38 +70,6 @@ def test_calibrate_on_a_turntable(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "accepted (turntable)" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--method", "turnpike"], "turn360, "),
-        (["--method", "turntable"], "needs --rates-dps"),
-        (["--rates-dps", "30"], "takes no --rates-dps"),
-        (["--model", "mpu-6051"], "mpu-6050"),
-    ],
-)
-def test_calibrate_says_how_to_use_it(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", "nowhere.npz", *words]) == 2
-    assert said in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["--model", "generic"],
-        ["--method", "closure"],
-        ["--json"],
-        ["--range-dps", "500"],
-        ["--rate-hz", "100"],
-        ["--boot", "2"],
-    ],
-)
-def test_what_is_for_a_recording_is_not_passed_over_in_silence_with_a_device_at_hand(
-    words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["calibrate", "--live", "chest", *words]) == 2
-    assert f"{words[0]} is for a recording" in capsys.readouterr().err
-
-
 def test_a_turn_that_was_not_once_around_is_asked_for_again_where_the_kind_of_device_is_known(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -127,21 +92,6 @@ def test_rates_are_numbers(rates: str, capsys: pytest.CaptureFixture[str]) -> No
 def test_calibrate_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4))]) == 0
     assert "accepted" in capsys.readouterr().out
-
-
-def test_of_many_movements_that_did_not_count_the_first_are_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    result, _ = offline.calibrate(load(saved := save(tmp_path / "long.npz", simulate_session(4))))
-    monkeypatch.setattr(offline, "calibrate", lambda *_, **__: (result, [f"{n}.0 s: a nudge" for n in range(70)]))
-    assert main(["calibrate", saved]) == 0
-    printed = capsys.readouterr().out
-    assert printed.count("a nudge") == 12
-    assert "passed over: … and 58 more; --json has them all" in printed
-    assert main(["calibrate", saved, "--json"]) == 0
-    (tmp_path / "long.json").write_text(printed := capsys.readouterr().out)
-    assert len(json.loads(printed)["passed_over"]) == 70
-    assert calibration_file.load(tmp_path / "long.json").verdict is Verdict.ACCEPTED
 
 
 def a_missing_turn() -> tuple[Session, Floats | None]:

@@ -2,13 +2,10 @@
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bridge.recording import load
@@ -16,12 +13,9 @@ from bridge.sim.session import Session, simulate_session
 from bridge.wire.messages import Quality
 from estimator import corrected_file
 from estimator.cli import main
-from estimator.figures import recordings
 from estimator.offline import correct
 from estimator.track.smoother import Smoothed
 from estimator.track.tracker import Tracker
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -82,14 +76,6 @@ def test_csv_holds_the_same_numbers(recorded: Path, tmp_path: Path) -> None:
             np.testing.assert_array_equal(columns, file[f"{vector}_rad_s"])
         np.testing.assert_allclose([float(row[0]) for row in rows], file["t_s"], atol=6e-7)
         np.testing.assert_allclose([float(row[-1]) for row in rows], file["temperature_c"], rtol=1e-8)
-
-
-def test_a_csv_of_rates_alone_has_no_empty_columns(session: Session, tmp_path: Path) -> None:
-    np.savez(tmp_path / "bare.npz", gyro_rad_s=session.gyro, rate_hz=104.0)
-    assert main(["correct", str(tmp_path / "bare.npz"), str(tmp_path / "c.csv")]) == 0
-    header, first = (tmp_path / "c.csv").read_text(encoding="utf-8").splitlines()[:2]
-    assert header.split(",")[-1] == "quality"
-    assert len(first.split(",")) == len(header.split(",")) == 14
 
 
 def test_it_says_in_words_what_became_of_it(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -153,42 +139,6 @@ def test_a_picture(session: Session, recorded: Path, tmp_path: Path, warm: bool)
         assert main(["correct", str(recorded), str(tmp_path / "c.npz"), "--picture", str(picture)]) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size > 20_000
-
-
-def test_a_legend_lies_on_no_bias() -> None:
-    figure = Figure(figsize=(6.0, 2.5))
-    axes = figure.subplots()
-    time = np.linspace(0, 60, 200)
-    recordings._tracked(axes, time, 0.01 * time, np.full(200, 0.002), 0)  # it rises all the way
-    figure.draw_without_rendering()
-    legend = axes.get_legend()
-    assert legend is not None
-    _, top = axes.transData.transform((60, 0.6 + 2 * 0.002))
-    assert top < legend.get_window_extent().y0
-
-
-def test_nothing_is_drawn_where_nothing_was_recorded(
-    session: Session, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A gap of four hours was filled: with rates, with a quality, and with a band about the bias."""
-    n = len(session.time_s)
-    time = session.time_s + np.where(np.arange(n) < n // 2, 0.0, 4 * 3600.0)
-    warm = session.temperature_c
-    np.savez(recorded, gyro_rad_s=session.gyro, accel_m_s2=session.accel, temperature_c=warm, t_s=time)
-    last, first = (time[[n // 2 - 1, n // 2]] - time[0]) / 60
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, _: drawn.append(figure))
-    assert main(["correct", str(recorded), str(tmp_path / "c.npz"), "--picture", str(tmp_path / "day.png")]) == 0
-    for axes in drawn[0].axes:
-        outlines = [path.vertices for of in axes.collections for path in of.get_paths()]
-        outlines += [
-            patch.get_window_extent().transformed(axes.transData.inverted()).get_points() for patch in axes.patches
-        ]
-        for line in axes.lines:
-            outlines += [part[1:] for part in np.split(line.get_xydata(), *np.nonzero(np.isnan(line.get_xdata())))]
-        assert len(outlines) >= 2
-        for x in (np.asarray(outline)[:, 0] for outline in outlines):
-            assert x.max() <= last + 1e-6 or x.min() >= first - 1e-6
 
 
 @pytest.mark.parametrize("kind", ["npz", "csv"])
@@ -285,20 +235,6 @@ def test_readings_in_other_units_are_refused_or_not_used(
             assert "accel_m_s2" not in file
 
 
-def test_spikes_are_no_other_unit(session: Session, tmp_path: Path) -> None:
-    gyro = session.gyro.copy()
-    gyro[::50] = 300.0
-    np.savez(tmp_path / "in.npz", gyro_rad_s=gyro, rate_hz=104.0)
-    assert len(load(tmp_path / "in.npz")) == len(gyro)
-
-
-def test_both_ways_at_once_is_none(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["correct", "--smooth", "--realtime", "a.npz", "b.npz"])
-    assert ended.value.code == 2
-    assert "not allowed with" in capsys.readouterr().err
-
-
 def test_what_fails_half_way_leaves_the_old_file(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -312,29 +248,3 @@ def test_what_fails_half_way_leaves_the_old_file(
     assert main(["correct", str(recorded), str(out)]) == 1
     assert out.read_bytes() == b"old"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["c.npz", "day.npz"]
-
-
-def test_a_bar_is_shown_to_who_waits_at_a_terminal(recorded: Path, tmp_path: Path) -> None:
-    """On a terminal of its own, with no patience at all."""
-    code = (
-        "import sys; from bridge import progress; from estimator import cli; progress._PATIENCE_S = progress._EACH_S = 0.0;"
-        f"sys.exit(cli.main(['correct', {str(recorded)!r}, {str(tmp_path / 'c.csv')!r}]))"
-    )
-    master, slave = os.openpty()
-    environment = {**os.environ, "TERM": "xterm", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", code], stderr=slave, capture_output=False, stdout=subprocess.DEVNULL,
-                          check=False, env=environment)  # fmt: skip
-    os.close(slave)
-    shown = os.read(master, 100_000).decode(errors="replace")
-    os.close(master)
-    assert done.returncode == 0, shown
-    assert "correcting" in shown
-    assert "%" in shown
-
-
-def test_a_folder_that_may_not_be_written_to_is_said_before_the_work(
-    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(os, "access", lambda _path, mode: not mode & os.W_OK)  # root may write anywhere
-    assert main(["correct", str(recorded), str(tmp_path / "out.npz")]) == 1
-    assert f"out.npz: no permission to write in {tmp_path}" in capsys.readouterr().err

@@ -16,7 +16,6 @@ from bridge.wire import keys
 from bridge.wire.codec import encode_status
 from estimator.cli import main
 from estimator.demo.ward import free_port
-from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.service.store import Store
 from tests.estimator.test_glance import STATUS
 
@@ -85,25 +84,6 @@ def test_a_store_that_an_estimator_could_not_use_is_found_before_it_is_started(
         assert (level, "is damaged" in said) == ("trouble", True)
 
 
-def test_a_ward_file_is_right_though_its_store_is_where_one_may_not_look(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def closed(path: Path, **_: object) -> bool:
-        if path.name == "t.sqlite3":
-            raise PermissionError(13, "Permission denied", str(path))
-        return bool(os.path.lexists(path))
-
-    endpoint, config = f"tcp/127.0.0.1:{free_port()}", tmp_path / "ward.toml"
-    config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
-    monkeypatch.setattr(Path, "exists", closed)
-    monkeypatch.setattr(Path, "is_dir", closed)
-    with Router([endpoint]):
-        code, found = look(capsys, str(config))
-    assert code == 1
-    assert found["store"] == ("trouble", f"{tmp_path}/store/t.sqlite3: no permission to look there")
-    assert found["config"][0] == "ok"
-
-
 def test_two_bridges_with_one_device_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     endpoint, config = f"tcp/127.0.0.1:{free_port()}", tmp_path / "ward.toml"
     config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
@@ -120,22 +100,6 @@ def test_two_bridges_with_one_device_are_found(tmp_path: Path, capsys: pytest.Ca
     assert "b2's samples are refused; stop one" in found[1]["bridges of the ward"][1]
 
 
-def test_an_estimator_that_does_not_keep_up_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    endpoint, config = f"tcp/127.0.0.1:{free_port()}", tmp_path / "ward.toml"
-    config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
-    with Router([endpoint]), ZenohBus([endpoint]) as bus:
-        said = bus.publisher(keys.build("w", "status", device="a"), cache=1)
-        for events in ({OVERLOADED: 7}, {UNKEPT: 1}, {}):
-            said.put(encode_status(replace(STATUS, events=events)))
-            code, found = look(capsys, str(config))
-            assert code == (1 if events else 0)
-            assert found.get("estimator of the ward", ("", ""))[0] == ("trouble" if events else "")
-            if UNKEPT in events:
-                assert "the store of 1 device cannot be written" in found["estimator of the ward"][1]
-            if OVERLOADED in events:
-                assert "has not kept up with its devices for 7 s" in found["estimator of the ward"][1]
-
-
 def test_trouble_is_an_exit_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -150,12 +114,3 @@ def test_trouble_is_an_exit_code(
     monkeypatch.setattr(terminals, "busy", lambda _: [trouble("busy ports", "[taken]", "close it")])
     assert main(["doctor"]) == 1
     assert "✗ busy ports: [taken]\n    do: close it\n" in capsys.readouterr().out
-
-
-def test_what_moves_a_cursor_is_shown_as_an_escape(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["doctor", "\x1b[2J.toml"]) == 1
-    printed = capsys.readouterr().out
-    assert r"\x1b[2J.toml: there is no such file" in printed
-    assert "do: check its name, and the folder" in printed
-    assert "mend it" not in printed
-    assert "\x1b[2J" not in printed

@@ -8,12 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from estimator import figures
 from estimator.cli import main
 from estimator.database import owned
-from estimator.history import Biases, History, read, since
+from estimator.history import read, since
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS, fill, loaded
 from tests.estimator.stream import NAME
@@ -53,22 +51,6 @@ def test_history_in_tables(store: Store, capsys: pytest.CaptureFixture[str], mon
     assert said.count("repeat: the turn about y is missing") == 1
 
 
-def test_history_prints_what_people_wrote_as_it_is(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
-    store.add_audit(8, NAME, "note", "c10", "nurse", "[/foo] :x: [red]left[/red]", "noted", accepted=True)
-    assert history(store) == 0
-    assert "[/foo] :x: [red]left[/red]" in capsys.readouterr().out
-
-
-def test_history_says_that_a_clock_was_wrong(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
-    assert history(store) == 0
-    assert "ahead of now" not in capsys.readouterr().out
-    store.add_audit(4_070_908_800 * 10**9, NAME, "note", "c10", "nurse", "sat up", "noted", accepted=True)
-    assert history(store) == 0
-    said = capsys.readouterr().out
-    assert "2099-01-01" in said
-    assert "1 record of this lies ahead of now: the clock was wrong when it was written, or is wrong now" in said
-
-
 def test_history_as_json(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
     assert history(store, "--json") == 0
     found = json.loads(capsys.readouterr().out)
@@ -93,38 +75,6 @@ def test_history_draws(store: Store, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert str(picture) in capsys.readouterr().out
     assert history(store, "--plot", str(tmp_path / "a.txt")) == 2
-
-
-def test_a_device_that_was_just_switched_on_is_drawn_by_the_minute(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, _: drawn.append(figure))
-    figures.history(History(NAME, [], [{"time_ns": 10**18}], [], []), Path("a.png"))
-    figures.history(
-        History(NAME, [], [{"time_ns": 10**18}, {"time_ns": 10**18 + 4 * 3600 * 10**9}], [], []), Path("a.png")
-    )
-    hours = [24 * np.ptp(figure.axes[0].get_xlim()) for figure in drawn]
-    assert hours == [pytest.approx(1 / 30), pytest.approx(4.4)]
-
-
-@pytest.mark.parametrize("unsure_dps", [0.002, 0.2, 2.0])
-def test_what_is_unsure_does_not_ruin_the_scale_and_is_cut_off(
-    unsure_dps: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, _: drawn.append(figure))
-    std = np.radians(np.full((2, 3), 0.002))
-    std[0] = np.radians(unsure_dps)
-    first = [3.0, 0.0, -2.0] if unsure_dps == 2.0 else [0.03, 0.0, -0.02]
-    bias = np.radians([first, [0.01, 0.0, -0.01]])
-    times = np.array([10**18, 10**18 + 60 * 10**9])
-    figures.history(History(NAME, [], [], [], [Biases("1", times, bias, std, np.full(2, np.nan))]), Path("a.png"))
-    above = drawn[0].axes[0]
-    low, high = above.get_ylim()
-    if unsure_dps < 2.0:
-        assert low < -0.02 < 0.03 < high, "no bias that is known is left out"
-    assert low < -0.01 < 0.01 < high
-    assert high - low < 0.1
-    assert ("cut off" in above.get_ylabel()) == (unsure_dps > 0.01)
 
 
 def test_history_of_nothing_says_what_there_is(
@@ -183,14 +133,6 @@ def test_a_backup_of_a_store_in_use_has_everything(
     for where in (f"{tmp_path / 'stick'}/copy", f"{tmp_path / 'stick'}/"):
         assert main(["store", "backup", where, "--store", store.path]) == 2
         assert f"there is no folder {tmp_path / 'stick'}; make it first" in capsys.readouterr().err
-
-
-def test_no_file_moves_the_terminal(store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    store.add_audit(8, NAME, "note", "n1", "nur\x1b[2Jse", "a\nb", "\x1b]0;title\x07", accepted=True)
-    assert history(store) == 0
-    said = capsys.readouterr().out
-    assert "\x1b" not in said
-    assert "nur\\x1b[2Jse" in said.replace("\n", "")
 
 
 @pytest.mark.parametrize("running", [True, False])
@@ -254,13 +196,6 @@ def test_restore_puts_a_backup_in_its_place(store: Store, tmp_path: Path, capsys
     assert "no sound backup" in capsys.readouterr().err
 
 
-def test_check_of_what_is_no_store(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "a.txt").write_text("this is no store " * 100)
-    assert main(["store", "check", str(tmp_path / "a.txt")]) == 1
-    assert "is not a store" in capsys.readouterr().err
-    assert main(["store", "check", "--config", str(tmp_path / "none.toml")]) == 2
-
-
 @pytest.mark.parametrize(
     "verb", [["store", "check"], ["history", NAME], ["store", "backup", "copy.sqlite3"]], ids=" ".join
 )
@@ -282,9 +217,3 @@ def test_what_is_empty_or_no_store_is_said_with_what_to_do(
         for word in (str(file), *words):
             assert word in line, len(content)
     assert not (tmp_path / "copy.sqlite3").exists()
-
-
-def test_history_of_a_store_without_devices_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    Store(tmp_path / "new.sqlite3").close()
-    assert main(["history", NAME, "--store", str(tmp_path / "new.sqlite3")]) == 2
-    assert "no device has been heard by its estimator yet" in capsys.readouterr().err

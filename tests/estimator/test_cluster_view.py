@@ -8,7 +8,6 @@ import pytest
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import Holding, Move, Owned
-from estimator import cli_cluster
 from estimator.cli import main
 from estimator.client import Client
 from estimator.cluster_view import as_json, cluster_view
@@ -18,18 +17,6 @@ def owned(name: str, *devices: str, epoch: int = 5, part: int = 0, parts: int = 
     holdings = tuple(Holding(device, epoch, 7, 100) for device in devices)
     moves = (Move(at, len(devices), 0, "e9 is gone"),)
     return Owned(name, at, epoch, 0.25, holdings, moves, part, parts)
-
-
-def test_who_has_what_of_what_came_last() -> None:
-    view = cluster_view("w", ["e1", "e2"], [owned("e1", "a", "b"), owned("e1", "a"), owned("e2", "b", "c")])
-    assert {device: name for device, (name, _) in view.devices.items()} == {"a": "e1", "b": "e2", "c": "e2"}
-    assert view.troubles == []
-
-
-def test_what_is_said_in_parts_is_put_together_and_taken_apart() -> None:
-    said = [owned("e1", "a", parts=2), owned("e1", "b", part=1, parts=2)]
-    assert set(cluster_view("w", ["e1"], said).devices) == {"a", "b"}
-    assert set(cluster_view("w", ["e1"], [*said, owned("e1", "c")]).devices) == {"c"}
 
 
 @pytest.mark.parametrize(
@@ -80,7 +67,3 @@ class TestCommand:
     def test_none_alive_is_trouble(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["cluster", "status", "--ward", "elsewhere"]) == 1
         assert "no estimator is alive" in capsys.readouterr().out
-
-
-def test_the_clock_is_of_here() -> None:
-    assert len(cli_cluster._clock(1_700_000_000_000_000_000)) == 8

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import Calibration, Quality, Verdict
-from estimator.batch.carry import MATRIX_PARAMETERS
 from estimator.batch.result import PARAMETERS
 from estimator.correction import Correction, Floats, believed, choose
 from estimator.gyro import PriorKnobs
@@ -49,22 +48,6 @@ def chosen(
     return choose(belief, bias, np.full(3, 1e-4), noise_std, FLICKER, sure=True)
 
 
-def test_two_are_the_same_where_every_number_is() -> None:
-    one = chosen(CALIBRATION)
-    assert one.same(chosen(CALIBRATION, bias=BIAS.copy()))
-    others = [
-        replace(one, quality=Quality.DEGRADED),
-        replace(one, calibration="c2"),
-        replace(one, bias_std=np.nextafter(one.bias_std, 1.0)),
-        replace(one, flicker=0.0),
-        *(
-            replace(one, model=replace(one.model, **{name: np.nextafter(getattr(one.model, name), 1.0)}))
-            for name in ("matrix", "bias", "scale_std", "cross_std", "noise_std")
-        ),
-    ]
-    assert not any(one.same(other) or other.same(one) for other in others)
-
-
 def test_the_datasheet_when_nothing_is_known() -> None:
     best = chosen(None, bias=None)
     assert (best.quality, best.calibration) == (Quality.NONE, "")
@@ -102,37 +85,6 @@ def test_this_boots_calibration_goes_before_an_earlier_one() -> None:
     np.testing.assert_array_equal(best.model.noise_std, np.full(3, 0.002))
 
 
-def test_a_full_matrix_is_applied_whole() -> None:
-    matrix = np.array([[0.9, 0.02, 0.0], [0.01, 1.0, -0.03], [0.0, 0.0, 1.1]])
-    full = replace(
-        CALIBRATION,
-        matrix=matrix,
-        parameters=MATRIX_PARAMETERS,
-        covariance=np.diag(np.square([1e-4] * 3 + [1e-3, 2e-3, 3e-3] + [1e-3, 7e-3, 2e-3, 6e-3, 3e-3, 1e-3])),
-    )
-    best = chosen(full)
-    # Of each row the mean square of its two elements beside the diagonal.
-    np.testing.assert_allclose(best.model.cross_std, 1e-3 * np.sqrt([25, 20, 5]))
-    np.testing.assert_allclose(best.model.scale_std, np.array([1e-3, 2e-3, 3e-3]) / [0.9, 1.0, 1.1])
-    (batch,) = stream([], 0.2).batches([])
-    expected = (batch.gyro.astype(float) - BIAS) @ matrix.T
-    np.testing.assert_array_equal(corrected_by(best, batch).rate, expected.astype(np.float32))
-
-
-def test_a_run_of_a_batch_is_corrected_and_placed_in_time() -> None:
-    (batch,) = stream([], 1.0).batches([])
-    batch = replace(batch, clock_rate=1.01, sequence=70)
-    part = corrected_by(chosen(CALIBRATION), batch, 20, 50)
-    assert part.sequence == 90
-    assert len(part) == 30
-    expected = (batch.gyro[20:50].astype(float) - BIAS) * [0.9, 1.0, 1.1]
-    np.testing.assert_array_equal(part.rate, expected.astype(np.float32))
-    assert np.abs(part.sample_time_ns - batch.sample_time_ns[20:50]).max() <= 1
-    np.testing.assert_allclose(part.noise_std, np.array([0.9, 1.0, 1.1]) * 0.001, rtol=1e-6)
-    np.testing.assert_allclose(part.bias_std, np.array([0.9, 1.0, 1.1]) * 1e-4, rtol=1e-6)
-    np.testing.assert_allclose(part.flicker_std, np.array([0.9, 1.0, 1.1]) * FLICKER, rtol=1e-6)
-
-
 def test_published_deviations_add_up() -> None:
     (batch,) = stream([], 0.1).batches([])
     corrected = replace(
@@ -154,15 +106,3 @@ def test_published_deviations_add_up() -> None:
         ),
         rtol=1e-5,
     )
-
-
-@pytest.mark.parametrize("field", ["bias", "matrix", "scale_std", "cross_std", "noise_std"])
-def test_same_sees_every_difference(field: str) -> None:
-    one = chosen(CALIBRATION)
-    assert one.same(chosen(CALIBRATION))
-    changed = getattr(one.model, field) * (1 + 1e-15)
-    other = replace(one, model=replace(one.model, **{field: np.nextafter(changed, np.inf)}))
-    assert not one.same(other)
-    assert not one.same(replace(one, quality=Quality.DEGRADED))
-    assert not one.same(replace(one, calibration="other"))
-    assert not one.same(replace(one, bias_std=one.bias_std * 2))

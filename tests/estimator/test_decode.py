@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from bridge.bus.contract import Message
 from bridge.wire import codec, keys
-from bridge.wire import columns_pb2 as columns
 from bridge.wire.batches import MAX_SEQUENCE
 from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.messages import SampleBatch, SampleFlag
@@ -50,20 +49,6 @@ def assert_as_the_codec_says(found: Samples | Refusal, payload: bytes) -> None:
         mine, theirs = getattr(found, name), getattr(expected, name)
         np.testing.assert_array_equal(mine, theirs, err_msg=name)
         assert type(mine) is type(theirs)
-
-
-def test_what_a_bridge_writes_is_read() -> None:
-    rng = np.random.default_rng(0)
-    payloads = [
-        codec.encode_samples(batch_of(rng, n, accel=accel, celsius=celsius))
-        for n in (1, 2, 10, 50, codec.MAX_SAMPLES)
-        for accel in (True, False)
-        for celsius in (True, False)
-    ]
-    for found, payload in zip(decode([Message(KEY, payload) for payload in payloads]), payloads, strict=True):
-        assert isinstance(found, Samples)
-        assert_as_the_codec_says(found, payload)
-    assert decode([]) == []
 
 
 @pytest.mark.parametrize(
@@ -117,19 +102,6 @@ def test_a_key_that_is_not_that_of_the_samples_is_refused(key: str) -> None:
     assert isinstance(found, Refusal)
     with pytest.raises(Refusal, match=found.detail[:20].replace("(", ".").replace("*", ".")):
         codec.decode_samples(key, payload)
-
-
-def test_fields_in_any_order_are_read() -> None:
-    whole = columns.SampleBatch.FromString(codec.encode_samples(batch_of(np.random.default_rng(3), 3, celsius=True)))
-    parts = []
-    for field, value in whole.ListFields():
-        one = columns.SampleBatch()
-        setattr(one, field.name, value)
-        parts.append(one.SerializeToString())
-    payload = b"".join(parts[::-1])
-    (found,) = decode([Message(KEY, payload)])
-    assert isinstance(found, Samples)
-    assert_as_the_codec_says(found, payload)
 
 
 @given(st.data())

@@ -13,7 +13,6 @@ from bridge.sim.motion import Still
 from bridge.sim.script import swing
 from bridge.wire.messages import CorrectedBatch, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason
-from estimator.finite import runs
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, Stream, calibration, feed, rates
 
@@ -64,18 +63,18 @@ def spoilt(of: Stream, at: slice, gyro: Floats | float) -> Stream:
 
 # ---- not finite ---------------------------------------------------------------------------------------------------
 
-MILLION = 1_000_000
-BURSTS = 100
+MANY = 200_000
+BURSTS = 20
 
 
 def infested(of: Stream, rng: np.random.Generator) -> tuple[Stream, NDArray[np.bool_]]:
-    """A stream with a million more samples that are not finite, alone, in pairs and in long runs; and which are good."""
+    """A stream with many more samples that are not finite, alone, in pairs and in long runs; and which are good."""
     n = len(of)
     more = rng.integers(0, 3, n)
     more[-1] = 0
     long = rng.choice(n - 1, BURSTS, replace=False)
     more[long] = 0
-    more[long] = np.diff(np.linspace(0, MILLION - more.sum(), BURSTS + 1).astype(int))
+    more[long] = np.diff(np.linspace(0, MANY - more.sum(), BURSTS + 1).astype(int))
     source = np.repeat(np.arange(n), 1 + more)
     first = np.cumsum(1 + more) - 1 - more
     good = np.zeros(len(source), bool)
@@ -86,8 +85,8 @@ def infested(of: Stream, rng: np.random.Generator) -> tuple[Stream, NDArray[np.b
     ticks = (bad.ticks + (after * between) // (1 + more[source])).astype(np.int64)
     readings = np.hstack([bad.gyro, bad.accel])
     where = np.flatnonzero(~good)
-    assert len(where) == MILLION
-    readings[where, rng.integers(0, 6, MILLION)] = rng.choice([np.nan, np.inf, -np.inf], MILLION)
+    assert len(where) == MANY
+    readings[where, rng.integers(0, 6, MANY)] = rng.choice([np.nan, np.inf, -np.inf], MANY)
     readings[where[::3], 0] = np.nan
     return replace(bad, ticks=ticks, gyro=readings[:, :3], accel=readings[:, 3:]), good
 
@@ -115,7 +114,7 @@ def only_good(batches: Iterable[SampleBatch], good: NDArray[np.bool_]) -> list[S
     return kept
 
 
-def test_a_million_readings_that_are_not_finite_change_not_one_bit(worn: Stream) -> None:
+def test_readings_that_are_not_finite_change_not_one_bit(worn: Stream) -> None:
     rng = np.random.default_rng(0)
     stream, good = infested(worn, rng)
     # Some batches begin or end within a long run, and some consist of nothing else.
@@ -140,46 +139,15 @@ def test_a_million_readings_that_are_not_finite_change_not_one_bit(worn: Stream)
         np.testing.assert_array_equal(np.hstack(mine), np.hstack(theirs))
     assert np.isfinite(rates(outcome.corrected)).all()
     status = device.status(1)
-    assert status.dropped == {Reason.NON_FINITE: MILLION}
+    assert status.dropped == {Reason.NON_FINITE: MANY}
     assert status.samples_out == len(worn)
-    assert status.samples_in == status.samples_out + MILLION
-
-
-def test_a_device_that_sends_nothing_else_is_heard_and_believed_nothing() -> None:
-    worn = calibration(seed=1)
-    device = DeviceSession(NAME)
-    before = device.tracker.state
-    outcome = feed(device, spoilt(worn, slice(None), np.nan).batches())
-    assert outcome.corrected == []
-    np.testing.assert_array_equal(device.tracker.state.P, before.P)
-    status = device.status(1)
-    assert (status.samples_out, status.dropped) == (0, {Reason.NON_FINITE: len(worn)})
-    assert status.rate_hz == 0.0
-
-
-def test_where_all_is_well_nothing_is_cut(worn: Stream) -> None:
-    (batch,) = worn.part(0, 100).batches([])
-    assert runs(batch, 7) == [(7, 100)]
-    assert runs(replace(batch, accel=None), 0) == [(0, 100)]
-
-
-@pytest.mark.parametrize("column", ["gyro", "accel"])
-def test_only_what_is_new_is_looked_at(worn: Stream, column: str) -> None:
-    (batch,) = worn.part(0, 10).batches([])
-    readings = getattr(batch, column).copy()
-    readings[[0, 4, 9], 1] = np.inf
-    spoilt = replace(batch, **{column: readings})
-    assert runs(spoilt, 0) == [(1, 4), (5, 9)]
-    assert runs(spoilt, 2) == [(2, 4), (5, 9)]
-    assert runs(spoilt, 5) == [(5, 9)]
-    assert runs(spoilt, 9) == []
+    assert status.samples_in == status.samples_out + MANY
 
 
 # ---- spikes -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("axes", [[1], [0, 1, 2]])
+@pytest.mark.parametrize(("sign", "axes"), [(1.0, [1]), (-1.0, [0, 1, 2])])
 def test_a_spike_in_motion_is_as_if_it_had_not_been(worn: Stream, sign: float, axes: list[int]) -> None:
     whole = lived(worn)
     for place in (0, 37):
@@ -191,8 +159,7 @@ def test_a_spike_in_motion_is_as_if_it_had_not_been(worn: Stream, sign: float, a
         assert spiked.tracker.events == {"spike": 1}
 
 
-@pytest.mark.parametrize("size", [FULL_SCALE, -FULL_SCALE, FULL_SCALE / 3])
-@pytest.mark.parametrize("place", [0, 5, 13])
+@pytest.mark.parametrize(("size", "place"), [(FULL_SCALE, 0), (-FULL_SCALE, 5), (FULL_SCALE / 3, 13)])
 def test_a_spike_at_rest_is_as_if_it_had_not_been(worn: Stream, size: float, place: int) -> None:
     whole, at = lived(worn), at_rest(worn) + place
     reading = worn.gyro[at].copy()

@@ -44,24 +44,6 @@ def test_one_marked_sample_costs_its_own_window_only() -> None:
     assert device.life.state is State.BIAS_ONLY
 
 
-def test_a_sensor_that_is_stuck_at_rest_moves_no_bias(rested: Stream) -> None:
-    at = rested.at(rested.time[-1] - 20.0) // 10 * 10
-    frozen = rested.gyro.copy()
-    frozen[at:] = frozen[at] + np.radians(0.3)
-    broken = replace(rested, gyro=frozen)
-    device = DeviceSession(NAME)
-    batches = marked(broken, slice(at + 5, len(broken)), SampleFlag.STUCK)
-    feed(device, batches[: at // 10])
-    assert device.calibration is not None
-    before, std = device.tracker.bias, device.tracker.std
-    feed(device, batches[at // 10 :])
-    # What is known of temperature goes on moving it a little.
-    assert (np.abs(device.tracker.bias - before) < 3 * device.tracker.std).all()
-    assert (np.abs(device.tracker.bias - before) < np.radians(0.3) / 20).all()
-    assert (device.tracker.std > std).all()
-    assert device.tracker.evidence_age(broken.time[-1]) > 18.0
-
-
 def test_a_temperature_that_leapt_is_not_believed(rested: Stream) -> None:
     at = len(rested) - 15 * 104  # the tracker itself would believe it after ten seconds
     warm = rested.temperature_c.copy()

@@ -56,14 +56,6 @@ def test_only_enrolled_devices_from_their_own_bridges_are_let_in(gate: Gate, cou
     assert gate.strangers["ghost"].messages == 4
 
 
-def test_keys_that_are_none_are_left_to_the_door_that_says_why(gate: Gate, counts: Tally) -> None:
-    strange = [
-        Message(key, b"") for key in ("**", "truerate/**", "truerate/@v1/w/raw/b1/*", "truerate/@v1/w/raw/*/wrist", "")
-    ]
-    assert gate.admit(strange, 0.0) == strange
-    assert counts.as_dict() == {}
-
-
 def test_a_hundred_thousand_invented_devices_take_no_more_room_than_a_few(gate: Gate, counts: Tally) -> None:
     for n in range(100_000):
         assert gate.admit([sent(f"b{n % 7}", f"ghost-{n}"), sent(f"b{n}", "chest")], n * 1e-4) == [
@@ -100,65 +92,6 @@ def test_the_file_is_read_again_when_it_changes_and_kept_when_it_is_broken(
     assert gate.admit([sent("b1", "wrist")], 2.0), "a file that is gone for a moment throws nobody out"
 
 
-@pytest.mark.parametrize("by_hand", [(), ("hip", "b1/ankle")])
-def test_a_list_that_is_suddenly_empty_throws_nobody_out(
-    by_hand: tuple[str, ...], tmp_path: Path, counts: Tally, caplog: pytest.LogCaptureFixture
-) -> None:
-    file = tmp_path / "enrolled.txt"
-    file.write_text("chest\n")
-    gate = Gate(Enrolment(enrolled=by_hand, file=str(file)), counts)
-    for text in ("", "# none\n"):
-        file.write_text(text)
-        gate.look(1.0)
-        assert gate.admit([sent("b1", "chest")], 1.0)
-    assert caplog.text.count("no device of its own stands in it any more; what was enrolled before stays so") == 2
-    file.write_bytes(b"\xef\xbb\xbfwrist\r\n")  # as some editors write it
-    gate.look(2.0)
-    assert gate.words("wrist") == ""
-    file.unlink()
-    os.mkfifo(file)
-    gate.look(3.0)
-    assert "not a file; what was enrolled before stays so" in caplog.text
-
-
-def test_of_an_enrolled_device_that_another_bridge_sends_it_is_said(gate: Gate) -> None:
-    bus = MemoryBus(MemoryBroker())
-    heard, notices = bus.subscribe(keys.pattern("w", "status")), Notices(bus, "w", gate)
-
-    def said() -> list[str]:
-        notices.say(5, ())
-        return [codec.decode_status(*message).reason for message in heard.drain(9, 0.0)]
-
-    gate.admit([sent("b2", "wrist")], 0.0)
-    (reason,) = said()
-    assert reason.startswith("enrolled by b1 and sent by b2: ")
-    gate.admit([sent("b1", "wrist"), sent("b2", "wrist")], 1.0)
-    gate.look(1.0)
-    assert said() == [], "its own bridge is heard: somebody has it, and speaks of it"
-    notices.close()
-    bus.close()
-
-
-def test_a_file_that_changes_while_it_is_read_is_read_again(
-    tmp_path: Path, counts: Tally, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "enrolled.txt"
-    file.write_text("chest\n")
-    enrolment = Enrolment(file=str(file))
-
-    def just_then(self: Enrolment) -> dict[str, str]:
-        found = read(self)
-        file.write_text("chest\nwrist\n")
-        return found
-
-    read = Enrolment.read
-    with monkeypatch.context() as patch:
-        patch.setattr(Enrolment, "read", just_then)
-        gate = Gate(enrolment, counts)
-    gate.look(1.0)
-    assert gate.words("wrist") == ""
-
-
 @pytest.fixture
 def status() -> Iterator[tuple[Notices, Gate, list[Status]]]:
     gate, bus = Gate(ENROLLED, Tally()), MemoryBus(MemoryBroker())
@@ -192,35 +125,6 @@ def test_a_stranger_stands_in_every_list_as_not_enrolled(status: tuple[Notices, 
     notices.say(6, ())
     assert list(said) == []
     assert notices._publishers == {}
-
-
-def test_a_device_that_is_enrolled_no_more_is_lost_for_that_reason(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("estimator.service.shell.SLOW_S", 0.0)  # as on a busy machine: its first round takes long
-    file = tmp_path / "enrolled.txt"
-    file.write_text("chest\nwrist\n")
-    broker = MemoryBroker()
-    bridge, store = MemoryBus(broker), Store(tmp_path / "s.sqlite3")
-    bus = MemoryBus(broker)
-    service = Service("w", Estimator(id="e", silence_s=0.2), bus, store, enrolment=Enrolment(file=str(file)))
-    raw = bridge.publisher(keys.build("w", "raw", bridge="b1", device="chest"), cache=0)
-    told = bridge.publisher(keys.build("w", "info", bridge="b1", device="chest"), cache=0)
-    told.put(codec.encode_info(replace(info(1), device="chest", bridge="b1")))
-    raw.put(codec.encode_samples(replace(calibration(seed=1).batches()[0], device="chest")))
-    service.step(0.0)
-    assert service._devices["chest"].heard <= time.monotonic(), "nobody is heard later than now"
-    file.write_text("wrist\n")
-    time.sleep(0.25)
-    for _ in range(2):
-        service._every_second(time.monotonic())
-        service.work()
-    said = Client(ward="w", bus=MemoryBus(broker)).statuses(0.05)["chest"]
-    assert said.state is State.LOST
-    assert "not enrolled: what it sends is not used" in said.reason
-    bus.close()
-    bridge.close()
-    store.close()
 
 
 def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_path: Path) -> None:

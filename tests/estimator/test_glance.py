@@ -71,15 +71,6 @@ def test_a_battery_that_runs_out(percent: float, charging: bool, needs: int) -> 
     assert len(glance("w", statuses(a=State.TRACKING), found, ["bridge"], ["e"]).needs) == needs
 
 
-@pytest.mark.parametrize(
-    ("bridges", "estimators", "words"),
-    [([], ["e"], "no bridge"), (["b"], [], "no estimator")],
-)
-def test_parts_that_are_missing(bridges: list[str], estimators: list[str], words: str) -> None:
-    (trouble,) = glance("w", statuses(a=State.TRACKING), {}, bridges, estimators).troubles
-    assert words in trouble
-
-
 def test_a_broken_law_is_trouble() -> None:
     good = statuses(a=State.TRACKING)["a"]
     for wrong, words in ((replace(good, samples_out=80), "10 nowhere"), (replace(good, events={EVENT: 2}), "2 times")):
@@ -113,11 +104,6 @@ def test_what_was_not_used_is_told_with_its_reasons_most_first() -> None:
     )
     assert total(seen.unused)["repeated"] == 17
     assert as_json(seen)["unused"]["devices"]["d"] == {"repeated": 10}
-
-
-def test_an_empty_ward_is_not_well() -> None:
-    assert glance("w", {}, {}, ["b"], ["e"]).troubles == ["no device is heard"]
-    assert glance("w", {}, {}, [], []).troubles[-1] == "nobody is in ward w: is its name right?"
 
 
 def test_what_bridges_count_is_told_and_a_notable_share_needs_a_person() -> None:

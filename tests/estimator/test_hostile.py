@@ -17,14 +17,13 @@ from tests.estimator.hostile import (
     forged,
     lived,
     message,
-    named,
     of_boot,
     played,
     state,
     twice_shuffled,
     wildcards,
 )
-from tests.estimator.served import BRIDGE, WARD, Served, columns
+from tests.estimator.served import BRIDGE, WARD, Served
 from tests.estimator.stream import Stream, calibration
 
 A, B = "chest", "back"
@@ -48,17 +47,6 @@ def hashes(served: Served) -> list[str]:
 
 def counts(served: Served, *starts: str) -> dict[str, int]:
     return {label: n for label, n in served.service._count_all().items() if label.startswith(starts)}
-
-
-def test_the_hash_sees_one_sample(served: Served, streams: dict[str, Stream]) -> None:
-    recorded, _ = lived(served, streams, boot=7)
-    before = hashes(served)
-    assert hashes(served) == before
-    more = named(streams[A].part(0, 1).batches(boot=7, first=len(streams[A])), A)[0]
-    later = recorded[-1].receive_time_ns + 10**9
-    ticks = more.ticks + streams[A].ticks[-1].astype(np.uint64)
-    assert played(served, [message(replace(more, ticks=ticks, receive_time_ns=later, start_time_ns=later))]) == 1
-    assert [a == b for a, b in zip(before, hashes(served), strict=True)] == [False, True]
 
 
 def test_wide_keys_and_other_ids_and_forgeries_are_counted_and_change_nothing(
@@ -139,23 +127,6 @@ def test_one_whose_bridges_clock_was_set_back_is_not_lost(
         served.round(0.25)
     served.service.work()
     assert session.life.state is State.LOST, "now nothing comes"
-
-
-def test_what_devices_say_while_a_recording_is_played_is_to_the_bit_what_they_say_without(
-    served: Served, streams: dict[str, Stream]
-) -> None:
-    recorded, _ = lived(served, streams, boot=6)
-    with Served() as twin:
-        lived(twin, streams, boot=6)
-        _, undisturbed = lived(twin, streams, boot=7)
-    attack = map(message, twice_shuffled(recorded, np.random.default_rng(3)))
-    _, disturbed = lived(served, streams, boot=7, beside=attack)
-    for name in BOTH:
-        one, other = ([batch for batch in said if batch.device == name] for said in (undisturbed, disturbed))
-        assert columns(one) == columns(other)
-        dropped = served.service._devices[name].session.sequence.dropped.as_dict()
-        # Until the new boot's first sample came they are repeats.
-        assert dropped["old_boot"] + dropped.get("duplicate", 0) == 2 * len(streams[name])
 
 
 def test_a_recording_from_before_a_restart_does_not_begin_its_boot(streams: dict[str, Stream]) -> None:

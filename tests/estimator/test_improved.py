@@ -61,16 +61,6 @@ def test_a_rest_after_a_gap_improves_the_rates_of_the_gap(busy: Stream, accel: b
     assert np.sqrt(np.mean(score**2)) < 1.6
 
 
-def test_of_two_gaps_in_one_batch_either_is_said() -> None:
-    rng = np.random.default_rng(6)
-    gap = [swing(rng, 6.0, np.radians(90.0)) for _ in range(4)]
-    of = calibration(seed=6, after=[*gap, Still(20.0), *gap, Still(20.0)])
-    bit_by_bit = feed(DeviceSession(NAME), of.batches()).revisions
-    at_once = feed(DeviceSession(NAME), of.batches([])).revisions
-    assert [revision.reason for revision in at_once] == [revision.reason for revision in bit_by_bit]
-    assert len(at_once) > 1
-
-
 def test_without_a_gap_there_is_nothing_to_say(busy: Stream) -> None:
     device = DeviceSession(NAME, KNOBS)
     end = busy.at(busy.time[-1] - MOVED_S - RESTED_S)

@@ -6,8 +6,6 @@ from bridge.wire.refusal import Tally
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
-from estimator.service.device import Device
-from estimator.service.intake import Intake
 from estimator.service.law import EVENT, Account, Conservation, together
 from estimator.session import DeviceSession
 from tests.estimator.memory_ward import Ward
@@ -43,23 +41,6 @@ def test_what_breaks_it_is_told_when_it_is_new(account: Account, words: str) -> 
     assert law.violations == {"a": 2}
 
 
-def test_counts_are_added_up_by_how_their_labels_begin() -> None:
-    counts = Tally()
-    for label, n in (("also from a", 3), ("also from b", 4), ("gaps", 5)):
-        counts.add(label, n)
-    assert [counts.total(begin) for begin in ("", "also from ", "none")] == [12, 7, 0]
-
-
-@pytest.mark.parametrize(("decoded", "turned_away", "broken"), [(100, 0, False), (101, 0, True), (99, 0, True),
-    (110, 10, False), (110, 9, True), (110, 11, True), (100, 1, True)])  # fmt: skip
-def test_it_holds_at_the_wards_own_door(decoded: int, turned_away: int, broken: bool) -> None:
-    assert bool(Conservation().check({"a": GOOD}, decoded, turned_away)) == broken
-
-
-def test_samples_of_another_bridge_are_accounted_for() -> None:
-    assert Conservation().check({"a": Account(100, 100, 0, 100, refused=30)}, 130, 0) == {}
-
-
 def test_a_service_in_which_samples_vanish_says_so(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -87,29 +68,3 @@ def test_a_service_in_which_samples_vanish_says_so(
     ward.latest()
     assert ward.latest().events[EVENT] == 2
     assert ward.service.counts.as_dict()[EVENT] == 2
-
-
-def test_batches_that_never_reach_a_session_are_missed_by_the_ward(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    batches = once.batches()
-    ward.send(batches[:50], info(1))
-    take = Intake._take
-
-    def forgetful(self: Intake, device: Device, batch: Samples, now: float) -> None:
-        if batch.sequence != 500:
-            take(self, device, batch, now)
-
-    monkeypatch.setattr(Intake, "_take", forgetful)
-    ward.send(batches[50:60])
-    ward.latest()
-    assert "the ward: conservation law broken: 10 samples came" in caplog.text
-    assert ward.latest().events[EVENT] == 1
-
-
-def test_every_sample_is_in_the_account(ward: Ward, once: Stream) -> None:
-    batches = once.batches()
-    ward.send(batches, info(1))
-    status = ward.latest()
-    assert EVENT not in status.events
-    assert ward.service._stock._decoded == status.samples_in == len(once)

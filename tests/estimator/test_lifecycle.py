@@ -41,40 +41,6 @@ def test_a_boot_starts_over_from_anywhere(state: State) -> None:
     assert life.state is State.WARMING
 
 
-@pytest.mark.parametrize("state", [s for s in State if s not in (State.TRACKING, State.DEGRADED)])
-def test_tracking_is_reached_by_calibration_only(state: State) -> None:
-    """Or by what stands for one: a calibration restored, or kept when a new one is cancelled."""
-    ways = {event for event in Event if TABLE.get((state, event)) is State.TRACKING}
-    assert ways <= {Event.CALIBRATED, Event.RESTORED, Event.CANCEL_TO_TRACKING}
-    if state in (State.UNKNOWN, State.LOST):
-        assert ways == set()
-
-
-@pytest.mark.parametrize("gone", [Event.SILENT, Event.UNREACHABLE, Event.OUTDATED])
-@pytest.mark.parametrize("state", THERE)
-def test_a_device_that_was_away_goes_on_where_it_was(state: State, gone: Event) -> None:
-    life = at(state)
-    assert not life.on(Event.HEARD)
-    assert life.on(gone)
-    assert life.away
-    assert not life.on(gone) or gone is Event.SILENT
-    assert not life.on(Event.WARM)
-    assert life.on(Event.HEARD)
-    assert life.state is state
-    assert not life.on(Event.HEARD)
-
-
-@pytest.mark.parametrize("gone", [Event.SILENT, Event.UNREACHABLE])
-def test_what_its_last_samples_teach_while_it_is_away_holds_when_it_is_back(gone: Event) -> None:
-    life = at(State.TURNING)
-    assert life.on(gone)
-    assert life.on(Event.TURNED, "the third")
-    assert life.on(Event.CALIBRATED, "calibrated")
-    assert life.away
-    assert life.on(Event.HEARD)
-    assert (life.state, life.reason) == (State.TRACKING, "calibrated")
-
-
 @pytest.mark.parametrize("state", THERE)
 def test_a_router_that_is_gone_makes_it_unknown_not_lost(state: State) -> None:
     life = at(state)
@@ -85,35 +51,6 @@ def test_a_router_that_is_gone_makes_it_unknown_not_lost(state: State) -> None:
     assert not life.on(Event.UNREACHABLE), "what was lost before is still the last that is known"
     assert life.on(Event.HEARD)
     assert life.state is state
-
-
-@pytest.mark.parametrize("state", THERE)
-def test_one_that_speaks_with_an_old_clock_is_not_lost(state: State) -> None:
-    life = at(state)
-    assert life.on(Event.SILENT)
-    assert life.on(Event.OUTDATED)
-    assert life.state.name == "UNKNOWN"
-    assert life.on(Event.SILENT)
-    assert life.on(Event.HEARD)
-    assert life.state is state
-
-
-@pytest.mark.parametrize("away", AWAY)
-@pytest.mark.parametrize("event", [*CANCELS, Event.CHANGED, Event.DOUBTED])
-@pytest.mark.parametrize("state", THERE)
-def test_what_happens_while_it_is_away_is_so_when_it_is_heard_again(state: State, event: Event, away: State) -> None:
-    life = at(state)
-    life.state = away
-    assert life.on(event) is ((state, event) in TABLE)
-    assert life.state is away
-    assert life.on(Event.HEARD)
-    assert life.state is TABLE.get((state, event), state)
-
-
-def test_a_device_never_heard_has_nowhere_to_go_back_to() -> None:
-    life = Life()
-    assert not life.on(Event.HEARD)
-    assert life.state is State.UNKNOWN
 
 
 def test_the_table_for_people_is_the_table() -> None:

@@ -14,8 +14,7 @@ from tests.estimator.stream import NAME, calibration, feed
 NOW = 1_700_000_000 * 10**9
 
 
-@pytest.mark.parametrize("told_hz", [104.0, 100.0, 208.0, 52.0])
-@pytest.mark.parametrize("waits_s", [3.0, 20.0])
+@pytest.mark.parametrize(("told_hz", "waits_s"), [(104.0, 3.0), (100.0, 20.0), (208.0, 3.0), (52.0, 20.0)])
 def test_a_wrong_rate_is_no_wrong_scale(told_hz: float, waits_s: float) -> None:
     rng = np.random.default_rng(5)
     of = calibration(seed=5, before_s=waits_s, after=[Still(5.0)], plan=SessionPlan(turn_s=(4.0, 5.0)))

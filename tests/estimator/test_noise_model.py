@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from bridge.toml_file import ConfigError
-from estimator import noise_model
 from estimator.device_knobs import knobs_of
 from estimator.noise_model import GENERIC, NoiseModel, as_toml, load_model, shipped
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_every_file_is_a_model_of_its_name() -> None:
@@ -29,19 +26,6 @@ def test_degrees_become_radians() -> None:
     assert model.accel_noise == pytest.approx(230e-6 * 9.80665)
 
 
-def test_steps_are_those_of_the_data_sheets() -> None:
-    assert load_model("lsm9ds1").step == pytest.approx(np.full(3, radians(8.75e-3)))
-    assert load_model("mpu-6050").step == pytest.approx(np.full(3, radians(1 / 131)), rel=1e-3)
-
-
-def test_an_installed_package_has_them_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "mine.toml").write_text(
-        (ROOT / "configs/devices/generic.toml").read_text(encoding="utf-8"), encoding="utf-8"
-    )
-    monkeypatch.setattr(noise_model, "_FOLDERS", (tmp_path, tmp_path / "absent"))
-    assert list(shipped()) == ["mine"]
-
-
 def same(one: NoiseModel, other: NoiseModel) -> bool:
     pairs = ((getattr(one, f.name), getattr(other, f.name)) for f in fields(NoiseModel) if f.name != "model")
     return all(theirs is None if ours is None else ours == pytest.approx(theirs, rel=1e-3) for ours, theirs in pairs)
@@ -54,12 +38,6 @@ def test_what_is_written_reads_back(name: str, tmp_path: Path) -> None:
     assert path.read_text(encoding="utf-8").startswith("# One line.\n# And another.\n")
     assert "  # measured\n" in path.read_text(encoding="utf-8")
     assert same(load_model(path), load_model(name))
-
-
-def test_axes_may_differ(tmp_path: Path) -> None:
-    assert load_model(changed(tmp_path, "= 0.015", "= [0.01, 0.02, 3]")).arw == pytest.approx(
-        np.radians([0.01, 0.02, 3])
-    )
 
 
 def changed(tmp_path: Path, old: str, new: str) -> Path:
@@ -94,11 +72,6 @@ def test_a_wrong_file_is_refused_with_table_and_key(old: str, new: str, words: l
 def test_an_unknown_name_is_answered_with_the_nearest() -> None:
     with pytest.raises(ConfigError, match="'mpu6050'; did you mean 'mpu-6050'"):
         load_model("mpu6050")
-
-
-def test_a_file_that_is_not_there() -> None:
-    with pytest.raises(ConfigError, match="there is no such file"):
-        load_model("nowhere.toml")
 
 
 def test_the_flat_of_the_allan_deviation_counts_where_it_is_more_than_the_walk() -> None:

@@ -1,10 +1,7 @@
 """An estimator with more devices than it can follow says so, and what to do; it stays ready, and says when it is over."""
 
-import logging
-
 import pytest
 
-from bridge.wire.messages import State
 from estimator import glance
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
@@ -39,22 +36,6 @@ def test_busy_or_with_messages_that_wait_for_five_seconds(seconds: int, how: dic
     made, over_s = looked(seconds, **how)
     assert bool(over_s) is over
     assert made.busy == pytest.approx(1.0 - how.get("idle", 0.0))
-
-
-def test_it_is_over_when_it_was_not_so_for_a_while(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.INFO)
-    made, over_s = looked(20)
-    assert over_s == 16
-    for now in range(21, 21 + round(OVER_S)):
-        assert over_s
-        made.idle(1.0)
-        over_s = made.look(float(now), waited_s=0.0)
-    assert over_s == 0
-    said = [record.getMessage() for record in caplog.records]
-    assert len(said) == 2
-    assert "busy 100 %" in said[0]
-    assert "fewer devices or a lower rate" in said[0]
-    assert "again" in said[1]
 
 
 class Waiting(Before):
@@ -105,20 +86,3 @@ def test_a_slow_service_says_so_wherever_one_looks(monkeypatch: pytest.MonkeyPat
             served.service.step(0.05)
         assert OVERLOADED not in device.latest.events
         assert busy() < 0.1
-
-
-def test_a_device_whose_messages_wait_for_their_round_is_not_said_to_be_lost() -> None:
-    batches = calibration(seed=1).batches()
-    with Served() as served:
-        served.put(batches[0])
-        served.round()
-        life = served.service._devices[NAME].session.life
-        for batch in batches[1:]:
-            served.put(batch)
-        served.round(0.9)
-        while len(served.service._quotas):
-            served.round(0.9)
-            assert life.state is not State.LOST
-        for _ in range(4):
-            served.round(1.0)
-        assert life.state is State.LOST, "nothing waits any more, and nothing came"

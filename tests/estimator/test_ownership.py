@@ -33,11 +33,6 @@ def test_of_one_that_goes_only_its_own_devices_move(estimators: set[str], device
         assert before in (after, gone)
 
 
-def test_shares_are_even() -> None:
-    shares = Counter(owner(device, ("estimator-1", "estimator-2", "estimator-3")) for device in DEVICES)
-    assert all(80 <= share <= 120 for share in shares.values()), shares
-
-
 def test_shares_are_as_uneven_as_chance_and_no_more() -> None:
     wards = [[f"w{ward}-{device}" for device in DEVICES] for ward in range(100)]
     shares = np.array(

@@ -6,7 +6,7 @@ import pytest
 
 from bridge.wire import keys
 from bridge.wire.refusal import Tally
-from estimator.service.presence import MAX_BOOTS, SETTLED_S, Presence
+from estimator.service.presence import SETTLED_S, Presence
 
 BRIDGE = keys.build("w", "alive/bridge", bridge="b")
 OLD, NEW = (keys.build("w", "alive/device", device="wrist", boot=keys.boot_id(boot)) for boot in (1, 2))
@@ -71,16 +71,3 @@ def test_without_a_router_nothing_is_known() -> None:
     presence.change(BRIDGE, True)
     presence.note(2.0)
     assert presence.words("wrist", 1, "b") == ""
-
-
-def test_what_is_no_token_is_counted_and_boots_are_forgotten() -> None:
-    counts = Tally()
-    presence = Presence(counts)
-    presence.change("truerate/@v1/w/alive/device/wrist/*", True)
-    for boot in range(3 * MAX_BOOTS):
-        presence.change(keys.build("w", "alive/device", device="wrist", boot=keys.boot_id(boot)), False)
-    presence.change(BRIDGE, True)
-    presence.note(0.0)
-    assert counts.as_dict() == {"tokens refused, wildcard_key": 1}
-    assert not gone(presence, 0, 100.0)
-    assert gone(presence, 3 * MAX_BOOTS - 1, 100.0)

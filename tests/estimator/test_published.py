@@ -114,11 +114,6 @@ def test_any_status_is_made_fit(
     assert sum(fit.events.values()) == labels * (labels + 1) // 2 + 3 + 2**64 - 1
 
 
-def test_a_plain_status_is_left_as_it_is() -> None:
-    status = DeviceSession(NAME).status(5)
-    assert published.status(status) is status
-
-
 @pytest.mark.parametrize("scale", [3.0, np.inf, np.nan])
 def test_a_rate_that_cannot_be_is_said_as_clipped(scale: float) -> None:
     (batch,) = stream([], 3.0).part(0, 20).batches([])
@@ -164,39 +159,3 @@ def test_any_revision_is_made_fit_or_not_said(said: BiasRevision) -> None:
     fit = published.revision(said)
     if fit is not None:
         assert 2 <= len(codec.decode_revision(REVISION, codec.encode_revision(fit))) <= len(said)
-
-
-def test_of_a_revision_only_points_that_cannot_be_are_left_out() -> None:
-    plain = revision()
-    fit = published.revision(plain)
-    assert fit is not None
-    assert codec.encode_revision(fit) == codec.encode_revision(plain)
-    bias = np.zeros((5, 3), np.float32)
-    bias[1, 2] = np.nan
-    five = revision(
-        sequences=np.array([1, 2, 3, 4, 5], np.uint64),
-        times_ns=np.array([10, 20, 30, 30, 50], np.int64),
-        bias=bias,
-        bias_std=np.ones((5, 3), np.float32),
-    )
-    fit = published.revision(five)
-    assert fit is not None
-    assert fit.sequences.tolist() == [1, 3, 5]
-    assert fit.times_ns.tolist() == [10, 30, 50]
-
-
-def test_a_revision_of_a_whole_night_is_thinned_and_keeps_its_ends() -> None:
-    n = 30_000
-    night = revision(
-        sequences=np.arange(n, dtype=np.uint64) * np.uint64(100),
-        times_ns=np.arange(n, dtype=np.int64) * 10**9,
-        bias=np.linspace([0, 0, 0], [1, 2, 3], n, dtype=np.float32),
-        bias_std=np.ones((n, 3), np.float32),
-    )
-    fit = published.revision(night)
-    assert fit is not None
-    short = codec.decode_revision(REVISION, codec.encode_revision(fit))
-    assert len(short) == codec.MAX_POINTS
-    assert (short.sequences[[0, -1]] == night.sequences[[0, -1]]).all()
-    assert np.ptp(np.diff(short.times_ns)) <= 10**9
-    np.testing.assert_allclose(np.interp(night.times_ns, short.times_ns, short.bias[:, 1]), night.bias[:, 1], atol=1e-6)

@@ -33,15 +33,6 @@ def test_each_key_keeps_its_order_and_nothing_is_dropped_within_the_quota() -> N
     assert dropped == []
 
 
-def test_a_round_takes_a_share_of_each_key() -> None:
-    quotas = Quotas(lambda *_: None)
-    out = quotas.round([*(message("flood", n) for n in range(1000)), message("calm", 1)])
-    assert [m.key for m in out].count("flood") == SHARE
-    assert message("calm", 1) in out
-    assert "flood" in quotas
-    assert "calm" not in quotas
-
-
 def test_a_round_is_bounded_and_all_keys_have_their_turn() -> None:
     quotas = Quotas(lambda *_: None)
     keys_ = [f"d{n}" for n in range(200)]
@@ -51,14 +42,6 @@ def test_a_round_is_bounded_and_all_keys_have_their_turn() -> None:
     second = {m.key for m in quotas.round([message(key, SHARE) for key in first])}
     assert not first & second, "those that waited come before those that had their turn"
     assert len(out) + len(second) * SHARE + len(rounds(quotas)) == 200 * SHARE + len(first)
-
-
-def test_large_messages_count_by_their_bytes() -> None:
-    quotas = Quotas(lambda *_: None)
-    quotas.round([message("large", n, SHARE_BYTES // 2) for n in range(10)])
-    assert len(quotas) == 8
-    quotas.round([message("larger", n, 2 * SHARE_BYTES) for n in range(3)])
-    assert len(quotas) == 8 - 2 + 2
 
 
 def test_above_the_quota_the_oldest_are_dropped_and_counted() -> None:

@@ -63,10 +63,6 @@ def test_a_checkpoint_with_a_damaged_state_changes_nothing() -> None:
         assert there.session.boot is None
 
 
-def test_nothing_is_said_of_a_device_without_a_boot() -> None:
-    assert checkpoint_of(Device(Kept(), "w", NAME, SessionKnobs(), 2.0, 0.0), NOW_NS) is None
-
-
 def test_a_later_turn_is_not_undone_by_an_earlier_one_that_speaks_later() -> None:
     device, _ = calibrated()
     said = checkpoint_of(device, NOW_NS)
@@ -90,17 +86,6 @@ def test_a_calibration_said_late_is_not_of_a_boot_whose_number_came_again() -> N
     assert not replicas.repeated(NAME, 1)
 
 
-def test_a_calibration_said_late_is_not_forgotten_for_a_later_turn_without_one() -> None:
-    device, _ = calibrated()
-    said = checkpoint_of(device, NOW_NS)
-    assert said is not None
-    replicas = Replicas(10)
-    replicas.note(replace(said, epoch=9, calibration=None))
-    assert replicas.calibration(NAME, 1) is None
-    replicas.note(replace(said, epoch=8))
-    assert replicas.calibration(NAME, 1) is said.calibration
-
-
 def test_a_calibration_of_another_boot_is_a_prior_under_its_key_and_no_more() -> None:
     device, _ = calibrated()
     said = checkpoint_of(device, NOW_NS)
@@ -111,28 +96,3 @@ def test_a_calibration_of_another_boot_is_a_prior_under_its_key_and_no_more() ->
     assert replicas.prior(info(1)) is None
     assert replicas.prior(info(2)) is said.calibration
     assert replicas.prior(info(2, firmware="2.0")) is None
-
-
-def test_devices_are_bounded() -> None:
-    device, _ = calibrated()
-    said = checkpoint_of(device, NOW_NS)
-    assert said is not None
-    replicas = Replicas(2)
-    for name in "abc":
-        replicas.note(replace(said, device=name))
-    assert [replicas.bridge(name) for name in "abc"] == ["", said.bridge, said.bridge]
-    nothing = Replicas(0)
-    nothing.note(said)
-    assert nothing.calibration(NAME, 1) is None
-
-
-def test_where_the_clock_of_who_has_a_device_was_set_back_what_it_says_then_counts() -> None:
-    device, _ = calibrated()
-    said = checkpoint_of(device, NOW_NS)
-    assert said is not None
-    assert said.calibration is not None
-    again = replace(said.calibration, id="calibrated-again")
-    replicas = Replicas(10)
-    replicas.note(said)
-    replicas.note(replace(said, time_ns=NOW_NS - 3600 * 10**9, calibration=again))
-    assert replicas.calibration(NAME, 1) is again

@@ -11,11 +11,8 @@ import pytest
 from bridge.sim.motion import Still
 from bridge.wire.messages import Calibration, Quality, SampleBatch, State
 from estimator import history
-from estimator.remembered import Remembered
-from estimator.restore import changed
 from estimator.service.record import SCRATCH
 from estimator.session import DeviceSession
-from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, calibration, feed, info
 
@@ -78,29 +75,6 @@ def test_another_device_under_the_name_begins_from_scratch_and_it_is_said(
     assert "from scratch" not in ward.latest().reason
 
 
-@pytest.mark.parametrize(("other", "words"), OTHERS)
-def test_a_device_that_changes_within_a_boot_begins_from_scratch(
-    ward: Ward, once: Stream, other: dict[str, Any], words: str
-) -> None:
-    first = replace(info(1), has_clock=other.get("has_clock", True))
-    batches = once.batches()
-    ward.send(batches[:-80], first)
-    assert ward.latest().quality is Quality.GOOD
-    list(ward.subscriber)
-    ward.send(batches[-80:-40], replace(first, **other))
-    after = list(ward.subscriber)
-    assert {b.quality for b in after} <= {Quality.NONE, Quality.BIAS_ONLY}
-    assert sum(map(len, after)) == 400, "its samples go on"
-    status = ward.latest()
-    assert status.state in (State.AWAITING_STILL, State.BIAS_ONLY)
-    assert words in status.reason
-    assert len(scratched(ward)) == 1
-    restart(ward)
-    ward.send(batches[-40:])
-    assert ward.latest().quality in (Quality.NONE, Quality.BIAS_ONLY)
-    assert words in ward.latest().reason
-
-
 def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_either(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -128,74 +102,6 @@ def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_eithe
     assert ward.latest().calibration == made.id
 
 
-def test_that_a_boot_number_came_again_is_kept_once_the_store_works(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now = [1000.0]
-    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
-    ward.send(once.batches(), info(1))
-    again = an_hour_later(calibration(seed=2, before_s=20.0).batches())
-    with full_disk():
-        for batch in again[:70]:
-            ward.send([batch])
-            now[0] += 0.1
-        assert ward.service._devices[NAME].repeated is not None
-    ward.latest()
-    for batch in again[70:140]:
-        ward.send([batch])
-        now[0] += 0.1
-        ward.latest()
-    assert [row["verb"] for row in history.read(ward.store, NAME).commands] == ["boot number repeated"]
-    list(ward.subscriber)
-    restart(ward)
-    ward.send(again[140:170])
-    assert Quality.GOOD not in {batch.quality for batch in ward.subscriber}
-
-
-def test_a_calibration_made_while_it_could_not_be_kept_that_a_boot_number_came_again_holds(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now = [1000.0]
-    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
-    ward.send(once.batches(), info(1))
-    again = an_hour_later(calibration(seed=2, before_s=20.0).batches())
-    with full_disk():
-        for batch in again:
-            ward.send([batch])
-            now[0] += 0.1
-        device = ward.service._devices[NAME]
-        made = device.session.calibration
-    assert made is not None
-    ward.service._record.checkpoint(device, now[0], force=True)  # it may be kept before that is
-    for _ in range(4):
-        now[0] += 6.0
-        ward.latest()
-    assert history.read(ward.store, NAME).calibrations[-1].id == made.id
-    restart(ward)
-    ward.send(again[-1:])
-    assert ward.latest().calibration == made.id
-
-
-def test_a_device_with_a_clock_may_be_told_another_rate(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    list(ward.subscriber)
-    ward.send(second(once)[:30], replace(info(2), rate_hz=208.0))
-    assert {b.quality for b in ward.subscriber} <= {Quality.PRIOR, Quality.BIAS_ONLY}
-    assert "scratch" not in ward.latest().reason
-    assert scratched(ward) == []
-
-
-def test_what_was_not_known_has_not_changed() -> None:
-    session = DeviceSession(NAME)
-    session.info = info(1)
-    feed(session, calibration(seed=1).batches())
-    made = session.calibration
-    assert made is not None
-    assert changed(replace(made, firmware=""), info(1), within_boot=True) == ""
-    assert changed(made, replace(info(1), firmware="", gyro_range=0.0), within_boot=True) == ""
-    assert "its firmware is 1.0, was not known" in changed(replace(made, firmware=""), info(1))
-
-
 def test_after_a_reboot_the_scale_is_a_prior_and_the_bias_as_wide_as_from_power_up_to_power_up(
     ward: Ward, once: Stream
 ) -> None:
@@ -208,57 +114,11 @@ def test_after_a_reboot_the_scale_is_a_prior_and_the_bias_as_wide_as_from_power_
     assert np.all(last.bias_std >= 0.99 * wide * np.diag(before.matrix))
 
 
-def test_what_held_over_earlier_boots_is_believed_more(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    (made,) = ward.store.calibrations(NAME)
-    stds = []
-    for boot in (2, 3, 4):
-        ward.send([replace(batch, boot=boot) for batch in second(once)[:6]], info(boot))
-        session = ward.service._devices[NAME].session
-        stds.append(session.applied.model.scale_std.max())
-        assert session.tracker._model.scale_std.max() == stds[-1], "by whom gravity is judged"
-        ward.store.add_calibration(replace(made, id=f"c{boot}", boot=boot))
-    prior = ward.service._devices[NAME].session.knobs.prior
-    np.testing.assert_allclose(stds, prior.scale_std / np.sqrt([1, 4, 7]), rtol=1e-3)
-
-
 def calibrated(batches: list[SampleBatch]) -> tuple[Calibration, DeviceSession]:
     device = DeviceSession(NAME)
     feed(device, batches)
     assert device.calibration is not None
     return device.calibration, device
-
-
-def test_what_is_known_of_earlier_boots_only_after_a_calibration_or_a_rest_changes_neither(once: Stream) -> None:
-    """It is looked up while samples go on, or again as the device is told another rate."""
-    batches = once.batches()
-    made, device = calibrated(batches)
-    adopted = DeviceSession(NAME)
-    feed(adopted, batches[: once.at(6.0) // 10], Remembered(replace(made, boot=7), None))
-    assert adopted.applied.quality is Quality.BIAS_ONLY
-    before = adopted.tracker.state
-    adopted.moves(0.01)
-    np.testing.assert_array_equal(adopted.tracker.bias, before.bias)
-    np.testing.assert_array_equal(adopted.tracker.state.bias_cov, before.bias_cov)
-    assert adopted.applied.model.scale_std.max() < 0.02
-    adopted.adopt(Remembered(made, device.checkpoint()), made)
-    applied = adopted.applied
-    assert (applied.quality, applied.calibration) == (Quality.GOOD, made.id)
-    adopted.moves(0.5)
-    assert adopted.applied.same(applied)
-
-
-def test_a_scale_that_is_heard_of_after_the_first_rest_is_what_gravity_is_turned_by(once: Stream) -> None:
-    batches = once.batches()
-    made, _ = calibrated(batches)
-    late = DeviceSession(NAME)
-    feed(late, batches[: once.at(6.0) // 10])
-    before = late.tracker.state
-    late.believe(replace(made, boot=7))
-    late.moves(0.01)
-    np.testing.assert_array_equal(late.tracker._model.matrix, made.matrix)
-    np.testing.assert_array_equal(late.tracker.state.bias_cov, before.bias_cov)
-    np.testing.assert_array_equal(late.tracker.bias, before.bias)
 
 
 def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
@@ -275,39 +135,6 @@ def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
         assert first.quality is (Quality.DEGRADED if doubted else Quality.GOOD)
         assert status.state is (State.DEGRADED if doubted else State.TRACKING)
         assert ("in doubt when the estimator was restarted" in status.reason) is doubted
-
-
-@pytest.mark.parametrize("doubt", ["", "a jump"])
-def test_the_bias_of_a_boot_without_a_calibration_goes_on(ward: Ward, once: Stream, doubt: str) -> None:
-    batches = once.batches()
-    upto = once.at(6.0) // 10
-    ward.send(batches[:upto], info(1))
-    session = ward.service._devices[NAME].session
-    assert session.status(1).quality is Quality.BIAS_ONLY
-    session.tracker.doubt.why = doubt
-    ward.service._record.checkpoint(ward.service._devices[NAME], 0.0, force=True)
-    list(ward.subscriber)
-    restart(ward)
-    ward.send(batches[upto : upto + 2])
-    last = list(ward.subscriber)[-1]
-    assert last.quality is (Quality.NONE if doubt else Quality.BIAS_ONLY)
-    np.testing.assert_allclose(last.bias, session.tracker.bias, atol=np.radians(0.02))
-
-
-def test_a_calibration_of_a_time_to_come_is_used_where_there_is_no_other_and_it_is_said(
-    ward: Ward, once: Stream, caplog: pytest.LogCaptureFixture
-) -> None:
-    of_boot_1 = DeviceSession(NAME)
-    of_boot_1.info = info(1)
-    feed(of_boot_1, once.batches(boot=1))
-    made = of_boot_1.calibration
-    assert made is not None
-    ward.store.add_calibration(replace(made, time_ns=4_070_908_800 * 10**9))
-    ward.send(second(once)[:30], info(2))
-    status = ward.latest()
-    assert status.quality is Quality.PRIOR
-    assert status.events["calibration of a time to come"] == 1
-    assert "the clock was wrong then, or is wrong now" in caplog.text
 
 
 def test_an_estimator_that_is_stopped_and_started_goes_on_to_the_bit(tmp_path: Path, once: Stream) -> None:

@@ -66,26 +66,3 @@ def test_a_warming_device_is_gone_on_with_as_surely_as_said(
     """Its thermometer's average is behind; begun anew it was not: up to 4 standard deviations (make bench-faults)."""
     assert np.mean([surprise(*life) for life in lives]) < 0.6
     assert np.mean([surprise(of, device, replace(kept, lag_k=0.0)) for of, device, kept in lives]) > 1.0
-
-
-def test_what_was_restored_and_is_not_reached_yet_is_kept_with_its_lag(
-    lives: list[tuple[Stream, DeviceSession, BiasState]],
-) -> None:
-    of, device, kept = lives[0]
-    assert kept.lag_k > 0.3
-    again, batch = DeviceSession(NAME), of.batches()[of.at(kept.time - _AGAIN_S) // 10]
-    again.begin_boot(
-        1, float(batch.device_time[0]), Remembered(device.calibration, kept), None, Samples.of(batch).celsius
-    )
-    feed(again, [batch])
-    found = again.checkpoint()
-    assert found is not None
-    assert found.lag_k == kept.lag_k
-
-
-def test_who_wears_it_and_is_never_quite_still_is_no_reason_for_doubt() -> None:
-    """One of thirty was doubted for what a few quiet seconds had said alike."""
-    of, device = worn(124, 120.0), DeviceSession(NAME)
-    said = feed(device, of.batches()).said
-    assert any("TRACKING" in words for words in said)
-    assert not any("DEGRADED" in words for words in said)

@@ -1,21 +1,19 @@
 """A store that is kept for years does not grow without end, and teaches what it taught."""
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bridge.sim.motion import Still
 from bridge.wire import keys
 from estimator import history
 from estimator.service.record import THIN_S
-from estimator.service.retention import ALL_NS, BOOTS, DAY_NS, HOUR_NS, HOURLY_NS, KEPT_AUDIT, KEPT_BOOTS, POINTS
+from estimator.service.retention import ALL_NS, BOOTS, DAY_NS, HOUR_NS, HOURLY_NS, KEPT_BOOTS, POINTS
 from estimator.service.store import Store
 from estimator.track.bias_filter import BiasState
 from tests.estimator.memory_ward import Ward
-from tests.estimator.stream import NAME, calibration, info
+from tests.estimator.stream import NAME, info
 from tests.estimator.test_correction import CALIBRATION
 
 MINUTE_NS = 60 * 10**9
@@ -67,12 +65,6 @@ def test_what_a_law_is_learnt_from_is_not_thinned_and_each_boots_end_stays(store
     assert POINTS < lengths[keys.boot_id(boots)] < POINTS + 10
 
 
-def test_what_is_new_stays_as_it_is(store: Store) -> None:
-    fill(store, 2, 400, NOW_NS)
-    store.thin(NAME, NOW_NS + 5 * DAY_NS)
-    assert [len(of.time_ns) for of in history.read(store, NAME).biases] == [400, 400]
-
-
 def test_a_device_that_starts_anew_every_minute_fills_no_store(store: Store) -> None:
     more = 200
     store.add_calibration(replace(CALIBRATION, boot=7))
@@ -91,18 +83,6 @@ def test_a_device_that_starts_anew_every_minute_fills_no_store(store: Store) -> 
     assert store.recall(NAME, 7, NOW_NS) is not None
 
 
-def test_an_audit_keeps_the_latest_of_each_device(store: Store) -> None:
-    store.add_audit(1, "other", "note", "o", "nurse", "", "noted", accepted=True)
-    with store.database.transaction():
-        for n in range(KEPT_AUDIT + 50):
-            store.add_audit(n, NAME, "note", f"r{n}", "nurse", "", "noted", accepted=True)
-    store.thin(NAME, NOW_NS)
-    assert [row["time_ns"] for row in store.database.rows("audit", "device = ?", (NAME,))] == [
-        *range(50, KEPT_AUDIT + 50)
-    ]
-    assert store.answer("other", "note", "o") is not None
-
-
 def test_the_service_thins_and_backs_up_once_a_day(tmp_path: Path) -> None:
     ward = Ward(tmp_path)
     fill(ward.store, 2 * BOOTS, POINTS + 60, ward.now_ns - 60 * DAY_NS)
@@ -117,29 +97,4 @@ def test_the_service_thins_and_backs_up_once_a_day(tmp_path: Path) -> None:
     assert len(ward.store.database.rows("bias_history")) == more
     record.tend(THIN_S)
     assert len(ward.store.database.rows("bias_history")) < more
-    ward.kill()
-
-
-def test_a_silent_device_adds_nothing_to_its_history(tmp_path: Path) -> None:
-    """A law was taught the same point sixty times an hour, and a picture showed a bias that nobody had seen."""
-    ward, of = Ward(tmp_path), calibration(seed=1, after=[Still(4.0)]).batches()
-    ward.send(of[:-20], info(1))
-    record, device = ward.service._record, ward.service._devices[NAME]
-
-    def points() -> int:
-        return len(ward.store.database.rows("bias_history"))
-
-    (made,) = ward.store.calibrations(NAME)
-    before = points()  # on a slow machine one of before the calibration, too
-    assert before in {1, 2}
-    assert made.id == device.session.calibration.id  # type: ignore[union-attr]
-    now = time.monotonic()
-    for minute in (2, 3, 4):
-        ward.now_ns += 60 * 10**9
-        record.checkpoint(device, now + 60 * minute)
-    assert points() == before + 1, "what came after the calibration is news, once"
-    ward.send(of[-20:])
-    device.heard = now + 300
-    record.checkpoint(device, now + 301)
-    assert points() == before + 2
     ward.kill()

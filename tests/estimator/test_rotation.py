@@ -34,12 +34,6 @@ def test_a_sample_holds_over_the_interval_that_ends_at_it() -> None:
     np.testing.assert_array_equal(rotation.intervals(np.array([1.0])), [0.0])
 
 
-def test_angle_between() -> None:
-    assert rotation.angle_between(np.array([1.0, 0, 0]), np.array([0, 2.0, 0])) == pytest.approx(np.pi / 2)
-    assert rotation.angle_between(np.array([1.0, 0, 0]), np.array([1.0, 1e-9, 0])) == pytest.approx(1e-9)
-    assert rotation.angle_between(np.array([1.0, 0, 0]), np.array([-3.0, 0, 0])) == pytest.approx(np.pi)
-
-
 def one_by_one(rate: Floats, dt: Floats) -> Floats:
     result, attitude = [np.eye(3)], np.eye(3)
     for step in Rotation.from_rotvec(rate * dt[:, None]).as_matrix():
@@ -55,21 +49,6 @@ def test_attitudes_are_those_of_products_one_by_one(n: int) -> None:
     np.testing.assert_allclose(rotation.attitudes(rate, dt), one_by_one(rate, dt), atol=1e-12, rtol=0)
 
 
-def test_steps_of_any_size_and_none() -> None:
-    rate = np.array([[0, 0, 0], [1e-12, 0, 0], [0, 1e-7, 0], [3.1, 0, 0], [0, 0, -9.0], [20.0, 1.0, 2.0]])
-    np.testing.assert_allclose(rotation.attitudes(rate, np.ones(6)), one_by_one(rate, np.ones(6)), atol=1e-12, rtol=0)
-    np.testing.assert_array_equal(rotation.attitudes(np.zeros((0, 3)), np.zeros(0)), [np.eye(3)])
-
-
-def test_turns_side_by_side_are_turns_alone() -> None:
-    rng = np.random.default_rng(1)
-    rate, dt = rng.normal(0, 3, (2, 3, 100, 3)), rng.uniform(0.005, 0.02, (2, 3, 100))
-    together = rotation.attitudes(rate, dt)
-    assert together.shape == (2, 3, 101, 3, 3)
-    np.testing.assert_allclose(together[1, 2], rotation.attitudes(rate[1, 2], dt[1, 2]), atol=1e-14, rtol=0)
-    np.testing.assert_allclose(rotation.log(together)[1, 2, 50], rotation.log(together[1, 2, 50]), atol=1e-15)
-
-
 def test_coned_steps_are_mean_rates_whose_direction_changes() -> None:
     """A rate that turns evenly in a plane, read as means over long intervals: third order against first."""
     fine = np.arange(64 * 20) / (64 * 20)
@@ -82,8 +61,3 @@ def test_coned_steps_are_mean_rates_whose_direction_changes() -> None:
         return float(np.linalg.norm(rotation.log(rotation.chained(used)[-1].T @ true)))
 
     assert off(rotation.coned(steps)) < off(steps) / 10
-
-
-def test_the_cross_matrix_is_the_cross_product() -> None:
-    a, b = np.random.default_rng(2).normal(size=(2, 5, 3))
-    np.testing.assert_allclose((rotation.cross_matrix(a) @ b[..., None])[..., 0], np.cross(a, b), atol=1e-15)

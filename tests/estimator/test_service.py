@@ -14,10 +14,8 @@ from bridge.wire.messages import Note, Quality, State, Verdict
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
-from estimator.service.overload import UNKEPT
 from estimator.session import DeviceSession
 from tests.estimator.client.test_revision import revision
-from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
 
@@ -72,23 +70,6 @@ def test_a_reboot_asks_for_a_recalibration(ward: Ward, once: Stream, other_boot:
     assert status.samples_in == status.samples_out + sum(status.dropped.values())
 
 
-@pytest.mark.parametrize("change", ["firmware", "model"])
-def test_other_hardware_under_the_same_name_has_no_prior(ward: Ward, once: Stream, change: str) -> None:
-    ward.send(once.batches(), info(1))
-    list(ward.subscriber)
-    ward.send(once.batches(boot=2)[:15], replace(info(2), **{change: "other"}))  # type: ignore[arg-type]
-    assert {b.quality for b in ward.subscriber} == {Quality.NONE}
-
-
-def test_a_prior_is_believed_when_the_info_comes_after_the_samples(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    again = once.batches(boot=2)
-    ward.send(again[:5])
-    list(ward.subscriber)
-    ward.send(again[5:15], info(2))
-    assert {b.quality for b in ward.subscriber} == {Quality.PRIOR}
-
-
 def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) -> None:
     upto = once.at(once.time[-1] - 0.5) // 10
     batches = once.batches()
@@ -106,37 +87,6 @@ def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) ->
     numbers = np.concatenate([b.sequence + np.arange(len(b)) for b in before + after])
     np.testing.assert_array_equal(numbers, np.arange(len(once)))
     assert ward.subscriber.repeated > 0, "the cached samples were corrected again"
-
-
-@pytest.mark.parametrize("seconds", [1.0, 40.0], ids=["no bias known", "calibrated"])
-def test_restarted_when_the_clock_was_set_back_its_rates_are_listened_to_at_once(
-    ward: Ward, once: Stream, seconds: float
-) -> None:
-    upto = once.at(min(seconds, once.time[-1] - 0.5)) // 10
-    batches = once.batches()
-    ward.send(batches[:upto], info(1))
-    before = list(ward.subscriber)
-    ward.kill()
-    ward.now_ns -= 3_600_000_000_000
-    ward.start()
-    ward.send(batches[upto:])
-    after = list(ward.subscriber)
-    assert sum(map(len, before + after)) == len(once)
-    assert after[-1].epoch > before[-1].epoch
-
-
-def test_a_store_that_fails_is_counted_and_gone_on_without(
-    ward: Ward, once: Stream, caplog: pytest.LogCaptureFixture
-) -> None:
-    with full_disk():
-        ward.send(once.batches(), info(1))
-        assert list(ward.subscriber)[-1].quality is Quality.GOOD
-        assert ward.latest().events[UNKEPT] == 1
-        assert ward.service.counts.as_dict()["store failed"] >= 2
-        assert caplog.text.count("goes on from memory") == 1, "the first is told aloud, the others counted"
-        assert ward.command(lambda: ward.client.recalibrate(NAME, "nurse")).accepted
-    ward.settle()
-    assert ward.store.calibrations(NAME)
 
 
 def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,26 +209,6 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     ward.service._devices[NAME].heard -= 1200.0
     later = ward.latest()
     assert (later.state, later.reason[:25]) == (State.LOST, "no samples for 20 minutes")
-
-
-def test_who_was_lost_before_the_router_went_is_lost_for_as_long_when_it_is_back(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    device = ward.service._devices[NAME]
-    device.heard -= 600.0
-    assert ward.latest().reason == "no samples for 10 minutes"
-    ward.broker.stop()
-    for _ in range(3):
-        ward.service._every_second(time.monotonic())
-    ward.broker.start()
-    again = ward.latest()
-    assert again.reason.startswith("no samples for 10 minutes: its bridge bridge has not shown itself since the router")
-
-
-def test_what_is_known_of_a_silent_device_grows_old(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    before = ward.latest().evidence_age_s
-    ward.service._devices[NAME].heard -= 600.0
-    assert ward.latest().evidence_age_s == pytest.approx(before + 600.0, abs=30.0)
 
 
 def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> None:

@@ -48,14 +48,6 @@ def test_a_lone_spike_is_mended_wherever_it_is_and_the_window_is_still(
     assert [w.end for w in one_by_one] == [w.end for w in found]
 
 
-def test_one_that_was_mended_is_no_longer_clipped() -> None:
-    spiked, clipped = quiet(), np.zeros(N, bool)
-    spiked[100] = 35.0
-    clipped[[100, 150]] = True
-    found = windows(spiked, clipped)
-    assert np.flatnonzero(np.concatenate([w.clipped for w in found])).tolist() == [150]
-
-
 @pytest.mark.parametrize("place", range(60, 74))
 def test_two_in_a_row_are_no_spike(place: int) -> None:
     gyro = quiet()
@@ -64,30 +56,3 @@ def test_two_in_a_row_are_no_spike(place: int) -> None:
     assert not any(w.spikes for w in found)
     assert not all(w.still for w in found)
     np.testing.assert_array_equal(np.concatenate([w.gyro for w in found]), gyro[: found[-1].end])
-
-
-def test_the_rough_of_a_movement_is_not_smoothed() -> None:
-    rough = np.radians(200.0) * np.random.default_rng(1).normal(size=(N, 3))
-    assert not any(w.spikes for w in windows(rough))
-
-
-def test_a_tap_is_felt() -> None:
-    gyro = quiet()
-    gyro[100] += np.radians(140.0)  # in one reading at 286 Hz, the hardest of BROAD's trial 24
-    found = windows(gyro)
-    assert not any(w.spikes for w in found)
-    assert not all(w.still for w in found)
-
-
-def test_a_turn_that_begins_at_once_is_none() -> None:
-    gyro = quiet()
-    gyro[100:, 2] += np.radians(300.0)
-    assert not any(w.spikes for w in windows(gyro))
-
-
-def test_behind_a_gap_a_reading_has_no_neighbour() -> None:
-    gyro, time = quiet(), np.arange(1, N + 1) / RATE_HZ
-    edge = windows(gyro)[4].end
-    gyro[edge] += np.radians(300.0)
-    time[edge:] += 3.0
-    assert not any(w.spikes for w in Stillness().feed(time, gyro, None))

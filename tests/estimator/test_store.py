@@ -57,16 +57,6 @@ def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
     assert (got.time, got.temperature_c, got.powered, got.lag_k) == (123.456, 31.5, 30.0, 0.5)
 
 
-def test_an_unknown_temperature_and_power_up_stay_unknown(store: Store) -> None:
-    store.add_calibration(GOOD)
-    store.save_bias(NAME, 1, 5, BiasState(BIAS.x, BIAS.P, 1.0), history=True)
-    remembered = store.recall(NAME, 1, 0)
-    assert remembered is not None
-    assert remembered.bias is not None
-    assert np.isnan(remembered.bias.temperature_c)
-    assert remembered.bias.powered == -np.inf
-
-
 @pytest.mark.parametrize("by", ["", GOOD.id])
 def test_a_doubt_of_before_a_calibration_tells_nothing_of_it(by: str, store: Store) -> None:
     store.add_calibration(GOOD)
@@ -75,12 +65,6 @@ def test_a_doubt_of_before_a_calibration_tells_nothing_of_it(by: str, store: Sto
     assert remembered is not None
     assert remembered.doubted == bool(by)
     assert (remembered.bias is None) == (not by), "what was doubted is not gone on with"
-
-
-def test_nothing_is_remembered_of_another_boot_or_device(store: Store) -> None:
-    store.add_calibration(GOOD)
-    assert store.recall(NAME, 2, 0) is None
-    assert store.recall("other", 1, 0) is None
 
 
 @pytest.mark.parametrize("later_ns", [-AHEAD_NS, 5], ids=["clock set back", "later"])
@@ -145,47 +129,6 @@ def test_of_earlier_boots_of_the_same_hardware_the_last_calibrations_come_in_the
     assert store.earlier(replace(info(boot=5), device="other")) == []
 
 
-def test_what_was_calibrated_while_the_clock_was_behind_is_not_undone_when_it_is_right_again(store: Store) -> None:
-    for name, time_ns in (("before", 50), ("again", 40)):
-        store.add_calibration(replace(GOOD, id=name, time_ns=time_ns))
-    for now_ns in (45, 100):
-        remembered = store.recall(NAME, 1, now_ns)
-        assert remembered is not None
-        assert remembered.calibration is not None
-        assert remembered.calibration.id == "again"
-    assert same(store.prior(info(boot=9)), replace(GOOD, id="again"))
-
-
-def test_a_time_that_lies_ahead_is_no_reason_to_prefer_a_calibration(store: Store) -> None:
-    for n, time_ns in enumerate((5, AHEAD_NS, 20, 30), 1):
-        store.add_calibration(replace(GOOD, id=f"c{n}", boot=n, time_ns=time_ns))
-    assert same(store.prior(info(boot=9)), replace(GOOD, id="c4", boot=4))
-    assert same(store.latest(NAME), replace(GOOD, id="c4", boot=4))
-    store.add_calibration(replace(GOOD, id="c5", boot=2, time_ns=40))
-    remembered = store.recall(NAME, 2, 100)
-    assert remembered is not None
-    assert same(remembered.calibration, replace(GOOD, id="c5", boot=2))
-    store.add_calibration(replace(GOOD, id="c6", boot=2, time_ns=AHEAD_NS))
-    remembered = store.recall(NAME, 2, 100)
-    assert remembered is not None
-    assert same(remembered.calibration, replace(GOOD, id="c6", boot=2)), "it was written last"
-
-
-def test_one_of_long_ago_is_found_behind_many(store: Store) -> None:
-    made = [
-        replace(GOOD, id=f"c{n}", boot=100 + n, time_ns=1000 + n, firmware="1.0" if n == 3 else "2.0")
-        for n in range(40)
-    ]
-    for c in made:
-        store.add_calibration(c)
-    remembered = store.recall(NAME, 107, 0)
-    assert remembered is not None
-    assert same(remembered.calibration, made[7])
-    assert same(store.prior(replace(info(500), firmware="1.0")), made[3])
-    assert same(store.latest(NAME), made[39])
-    assert store.recall(NAME, 500, 0) is None
-
-
 def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
     assert store.answer(NAME, "recalibrate", "r1") is None
     store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", "done", accepted=True)
@@ -193,14 +136,6 @@ def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
     assert store.answer(NAME, "recalibrate", "r1") == (True, "done")
     assert store.answer(NAME, "cancel", "r2") == (False, "nothing to cancel")
     assert store.answer(NAME, "cancel", "r1") is store.answer("other", "recalibrate", "r1") is None
-
-
-def test_the_highest_epoch_is_kept(store: Store) -> None:
-    assert store.epoch() == 0
-    for epoch in (7, 2**50):
-        store.save_epoch(epoch)
-        assert store.epoch() == epoch
-    assert store.devices() == []
 
 
 def test_calibrations_are_only_appended_and_the_latest_bias_is_one(store: Store) -> None:
@@ -225,19 +160,3 @@ def test_calibrations_are_only_appended_and_the_latest_bias_is_one(store: Store)
     assert (remembered.calibration.id, remembered.calibration.boot) == ("c2", boot)
     assert remembered.bias is not None
     assert remembered.bias.time == 4.0
-
-
-def test_what_a_device_is_may_be_known_only_later_in_its_boot(store: Store) -> None:
-    """Else what it taught of temperature is looked for in vain, by who knows its firmware from the first."""
-    first, wider = replace(info(7), firmware="", model=""), replace(info(7), gyro_range=99.0)
-    store.add_boot(first, 5)
-    store.add_boot(info(7), 9)
-    store.add_boot(first, 11)  # as a bridge that was restarted says it
-    store.add_boot(wider, 12)  # what it taught was taught in the range that it had
-    (row,) = store.database.rows("boots")
-    assert (row["firmware"], row["model"], row["gyro_range"]) == ("1.0", info(7).model, info(7).gyro_range)
-    assert (row["time_ns"], row["cause"]) == (5, "POWER_UP")
-    store.save_bias(NAME, 7, 20, BIAS, history=True)
-    assert len(store.points(info(8))) == 1
-    store.add_boot(info(9), 14)
-    assert store.boots(NAME, 9) == [7, 9]

@@ -66,27 +66,6 @@ def test_a_single_turn_is_exact_whether_small_or_large(turn: float) -> None:
     assert span.way == pytest.approx(turn)
 
 
-def test_at_rest_nothing_turns_and_the_push_is_gravity() -> None:
-    n = 104
-    dt, up = np.full(n, 1 / n), np.array([0.0, 9.80665, 0.0])
-    span = sum_up(dt, np.tile(BIAS, (n, 1)), np.tile(up, (n, 1)), MATRIX, BIAS, np.zeros(3))
-    np.testing.assert_allclose(span.rows[loop.END], np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(span.rows[loop.PUSH], up)
-    np.testing.assert_allclose(span.rows[loop.SHIFT], up / 2)
-    np.testing.assert_allclose(span.rows[loop.BY_BIAS], -MATRIX)
-    np.testing.assert_allclose([span.way, span.unrest], 0.0, atol=1e-12)
-
-
-def test_a_sample_of_the_very_moment_of_the_one_before_adds_nothing() -> None:
-    motion, dt = moving(104.0)
-    gyro, accel = read(motion)
-    again = np.insert(np.arange(len(dt)), 51, 50)
-    twice = sum_up(np.insert(dt, 51, 0.0), gyro[again], accel[again], MATRIX, BIAS, ACCEL_BIAS)
-    np.testing.assert_allclose(twice.rows[: loop.SCALARS], summed().rows[: loop.SCALARS], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(twice[:2], summed()[:2], rtol=1e-9)
-    assert twice.unrest == pytest.approx(summed().unrest, rel=0.02), "which is a mean over samples"
-
-
 STEP = 1e-6
 PARTS = {"bias": 3, "matrix": 9, "accel": 3}
 

@@ -2,7 +2,6 @@
 
 import logging
 import socket
-import time
 from contextlib import closing
 from dataclasses import replace
 from math import inf
@@ -20,12 +19,11 @@ from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import config
 from estimator.config import Estimator
 from estimator.database import StoreError, owned
-from estimator.device import source
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
 from estimator.service import roster, serve
-from estimator.service.overload import OVERLOADED, UNKEPT
+from estimator.service.overload import OVERLOADED
 from estimator.session import DeviceSession
 from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import WARD, Ward
@@ -81,21 +79,6 @@ def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
     assert caplog.text.count("FloatingPointError: singular") == 1, "the first with its trace, the others counted"
 
 
-def test_a_status_that_fails_stops_nobody(ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
-    ward.send(once.batches()[:10], info(1))
-
-    def failing(*_: object) -> None:
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(DeviceSession, "status", failing)
-    ward.service._every_second(time.monotonic())
-    ward.service.work()
-    reply = ward.command(lambda: ward.client.note(NAME, "nurse", "fell"))
-    assert reply.accepted
-    monkeypatch.undo()
-    assert ward.latest().events["session failed"] >= 2
-
-
 @pytest.mark.parametrize("boot", [1, 2])
 def test_a_second_bridge_silences_nobody(
     ward: Ward, once: Stream, boot: int, clock: list[float], caplog: pytest.LogCaptureFixture
@@ -119,17 +102,6 @@ def test_a_second_bridge_silences_nobody(
     assert ward.latest().refused_bridges == ()
 
 
-def test_a_device_that_moves_to_another_bridge_goes_on(ward: Ward, once: Stream, clock: list[float]) -> None:
-    batches = once.batches()
-    ward.send(batches[:200], info(1))
-    clock[0] += ward.service.settings.silence_s + source.OWNED_S + 0.1
-    for batch in batches[200:]:
-        put(ward, batch, "second")
-    status = ward.latest()
-    assert status.samples_out == len(once)
-    assert ward.service._devices[NAME].admission.source.owner == "second"
-
-
 def test_one_leap_silences_nobody(ward: Ward, once: Stream) -> None:
     batches = once.batches()
     ward.send(batches[:100], info(1))
@@ -140,39 +112,6 @@ def test_one_leap_silences_nobody(ward: Ward, once: Stream) -> None:
     assert status.dropped == {"range": 10}
     assert status.samples_in == status.samples_out + 10
     assert status.events["refused leap"] == 1
-
-
-def test_a_second_sender_of_the_same_name_is_got_over_when_it_stops(
-    ward: Ward, once: Stream, clock: list[float]
-) -> None:
-    batches = once.batches()
-    ward.send(batches[:-60], info(1))
-    put(ward, replace(batches[0], boot=9))
-    for batch in batches[-60:]:
-        put(ward, batch)
-        clock[0] += 0.1
-    status = ward.latest()
-    assert (status.boot, status.state, status.quality) == (1, State.TRACKING, Quality.GOOD)
-    assert status.dropped["old_boot"] <= 320
-
-
-def test_the_calibration_of_a_boot_number_that_repeats_is_not_good_any_more(
-    ward: Ward, once: Stream, clock: list[float]
-) -> None:
-    ward.send(once.batches(), info(1))
-    hour_ns = 3_600_000_000_000
-    again = [
-        replace(b, receive_time_ns=b.receive_time_ns + hour_ns, start_time_ns=b.start_time_ns + hour_ns)
-        for b in calibration(seed=2, before_s=6.0).batches()
-    ]
-    for batch in again[:60]:
-        put(ward, batch)
-        clock[0] += 0.1
-    status = ward.latest()
-    assert status.quality is Quality.BIAS_ONLY
-    assert status.events["boot number repeated"] == 1
-    ward.send(again[60:])
-    assert ward.latest().quality is Quality.GOOD
 
 
 def test_phantoms_are_forgotten_for_a_real_device(
@@ -198,15 +137,6 @@ def test_phantoms_are_forgotten_for_a_real_device(
     assert ward.service.counts.as_dict()["devices forgotten"] == 2
     assert len(ward.service._devices._infos) <= 3
     assert ward.service._devices.info("bridge", NAME) is not None
-
-
-def test_a_device_of_a_few_samples_is_not_announced(ward: Ward, once: Stream) -> None:
-    for batch in once.part(0, 4).batches([2]):
-        put(ward, batch)
-    assert list(ward.subscriber) == []
-    for batch in once.part(0, 10).batches([4])[1:]:
-        put(ward, replace(batch, sequence=4))
-    assert sum(map(len, ward.subscriber)) == 10, "nothing of it is missing afterwards"
 
 
 def test_refusals_can_be_seen(ward: Ward, once: Stream, clock: list[float], caplog: pytest.LogCaptureFixture) -> None:
@@ -284,28 +214,6 @@ def test_a_recalibration_goes_on_when_the_estimator_is_restarted(ward: Ward, onc
     assert (ward.latest().state, ward.latest().calibration) == (State.TRACKING, old.id)
 
 
-def test_a_recalibration_is_cancelled_though_the_device_is_lost(ward: Ward, once: Stream, clock: list[float]) -> None:
-    ward.send(once.batches()[:-5], info(1))
-    ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
-    clock[0] += 10.0
-    assert ward.latest().state is State.LOST
-    reply = ward.command(lambda: ward.client.cancel(NAME, "nurse"))
-    assert (reply.accepted, "the old one stays" in reply.message) == (True, True)
-    assert ward.latest().state is State.LOST
-    ward.send(once.batches()[-5:])
-    status = ward.latest()
-    assert (status.state, status.quality) == (State.TRACKING, Quality.GOOD)
-    assert "cancelled by nurse" in status.reason
-
-
-def look(broker: MemoryBroker, own: str, monkeypatch: pytest.MonkeyPatch) -> set[str]:
-    monkeypatch.setattr(process, "_LOOK_S", 0.1)
-    monkeypatch.setattr(process, "_GONE_S", 0.3)
-    others = set[str]()
-    serve.look_round(MemoryBus(broker), WARD, own, another=others.add).close()
-    return others
-
-
 def test_a_second_estimator_is_told_of_the_first_and_not_of_its_address(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -341,29 +249,3 @@ def test_a_store_is_not_opened_where_another_has_it(tmp_path: Path, monkeypatch:
         ):
             serve.run(ward)
     assert not opened
-
-
-def test_the_same_estimator_twice_is_refused(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(BusError, match="e1 serves ward w already"):
-        look(ward.broker, "e1", monkeypatch)
-    ward.kill()
-    look(ward.broker, "e1", monkeypatch)
-    ward.start()
-
-
-def test_another_estimator_is_told_of(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert look(ward.broker, "e2", monkeypatch) == {"e1"}
-
-
-def test_a_command_of_while_the_disk_is_full_is_in_the_audit_later(ward: Ward, once: Stream) -> None:
-    ward.send(once.batches(), info(1))
-    with full_disk():
-        assert ward.command(lambda: ward.client.note(NAME, "nurse", "sat up")).accepted
-        ward.latest()
-        assert ward.latest().events[UNKEPT] == 1
-        assert ward.store.database.rows("audit", "verb = 'note'") == []
-    ward.settle()
-    ward.latest()
-    assert UNKEPT not in ward.latest().events
-    (row,) = ward.store.database.rows("audit", "verb = 'note'")
-    assert (row["who"], row["reason"]) == ("nurse", "sat up")

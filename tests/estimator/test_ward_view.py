@@ -2,8 +2,6 @@
 
 import io
 import json
-import math
-from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -16,9 +14,9 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 from estimator import listening, watch, watch_ward
-from estimator.client import Client, Corrected
+from estimator.client import Client
 from estimator.session import DeviceSession
-from estimator.ward_view import SILENT_S, WardView, age, chosen, head_line
+from estimator.ward_view import SILENT_S, WardView, chosen
 from tests.estimator.stream import info
 
 WARD = "w"
@@ -59,29 +57,6 @@ def test_those_that_need_somebody_come_first() -> None:
     ]  # fmt: skip
 
 
-def test_the_head_line_counts_them() -> None:
-    assert head_line(MANY.rows(10.0)) == (
-        "4 of 11 tracking; 1 lost, 1 unknown, 1 awaiting still, 1 bias only, 1 degraded, 1 turning, 1 warming"
-    )
-    assert head_line(view(status("a"), status("b")).rows(10.0)) == "2 of 2 tracking"
-
-
-def test_a_row_has_all_that_is_known() -> None:
-    [row] = view(
-        status("a", rate_hz=103.9, evidence_age_s=65.0, events={"gaps": 2, "missing_samples": 31}),
-        about("a", battery_percent=80.0, notices={"led": "blinks"}),
-    ).rows(10.0)
-    assert row.as_dict() == {
-        "device": "a", "state": "tracking", "reason": "all is well", "quality": "good", "rate_hz": 103.9, "gaps": 2,
-        "missing_samples": 31, "evidence_age_s": 65.0, "battery_percent": 80.0, "charging": False, "notices": {"led": "blinks"},
-    }  # fmt: skip
-    [bare] = view(status("a", evidence_age_s=1e12), about("a", battery_percent=math.nan)).rows(10.0)
-    assert (bare.evidence_age_s, bare.battery_percent) == (None, None)
-    rest = watch_ward.HEADINGS.index("rest")
-    [unheard] = view(about("a")).rows(10.0)
-    assert [watch_ward._cells(one)[rest] for one in (row, bare, unheard)] == ["65 s", "none", ""]
-
-
 def test_a_device_of_which_no_word_comes_is_not_what_it_was() -> None:
     seen = view(status("a"))
     assert [row.state for row in seen.rows(10.0 + SILENT_S)] == ["tracking"]
@@ -95,15 +70,6 @@ def test_what_keeps_a_device_from_being_read_is_said() -> None:
     assert row.reason == "the port is missing; all is well"
     [row] = view(about("a")).rows(10.0)
     assert (row.state, "no estimator" in row.reason) == ("unknown", True)
-
-
-def test_of_several_bridges_that_list_a_device_the_one_that_hears_it_has_the_last_word() -> None:
-    seen = view(
-        about("a", bridge="deaf", boot=0, trouble="no"),
-        about("a", bridge="hears"),
-        about("a", bridge="deaf", boot=0, trouble="no"),
-    )
-    assert "no estimator" in seen.rows(0.0)[0].reason
 
 
 @pytest.mark.parametrize(
@@ -124,8 +90,9 @@ def test_some_of_them(only: tuple[str, ...], found: int) -> None:
 @pytest.mark.parametrize("width", [60, 80, 120, 200])
 @pytest.mark.parametrize("height", [3, 8, 24])
 def test_it_fits_a_terminal_and_says_what_does_not(width: int, height: int) -> None:
-    rows = MANY.rows(10.0)
-    shown = [line.plain for line in watch_ward.lines(rows, "head", width, height)]
+    rows, file = MANY.rows(10.0), io.StringIO()
+    Console(file=file, width=width, height=height).print(watch_ward.shown(rows, "head", width, height))
+    shown = file.getvalue().splitlines()
     assert len(shown) <= height
     assert max(map(cell_len, shown)) <= width
     assert shown[2].startswith("lost") or height == 3
@@ -133,19 +100,6 @@ def test_it_fits_a_terminal_and_says_what_does_not(width: int, height: int) -> N
         assert shown[-1].startswith(f"… and {len(rows) - (height - 3)} more: ")
     else:
         assert shown[-1].startswith("ok")
-
-
-@pytest.mark.parametrize("width", [20, 40, 60])
-def test_a_column_without_room_is_left_out_whole(width: int) -> None:
-    rows = view(status("a" * 32, rate_hz=104.0), about("a" * 32, battery_percent=87.0)).rows(10.0)
-    _, headings, line = (shown.plain for shown in watch_ward.lines(rows, "head", width))
-    assert ("battery" in headings) == ("87 %" in line)
-    assert "…" not in headings or width < 48
-
-
-def test_once_nothing_is_cut() -> None:
-    rows = view(status("wrist", reason="no samples for " + "1" * 80)).rows(10.0)
-    assert "1" * 80 in watch_ward.lines(rows, "head", 60, cut=False)[2].plain
 
 
 def test_of_two_bridges_the_one_whose_samples_are_taken_has_the_word() -> None:
@@ -157,29 +111,6 @@ def test_of_two_bridges_the_one_whose_samples_are_taken_has_the_word() -> None:
     (row,) = seen.rows(10.0)
     assert row.battery_percent == 50.0
     assert row.notices["bridges"].endswith("b2's samples are refused; stop one")
-
-
-def test_where_there_is_no_width_nothing_is_cut() -> None:
-    rows = view(status("a" * 32, rate_hz=100.0, events={"gaps": 3}), about("a" * 32, notices={"n": "x" * 400})).rows(
-        10.0
-    )
-    _, headings, line = watch_ward.lines(rows, "head")
-    assert headings.plain.split() == ["device", "state", "quality", "Hz", "gaps", "rest", "why"]
-    assert "x" * 400 in line.plain
-
-
-def test_reasons_are_cut_last() -> None:
-    rows = view(status("wrist-left", State.AWAITING_STILL, rate_hz=100.0)).rows(10.0)
-    narrow, wide = (watch_ward.lines(rows, "head", width)[1].plain.split() for width in (60, 100))
-    assert narrow == ["device", "state", "Hz", "why"] or "quality" not in narrow
-    assert wide == ["device", "state", "quality", "Hz", "gaps", "rest", "why"]
-
-
-@pytest.mark.parametrize(
-    ("seconds", "said"), [(1.0, "1 s"), (119.0, "119 s"), (600.0, "10 min"), (10_000.0, "3 h"), (4e5, "5 d")]
-)
-def test_ages_are_short(seconds: float, said: str) -> None:
-    assert age(seconds) == said
 
 
 class Speaking:
@@ -260,52 +191,6 @@ def test_of_whom_only_a_memory_is_left_it_is_said_at_once(speaking: Speaking, cl
     assert ("1 silent" in file.getvalue()) is hangs
 
 
-def test_one_device_that_is_watched_is_not_what_it_was_either(
-    speaking: Speaking, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    speaking.say(status("d0"))
-    speaking.hang("d0")
-    bus, (console, file) = speaking.bus, terminal()
-    monkeypatch.setattr(watch, "Client", lambda *_, ward: Client(ward=ward, bus=bus))
-    monkeypatch.setattr(Corrected, "receive", lambda *_: speaking.sleep(0.2))
-    assert watch.watch(console, WARD, (), "d0", 5.0) == 1
-    assert "it is unknown: no word of it for 5 s" in file.getvalue()
-
-
-@pytest.mark.usefixtures("client")
-def test_who_is_heard_is_said_where_the_one_that_is_watched_is_not(
-    speaking: Speaking, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bus, (console, file) = speaking.bus, terminal()
-    monkeypatch.setattr(watch, "Client", lambda *_, ward: Client(ward=ward, bus=bus))
-    monkeypatch.setattr(Corrected, "receive", lambda *_: speaking.sleep(0.2))
-    assert watch.watch(console, WARD, (), "d1x", 5.0) == 1
-    waiting, names, unheard = file.getvalue().splitlines()
-    assert waiting == "waiting for d1x …"
-    assert names.startswith("heard in ward w: d0, d1, d10, ")
-    assert names.endswith(" and 100 more")
-    assert "nothing was heard of d1x" in unheard
-
-
-@pytest.mark.parametrize(("after_s", "early"), [(0.4, True), (5.0, False)])
-def test_who_interrupts_before_anything_can_be_known_is_told_nothing(
-    speaking: Speaking, client: Client, monkeypatch: pytest.MonkeyPatch, after_s: float, *, early: bool
-) -> None:
-    def interrupt(*_: object) -> None:
-        speaking.sleep(after_s)
-        raise KeyboardInterrupt
-
-    bus, (console, file) = speaking.bus, terminal()
-    monkeypatch.setattr(watch, "Client", lambda *_, ward: Client(ward=ward, bus=bus))
-    monkeypatch.setattr(Corrected, "receive", interrupt)
-    monkeypatch.setattr(listening.Ears, "listen", interrupt)
-    with pytest.raises(KeyboardInterrupt) if early else nullcontext():
-        assert watch.watch(console, WARD, (), "d0", None) == 1
-    with pytest.raises(KeyboardInterrupt) if early else nullcontext():
-        assert watch_ward.watch_ward(console, client) == 1
-    assert ("nothing was heard of d0" in file.getvalue()) is not early
-
-
 def test_once_as_json(client: Client, capsys: pytest.CaptureFixture[str]) -> None:
     console, _ = terminal()
     assert watch_ward.watch_ward(console, client, ["degraded"], once=True, as_json=True) == 0
@@ -313,15 +198,6 @@ def test_once_as_json(client: Client, capsys: pytest.CaptureFixture[str]) -> Non
     assert (found["ward"], found["tracking"], found["of"]) == (WARD, 119, 120)
     [device] = found["devices"]
     assert (device["device"], device["state"], device["battery_percent"]) == ("d77", "degraded", None)
-
-
-def test_live_it_has_the_height_of_the_terminal(client: Client) -> None:
-    console, file = terminal(force_terminal=True, legacy_windows=False)
-    assert watch_ward.watch_ward(console, client, seconds=0.0) == 0
-    shown = file.getvalue()
-    assert "w: 119 of 120 tracking; 1 degraded" in shown
-    assert "… and 93 more: 93 tracking" in shown
-    assert "d77" in shown
 
 
 def test_where_there_is_no_terminal_changes_are_lines(client: Client) -> None:

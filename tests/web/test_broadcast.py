@@ -115,31 +115,6 @@ def test_nothing_is_begun_for_a_device_that_was_never_heard_and_nothing_is_kept_
     assert taken(viewer) == ["whole"]
 
 
-def test_so_many_topics_of_devices_and_those_of_the_ward_always(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    fresh: type[Counted] = type("Fresh", (Counted,), {})
-    for kind in ("trace", "ward"):
-        monkeypatch.setitem(topics.KINDS, kind, fresh)
-    monkeypatch.setattr("estimator.web.broadcast.TOPICS", 2)
-    hub, sources = Hub(), Sources(Known(WARD))
-    broadcast, first, beside, second = Broadcast(hub, sources), hub.add("1"), hub.add("2"), hub.add("3")
-    for name in "abc":
-        sources.known.story(name)
-    for viewer in (first, beside):
-        hub.watch(viewer, ["trace/a", "trace/b"])
-    broadcast.step(0.0, 0)
-    hub.watch(second, ["trace/c", "ward"])
-    broadcast.step(1.0, 0)
-    assert set(broadcast._topics) == {"trace/a", "trace/b", "ward"}
-    assert "trace/c waits" in caplog.text
-    for viewer in (first, beside):
-        hub.remove(viewer)
-    broadcast.step(2.0 + LINGER_S, 0)
-    broadcast.step(2.0 + LINGER_S + AGAIN_S, 0)
-    assert set(broadcast._topics) == {"trace/c", "ward"}
-
-
 def test_one_address_leaves_room_for_the_topics_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
     fresh: type[Counted] = type("Fresh", (Counted,), {})
     monkeypatch.setitem(topics.KINDS, "trace", fresh)

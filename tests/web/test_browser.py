@@ -11,12 +11,12 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, Route, WebSocketRoute, expect
+from playwright.sync_api import Page, WebSocketRoute, expect
 
 from bridge.wire.messages import BootCause, CommandReply, CorrectedBatch, Note, Quality, SampleBatch, State, Status
 from estimator.web import words
 from tests.estimator.test_correction import CALIBRATION
-from tests.web.conftest import PASSWORD, Site, served
+from tests.web.conftest import PASSWORD, Site
 from tests.web.talk import about, said
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
@@ -153,50 +153,6 @@ def test_the_ward_at_one_look(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".tile h2").first).to_have_text("bed-01-ankle")
 
 
-def test_what_was_chosen_is_chosen_again(page: Page, site: Site, shot: Shot) -> None:
-    names = ward(site, 6)
-    site.talk(said(names[4], State.DEGRADED, boot=5, time_ns=now_ns()))
-    page.goto("/")
-    page.get_by_role("button", name="less exact 1").click()
-    page.get_by_label("Order").select_option("id")
-    expect(page).to_have_url(re.compile(r"\?only=degraded&order=id$"))
-    expect(page.locator("#unlike")).to_contain_text("1 of 6 are shown.")
-    page.reload()
-    expect(page.locator(".tile:visible")).to_have_count(1)
-    expect(page.get_by_role("button", name="less exact 1")).to_have_attribute("aria-pressed", "true")
-    # To the device, step by step, and back to the ward by the link.
-    page.get_by_role("link", name="Calibrate, step by step").click()
-    expect(page).to_have_url(re.compile(rf"/devices/{names[4]}/calibrate$"))
-    page.get_by_role("link", name="Ward w").click()
-    expect(page.locator(".tile:visible")).to_have_count(1)
-    expect(page.get_by_label("Order")).to_have_value("id")
-    page.get_by_role("button", name="Show all").click()
-    expect(page).to_have_url(re.compile(r"\?order=id$"))
-    # Who does not read numbers sees none, on this tablet, until they are asked for again.
-    expect(page.locator(".tile dl:visible")).to_have_count(6)
-    page.get_by_role("button", name="Numbers").click()
-    page.reload()
-    tile = page.locator(f'.tile[data-id="{names[0]}"]')
-    expect(tile.locator('[data-of="quality"]')).to_be_hidden()
-    expect(tile.locator('[data-of="calibrated"]')).to_be_visible()
-    expect(tile.locator(".state")).to_have_text("tracking")
-    shot("ward-plain")
-    assert serious(page) == []
-    page.get_by_role("button", name="Numbers").click()
-    expect(tile.locator('[data-of="quality"]')).to_be_visible()
-
-
-def test_a_link_shows_the_same_also_where_no_device_is_so_now(page: Page, site: Site) -> None:
-    names = ward(site, 2)
-    page.goto("/?only=lost")
-    expect(page.get_by_role("button", name="lost 0")).to_have_attribute("aria-pressed", "true")
-    expect(page.locator("#unlike")).to_contain_text("No device is like that.")
-    expect(page).to_have_url(re.compile(r"\?only=lost$"))
-    site.talk(said(names[1], State.LOST, boot=5, time_ns=now_ns()))
-    expect(page.get_by_role("button", name="lost 1")).to_be_visible()
-    expect(page.locator(".tile:visible")).to_have_count(1)
-
-
 def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> None:
     names = ward(site, 6)
     page.goto("/")
@@ -259,21 +215,6 @@ def test_a_connection_that_dies_without_a_word_is_made_anew(page: Page, site: Si
     page.clock.fast_forward(11_000)
     expect(page.get_by_role("heading", level=1)).to_have_text("1 of 2 tracking")
     assert len(made) == 2
-
-
-def test_what_changes_while_the_page_loads_is_told_too(page: Page, site: Site) -> None:
-    names = ward(site, 2)
-
-    def change(route: Route) -> None:
-        """After the page was written, and before it can hear anything."""
-        site.talk(said(names[1], State.DEGRADED, boot=5, time_ns=now_ns()))
-        while site.server.desk.known.stories[names[1]].status.state is not State.DEGRADED:  # type: ignore[union-attr]
-            time.sleep(0.02)
-        route.continue_()
-
-    page.route("**/static/live.js", change)
-    page.goto("/")
-    expect(page.locator("#told")).to_contain_text(f"{names[1]}: less exact")
 
 
 def test_a_ward_where_nothing_is_heard(page: Page, shot: Shot) -> None:
@@ -342,52 +283,6 @@ def test_who_may_and_who_may_not(page: Page, site: Site, shot: Shot) -> None:
     expect(page.get_by_role("link", name="Log in")).to_be_visible()
 
 
-def test_where_nobody_may_command_it_is_said(browser: Browser) -> None:
-    site = served(people=())
-    name = ward(site, 2)[0]
-    try:
-        mine = browser.new_page(base_url=site.url)
-        for path, words in (
-            ("/", "read only"),
-            (f"/devices/{name}", "This dashboard is read only"),
-            (f"/devices/{name}/calibrate", "It can only be followed here."),
-            ("/login", "This dashboard is read only"),
-        ):
-            mine.goto(path)
-            expect(mine.locator("body")).to_contain_text(words)
-            expect(mine.locator('form[method="post"]')).to_have_count(0)
-            assert serious(mine) == []
-        mine.close()
-    finally:
-        site.stop()
-
-
-def test_cancel_leaves_everything_usable(page: Page, site: Site) -> None:
-    name = "bed-01-chest"
-    site.talk(about(name, boot=5), said(name, State.TURNING, boot=5, time_ns=now_ns(), progress=0.4, axes_done=(1,)))
-    heard(site, 1)
-    log_in(page, f"/devices/{name}")
-    expect(page.locator(".turns")).to_have_text("·y·")
-    site.talk.answer = lambda verb, device: CommandReply(
-        "", accepted=False, message=f"{device} is tracking: no calibration is under way"
-    )
-    page.get_by_role("button", name="Cancel the calibration").click()
-    expect(page.locator("#said").filter(has_text="under way")).to_have_class("banner bad")
-    site.talk(said(name, boot=5, time_ns=now_ns()))
-    expect(page.get_by_role("button", name="Cancel the calibration")).to_be_disabled()
-    expect(page.get_by_role("button", name="Recalibrate")).to_be_enabled()
-    # A command's place in the address line, as of a page that is loaded again, is its device's; a note of blanks is told.
-    page.goto(f"/devices/{name}/recalibrate")
-    expect(page).to_have_url(re.compile(rf"/devices/{name}$"))
-    page.get_by_role("textbox", name="Note").fill("   ")
-    page.get_by_role("button", name="Write it down").click()
-    expect(page.locator("#said")).to_have_text(f"{name}: A note needs a text.")
-    # While nobody answers nothing can be asked, and it is said why.
-    site.talk.die()
-    expect(page.get_by_role("button", name="Recalibrate")).to_be_disabled()
-    expect(page.locator("#blocked")).to_contain_text("nothing can be asked of it now")
-
-
 def test_words_of_strangers_are_words(page: Page, site: Site, shot: Shot) -> None:
     name = "bed-01-chest"
     nasty = about(
@@ -424,13 +319,6 @@ def test_pages_are_light_and_stay_at_home(page: Page, site: Site) -> None:
         page.wait_for_load_state("networkidle")
         assert sum(sizes.values()) <= 150_000, sizes
         assert all(url.startswith(site.url) for url in sizes)
-
-
-def test_a_page_that_is_not_there(page: Page, shot: Shot) -> None:
-    page.goto("/devices/nobody")
-    expect(page.locator(".reason")).to_have_text("no device nobody was heard; there are: none")
-    shot("fault")
-    assert serious(page) == []
 
 
 def test_everything_of_a_chinese_page_is_chinese(page: Page, site: Site, shot: Shot) -> None:

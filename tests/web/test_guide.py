@@ -1,6 +1,5 @@
 """A calibration by hand with the page alone, in a real browser: a good one, a failed turn, a cancel, a reboot."""
 
-import time
 from collections.abc import Callable
 from math import radians
 
@@ -9,16 +8,10 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from bridge.sim.motion import Piece, Still, Turn
-from bridge.wire.messages import CommandReply
-from estimator.session import DeviceSession
-from estimator.session_knobs import SessionKnobs
-from tests.estimator.batch.sessions import in_poses
-from tests.estimator.guide.scripted import BATCH
-from tests.estimator.stream import NAME, feed
+from tests.estimator.stream import NAME
 from tests.web.conftest import PASSWORD, Site
 from tests.web.played import Played
-from tests.web.talk import about
-from tests.web.test_browser import english, serious
+from tests.web.test_browser import serious
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
 Shot = Callable[[str], None]
@@ -155,39 +148,6 @@ def test_begun_and_cancelled_by_the_keyboard(page: Page, played: Played, shot: S
     assert serious(page) == []
 
 
-def test_a_refusal_stays_until_the_next_step(page: Page, site: Site, played: Played) -> None:
-    played.switch_on(rests_between(turn(2), turn(0), turn(1)))
-    open_guide(page)
-    log_in(page)
-    played.play_piece(6)
-    expect(page.locator("#do")).to_have_text(DONE)
-    site.talk.answer = lambda verb, device: CommandReply("", accepted=False, message="too busy: try again")
-    page.get_by_role("button", name="Begin").click()
-    expect(page.locator("#said")).to_contain_text("too busy")
-    # The guide that has followed knows how it came there, and tells it after the page was written by one that does not.
-    expect(page.locator("#do")).to_have_text(DONE)
-    expect(page.locator("#said")).to_contain_text("too busy")
-
-
-def test_a_reboot_in_the_middle_is_said(page: Page, played: Played, shot: Shot) -> None:
-    played.switch_on(rests_between(turn(2), turn(0)))
-    open_guide(page)
-    played.play_piece(2)
-    expect(page.locator("#turns [data-mark='done']")).to_have_count(1)
-    expect(page.locator("#rebooted")).to_be_hidden()
-    played.switch_on(rests_between(turn(2), turn(0), turn(1)), seed=2)
-    played.play(0.5)
-    expect(page.locator("#rebooted")).to_contain_text("Start with the first one; nothing has to be pressed.")
-    expect(page.locator("#turns [data-mark='done']")).to_have_count(0)
-    shot("guide-rebooted")
-    assert serious(page) == []
-    played.play_piece(2)
-    expect(page.locator("#turns [data-mark='done']")).to_have_count(1)
-    expect(page.locator("#rebooted")).to_be_hidden()
-    played.play_piece(6)
-    expect(page.locator("#do")).to_have_text(DONE)
-
-
 def test_two_tablets_and_two_languages(page: Page, site: Site, browser: Browser, played: Played, shot: Shot) -> None:
     played.switch_on(rests_between(turn(2), turn(0, 180.0)))
     open_guide(page)
@@ -207,63 +167,3 @@ def test_two_tablets_and_two_languages(page: Page, site: Site, browser: Browser,
     expect(page.locator("#do")).to_have_text("再来一次：向前翻滚一整圈")
     shot("guide-failed-zh")
     assert serious(page) == []
-
-
-def test_a_device_that_is_gone_is_said(page: Page, played: Played, shot: Shot) -> None:
-    played.switch_on(rests_between(turn(2)))
-    open_guide(page)
-    played.session.silence("no samples for 3 s")
-    played._say()
-    expect(page.locator("#do")).to_have_text("Nothing is heard of it")
-    shot("guide-away")
-    assert serious(page) == []
-
-
-def test_what_the_ward_cannot_hear_is_no_fault_of_the_device(
-    page: Page, site: Site, played: Played, shot: Shot
-) -> None:
-    played.switch_on(rests_between(turn(2)))
-    open_guide(page)
-    played.play_piece(1, 0.6)
-    expect(page.locator("#do")).to_have_text("Go on, all the way round")
-    site.talk.die()
-    expect(page.locator("#do")).to_have_text("The ward's computer does not answer", timeout=1500)
-    expect(page.locator("#how")).to_contain_text("The device is well")
-    page.goto(page.url + "?lang=zh")
-    expect(page.locator("#do")).to_have_text("病区的电脑没有回应")
-    assert english(page) == []
-    shot("guide-broken-zh")
-    assert serious(page) == []
-
-
-def test_poses_instead_of_turns(page: Page, site: Site, shot: Shot) -> None:
-    of = in_poses(7, 14, after=4)
-    site.server.desk.treatment.usual = SessionKnobs(method="transitions")
-    session = DeviceSession(NAME, site.server.desk.treatment.usual)
-    site.talk(about(NAME, boot=1))
-    sent = of.batches(range(BATCH, len(of), BATCH))
-
-    def play(until_s: float) -> None:
-        while sent and sent[0].device_time[-1] < until_s:
-            batch = sent.pop(0)
-            made = feed(session, [batch])
-            site.talk(batch)
-            if made.calibration is not None:
-                site.talk(made.calibration)
-            if made.changed:
-                site.talk(session.status(time.time_ns()))
-            time.sleep(0.004)
-
-    play(2.2)
-    open_guide(page)
-    play(8.0)
-    expect(page.locator("#do")).to_have_text("Lay it on another side, and let go")
-    expect(page.locator("#turns li")).to_have_count(6)
-    expect(page.locator(".picture:visible")).to_have_attribute("data-picture", "pose")
-    shot("guide-pose")
-    assert serious(page) == []
-    page.goto(page.url + "?lang=zh")
-    expect(page.locator("#turns li")).to_have_count(6)
-    assert english(page) == []
-    play(np.inf)
-    expect(page.locator("#do")).to_have_text("完成：设备已校准")

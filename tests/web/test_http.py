@@ -12,7 +12,7 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.wire.messages import CommandReply, State, Status
+from bridge.wire.messages import CommandReply, Status
 from estimator import calibration_file
 from estimator.web.attempts import FREE
 from estimator.web.serve import Server
@@ -121,11 +121,6 @@ def test_the_guide_binds_the_browser_too_and_keeps_a_language(asking: Asking) ->
     assert '<html lang="en">' in asking.client.get("/report?lang=../../x").text
 
 
-def test_nothing_to_draw_is_said(asking: Asking) -> None:
-    asking.hear(about("new", boot=5))
-    assert asking.client.get("/devices/new/bias.png").status_code == 404
-
-
 def test_a_session_is_needed_and_its_own_page(asking: Asking) -> None:
     path = "/devices/chest/recalibrate"
     assert asking.client.post(path, data={"csrf": ""}).status_code == 401
@@ -166,12 +161,6 @@ def test_passwords_cannot_be_tried_for_ever(asking: Asking) -> None:
     assert error(asking.client.post("/api/v1/devices/chest/cancel", headers=BEARER)) == (429, "too_many_tries")
 
 
-def test_a_note_of_any_keyboard_is_kept(asking: Asking) -> None:
-    words = "病人\u3000坐起来了\u00a0👨\u200d👩"
-    assert asking.client.post("/api/v1/devices/chest/note", headers=BEARER, json={"words": words}).status_code == 200
-    assert asking.talk.asked == [("chest", "note", "nurse", "病人 坐起来了 👨👩")]
-
-
 def test_a_note_that_nobody_took_is_not_lost(asking: Asking) -> None:
     csrf = asking.log_in()
     asking.talk.close()
@@ -181,21 +170,6 @@ def test_a_note_that_nobody_took_is_not_lost(asking: Asking) -> None:
     assert "The estimator does not answer: nothing was done." in page
     assert 'value="sat up &lt;b&gt;"' in page
     assert "sat up" not in asking.client.get("/devices/chest").text
-
-
-def test_turns_that_are_made_are_not_lost_by_a_page_that_is_not_fresh(asking: Asking) -> None:
-    csrf = asking.log_in()
-    asking.hear(said("wrist", State.TURNING, boot=5, time_ns=time.time_ns(), axes_done=(2,)))
-    asking.client.post("/devices/wrist/recalibrate", data={"csrf": csrf})
-    assert asking.talk.asked == []
-    assert "would be lost" in asking.client.get("/devices/wrist").text
-
-
-def test_a_login_leads_on_and_not_back_to_itself(asking: Asking) -> None:
-    assert "/login?to=" not in asking.client.get("/login").text
-    data = {"name": "nurse", "password": PASSWORD, "to": "/login"}
-    assert asking.client.post("/login", data=data).headers["location"] == "/"
-    assert asking.client.get("/login?to=/devices/chest").headers["location"] == "/devices/chest"
 
 
 def test_programs_get_what_people_see(asking: Asking) -> None:
@@ -218,24 +192,6 @@ def test_a_calibration_is_a_file_that_can_be_used(asking: Asking, tmp_path: Path
     (tmp_path / "chest.json").write_text(json.dumps(found[0]))
     loaded = calibration_file.load(tmp_path / "chest.json")
     assert loaded.matrix == pytest.approx(CALIBRATION.matrix)
-
-
-def test_a_page_as_it_comes_does_not_say_that_there_is_none_of_what_it_lists(asking: Asking) -> None:
-    none = re.compile(
-        r'<p class="dim" data-none="calibrations"( hidden)?>None is known.*?<table id="calibrations"( hidden)?>',
-        re.DOTALL,
-    )
-
-    def hidden() -> tuple[str | None, ...]:
-        found = none.search(asking.client.get("/devices/chest").text)
-        assert found is not None
-        return found.groups()
-
-    assert hidden() == (None, " hidden")
-    asking.talk(replace(CALIBRATION, device="chest", boot=5))
-    while not asking.client.get("/api/v1/devices/chest/calibrations").json()["calibrations"]:
-        time.sleep(0.02)
-    assert hidden() == (" hidden", None)
 
 
 def test_commands_of_programs(asking: Asking) -> None:
@@ -281,14 +237,6 @@ def test_wrong_input_gets_a_clear_answer(
 def test_nobody_answers(asking: Asking) -> None:
     asking.talk.close()
     assert error(asking.client.post("/api/v1/devices/chest/recalibrate", headers=BEARER)) == (503, "no_answer")
-
-
-def test_before_a_router_was_found() -> None:
-    server = Server(WARD, Dashboard(people=PEOPLE))
-    with TestClient(server.app, base_url=URL) as client:
-        assert "router is not there" in client.get("/").text
-        assert client.get("/api/v1/devices").json()["connected"] is False
-        assert error(client.post("/api/v1/devices/chest/cancel", headers=BEARER)) == (404, "unknown_device")
 
 
 def test_the_live_socket_gives_what_is_asked_and_nothing_else(asking: Asking) -> None:

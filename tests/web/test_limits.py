@@ -1,7 +1,5 @@
 """What a guesser, a flood, a slow client and a mistyped request get, and that nobody else pays for it."""
 
-import asyncio
-import json
 import logging
 import resource
 import socket
@@ -9,7 +7,6 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
-from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
@@ -19,7 +16,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from bridge.wire.messages import Note
 from estimator.service.store import Store
-from estimator.web import form, hub, listener, live
+from estimator.web import hub, listener, live
 from estimator.web.attempts import FREE
 from estimator.web.known import CALIBRATIONS
 from estimator.web.live import WISH_S, WISHES, Pace
@@ -53,16 +50,6 @@ def test_right_tokens_between_do_not_let_one_guess_for_ever(asking: Asking) -> N
         token = {"Authorization": "Bearer script.a token of its own"}
         assert asking.client.post("/api/v1/devices/chest/cancel", headers=token).status_code == 200
     assert wrong == [401] * FREE + [429] * (12 - FREE)
-
-
-def test_a_form_that_is_empty_is_no_try(asking: Asking) -> None:
-    for data in ({}, {"name": "nurse"}, {"password": "x"}, {"name": " ", "password": "x"}) * 10:
-        answer = asking.client.post("/login", data=data)
-        assert answer.status_code == 400
-        assert "Both name and password are needed." in answer.text
-    nobody = {"Authorization": f"Bearer .{PASSWORD}"}
-    assert error(asking.client.post("/api/v1/devices/chest/cancel", headers=nobody)) == (401, "log_in")
-    assert asking.client.post("/login", data=RIGHT).status_code == 303
 
 
 def test_a_new_login_ends_the_old_session_of_that_browser(asking: Asking) -> None:
@@ -143,19 +130,6 @@ def test_so_many_viewers_from_one_address_and_a_further_one_is_told(
     with asking.client.websocket_connect(LIVE) as later:
         later.send_text('{"watch": ["ward"]}')
         assert later.receive_json()["topic"] == "ward"
-
-
-def test_others_have_their_own_number_up_to_that_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hub, "OF_ONE_ADDRESS", 2)
-    monkeypatch.setattr(hub, "VIEWERS", 3)
-    there = hub.Hub()
-    assert not there.full("a")
-    there.add("a")
-    there.add("a")
-    assert "from a" in there.full("a")
-    assert not there.full("b")
-    there.add("b")
-    assert there.full("b").startswith("3 pages look already;")
 
 
 def test_who_does_not_say_what_it_watches_is_let_go(asking: Asking, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,22 +220,6 @@ def test_who_does_not_read_the_answer_is_let_go(site: Site, monkeypatch: pytest.
         time.sleep(0.01)
 
 
-def test_a_page_that_takes_its_time_between_requests_stays(site: Site) -> None:
-    with closing(HTTPConnection(site.url.removeprefix("http://"))) as made:
-        for _ in range(3):
-            made.request("GET", "/static/ward.js")
-            assert made.getresponse().read()
-            assert made.sock is not None
-    assert site.server.uvicorn.refused.as_dict() == {}
-
-
-def test_a_body_that_trickles_is_answered(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(form, "WHOLE_S", 0.1)
-    with closing(connected(site)) as slow:
-        slow.sendall(HEAD.encode() + b"\r\nname=")
-        assert all_of(slow).startswith("HTTP/1.1 408")
-
-
 def test_a_client_that_is_gone_leaves_no_traceback(site: Site, caplog: pytest.LogCaptureFixture) -> None:
     state = site.server.uvicorn.server_state
     with caplog.at_level(logging.INFO):
@@ -338,28 +296,6 @@ def test_what_is_mistyped_is_said(asking: Asking, path: str, expected: tuple[int
     assert answer.headers["content-type"] == "application/json"
 
 
-def test_states_in_any_spelling_and_patterns_may_have_nothing(asking: Asking) -> None:
-    for only in ("awaiting-still", "Bias_Only", "lost", "x*", "wrist?"):
-        assert asking.client.get("/api/v1/devices", params={"only": only}).json()["devices"] == []
-    assert len(asking.client.get("/api/v1/devices?only=chest").json()["devices"]) == 1
-
-
-@pytest.mark.parametrize(
-    ("body", "words"),
-    [
-        (b'{"words":"\\ud800"}', "half of a character"),
-        (b'{"words":"\xff"}', "not UTF-8"),
-        (b'{"words":"x', "truncated"),
-        (b"{" * 16_000, "."),
-    ],
-)
-def test_what_is_wrong_with_a_body_is_said(asking: Asking, body: bytes, words: str) -> None:
-    headers = {**BEARER, "Content-Type": "application/json"}
-    answer = asking.client.post("/api/v1/devices/chest/note", content=body, headers=headers)
-    assert error(answer) == (400, "not_json")
-    assert words in answer.json()["error"]["message"]
-
-
 def test_what_fails_here_is_said_as_everything_else(asking: Asking, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(asking.server.desk.known, "rows", lambda now: 1 / 0)
     monkeypatch.setattr("estimator.web.pages.ward_page", lambda *_: 1 / 0)
@@ -398,23 +334,6 @@ def test_old_calibrations_have_certificates_and_push_nothing_out(tmp_path: Path)
     assert story.trail.marks[0].kind == "note"
 
 
-def test_who_asks_while_the_store_is_read_gets_all_of_it_too(tmp_path: Path) -> None:
-    store = Store(tmp_path / "ward.sqlite3")
-    store.add_calibration(replace(CALIBRATION, device="chest", boot=5, id="first"))
-    store.close()
-    desk = Server(WARD, Dashboard(people=PEOPLE), tmp_path / "ward.sqlite3").desk
-    desk.known.take_status(said("chest", boot=5), 0.0)
-
-    async def ask_twice() -> list[str]:
-        first = asyncio.create_task(desk.calibrations("chest"))
-        await asyncio.sleep(0)
-        second = await desk.calibrations("chest")
-        await first
-        return [one.id for one in second]
-
-    assert asyncio.run(ask_twice()) == ["first"]
-
-
 def test_all_calibrations_can_be_had_page_by_page(tmp_path: Path) -> None:
     ids = [f"c{i:03}" for i in range(CALIBRATIONS + 20)]
     store = Store(tmp_path / "ward.sqlite3")
@@ -436,11 +355,3 @@ def test_all_calibrations_can_be_had_page_by_page(tmp_path: Path) -> None:
             before = {"before": page["next"]}
         assert (found, page["next"]) == (ids[::-1], None)
         assert len(client.get(place).json()["calibrations"]) == 50
-
-
-def test_the_document_tells_of_it(asking: Asking) -> None:
-    document = asking.client.get("/api/v1/openapi.json").json()
-    assert all(code in document["info"]["description"] for code in ("405", "500", "400"))
-    listing = document["paths"]["/api/v1/devices/{device}/calibrations"]["get"]
-    assert [one["name"] for one in listing["parameters"]] == ["device", "before", "limit"]
-    assert "next" in json.dumps(document["components"]["schemas"]["Calibrations"])

@@ -4,17 +4,13 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta, timezone
-from pathlib import Path
+from datetime import datetime
 
 import numpy as np
 import pytest
-from matplotlib import rc_context
 from playwright.sync_api import Page, expect
 
 from bridge.wire.messages import State, Turn, Verdict
-from estimator.figures import history
-from estimator.history import Biases, History
 from estimator.web import words
 from tests.estimator.test_correction import CALIBRATION
 from tests.web.conftest import Site
@@ -61,14 +57,6 @@ def path(number: str) -> str:
     return f"/devices/{NAME}/calibrations/{number}/certificate"
 
 
-def cut(page: Page) -> list[str]:
-    """Which tables are wider than their place."""
-    found: list[str] = page.evaluate("""() => [...document.querySelectorAll(".scroll")]
-      .filter((one) => one.scrollWidth > one.clientWidth)
-      .map((one) => `${one.ariaLabel}: ${one.scrollWidth} of ${one.clientWidth}`)""")
-    return found
-
-
 def pages_of(page: Page) -> int:
     """How many sheets of A4 it is, as the browser prints it."""
     return page.pdf(prefer_css_page_size=True).count(b"/Type /Page\n")
@@ -98,48 +86,6 @@ def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
     assert serious(page) == []
 
 
-def test_no_number_is_cut_on_a_small_screen(page: Page, site: Site) -> None:
-    calibrated(site)
-    page.goto(f"/devices/{NAME}/calibrate")
-    expect(page.locator("#rows tr")).to_have_count(3)
-    for first in (False, True):  # of which there is none before
-        page.locator("#compare").evaluate("(table, first) => table.classList.toggle('first', first)", first)
-        for width in (320, 360, 412, 540, 768):
-            page.set_viewport_size({"width": width, "height": 740})
-            assert cut(page) == [], width
-    for place in (f"/devices/{NAME}", path("second"), "/report"):
-        page.goto(place)
-        for width in (320, 360, 412, 540, 768, 1024, 1120, 1280):
-            page.set_viewport_size({"width": width, "height": 740})
-            assert cut(page) == [], (place, width)
-    # Who reads one calibration by itself sees what each of its numbers is.
-    page.goto(f"/devices/{NAME}")
-    labels = page.locator("#calibrations tr.in-use td").evaluate_all("cells => cells.map((cell) => cell.dataset.is)")
-    assert labels == page.locator("#calibrations th").all_text_contents()
-
-
-def test_a_zone_is_named_by_how_far_it_is_from_utc() -> None:
-    noon = datetime(2026, 11, 21, 12, tzinfo=UTC)
-    zones = [UTC, timezone(timedelta(hours=8)), timezone(timedelta(hours=-3, minutes=-30))]
-    assert [words.zone_name(noon.astimezone(zone)) for zone in zones] == ["UTC", "UTC+08:00", "UTC−03:30"]
-
-
-def test_a_picture_without_words_is_in_no_language_and_of_the_zone_it_is_told(tmp_path: Path) -> None:
-    noon_ns = int(datetime(2026, 11, 21, 12, tzinfo=UTC).timestamp()) * 10**9
-    times = noon_ns + np.arange(7) * 600 * 10**9
-    biases = Biases("", times, np.zeros((7, 3)), np.full((7, 3), 0.001), np.full(7, 30.0))
-    of = History(NAME, [replace(FIRST, time_ns=noon_ns)], [{"time_ns": noon_ns}], (), [biases])
-    written = {}
-    for spoken in (True, False):
-        path = tmp_path / f"{spoken}.svg"
-        with rc_context({"svg.fonttype": "none"}):
-            history(of, path, timezone(timedelta(hours=8)), words=spoken)
-        written[spoken] = re.findall(r">([^<>]+)</text>", path.read_text(encoding="utf-8"))
-    assert "calibration" in written[True]
-    assert [text for text in written[False] if re.search(r"[A-Za-z]{2}", text)] == []
-    assert "20:00" in written[False]
-
-
 def test_a_certificate_of_a_refused_one_says_so(page: Page, site: Site, shot: Shot) -> None:
     calibrated(site)
     page.goto(path("bad"))
@@ -166,17 +112,3 @@ def test_the_wards_summary(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".of")).to_contain_text("2 台中有 1 台正常跟踪")
     shot("report-zh")
     assert serious(page) == []
-
-
-def test_a_ward_of_sixty_is_printed_on_a_few_sheets(page: Page, site: Site) -> None:
-    for i in range(60):
-        name = f"bed-{i:02d}"
-        site.talk(
-            about(name, boot=5, time_ns=now_ns()),
-            replace(FIRST, device=name, time_ns=now_ns()),
-            tracking(name, calibration="first"),
-        )
-    heard(site, 60)
-    page.goto("/report")
-    expect(page.locator(".numbers tbody")).to_have_count(60)
-    assert 3 <= pages_of(page) <= 8

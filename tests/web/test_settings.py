@@ -1,8 +1,6 @@
 """[dashboard] of a ward's file, and the verb that makes hashes."""
 
 import io
-import os
-import re
 import socket
 from pathlib import Path
 
@@ -12,7 +10,7 @@ from bridge.config import ConfigError, load
 from estimator.cli import main
 from estimator.config import Ward
 from estimator.web.passwords import Passwords
-from estimator.web.serve import _place, routers_of
+from estimator.web.serve import routers_of
 
 HASH = "$argon2id$v=19$m=64,t=1,p=4$c2FsdHNhbHRzYWx0$aGFzaGhhc2hoYXNo"
 
@@ -66,12 +64,6 @@ def test_a_hash_is_made_that_lets_in(
     assert not passwords.right("nobody", "a long password")
 
 
-def test_a_short_password_is_refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO("short\n"))
-    assert main(["dashboard", "password", "--name", "nurse"]) == 2
-    assert "10 are the least" in capsys.readouterr().err
-
-
 def test_who_gives_no_password_is_told_so(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     def ended(_: str) -> str:
         raise EOFError
@@ -82,29 +74,11 @@ def test_who_gives_no_password_is_told_so(capsys: pytest.CaptureFixture[str], mo
     assert "truerate: no password was given" in capsys.readouterr().err
 
 
-def test_who_has_no_name_on_this_machine_goes_by_a_number(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def unknown() -> str:
-        raise KeyError("getpwuid(): uid not found: 12345")
-
-    monkeypatch.setattr("getpass.getuser", unknown)
-    assert main(["dashboard", "password", "--token"]) == 0
-    assert f'name = "uid-{os.getuid()}"' in capsys.readouterr().out
-
-
 def test_a_token_is_shown_once_beside_its_hash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dashboard", "password", "--name", "script", "--token"]) == 0
     captured = capsys.readouterr()
     name, _, secret = captured.err.strip().rpartition(" ")[2].partition(".")
     assert Passwords(ward(captured.out, tmp_path).dashboard.people).right(name, secret)
-
-
-def test_the_guide_is_taken_as_it_stands(tmp_path: Path) -> None:
-    guide = (Path(__file__).parents[2] / "docs" / "dashboard.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"```toml\n\[dashboard\]\n(.*?)```", guide, re.DOTALL)
-    settings = ward(block, tmp_path).dashboard
-    assert (settings.behind_proxy, settings.people[0].name) == (True, "nurse")
 
 
 def certified(holder: str, text: str, folder: Path) -> Ward:
@@ -138,21 +112,3 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path, capsys: pytest.CaptureFixt
         listen = f"127.0.0.1:{taken.getsockname()[1]}"
         assert main(["dashboard", "--listen", listen, "--connect", "tcp/127.0.0.1:1"]) == 1
     assert f"cannot listen on {listen}: in use by another program; --listen takes another" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("host", "place"),
-    [
-        ("127.0.0.1", "http://127.0.0.1:8090"),
-        ("::1", "http://[::1]:8090"),
-        ("ward-3.example", "http://ward-3.example:8090"),
-    ],
-)
-def test_where_it_is_can_be_opened(host: str, place: str) -> None:
-    assert _place(host, 8090) == place
-
-
-@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
-def test_no_place_is_told_that_no_browser_can_open(host: str) -> None:
-    assert "http" not in _place(host, 8090)
-    assert "port 8090 of every address" in _place(host, 8090)

@@ -5,22 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bridge.wire import keys
 from bridge.wire.codec import Rates
 from bridge.wire.messages import NO_REST_S, BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
-from estimator.guide.guide import Guide
-from estimator.history import Biases, History
 from estimator.texts import texts
 from estimator.ward_view import URGENCY
 from estimator.web import words
 from estimator.web.device_page import device_page
-from estimator.web.guide_view import guide_view
 from estimator.web.heading import Heading
-from estimator.web.known import DEVICES, LOOKED_S, Known
+from estimator.web.known import LOOKED_S, Known
 from estimator.web.reports import past
 from estimator.web.strips import Strips
-from estimator.web.tiles import TONES, ward_page
-from estimator.web.traces import ALONE_S, Points, Traces
+from estimator.web.tiles import ward_page
+from estimator.web.traces import ALONE_S, Traces
 from estimator.web.trail import POINTS, Trail
 from tests.estimator.test_correction import CALIBRATION
 from tests.web.talk import about, said
@@ -39,10 +35,6 @@ def known(*messages: object) -> Known:
 
 
 # ---- tiles ----------------------------------------------------------------------------------------------------------
-
-
-def test_every_state_has_a_tone() -> None:
-    assert set(TONES) == set(URGENCY)
 
 
 def test_a_low_battery_needs_a_person_and_says_so() -> None:
@@ -113,66 +105,6 @@ def test_a_ward_where_no_estimator_has_shown_itself_is_deaf() -> None:
     assert not ward.broken("a", 101.0 + LOOKED_S)
 
 
-def test_the_guide_shows_no_tick_of_a_device_that_is_less_exact() -> None:
-    ward, tones = known(said("a", State.DEGRADED, reason="the bias jumped"), said("b")), {}
-    for name in ("a", "b"):
-        guide = Guide()
-        guide.take_status(ward.stories[name].status or said(name))
-        view = guide_view(guide.told(), ward, name, 100.0)
-        tones[name] = view.tone, view.say["en"].wrong
-    assert tones == {"a": ("ask", ["the bias jumped"]), "b": ("well", [])}
-
-
-def test_of_turns_that_are_over_it_is_not_said_by_which_edge() -> None:
-    ward, guide = known(said("a")), Guide()
-    guide.take_status(ward.stories["a"].status or said("a"))
-    turns = guide_view(guide.told(), ward, "a", 100.0).say["en"].turns
-    assert [(turn.axis, turn.how, turn.state) for turn in turns] == [(axis, "", "done") for axis in "xyz"]
-
-
-def test_without_a_router_a_page_says_its_own_word_for_how_a_device_was() -> None:
-    ward = known(said("a", State.BIAS_ONLY))
-    ward.connected = False
-    (tile,) = ward_page(ward, 500.0, NOW, EN).tiles
-    assert tile.reason == "the router is gone: it was to be turned when it was heard last"
-    assert texts("zh").said(tile.reason) == f"路由器不在：最后收到时它处于“{texts('zh')('state.bias_only')}”"
-
-
-def test_a_picture_begins_where_the_store_does() -> None:
-    ward = known(said("a", boot=1, time_ns=NOW), said("a", boot=1, time_ns=NOW + S))
-    at = NOW - np.arange(50, 0, -1) * 60 * S
-    stored = Biases(keys.boot_id(1), at, np.zeros((50, 3)), np.full((50, 3), 1e-4), np.full(50, 30.0))
-    ward.take_past(History("a", (), (), (), (stored, replace(stored, boot="other"))))
-    (drawn,) = past(ward.stories["a"], "a").biases
-    assert len(drawn.time_ns) == 52
-    assert np.all(np.diff(drawn.time_ns) > 0)
-    assert drawn.time_ns[0] == at[0]
-
-
-def test_a_rest_is_said_only_where_there_was_one() -> None:
-    ward = known(said("a"), said("b", evidence_age_s=5.0), about("c"))
-    rests = {tile.id: tile.rest for tile in ward_page(ward, 100.0, NOW, EN).tiles}
-    assert rests == {"a": "none known yet", "b": "5 s ago", "c": ""}
-
-
-def test_one_gap_is_one_gap() -> None:
-    for count, missing, lost, happened in (
-        (0, 0, "none", "movement ignored: 2"),
-        (1, 98, "98, in one gap", "gaps: 1, missing samples: 98, movement ignored: 2"),
-        (3, 99, "99, in 3 gaps", "gaps: 3, missing samples: 99, movement ignored: 2"),
-    ):
-        events = {"movement ignored": 2, "missing_samples": missing, "gaps": count}
-        page = device_page(known(said("a", events=events)), "a", 100.0, NOW, EN)
-        assert page.tile.gaps == lost
-        assert dict(page.facts)["happened"] == happened
-
-
-def test_too_many_devices_are_said() -> None:
-    ward = known(*(about(f"d{i}") for i in range(DEVICES + 3)))
-    assert len(ward.stories) == DEVICES
-    assert any("too many devices: 3" in words for words in ward_page(ward, 100.0, NOW, EN).troubles)
-
-
 def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
     ward = known(about("a", boot=5), said("a", boot=5, calibration=CALIBRATION.id))
     ward.take_calibration(replace(CALIBRATION, device="a"))
@@ -207,21 +139,6 @@ def test_a_trail_is_bounded_and_keeps_the_ends() -> None:
     assert trail.points[-1, 0] == 5 * POINTS - 1
 
 
-def test_a_clock_that_was_set_back_takes_from_a_trail_what_it_has_not_come_to_yet() -> None:
-    trail = Trail()
-    for i in range(100):
-        trail.take(said("a", boot=1, time_ns=NOW + i * S, evidence_age_s=0.2))
-    trail.take(said("a", boot=1, time_ns=NOW + 10 * S))
-    assert len(trail) == 100, "one alone is late"
-    for i in range(100, 103):
-        trail.take(said("a", boot=1, time_ns=NOW + i * S))
-    for i in range(40, 50):
-        trail.take(said("a", boot=1, time_ns=NOW + i * S, bias=(1.0, 0.0, 0.0)))
-    assert trail.times_ns.tolist() == [NOW + i * S for i in range(50)]
-    assert trail.points[:, 0].tolist() == [0.0] * 41 + [1.0] * 9
-    assert all(end <= NOW + 50 * S for _, end in trail.rests)
-
-
 def test_rests_are_told_by_the_age_of_evidence() -> None:
     trail = Trail()
     for i, age_s in enumerate([0.2, 0.2, 0.2, 1.2, 2.2, 3.2, 4.2, 5.2, 0.2, 0.2]):
@@ -252,17 +169,6 @@ def test_a_revision_changes_the_past_it_covers() -> None:
     trail.revise(BiasRevision("a", 1, "", NOW, np.eye(3), np.array([1, 2], np.uint64), times, bias, std, "rest"))
     assert trail.points[:, 0].tolist() == [0, 0, 1, 2, 3, 0, 0, 0, 0, 0]
     assert trail.points[3, 3] == 0.5
-
-
-def test_a_spread_has_holes_where_nothing_was_said() -> None:
-    trail = Trail()
-    for i in [*range(10), *range(60, 70)]:
-        trail.take(said("a", boot=1, time_ns=NOW + i * S, bias=(float(i), 0.0, 0.0)))
-    found = trail.spread(70, NOW, NOW + 69 * S)[:, 0]
-    assert found[5] == 5
-    assert found[65] == 65
-    assert np.isnan(found[30])
-    assert np.isnan(Trail().spread(5, NOW, NOW + S)).all()
 
 
 # ---- rates ------------------------------------------------------------------------------------------------------------
@@ -319,38 +225,6 @@ def test_many_samples_keep_their_extremes() -> None:
     assert len(kept) == len(points)
 
 
-def test_a_clock_that_was_set_back_begins_the_pictures_anew() -> None:
-    traces, heading = Traces(), Heading()
-
-    def go_on(first: int, last: int, back_s: int = 0) -> list[Points | None]:
-        found = []
-        for i in range(first, last):
-            read = raw("a", 0.1, 5 * i)
-            read = replace(read, start_time_ns=read.start_time_ns - back_s * S)
-            pairs = traces.take(0.0, [read], [corrected("a", 0.1, 5 * i)])
-            for pair in pairs:
-                heading.add(pair)
-            found.append(traces.points(pairs))
-        return found
-
-    go_on(0, 200)
-    assert go_on(190, 191) == [None], "it came late"
-    assert len(heading.points) == 10
-    go_on(200, 300, 3600)
-    for times in ([point.time_s for point in heading.points], traces.kept().time_s):  # type: ignore[union-attr]
-        assert len(times) > 4
-        assert np.all(np.diff(times) > 0)
-        assert times[-1] < NOW / S - 3500
-
-
-def test_a_clock_that_is_set_back_within_what_comes_at_once_harms_nothing() -> None:
-    traces = Traces()
-    both = [raw("a", 0.1, 0), replace(raw("a", 0.1, 5), start_time_ns=NOW - 3600 * S)]
-    points = traces.points(traces.take(0.0, both, [corrected("a", 0.1, 0, 10)]))
-    assert points is not None
-    assert len(points) > 0
-
-
 def test_a_heading_drifts_by_the_bias_that_was_not_removed() -> None:
     traces, heading = Traces(), Heading()
     for i in range(200):
@@ -367,21 +241,6 @@ def test_a_heading_drifts_by_the_bias_that_was_not_removed() -> None:
     heading.restart(NOW / S + 1)
     heading.restart(NOW / S + 1)
     assert heading.now.read == 0.0
-
-
-@pytest.mark.parametrize(("rest_s", "since_s"), [(5.02, 5.02), (-66.0, 0.0), (3600.0, 0.0)])
-def test_a_heading_begins_with_the_rest_also_of_samples_that_came_at_once(rest_s: float, since_s: float) -> None:
-    """A rest within them, one before all of them, and one by a clock that is an hour ahead."""
-    traces, heading = Traces(), Heading()
-    heading.restart(NOW / S + rest_s)
-    for i in range(200):
-        for pair in traces.take(0.0, [raw("a", np.radians(3.0), 5 * i)], [corrected("a", 0.0, 5 * i)]):
-            heading.add(pair)
-    first_s = traces.take(0.0, [raw("a", 0.0)], [corrected("a", 0.0)])[0].time_s[0]
-    assert heading.since_s - first_s == pytest.approx(since_s, abs=0.06)
-    lasted_s = heading.now.time_s - heading.since_s + 0.01
-    assert np.degrees(heading.now.read) == pytest.approx(3.0 * lasted_s, abs=0.1)
-    assert heading.points[0].time_s >= heading.since_s
 
 
 @pytest.mark.parametrize(("up", "read_dps"), [((1.0, 0.0, 0.0), 3.0), ((0.0, 1.0, 0.0), 0.0)])

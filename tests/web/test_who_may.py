@@ -3,7 +3,7 @@
 import pytest
 
 from estimator.web.address import neighbourhood
-from estimator.web.attempts import ADDRESS_FREE, FORGET_S, FREE, NAME_FREE, REMEMBERED, Attempts
+from estimator.web.attempts import ADDRESS_FREE, FORGET_S, FREE, NAME_FREE, Attempts
 from estimator.web.sessions import SESSIONS, Sessions
 
 
@@ -48,14 +48,6 @@ def test_a_name_is_not_guessed_from_many_addresses_and_one_alone_does_not_lock_i
     assert taken == NAME_FREE - FREE
 
 
-def test_so_many_are_remembered() -> None:
-    attempts = Attempts()
-    for i in range(2 * REMEMBERED):
-        attempts.failed(str(i), str(i), 0.0)
-    for owed in (attempts._both, attempts._addresses, attempts._names):
-        assert len(owed._until) == REMEMBERED
-
-
 @pytest.mark.parametrize(
     ("address", "whom"),
     [
@@ -82,27 +74,6 @@ def test_a_session_ends_by_itself() -> None:
     assert sessions.find(None, 0.0) is None
     assert sessions.find(cookie, 60.0) is None
     assert sessions.find(cookie, 0.0) is None
-
-
-def test_a_session_that_is_idle_ends() -> None:
-    sessions = Sessions(3600.0, 60.0)
-    cookie = sessions.begin("nurse", 0.0)
-    assert sessions.find(cookie, 59.0) is not None
-    assert sessions.find(cookie, 118.0) is not None
-    assert sessions.find(cookie, 178.0) is None
-    assert sessions.find(cookie, 118.0) is None
-
-
-def test_a_new_session_ends_that_which_the_browser_had() -> None:
-    sessions = Sessions(60.0, 60.0)
-    others = sessions.begin("nurse", 0.0)
-    before = sessions.begin("nurse", 0.0)
-    now = sessions.begin("doctor", 0.0, instead=before)
-    assert sessions.find(before, 0.0) is None
-    assert sessions.find(others, 0.0) is not None
-    found = sessions.find(now, 0.0)
-    assert found is not None
-    assert found.name == "doctor"
 
 
 def test_of_too_many_sessions_the_oldest_ends() -> None:

@@ -1,6 +1,6 @@
 """Throughput, latency, CPU and memory for 1, 10, 100 and 1000 devices: relays that do ever more, and the estimator, in turn.
 
-Writes out/load.png: how all of it grows with the number of devices. With --devices one run: what becomes of more than it can do.
+With --devices one run: what becomes of more than it can do.
 Caches and the past that is kept for smoothing fill for five minutes: whether memory is flat after that tells
 `--devices 1000 --warm 300 --seconds 600`, a quarter of an hour.
 """
@@ -10,15 +10,12 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from estimator import figures
 from tests.bench.load.run import Load, Middle, Took, run
 
 PACED = (
@@ -33,7 +30,6 @@ QUICKEST, ADDED_P50_S, ADDED_P99_S = Load(100, batch=2), 0.0003, 0.0015
 #: of the bare relay's messages, and samples a second; what memory may grow by once it is warm for so long, s
 SHARE, SAMPLES_PER_S = 0.8, 1.5e6
 FLAT, WARM_S = 0.02, 300.0
-OUT = Path("out/load.png")
 
 
 def main() -> int:
@@ -114,9 +110,6 @@ def main() -> int:
         if lost:
             missed.append(f"{devices} devices: {lost} samples of bursts lost (goal 0)")
     console.print(bursts)
-    if not args.quick:
-        _draw(found)
-        console.print(f"drawn: {OUT}")
     if args.json:
         print(json.dumps(measured | {"not_reached": missed}))
     return _said(console, missed)
@@ -177,22 +170,6 @@ def _said(console: Console, missed: list[str]) -> int:
     if missed:
         console.print(f"not reached: {'; '.join(missed)}")
     return int(bool(missed))
-
-
-def _draw(found: dict[tuple[Load, Middle], Took]) -> None:
-    numbers = sorted({load.devices for load in PACED})
-    cpu, latency = dict[str, list[float]](), dict[str, list[float]]()
-    for rate_hz, batch in dict.fromkeys((load.rate_hz, load.batch) for load in PACED if load.devices == 1):
-        for middle in reversed(Middle):
-            took = [found[Load(devices, rate_hz, batch), middle] for devices in numbers]
-            cpu[f"{middle}, {rate_hz:g} Hz"] = [100 * each.cpu for each in took]
-            latency[f"{middle}, {rate_hz:g} Hz"] = [1e3 * each.p99_s for each in took]
-    panels = [
-        figures.Curves(title, "devices", np.array(numbers, float), {k: np.array(v) for k, v in values.items()}, goal)
-        for title, values, goal in (("% of a core", cpu, 50.0), ("ms, 99 % of latency", latency, None))
-    ]
-    OUT.parent.mkdir(exist_ok=True)
-    figures.curves(panels, "What an estimator takes of its machine, beside a bare relay", OUT)
 
 
 def _words(load: Load, took: Took, middle: Middle) -> list[str]:

@@ -1,15 +1,13 @@
 """What an estimator is held against. A bare relay: the bytes of raw/... put on corrected/... unread.
 
-`recode`: each message read, its rates corrected, those of a round together, and written anew; nothing is checked, nothing learnt.
-`filter`: and a step of filterpy's Kalman filter, as it comes, once a second of each device: what a bias that drifts asks for. An
-estimator of these messages in Python cannot do with less. `python -m tests.bench.load.relay ENDPOINT [recode|filter]`
+`recode`: each message is read, the rates of a round are corrected together, and each message is written anew; nothing is checked
+or learnt. `python -m tests.bench.load.relay ENDPOINT [recode]`
 """
 
 import sys
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from bridge.bus.contract import Message, Publisher
 from bridge.bus.zenoh_bus import ZenohBus
@@ -22,20 +20,14 @@ from estimator.service.device import CACHES
 from tests.bench.load.stream import WARD
 
 _THREE = np.ones(3, "<f4").tobytes()
-#: states of a bias and its slope by temperature, and what a rest measures of them
-_STATES, _MEASURED = 6, 3
-_SECOND_NS, _SAMPLE_BYTES = 1_000_000_000, 12
 Put = Callable[[bytes], None]
 
 
 class Recoded:
-    """Puts of one device, the message that all of its have in common, and its filter."""
+    """The publisher of one device, and the message whose constant fields all of its messages share."""
 
     def __init__(self, device: str, boot: int, put: Put) -> None:
         self.put = put
-        self.filter = KalmanFilter(_STATES, _MEASURED)
-        self.filter.H = np.eye(_MEASURED, _STATES)
-        self.due_ns = 0
         self.message = columns.CorrectedBatch(
             version=VERSION,
             device=device,
@@ -49,9 +41,7 @@ class Recoded:
         )
 
 
-def recode(
-    messages: Sequence[Message], known: dict[str, Recoded], publisher: Callable[[str], Publisher], *, filters: bool
-) -> None:
+def recode(messages: Sequence[Message], known: dict[str, Recoded], publisher: Callable[[str], Publisher]) -> None:
     """A round of messages."""
     raws = [columns.SampleBatch.FromString(payload) for _, payload in messages]
     reading = np.frombuffer(b"".join([raw.gyro for raw in raws]), "<f4").reshape(-1, 3).astype(float)
@@ -71,10 +61,6 @@ def recode(
         message.rate = rate[begin:end]
         begin = end
         device.put(message.SerializeToString())
-        if filters and raw.start_time_ns >= device.due_ns:
-            device.due_ns = raw.start_time_ns + _SECOND_NS
-            device.filter.predict()
-            device.filter.update(reading[begin // _SAMPLE_BYTES - 1])
 
 
 def main(endpoint: str, how: str = "") -> None:
@@ -91,7 +77,7 @@ def main(endpoint: str, how: str = "") -> None:
         while not stop.is_set():
             messages = raw.drain(512, 0.05)
             if how and messages:
-                recode(messages, known, publisher, filters=how == "filter")
+                recode(messages, known, publisher)
                 continue
             for key, payload in messages:
                 put = puts.get(key)

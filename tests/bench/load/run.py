@@ -36,8 +36,6 @@ class Middle(StrEnum):
     RELAY = "relay"
     #: reads, corrects and writes each message, and nothing else
     RECODE = "recoding relay"
-    #: and has filterpy step a filter of each device once a second: no estimator in Python does with less
-    FILTER = "filtering relay"
     ESTIMATOR = "estimator"
 
 
@@ -91,7 +89,6 @@ def run(load: Load, middle: Middle, wait_s: float = 120.0) -> Took:
         command = {
             Middle.RELAY: ["tests.bench.load.relay", endpoint],
             Middle.RECODE: ["tests.bench.load.relay", endpoint, "recode"],
-            Middle.FILTER: ["tests.bench.load.relay", endpoint, "filter"],
             Middle.ESTIMATOR: ["estimator.cli", "estimator", "serve", str(config)],
         }[middle]
         with _process("estimator.cli", "router", "--listen", endpoint) as router:

@@ -37,34 +37,3 @@ def test_windows_are_kept_as_their_samples_are(*, aided: bool) -> None:
     end = found[-1].end_time
     assert len(one.between(-np.inf, end)) < len(whole.between(-np.inf, end))
     same(one.between(end - 15.0, end), whole.between(end - 15.0, end))
-
-
-def test_a_stretch_without_an_accelerometer_in_a_part_of_it_has_none() -> None:
-    with_it, without = windows(OF, aided=True), windows(OF, aided=False)
-    history = History()
-    for window in (*with_it[:20], *without[20:40]):
-        history.take(window.rows)
-    assert history.between(with_it[0].start_time, with_it[19].end_time).accel is not None
-    assert history.between(with_it[0].start_time, with_it[20].start_time).accel is None
-
-
-def test_whether_there_was_an_accelerometer_is_seen_in_the_rows_as_a_window_says_it() -> None:
-    rng, accel, told = np.random.default_rng(5), OF.accel.astype(float), set()
-    for axis, value in ((0, np.nan), (1, np.nan), (0, np.inf), (0, -np.inf)):
-        accel[rng.integers(0, len(OF), 60), axis] = value
-    with np.errstate(invalid="ignore"):
-        for window in Stillness().feed(OF.time, OF.gyro, accel):
-            history = History()
-            history.take(window.rows)
-            told.add(window.aided)
-            assert (history.between(-np.inf, np.inf).accel is not None) == window.aided
-    assert told == {True, False}
-
-
-def test_the_largest_reading_is_known_whichever_way_it_went() -> None:
-    history, (window, *more) = History(), windows(OF, aided=True)
-    assert history.largest == 0.0
-    window.rows[3, 2] = -70.0
-    for one in (window, *more):
-        history.take(one.rows)
-    assert history.largest == 70.0

@@ -8,14 +8,12 @@ from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import SessionPlan
 from bridge.wire.messages import Verdict
 from estimator import rotation
-from estimator.batch import closure, closure_fit, misalignment, replacement, turn360
-from estimator.batch.capture import Capture, Samples
+from estimator.batch import closure, closure_fit, turn360
+from estimator.batch.capture import Capture
 from estimator.batch.closure import ClosureKnobs
 from estimator.batch.methods import METHODS
 from estimator.batch.replacement import Replacement
-from estimator.batch.result import Result
-from estimator.batch.session import CalibrationSession, TurnFound
-from estimator.stillness import Stillness
+from estimator.batch.session import TurnFound
 from tests.estimator.batch.sessions import progress
 from tests.estimator.batch.slow_closure import slow_closure
 from tests.estimator.stream import Stream, calibration
@@ -23,8 +21,6 @@ from tests.estimator.stream import Stream, calibration
 Floats = NDArray[np.float64]
 #: the simulator's hand and bias where a test says no other
 EXACT = ClosureKnobs(Replacement(1e-9, 1e-9), misalignment_std=0.0, rate_random_walk=0.0)
-#: as much as the simulator's hand misses by, to be estimated from the session
-ESTIMATED = replace(EXACT, replacement=None)
 
 
 def capture(of: Stream, *, accel: bool = False) -> Capture:
@@ -54,20 +50,6 @@ def test_it_agrees_with_the_slow_one(plan: SessionPlan) -> None:
     np.testing.assert_allclose(ours.covariance, covariance, atol=2e-3 * covariance.max(), rtol=5e-3)
 
 
-def test_its_slopes_are_those_of_differences() -> None:
-    of = capture(calibration(seed=31, plan=SessionPlan(wobble_deg=5.0)), accel=True)
-    ends = tuple(closure._end(turn, 0.02) for turn in of.turns)
-    seen = closure.evidence(of, ClosureKnobs(), ends, replacement.USUAL)
-    theta = closure_fit.start(seen) + np.array([0.01, 0.0, 0.02, 0.03, -0.02, 0.04])
-    _, F, _, _ = closure_fit.linearise(seen, theta)
-    step = 1e-6
-    slopes = [
-        (closure_fit.linearise(seen, theta + step * e)[0] - closure_fit.linearise(seen, theta - step * e)[0]) / step / 2
-        for e in np.eye(6)
-    ]
-    np.testing.assert_allclose(F, np.stack(slopes, axis=-1), atol=1e-5 * np.abs(F).max())
-
-
 @pytest.mark.parametrize("size", [0.0, 1e-5, 0.3, 3.0])
 def test_the_left_jacobian(size: float) -> None:
     v, e = size * np.array([0.6, 0.0, -0.8]), 1e-7 * np.array([1.0, -2.0, 0.5])
@@ -82,21 +64,6 @@ def test_without_noise_any_path_gives_the_truth() -> None:
     np.testing.assert_allclose(found.k, of.truth.k, atol=1e-8)
     np.testing.assert_allclose(found.bias, of.bias[0], atol=1e-10)
     assert np.abs(turn360.estimate(capture(of)).k - of.truth.k).max() > 1e-3, "the paper's criterion needs a fixed axis"
-
-
-@pytest.mark.parametrize("k", [0.72, 1.38])
-def test_it_finds_scales_far_from_one(k: float) -> None:
-    spec, plan = ImuSpec(scale=(k, k)), SessionPlan(wobble_deg=3.0, tilt_deg=5.0)
-    of = calibration(seed=33, spec=spec, plan=plan)
-    found = closure.estimate(capture(of), EXACT)
-    assert np.all(np.abs(found.k - k) < 5 * std_of(found)[3:])
-
-
-def test_more_rests_make_the_bias_surer() -> None:
-    found = capture(calibration(seed=34))
-    one, all_ = (closure.estimate(replace(found, rests=rests), EXACT) for rests in ((found.rest,), found.rests))
-    assert std_of(all_)[0] < 0.8 * std_of(one)[0]
-    assert all_.time == found.rests[-1].middle
 
 
 def test_gravity_measures_the_tilt_that_the_hand_left() -> None:
@@ -129,15 +96,6 @@ def test_how_well_the_hand_puts_it_back_is_estimated(missed_deg: float, accel: b
     assert all(np.degrees(one.replacement.tilt_std) < 0.1 for one in found), "gravity sees the tilt as it is"
 
 
-def test_axes_that_are_misaligned_make_the_scale_less_sure() -> None:
-    straight, askew = (
-        closure.estimate(capture(calibration(seed=47, spec=ImuSpec(misalignment_deg=by)))) for by in (0.0, 4.0)
-    )
-    assert straight.misalignment_std == misalignment.LEAST
-    assert askew.misalignment_std > 0.01
-    assert std_of(askew)[3:].min() > 3 * std_of(straight)[3:].max()
-
-
 def test_a_bias_that_moves_is_followed_from_rest_to_rest() -> None:
     of = calibration(seed=37)
     of.gyro[:] += np.radians(0.02) * ((of.time - of.time[-1]) / 10)[:, None]
@@ -149,68 +107,6 @@ def test_a_bias_that_moves_is_followed_from_rest_to_rest() -> None:
     assert np.abs(moving.k - of.truth.k).max() < np.abs(still.k - of.truth.k).max()
     middles = [np.radians(0.02) * ((t.before.end + t.after.start) / 2 - of.time[-1]) / 10 for t in capture(of).turns]
     np.testing.assert_allclose(moving.turn_bias, of.bias[0] + np.array(middles)[:, None], atol=np.radians(0.01))
-
-
-def test_residuals_larger_than_told_make_it_less_sure() -> None:
-    of = calibration(seed=38, plan=SessionPlan(replacement_deg=0.2))
-    trusting, honest = (closure.estimate(capture(of), knobs) for knobs in (EXACT, ESTIMATED))
-    assert trusting.chi2 > 20 * trusting.dof
-    assert std_of(trusting)[3:].max() < 1.5e-4
-    assert np.degrees(2 * np.pi * std_of(honest)[3:]) == pytest.approx(0.2, rel=0.5), "the hand's 0.2 degrees"
-    assert np.all(np.abs(honest.k - of.truth.k) < 3 * std_of(honest)[3:])
-
-
-def test_rests_that_differ_by_more_than_told_make_the_bias_less_sure() -> None:
-    found = capture(calibration(seed=38))
-    off = np.radians(0.02) * np.array([1, -1, -1, 1])
-    rests = tuple(replace(rest, bias=rest.bias + by) for rest, by in zip(found.rests, off, strict=True))
-    by_rests_alone = replace(EXACT, replacement=Replacement(np.radians(20.0)))
-    std = std_of(closure.estimate(replace(found, rests=rests), by_rests_alone))[:3]
-    np.testing.assert_allclose(std, np.radians(0.02) / np.sqrt(3), rtol=0.1)  # of the mean of four
-
-
-def test_the_end_of_a_turn_is_tilted_as_gravity_says_and_as_surely() -> None:
-    turn = capture(calibration(seed=3), accel=True).turns[0]
-    up, then = np.array([0.0, 0.0, 9.8]), np.array([0.0, 9.8 * np.sin(0.3), 9.8 * np.cos(0.3)])
-    before = replace(turn.before, accel=up, accel_std=None)
-    noisy = replace(turn.after, accel=then, accel_std=np.full(3, 0.98), n=100)
-    found = closure._end(replace(turn, before=before, after=noisy), tilt_share=0.02)
-    end, cov = found.attitude, found.covariance(Replacement(np.radians(0.3), np.radians(0.1)))
-    np.testing.assert_allclose(end @ then, up, atol=1e-12)
-    np.testing.assert_allclose(end @ end.T, np.eye(3), atol=1e-12)
-    tilt_var = np.radians(0.1) ** 2 + (0.02 * 0.3) ** 2 + 0.01**2
-    np.testing.assert_allclose(cov, np.diag([tilt_var, tilt_var, np.radians(0.3) ** 2]), atol=1e-12)
-
-
-def test_a_bias_that_walks_varies_between_rests_and_turns_as_a_random_walk_does() -> None:
-    found = capture(calibration(seed=3))
-    spans = [(r.start, r.end) for r in found.rests] + [(t.before.end, t.after.start) for t in found.turns]
-    time = np.concatenate([a + (np.arange(200) + 0.5) * (b - a) / 200 for a, b in spans])
-    reference = found.rests[-1].middle
-    since = reference - time  # the walk is counted from the reference, both ways
-    together = np.where(np.sign(since)[:, None] == np.sign(since), np.minimum(*np.abs(np.meshgrid(since, since))), 0.0)
-    means = together.reshape(len(spans), 200, len(spans), 200).mean(axis=(1, 3))
-    np.testing.assert_allclose(closure._walk(found.rests, found.turns), means, atol=2e-3)
-
-
-def test_rounding_is_no_noise_to_be_averaged_away() -> None:
-    step = 0.06
-    of = calibration(seed=39, spec=ImuSpec(noise_dps=0.005, step_dps=step))
-    found = closure.estimate(capture(of))
-    assert np.all(std_of(found)[:3] > 0.9 * np.radians(step) / np.sqrt(12)), "only the turns tell a little more"
-    assert np.all(np.abs(found.bias - of.bias[0]) < 3 * std_of(found)[:3])
-
-
-def test_unequal_intervals() -> None:
-    of = calibration(seed=40, rate_hz=208.0, plan=SessionPlan(wobble_deg=2.0))
-    keep = np.sort(np.random.default_rng(0).permutation(len(of))[: len(of) * 3 // 4])
-    # What a sensor that integrates between its samples would read.
-    angle = np.cumsum(of.gyro, axis=0)[keep]
-    counts = np.diff(keep, prepend=keep[0] - 1)
-    thinned = of.only(keep)
-    thinned.gyro[:] = np.diff(angle, axis=0, prepend=angle[:1] - of.gyro[keep[0]]) / counts[:, None]
-    found = closure.estimate(capture(thinned))
-    np.testing.assert_allclose(found.k, of.truth.k, atol=2e-4)
 
 
 @pytest.mark.parametrize("rate_hz", [26.0, 40.0])
@@ -239,28 +135,6 @@ def test_what_cannot_close_does_not_converge() -> None:
     assert METHODS["closure"](replace(found, turns=asleep)).verdict is Verdict.REFUSED
 
 
-def test_every_rest_of_a_session_is_used_once() -> None:
-    of = calibration(seed=43, plan=SessionPlan(rests_s=(3.0, 3.5, 4.0, 4.5)))
-    captures: list[Capture] = []
-
-    def run(found: Capture) -> Result:
-        captures.append(found)
-        return METHODS["closure"](found)
-
-    session, stillness = CalibrationSession(), Stillness()
-    session._run = run
-    session.add(Samples(of.time, of.gyro, None, np.zeros(len(of), bool)))
-    for window in stillness.feed(of.time, of.gyro, None):
-        session.window(window)
-    (found,) = captures
-    starts = [rest.start for rest in found.rests]
-    assert len(starts) == 4
-    assert starts == sorted(set(starts))
-    assert [rest.end - rest.start for rest in found.rests[1:3]] == pytest.approx([3.5, 4.0], abs=0.4)
-    assert found.rests[0] is found.rest
-    assert found.rests[-1].start >= max(turn.after.start for turn in found.turns)
-
-
 def test_axes_that_are_not_orthogonal_make_it_less_sure_where_turns_tilt() -> None:
     straight, tilted = (
         capture(calibration(seed=44, plan=SessionPlan(tilt_deg=tilt), spec=ImuSpec(misalignment_deg=0.6)))
@@ -275,19 +149,3 @@ def test_three_turns_about_one_axis_determine_nothing() -> None:
     found = capture(calibration(seed=45))
     result = METHODS["closure"](replace(found, turns=(found.turns[0],) * 3))
     assert result.verdict is not Verdict.ACCEPTED
-
-
-def test_the_order_of_the_turns_is_of_no_account() -> None:
-    found = capture(calibration(seed=46), accel=True)
-    x, y, z = found.turns
-    other = closure.estimate(replace(found, turns=(z, x, y)))
-    ours = closure.estimate(found)
-    np.testing.assert_allclose(other.k, ours.k, atol=1e-8)
-    np.testing.assert_allclose(other.covariance, ours.covariance, rtol=1e-4, atol=1e-12)
-
-
-def test_only_the_first_rest_will_do() -> None:
-    of = calibration(seed=47)
-    found = closure.estimate(replace(capture(of), rests=()))
-    assert np.all(np.abs(found.k - of.truth.k) < 4 * std_of(found)[3:])
-    assert found.time == capture(of).rest.middle

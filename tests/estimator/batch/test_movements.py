@@ -1,11 +1,9 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from estimator.batch.capture import Movement, Rest, Samples
 from estimator.batch.carry import collect
-from estimator.batch.movements import LONGEST_S, MOST, STALE_S, Movements
+from estimator.batch.movements import MOST, Movements
 from estimator.batch.recognise import TurnKnobs
 
 UP = np.array([0.0, 0.0, 9.8])
@@ -30,36 +28,6 @@ def test_the_latest_are_kept_and_no_more() -> None:
     assert len(kept) == MOST
     assert kept.all()[0].before.end == 5.0 * 10 + 5
     assert [m.full_turn for m in kept.all()[:2]] == [True, False]
-
-
-def test_what_is_old_or_at_another_bias_goes() -> None:
-    kept = Movements(TurnKnobs())
-    kept.add(movement(5.0), full_turn=False)
-    kept.add(movement(10.0), full_turn=False)
-    kept.add(movement(13.0 + STALE_S), full_turn=False)
-    assert len(kept) == 2
-    kept.add(movement(20.0 + STALE_S, bias=0.05), full_turn=False)
-    assert len(kept) == 1
-
-
-def test_what_cannot_be_integrated_is_not_kept() -> None:
-    whole = movement(5.0)
-    n = len(whole.samples)
-    gap = np.delete(np.arange(n), slice(n // 2, n // 2 + 20))
-    s = whole.samples
-    assert s.accel is not None
-    broken = [
-        replace(whole, samples=Samples(s.time[gap], s.gyro[gap], s.accel[gap], s.clipped[gap])),
-        replace(whole, samples=replace(s, clipped=np.arange(n) == n // 2)),
-        replace(whole, samples=s.between(5.1, 99.0)),
-        replace(whole, after=replace(whole.after, accel=None)),
-        replace(whole, after=replace(whole.after, bias=np.full(3, 0.02))),
-        movement(5.0, LONGEST_S + 1),
-        replace(whole, samples=replace(s, gyro=20 * s.gyro)),
-    ]
-    kept = Movements(TurnKnobs())
-    assert [kept.add(m, full_turn=False) for m in broken] == [False] * len(broken)
-    assert kept.add(whole, full_turn=False)
 
 
 @pytest.mark.parametrize("lost", [None, 1])

@@ -38,15 +38,6 @@ def test_its_noise_is_what_repeating_shows() -> None:
     assert np.trace(np.cov(ends.T) @ np.linalg.inv(expected)) / 3 == pytest.approx(1.0, abs=0.15)
 
 
-def test_a_turn_about_a_fixed_axis_has_no_coning() -> None:
-    gyro = np.outer(np.sin(TIME), [0.0, 2.0, 0.0])
-    of = path(np.eye(3), np.zeros(3), gyro)
-    assert of.coning == 0.0
-    assert of.way == pytest.approx(np.abs(gyro).sum() / 100)
-    assert of.seconds == pytest.approx(3.0)
-    assert path().coning > 0.0
-
-
 def test_gravity_depends_on_an_accelerometers_errors_as_it_says() -> None:
     accel, errors, step = np.array([3.0, -5.0, 8.0]), np.linspace(0.0, 0.08, N), 1e-7
     g, slope, shape = measured(accel, errors)

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from bridge.sim.motion import Piece, Still
-from bridge.sim.script import SessionPlan, TurnPlan, session, swing
+from bridge.sim.motion import Still
+from bridge.sim.script import SessionPlan, TurnPlan, session
 from bridge.wire.messages import Verdict
 from estimator.batch.capture import Capture, Samples
 from estimator.batch.methods import METHODS
 from estimator.batch.result import Result, nothing
-from estimator.batch.session import STALE_S, CalibrationSession, Finished, RestFound, TurnFound
+from estimator.batch.session import CalibrationSession, Finished, RestFound, TurnFound
 from estimator.stillness import Stillness
 from tests.estimator.batch.sessions import progress
 from tests.estimator.stream import calibration
@@ -51,45 +51,8 @@ def test_only_the_turns_that_are_to_be_repeated_are_forgotten(monkeypatch: pytes
     assert (session.done(), session.missing()) == ((0, 2), (1,))
 
 
-def test_a_refused_movement_between_does_no_harm() -> None:
-    plan = (X, TurnPlan(1, 180.0), Y, TurnPlan(0, swing=True), TurnPlan(2, -720.0), Z)
-    of = calibration(*plan, seed=4)
-    found = [p for p in progress(of) if isinstance(p, Finished)]
-    assert [p.result.verdict for p in found] == [Verdict.ACCEPTED]
-    np.testing.assert_allclose(found[0].result.scale, of.truth.k, atol=1e-3)
-
-
 def test_turns_long_ago_are_not_combined() -> None:
     late = [Still(650.0), *session(np.random.default_rng(0), SessionPlan(3.2, (Z,), (4.0, 5.0)))]
     assert not any(isinstance(p, Finished) for p in progress(calibration(X, Y, seed=5, after=late)))
     soon = [Still(60.0), *late[1:]]
     assert isinstance(progress(calibration(X, Y, seed=5, after=soon))[-1], Finished)
-
-
-def test_rests_are_not_kept_for_ever_while_a_turn_waits_for_the_others() -> None:
-    rng = np.random.default_rng(0)
-    worn: list[Piece] = [piece for _ in range(260) for piece in (swing(rng, 2.0, 1.5), Still(3.0))]
-    of = calibration(X, seed=5, after=worn)
-    session = CalibrationSession()
-    session.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
-    for window in Stillness().feed(of.time, of.gyro, of.accel):
-        session.window(window)
-    assert of.time[-1] > 2 * STALE_S
-    assert len(session._rests) * 5.0 < 2.1 * STALE_S
-
-
-def test_turns_at_another_bias_are_not_combined() -> None:
-    late = [Still(40.0), *session(np.random.default_rng(0), SessionPlan(3.2, (Z,), (4.0, 5.0)))]
-    of = calibration(X, Y, seed=6, after=late)
-    jump = of.at(of.time[-1] - 25.0)
-    assert isinstance(progress(of)[-1], Finished)
-    of.gyro[jump:] += np.radians(0.8)
-    assert not any(isinstance(p, Finished) for p in progress(of))
-
-
-def test_the_bias_is_that_of_the_last_rest() -> None:
-    of = calibration(seed=7)
-    last = progress(of)[-1]
-    assert isinstance(last, Finished)
-    assert last.result.bias_time == last.rest.middle
-    assert last.result.bias_time > of.time[-1] - 3.2

@@ -1,14 +1,11 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from bridge.sim.motion import Still
 from bridge.sim.script import SessionPlan, TurnPlan
-from estimator.batch.capture import History, Rest, Samples
+from estimator.batch.capture import History, Samples
 from estimator.batch.stages import Settled, StageKnobs, Stages
 from estimator.stillness import Stillness
-from tests.estimator.stream import Stream, calibration, stream
+from tests.estimator.stream import Stream, calibration
 
 
 def settled(of: Stream) -> list[Settled]:
@@ -17,12 +14,6 @@ def settled(of: Stream) -> list[Settled]:
     history.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
     found = [stages.window(w) for w in stillness.feed(of.time, of.gyro, of.accel)]
     return [s for s in found if s is not None]
-
-
-def test_one_rest_settles_once() -> None:
-    (only,) = settled(stream([Still(30.0)], 30.0))
-    assert only.before is None
-    assert only.after.end - only.after.start == pytest.approx(StageKnobs().rest_s, abs=0.2)
 
 
 def test_a_session_has_four_rests_each_with_the_one_before() -> None:
@@ -75,37 +66,8 @@ def test_a_short_pause_belongs_to_the_movement() -> None:
     assert len(settled(of)) == 2
 
 
-def test_silence_is_no_rest() -> None:
-    of = stream([Still(300.0)], 300.0)
-    # Half a second of rest, three minutes of nothing, then a single sample: that was no rest of three minutes.
-    keep = np.r_[0:56, of.at(200.0) : of.at(200.0) + 20]
-    cut = of.only(keep)
-    assert settled(cut) == []
-
-
 def test_a_rest_of_hours_is_measured_by_its_latest_part() -> None:
     of = calibration(before_s=100.0)
     first = settled(of)[1].before
     assert first is not None
     assert first.end - first.start == pytest.approx(StageKnobs().longest_s, abs=0.1)
-
-
-def test_history_keeps_what_it_must_and_forgets_the_rest() -> None:
-    of = stream([Still(400.0)], 400.0)
-    history = History(keep_s=100.0)
-    for start in range(0, len(of), 50):
-        p = of.part(start, start + 50)
-        history.add(Samples(p.time, p.gyro, p.accel, np.zeros(len(p), bool)))
-    kept = history.between(0.0, 1e9)
-    assert 100.0 <= kept.time[-1] - kept.time[0] < 101.0
-    part = history.between(350.0, 360.0)
-    np.testing.assert_array_equal(part.gyro, of.gyro[of.at(350.0) : of.at(360.0) + (of.time == 360.0).sum()])
-    assert part.accel is not None
-    before = history.between(0.0, 10.0)
-    assert (len(before), before.gyro.shape, before.accel, before.clipped.shape) == (0, (0, 3), None, (0,)), "forgotten"
-
-
-def test_a_rest_that_wandered_is_so_much_less_sure() -> None:
-    rest = Rest(0.0, 4.0, np.zeros(3), np.full(3, 1e-3), np.zeros(3), 400, None)
-    wandered = replace(rest, wander=np.array([0.0, 3e-4, 1e-3]))
-    np.testing.assert_allclose(np.diag(wandered.bias_cov - rest.bias_cov), [0.0, 9e-8, 1e-6])

@@ -7,14 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.recording import Recording
-from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import TurnPlan
 from bridge.sim.session import Session, simulate_session
 from bridge.wire.messages import Verdict
 from estimator import offline
-from estimator.batch.axes import MAPPINGS, foreign_axes, in_words, misfit
+from estimator.batch.axes import MAPPINGS, foreign_axes, in_words
 from estimator.batch.result import Result
-from estimator.batch.stages import wander
 from tests.estimator.batch.sessions import capture as captured
 from tests.estimator.stream import calibration
 
@@ -38,25 +36,6 @@ def test_every_swap_and_mirror_of_axes_is_named(number: int) -> None:
     else:
         assert result.verdict is Verdict.REFUSED
         assert in_words(MAPPINGS[number].T) in result.reason
-
-
-@pytest.mark.parametrize(
-    ("mapping", "words"),
-    [
-        ([[1, 0, 0], [0, 1, 0], [0, 0, -1]], "z is −z of what the gyro reports"),
-        ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], "x is y, y is x of what the gyro reports"),
-        ([[0, 0, -1], [1, 0, 0], [0, 1, 0]], "x is −z, y is x, z is y of what the gyro reports"),
-    ],
-)
-def test_a_mapping_in_words_says_what_each_axis_is(mapping: list[list[int]], words: str) -> None:
-    assert in_words(np.array(mapping, float)) == words
-
-
-def test_gravity_carried_wrongly_misses_by_gravity_at_the_most() -> None:
-    of = calibration(seed=3, spec=ImuSpec(noise_dps=0.0, accel_noise=0.0))
-    turn = captured(of).turns[0]
-    found = misfit(turn.before, turn.samples, of.truth.matrix)
-    assert found[0] < 1e-3 < found.max() < 4.0, "of gravity squared"
 
 
 def test_of_a_movement_that_no_accelerometer_saw_axes_are_not_judged() -> None:
@@ -118,12 +97,6 @@ def test_rests_in_a_hand_make_the_scale_as_unsure_as_it_is() -> None:
             assert "rests before and after" in result.reason or "no longer counts" in result.reason
     assert len(accepted) > 3
     assert np.max(accepted) < 4
-
-
-def test_warming_up_is_no_wandering() -> None:
-    rng = np.random.default_rng(1)
-    rest = np.radians(0.03) * rng.normal(size=(3120, 3)) + np.radians(0.005) * np.arange(3120)[:, None] / 104
-    assert not wander(rest).any()
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from bridge.sim.imperfection import ImuSpec
-from bridge.sim.motion import Still
-from bridge.sim.script import SessionPlan, TurnPlan
+from bridge.sim.script import SessionPlan
 from estimator.batch import turn360
 from estimator.batch.capture import Capture
 from estimator.batch.result import judge
@@ -40,13 +39,6 @@ def test_without_noise_it_finds_the_truth() -> None:
     np.testing.assert_allclose(found.bias, of.bias[0], atol=1e-12)
 
 
-def test_the_order_of_the_turns_is_of_no_account() -> None:
-    found = capture(calibration(seed=11))
-    x, y, z = found.turns
-    other = turn360.estimate(Capture(found.rest, (z, x, y)))
-    np.testing.assert_allclose(other.k, turn360.estimate(found).k, atol=1e-9)
-
-
 def test_three_turns_about_one_axis_determine_nothing() -> None:
     found = capture(calibration(seed=12))
     same = Capture(found.rest, (found.turns[0],) * 3)
@@ -65,14 +57,14 @@ def test_turns_that_are_none_do_not_converge() -> None:
 
 
 def test_its_covariance_is_what_repeating_shows() -> None:
-    """Bias and k of 30 sessions, without and with a hand's errors: errors over published deviations."""
+    """Bias and k of 15 sessions, without and with a hand's errors: errors over published deviations."""
     for plan, low, high in (
         (SessionPlan(), 0.02, 1.2),  # the re-placement it assumes was perfect: too modest, never too bold
         (SessionPlan(replacement_deg=0.2), 0.4, 1.2),
         (SessionPlan(wobble_deg=3.0), 0.1, 1.2),
     ):
         k_score, bias_score = [], []
-        for seed in range(30):
+        for seed in range(15):
             of = calibration(seed=seed, plan=plan, rate_hz=52.0)
             found = turn360.estimate(capture(of))
             std = np.sqrt(np.diag(found.covariance))
@@ -105,24 +97,3 @@ def test_its_covariance_is_its_own_slope() -> None:
     usual = turn360.estimate(found)
     added = np.diag(usual.covariance - at.covariance)[3:]
     np.testing.assert_allclose(added, (np.radians(0.2) * at.k / (2 * np.pi)) ** 2, rtol=0.01)
-
-
-def test_a_long_rest_gives_a_better_bias_and_says_so() -> None:
-    short, long = (turn360.estimate(capture(calibration(seed=14, before_s=s))) for s in (0.5, 25.0))
-    assert (np.diag(long.covariance)[:3] < 0.3 * np.diag(short.covariance)[:3]).all()
-
-
-def test_b_of_a_coarse_gyro_is_within_its_step() -> None:
-    spec = ImuSpec(noise_dps=0.002, step_dps=0.061)
-    score = []
-    for seed in range(20):
-        of = calibration(seed=seed, spec=spec)
-        found = turn360.estimate(capture(of))
-        score.append((found.bias - of.bias[0]) / np.sqrt(np.diag(found.covariance)[:3]))
-    assert np.sqrt(np.mean(np.square(score))) < 1.5
-
-
-def test_turned_twice_as_slowly_it_is_the_same_sensor() -> None:
-    turns = tuple(TurnPlan(axis, duration_s=d) for axis, d in enumerate((3.0, 5.0, 9.0)))
-    of = calibration(*turns, seed=15, after=[Still(1.0)])
-    np.testing.assert_allclose(turn360.estimate(capture(of)).k, of.truth.k, atol=1e-3)

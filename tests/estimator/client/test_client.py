@@ -1,17 +1,13 @@
-import threading
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from bridge.bus.contract import BusError, Publisher, Reply
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality
-from bridge.wire.refusal import Refusal
-from estimator.client.client import NONE_S, Client
+from estimator.client.client import Client
 from estimator.session import DeviceSession
 from tests.estimator.client.test_revision import revision
 from tests.estimator.stream import NAME, corrected_by, info, stream
@@ -55,68 +51,12 @@ def test_every_sample_once_the_past_first(broker: MemoryBroker, client: Client) 
     assert list(client.corrected(history=False, idle_s=0.05)) == []
 
 
-def test_what_a_restarted_estimator_corrects_again_is_left_out(broker: MemoryBroker, client: Client) -> None:
-    subscription = client.corrected(NAME, idle_s=0.1)
-    put = publisher(broker).put
-    for start, end in [(0, 50), (50, 100), (30, 60), (60, 90), (80, 130), (130, 140)]:
-        put(codec.encode_corrected(corrected(start, end)))
-    found = list(subscription)
-    assert numbers(found) == list(range(140))
-    assert subscription.repeated == 30 + 30 + 20
-    # A batch cut at its head keeps its own times.
-    tail = next(b for b in found if b.sequence == 100)
-    whole = corrected(80, 130)
-    np.testing.assert_array_equal(tail.rate, whole.rate[20:])
-    assert np.abs(tail.sample_time_ns - whole.sample_time_ns[20:]).max() <= 1
-
-
-def test_a_new_boot_counts_from_its_own_start(broker: MemoryBroker, client: Client) -> None:
-    subscription = client.corrected(idle_s=0.1)
-    put = publisher(broker).put
-    for batch in (corrected(0, 50), corrected(0, 20, boot=2), corrected(50, 60), corrected(20, 30, boot=2)):
-        put(codec.encode_corrected(batch))
-    found = list(subscription)
-    assert [(b.boot, b.sequence, len(b)) for b in found] == [(1, 0, 50), (2, 0, 20), (1, 50, 10), (2, 20, 10)]
-
-
-def test_a_gap_is_a_gap_and_no_repeat(broker: MemoryBroker, client: Client) -> None:
-    subscription = client.corrected(idle_s=0.1)
-    put = publisher(broker).put
-    for start, end in [(0, 10), (30, 40)]:
-        put(codec.encode_corrected(corrected(start, end)))
-    assert numbers(list(subscription)) == [*range(10), *range(30, 40)]
-    assert subscription.repeated == subscription.missed == 0
-
-
-def test_a_device_started_anew_under_its_old_boot_number_is_heard(broker: MemoryBroker, client: Client) -> None:
-    subscription = client.corrected(idle_s=0.1)
-    put = publisher(broker).put
-    put(codec.encode_corrected(corrected(0, 50)))
-    for start, end in [(0, 10), (10, 60)]:
-        batch = corrected(start, end)
-        put(codec.encode_corrected(replace(batch, start_time_ns=batch.start_time_ns + 4_000_000_000)))
-    assert numbers(list(subscription)) == [*range(50), *range(60)]
-    assert subscription.repeated == 0
-
-
 @pytest.mark.parametrize("by_bus", [False, True])
 def test_iterating_ends_when_it_is_closed(broker: MemoryBroker, by_bus: bool) -> None:
     bus = MemoryBus(broker)
     subscription = Client(ward=WARD, bus=bus).corrected()
     (bus if by_bus else subscription).close()
     assert list(subscription) == []
-
-
-def test_closed_within_a_loop_it_ends_there(broker: MemoryBroker, client: Client) -> None:
-    subscription = client.corrected()
-    put = publisher(broker).put
-    for start in (0, 10, 20):
-        put(codec.encode_corrected(corrected(start, start + 10)))
-    found = []
-    for batch in subscription:
-        found.append(batch)
-        subscription.close()
-    assert numbers(found) == list(range(10))
 
 
 def test_garbage_is_counted_and_passed_over(broker: MemoryBroker, client: Client) -> None:
@@ -145,29 +85,6 @@ def test_statuses_infos_and_calibrations(broker: MemoryBroker, client: Client) -
     assert follow.latest() is not None
     assert follow.latest() is None
     follow.close()
-
-
-def test_a_status_of_an_estimator_that_has_lost_the_device_is_left_out(
-    broker: MemoryBroker, client: Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    put, follow = publisher(broker, "status").put, client.follow(NAME)
-    for epoch in (5, 4, 6, 5):
-        put(codec.encode_status(replace(DeviceSession(NAME).status(7), epoch=epoch)))
-    assert [status.epoch for status in follow.drain(0.1)] == [5, 6]
-    monkeypatch.setattr("estimator.client.client.HANDOVER_S", 0.0)  # the clock that epochs are made of was set back
-    put(codec.encode_status(replace(DeviceSession(NAME).status(7), epoch=1)))
-    assert [status.epoch for status in follow.drain(0.1)] == [1]
-
-
-def test_who_is_slow_to_show_that_he_is_there_is_not_said_to_be_gone(broker: MemoryBroker, client: Client) -> None:
-    key = keys.build(WARD, "alive/estimator", estimator="e")
-    timer = threading.Timer(0.2, lambda: MemoryBus(broker).declare_alive(key))
-    timer.start()
-    assert client.alive("estimator", 0.0) == ["e"]
-    timer.join()
-    began = time.monotonic()
-    assert client.alive("bridge", 0.0) == []
-    assert time.monotonic() - began >= NONE_S
 
 
 def test_revisions_come_as_they_are_made(broker: MemoryBroker, client: Client) -> None:
@@ -208,22 +125,6 @@ def test_nobody_there_or_nonsense_is_a_bus_error(broker: MemoryBroker, client: C
         client.recalibrate(NAME, "nurse")
 
 
-def test_a_bad_name_goes_nowhere(client: Client) -> None:
-    with pytest.raises(Refusal):
-        client.recalibrate("a/b", "nurse")
-    with pytest.raises(Refusal):
-        client.corrected("*")
-    with pytest.raises(Refusal):
-        Client(ward="a/b", bus=MemoryBus(MemoryBroker()))
-
-
-def test_a_bus_that_was_lent_is_not_closed(broker: MemoryBroker) -> None:
-    bus = MemoryBus(broker)
-    with Client(ward=WARD, bus=bus):
-        pass
-    assert bus.connected
-
-
 def test_a_router_may_be_given_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Sequence[str]] = []
 
@@ -234,25 +135,3 @@ def test_a_router_may_be_given_by_itself(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr("estimator.client.connection.ZenohBus", opened)
     Client("tcp/10.0.0.5:7447", ward=WARD)
     assert asked == [("tcp/10.0.0.5:7447",)]
-
-
-def test_of_whom_nothing_comes_the_log_says_so_once(
-    broker: MemoryBroker, client: Client, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr("estimator.client.stream.NOTHING_S", 0.05)
-    publisher(broker).put(codec.encode_corrected(corrected(0, 20)))
-    for names, said in (
-        ("chst", "nothing has come yet of chst in ward w; are the names right?"),
-        (["chst", "bakc"], "nothing has come yet of chst, bakc in ward w"),
-        (NAME, ""),
-        (None, ""),
-    ):
-        caplog.clear()
-        stream = client.corrected(names, idle_s=0.2)
-        assert bool(list(stream)) == (not said)
-        assert list(stream) == []
-        assert len(caplog.records) == bool(said)
-        assert said in caplog.text
-    caplog.clear()
-    assert list(client.corrected("chst", idle_s=0.2, quiet=True)) == []
-    assert not caplog.records

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.wire.messages import CorrectedBatch, SampleFlag
+from bridge.wire.messages import CorrectedBatch
 from estimator.client import Miss
-from estimator.client.reorder_buffer import BOOTS, HANDOVER_S, WAIT_S, WINDOW, ReorderBuffer
+from estimator.client.reorder_buffer import HANDOVER_S, WAIT_S, ReorderBuffer
 from tests.estimator.client.test_revision import batch
 
 MINUTE_NS = 60_000_000_000
@@ -46,12 +46,6 @@ def fed(*spans: tuple[int, int], wait_s: float = WAIT_S, epoch: int = 0, now: fl
     return buffer
 
 
-def test_in_order_nothing_is_held() -> None:
-    buffer = fed((0, 5), (5, 9))
-    assert said(buffer) == [(0, 9, 0)]
-    assert buffer.due() == inf
-
-
 def test_a_batch_before_its_turn_waits_for_the_samples_before_it() -> None:
     buffer = fed((0, 5), (9, 12), (7, 9))
     assert said(buffer) == [(0, 5, 0)]
@@ -71,54 +65,6 @@ def test_a_hole_is_given_up_in_time_and_told_before_the_batch_after_it() -> None
     assert buffer.missing == {"d": 4}
     buffer.feed(numbered(3, 7), 2.0)  # all of it again, or too late
     assert (said(buffer), buffer.repeated) == ([], 7)
-
-
-def test_each_batch_waits_from_when_it_came() -> None:
-    buffer = ReorderBuffer(1.0)
-    for now, first in enumerate((0, 20, 10, 30)):
-        buffer.feed(numbered(first, 5), float(now))
-    said(buffer)
-    buffer.overdue(2.0)
-    assert said(buffer) == [(5, 10, None), (10, 15, 0), (15, 20, None), (20, 25, 0)]
-    assert buffer.due() == 4.0
-
-
-def test_the_sample_after_a_hole_may_tell_of_it() -> None:
-    buffer = fed((0, 5))
-    buffer.feed(numbered(9, 3, flags=np.array([SampleFlag.AFTER_GAP, 0, 0], np.uint32)), 0.0)
-    buffer.overdue(inf)
-    assert [event.told for event in buffer.ready if isinstance(event, Miss)] == [True]
-
-
-def test_the_new_samples_of_a_batch_are_taken_from_it() -> None:
-    buffer = fed((0, 2), (4, 6), (8, 10), (1, 12))
-    assert said(buffer) == [(0, 12, 0)]
-    assert buffer.repeated == 5
-
-
-def test_of_too_many_samples_that_are_held_the_first_are_given() -> None:
-    buffer = fed((0, 5), *[(start, start + 5) for start in range(10, 10 + WINDOW + 5, 5)])
-    assert said(buffer)[:2] == [(0, 5, 0), (5, 10, None)]
-    assert buffer.due() == inf
-
-
-def test_a_patient_subscriber_holds_all_that_comes_meanwhile() -> None:
-    buffer = ReorderBuffer(40.0)
-    for n in [0, *range(2, 700)]:  # 20 samples every 50 ms
-        buffer.feed(numbered(20 * n, 20), 0.05 * n)
-    buffer.overdue(40.0)
-    assert said(buffer) == [(0, 20, 0)]
-    buffer.overdue(40.1)
-    assert said(buffer) == [(20, 40, None), (40, 14_000, 0)]
-
-
-def test_a_late_joiner_waits_at_the_beginning_only_and_misses_nothing() -> None:
-    buffer = fed((100, 105), (95, 100))
-    assert said(buffer) == []
-    buffer.overdue(WAIT_S)
-    assert said(buffer) == [(95, 105, 0)]
-    buffer.feed(numbered(90, 5), 1.0)
-    assert (said(buffer), buffer.missing, buffer.repeated) == ([], {}, 5)
 
 
 # ---- several estimators --------------------------------------------------------------------------------------------
@@ -143,27 +89,6 @@ def test_an_estimator_that_hung_and_goes_on_is_not_listened_to() -> None:
     assert buffer.missing == {}
 
 
-def test_a_hole_before_a_new_owner_is_filled_by_the_former_one() -> None:
-    """A line is mended as another estimator takes the device: what the former owner published is heard up to 2 s later."""
-    buffer = fed((0, 30), epoch=1)
-    buffer.feed(numbered(60, 10, epoch=3), 6.0)
-    buffer.overdue(8.0)
-    assert said(buffer) == [(0, 30, 1)]
-    for first in (28, 48):
-        buffer.feed(numbered(first, 20, epoch=2), 8.1)
-    assert said(buffer) == [(30, 60, 2), (60, 70, 3)]
-    assert (buffer.due(), buffer.missing) == (inf, {})
-
-
-def test_a_former_owner_that_says_nothing_is_given_up_and_no_hole_within_an_epoch_waits_for_it() -> None:
-    for epoch, wait_s in ((1, WAIT_S), (2, HANDOVER_S)):
-        buffer = fed((0, 30), epoch=1)
-        buffer.feed(numbered(60, 10, epoch=epoch), 6.0)
-        assert buffer.due() == 6.0 + wait_s
-        buffer.overdue(6.0 + wait_s)
-        assert buffer.missing == {"d": 30}
-
-
 def test_what_only_a_former_owner_says_is_given_after_a_while() -> None:
     """It has the device still, beyond a cut; the one that took it on this side was killed. Or its clock was set back."""
     buffer = fed((0, 10), epoch=1)
@@ -178,28 +103,12 @@ def test_what_only_a_former_owner_says_is_given_after_a_while() -> None:
     assert (buffer.due(), buffer.missing) == (inf, {})
 
 
-def test_of_what_waits_the_newest_epoch_is_given() -> None:
-    buffer = fed((0, 5), (8, 14), (20, 30), epoch=1)
-    for start, end in ((5, 8), (12, 22)):
-        buffer.feed(numbered(start, end - start, epoch=2), 0.0)
-    buffer.overdue(HANDOVER_S)
-    assert said(buffer) == [(0, 5, 1), (5, 8, 2), (8, 12, 1), (12, 22, 2), (22, 30, 1)]
-
-
 # ---- boots ---------------------------------------------------------------------------------------------------------
 
 
 def later(first: int, by_ns: int, epoch: int = 0) -> CorrectedBatch:
     """A batch that begins so long after sample 70."""
     return numbered(first, 5, epoch, start_time_ns=batch(70).start_time_ns + by_ns)
-
-
-def test_boots_have_nothing_to_do_with_each_other() -> None:
-    buffer = fed((0, 5), (9, 12))
-    buffer.feed(numbered(0, 5, boot=8), 0.0)
-    buffer.feed(numbered(5, 4), 0.0)
-    events = [(event.boot, event.sequence) for event in buffer.ready if isinstance(event, CorrectedBatch)]
-    assert events == [(7, 0), (8, 0), (7, 5), (7, 9)]
 
 
 def test_a_device_started_anew_under_its_boot_number_begins_again() -> None:
@@ -217,17 +126,6 @@ def test_low_numbers_are_repeats_where_they_are_not_later_or_another_estimators(
     assert (said(buffer), buffer.repeated) == ([(0, 70, 0)], 5)
     buffer.feed(later(0, MINUTE_NS, epoch), 2.0)
     assert said(buffer) == [(0, 5, epoch)]
-
-
-def test_memory_is_bounded_and_the_boots_heard_last_are_remembered() -> None:
-    rng, buffer = np.random.default_rng(2), ReorderBuffer(boots=20)
-    for number in rng.integers(1, 2**40, 3000).tolist():
-        buffer.feed(numbered(number % 2**20, 5, device=f"d{number % 7}", boot=number % 110), 0.0)
-        buffer.feed(numbered(0, 5, device="steady"), 0.0)
-    assert sum(event.device == "steady" for event in buffer.ready) == 1
-    assert len(buffer._boots) == 20
-    assert len(buffer._waiting) <= 20
-    assert BOOTS >= 4096
 
 
 # ---- any mixture ---------------------------------------------------------------------------------------------------
@@ -292,11 +190,3 @@ def test_takeovers_come_out_whole_and_in_order_of_epochs(data: st.DataObject) ->
     given = [event for event in buffer.ready if isinstance(event, CorrectedBatch)]
     assert [n for one in given for n in range(one.sequence, one.sequence + len(one))] == list(range(120))
     assert not buffer.missing
-
-
-def test_a_cut_batch_keeps_its_times() -> None:
-    whole, buffer = numbered(80, 50), fed((0, 100))
-    buffer.feed(whole, 0.0)
-    rest = buffer.ready[-1]
-    assert isinstance(rest, CorrectedBatch)
-    assert np.abs(rest.sample_time_ns - whole.sample_time_ns[20:]).max() <= 1

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bridge.wire.messages import BiasRevision, CorrectedBatch, Quality
 from estimator.client import covers, revised
@@ -54,12 +53,6 @@ def test_by_hand() -> None:
     assert {now.rate.dtype, now.bias.dtype, now.bias_std.dtype} == {np.dtype(np.float32)}
 
 
-def test_linear_in_time_not_in_points() -> None:
-    now = revised(batch(119, 1), revision())  # three quarters of the way from the second point to the third
-    np.testing.assert_allclose(now.bias, [1.25, 0, 0.25 - 0.75 * 2], rtol=1e-6)
-    np.testing.assert_allclose(now.bias_std[1], (4 - 0.75 * 4) / 16, rtol=1e-6)
-
-
 def test_it_is_what_the_readings_give_with_the_revised_bias() -> None:
     (samples,) = stream([], 3.0).part(0, 40).batches([])
     then = chosen(CALIBRATION)
@@ -104,27 +97,3 @@ def test_only_samples_between_the_first_and_the_last_point(sequence: int, covere
 def test_another_device_boot_or_calibration_is_left_as_it_is(change: dict[str, Any]) -> None:
     other = batch(**change)
     assert revised(other, revision()) is other
-
-
-def test_the_same_numbers_at_another_time_are_other_samples() -> None:
-    again = batch(start_time_ns=START_NS + 60 * SECOND)
-    assert revised(again, revision()) is again
-    # A clock fit that has moved a little is no other time; before the first point the first holds.
-    early = revised(batch(n=1, start_time_ns=START_NS - SECOND // 10), revision())
-    np.testing.assert_allclose(early.bias, [0.25, 0, 0.25])
-
-
-def test_a_second_about_the_first_and_the_last_point_is_theirs() -> None:
-    far = revision(times_ns=START_NS + np.array([0, 5, 24]) * SECOND)
-    covered = [
-        bool(covers(far, batch(sequence, 1, start_time_ns=START_NS + off_ns)).all())
-        for sequence, off_ns in [(100, -SECOND), (100, -SECOND - 1), (124, 25 * SECOND), (124, 25 * SECOND + 1)]
-    ]
-    assert covered == [True, False, True, False]
-
-
-def test_host_times_lose_nothing_to_rounding() -> None:
-    times: NDArray[np.int64] = START_NS + np.array([0, 8, 16])  # float64 tells no 8 ns apart at this size
-    sharp = revision(times_ns=times, sequences=np.array([100, 101, 102], np.uint64))
-    now = revised(batch(n=3, tick_period_s=8e-11), sharp)
-    np.testing.assert_allclose(now.rate[:, 0], [1.125, -0.875, -0.875], rtol=1e-6)

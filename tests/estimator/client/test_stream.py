@@ -4,7 +4,6 @@ import asyncio
 import logging
 import threading
 from collections.abc import Iterator
-from itertools import chain
 
 import pytest
 
@@ -72,26 +71,6 @@ def test_late_joiners_get_the_past_before_what_is_sent_as_they_join(
     assert numbers(found) == list(range(2000))
 
 
-def test_two_estimators_that_publish_the_same_for_a_while(client: Client, world: World, estimator: Bus) -> None:
-    misses: list[Miss] = []
-    stream = client.corrected("d", idle_s=10.0, on_miss=misses.append, wait_s=5.0)
-    with world.bus() as second:
-        one, other = publisher(estimator), publisher(second)
-        put(one, 0)
-        first = stream.receive(10.0)
-        assert first is not None
-        put(other, 0)
-        eventually(lambda: stream.receive(0.05) is None and stream.repeated == 5)
-        for start in range(5, 100, 5):
-            put(one, *([start] if start < 60 else []))
-            put(other, *([start - 2] if start > 30 else []))
-        put(other, 98)
-        found = [first, *until(iter(stream), 102)]
-        eventually(lambda: stream.receive(0.05) is None and stream.repeated == 5 + 27)  # whoever was ahead
-    assert numbers(found) == list(range(103))
-    assert misses == []
-
-
 def test_a_router_that_is_gone_for_a_while_costs_nothing(client: Client, world: World, estimator: Bus) -> None:
     sending, stream = publisher(estimator), client.corrected("d", idle_s=20.0)
     put(sending, 0)
@@ -106,19 +85,6 @@ def test_a_router_that_is_gone_for_a_while_costs_nothing(client: Client, world: 
     put(sending, 50)
     assert numbers([first, *until(iter(stream), 54)]) == list(range(55))
     assert stream.missing == {}
-
-
-def test_a_few_devices_are_read_together(client: Client, estimator: Bus) -> None:
-    stream = client.corrected(["a", "b", "a"], idle_s=0.5)
-    for device in ("a", "b", "c"):
-        put(publisher(estimator, device), 0, 5, device=device)
-    found = list(stream)
-    assert sorted((one.device, one.sequence) for one in found) == [("a", 0), ("a", 5), ("b", 0), ("b", 5)]
-    assert stream.missed == stream.dropped == 0
-    stream.close()
-    assert list(stream) == []
-    with pytest.raises(ValueError, match="empty list"):
-        client.corrected([])
 
 
 @pytest.mark.parametrize("devices", ["d", ["d", "other"]])
@@ -172,37 +138,6 @@ def test_a_loop_goes_on_while_it_waits_and_a_cancelled_read_loses_nothing(client
     assert numbers(asyncio.run(asyncio.wait_for(read(), 30.0))) == list(range(100))
 
 
-def test_several_tasks_each_read_their_own(client: Client, estimator: Bus) -> None:
-    for device in ("a", "b", "c"):
-        put(publisher(estimator, device), *range(0, 50, 5), device=device)
-
-    async def read(device: str) -> list[CorrectedBatch]:
-        return [one async for one in client.corrected(device, idle_s=0.5)]
-
-    async def read_all() -> list[list[CorrectedBatch]]:
-        return await asyncio.gather(*map(read, ("a", "b", "c")))
-
-    for found in asyncio.run(read_all()):
-        assert numbers(found) == list(range(50))
-
-
-def test_a_slow_loop_is_no_other_queue(client: Client, estimator: Bus) -> None:
-    async def slow() -> tuple[int, int]:
-        stream = client.corrected("d", queue=10, idle_s=0.5)
-        reading = aiter(stream)
-        sending = publisher(estimator)
-        put(sending, 0)
-        found = [await anext(reading)]
-        put(sending, *range(5, 500, 5))
-        eventually(lambda: stream.dropped == 89)  # the loop is busy with something else
-        found += [one async for one in reading]
-        return len(found), stream.dropped
-
-    found, dropped = asyncio.run(slow())
-    assert found + dropped == 100
-    assert found <= 11
-
-
 @pytest.mark.parametrize("by_client", [False, True])
 def test_closing_ends_a_loop_that_waits(world: World, by_client: bool) -> None:
     bus = world.bus()
@@ -214,69 +149,6 @@ def test_closing_ends_a_loop_that_waits(world: World, by_client: bool) -> None:
 
     assert asyncio.run(asyncio.wait_for(read(), 10.0)) == []
     bus.close()
-
-
-def test_a_loop_that_ends_while_something_waits_makes_no_noise(
-    client: Client, caplog: pytest.LogCaptureFixture
-) -> None:
-    stream = client.corrected("d")
-
-    async def give_up() -> None:
-        with pytest.raises(TimeoutError):
-            await asyncio.wait_for(anext(aiter(stream)), 0.02)
-
-    asyncio.run(give_up())
-    stream.close()
-    assert caplog.records == []
-
-
-def test_loops_that_are_left_and_begun_anew_read_the_queue_one_at_a_time(client: Client, estimator: Bus) -> None:
-    async def read() -> tuple[list[CorrectedBatch], int]:
-        stream, before = client.corrected("d"), threading.active_count()
-        for _ in range(10):
-            with pytest.raises(TimeoutError):
-                await asyncio.wait_for(anext(aiter(stream)), 0.005)
-        more = threading.active_count() - before
-        put(publisher(estimator), *range(0, 100, 5))
-        found: list[CorrectedBatch] = []
-        async for one in stream:
-            found.append(one)
-            if len(found) == 20:
-                break
-        return found, more
-
-    found, more = asyncio.run(asyncio.wait_for(read(), 30.0))
-    assert numbers(found) == list(range(100))
-    assert more <= 1
-
-
-def test_two_tasks_may_share_a_stream(client: Client, estimator: Bus) -> None:
-    put(publisher(estimator), *range(0, 100, 5))
-
-    async def read_all() -> list[CorrectedBatch]:
-        stream = client.corrected("d", idle_s=1.0)
-
-        async def read() -> list[CorrectedBatch]:
-            return [one async for one in stream]
-
-        return list(chain(*await asyncio.gather(read(), read())))
-
-    assert sorted(numbers(asyncio.run(read_all()))) == list(range(100))
-
-
-def test_a_program_that_ends_does_not_wait_until_a_stream_is_idle(client: Client) -> None:
-    stream, before = client.corrected("d", idle_s=60.0), set(threading.enumerate())
-
-    async def give_up() -> None:
-        with pytest.raises(TimeoutError):
-            await asyncio.wait_for(anext(aiter(stream)), 0.02)
-
-    asyncio.run(give_up())
-    stream._thread.shutdown(wait=False)  # as Python does at its end
-    for thread in set(threading.enumerate()) - before:
-        thread.join(5.0)
-        assert not thread.is_alive()
-    stream.close()
 
 
 def test_without_a_router_it_is_said_that_one_is_looked_for_and_the_error_says_what_to_do(

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from estimator.database import SCHEMA_VERSION, Backups, Database, StoreError, Unavailable, backups, inspect
+from estimator.database import SCHEMA_VERSION, Backups, Database, StoreError, backups, inspect
 from estimator.service.store import Store
 from tests.estimator.database.damage import Damaged, flipped
 from tests.estimator.database.faults import full_disk
-from tests.estimator.database.kept import CALIBRATIONS, fill, loaded, made
+from tests.estimator.database.kept import CALIBRATIONS, loaded, made
 from tests.estimator.stream import NAME
 
 
@@ -29,16 +29,6 @@ def test_a_flipped_bit_is_found_or_does_no_harm(damaged: Damaged, *, backup: boo
     data += [flipped(damaged.whole, damaged.whole.index(b"REAL NOT NULL"), 7)]
     found = {damaged.judge(one, backup=backup) for one in data}
     assert found == {"unharmed", "restored" if backup else "begun anew"}
-
-
-@pytest.mark.parametrize(
-    "what", [b"nothing to cancel", b"turn360", b"1.0", CALIBRATIONS[1].bias.tobytes(), NAME.encode()]
-)
-def test_a_flipped_bit_of_any_value_is_found(damaged: Damaged, what: bytes) -> None:
-    places = [at for at in range(len(damaged.whole)) if damaged.whole.startswith(what, at)]
-    assert places
-    for at in places[:4]:
-        assert damaged.judge(flipped(damaged.whole, at, 0)) == "restored"
 
 
 @pytest.mark.parametrize("left", [0, 1, 15, 99, 100, 4095, 4096, 9000, -4096, -5000])
@@ -111,22 +101,6 @@ def test_a_backup_that_cannot_be_made_is_said_and_the_store_goes_on(
     store.close()
 
 
-def test_what_a_backup_finds_damaged_is_put_right_by_the_next_write(tmp_path: Path) -> None:
-    path = made(tmp_path)
-    store = Store(path, patient=True)
-    store.database.back_up_if_due()
-    kept = loaded(store)
-    os.utime(Backups.of(path).newest_first()[0], (0, 0))
-    path.write_bytes(path.read_bytes().replace(b"nothing to cancel", b"Nothing to cancel", 1))
-    store.database.back_up_if_due()
-    assert len(Backups.of(path).newest_first()) == 1, "no copy of what is damaged is kept"
-    assert store.calibrations(NAME) == []
-    store.add_calibration(CALIBRATIONS[0])
-    assert loaded(store) == kept
-    assert "is restored" in store.database.notes[0]
-    store.close()
-
-
 def test_the_newest_sound_backup_is_restored_from_its_folder(tmp_path: Path) -> None:
     """Also where the store is missing, as after a crash in the midst of it; a log without its store is set aside."""
     path, folder = tmp_path / "ward" / "a.sqlite3", tmp_path / "stick"
@@ -146,28 +120,3 @@ def test_the_newest_sound_backup_is_restored_from_its_folder(tmp_path: Path) -> 
     assert "a-00002.sqlite3 of" in note
     assert again.calibrations(NAME)[-1].id == CALIBRATIONS[1].id
     again.close()
-
-
-def test_a_full_disk_while_it_is_restored_is_waited_for(damaged: Damaged) -> None:
-    damaged.judge(damaged.whole)
-    damaged.path.write_bytes(damaged.whole[:9000])
-    with full_disk():
-        with pytest.raises(Unavailable):
-            Store(damaged.path)
-        store = Store(damaged.path, patient=True)
-        assert store.database.trouble
-    store.add_calibration(CALIBRATIONS[0])
-    assert loaded(store) == damaged.kept
-    store.close()
-
-
-def test_a_backup_has_what_is_in_the_log(tmp_path: Path) -> None:
-    store = Store(tmp_path / "a.sqlite3")
-    fill(store)
-    backups.back_up(tmp_path / "a.sqlite3", tmp_path / "copy")
-    copy = Store.reading(tmp_path / "copy")
-    assert loaded(copy) == loaded(store)
-    copy.close()
-    with pytest.raises(StoreError, match="already"):
-        backups.back_up(tmp_path / "a.sqlite3", tmp_path / "copy")
-    store.close()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.database import Database, StoreError, Unavailable, inspect
+from estimator.database import Database, Unavailable, inspect
 from estimator.service.clerk import Clerk
 from estimator.service.store import Store
 from tests.estimator.database.faults import FailingCalls, full_disk
@@ -53,19 +53,6 @@ def test_a_store_that_may_only_be_read_is_read(tmp_path: Path) -> None:
     store.close()
 
 
-def test_a_file_that_cannot_be_opened_is_no_error_for_who_is_patient(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    path = tmp_path / "file" / "a.sqlite3"
-    with pytest.raises(Unavailable, match="check that the folder exists"):
-        Store(path)
-    store = Store(path, patient=True)
-    assert store.calibrations(NAME) == []
-    (tmp_path / "file").unlink()
-    store.add_calibration(CALIBRATIONS[0])
-    assert len(store.calibrations(NAME)) == 1
-    store.close()
-
-
 @pytest.mark.parametrize("many", [1, 3])
 @pytest.mark.parametrize("first", range(1, CALLS))
 def test_whichever_call_fails_everything_is_written_in_the_end(tmp_path: Path, first: int, many: int) -> None:
@@ -92,21 +79,6 @@ def test_whichever_call_fails_everything_is_written_in_the_end(tmp_path: Path, f
     assert len(again.database.rows("bias_history")) == 4
     assert again.database.notes == []
     again.close()
-
-
-def test_what_is_written_together_is_there_as_a_whole_or_not_at_all(tmp_path: Path) -> None:
-    store = Store(tmp_path / "a.sqlite3")
-
-    def together() -> None:
-        with store.database.transaction():
-            store.add_calibration(CALIBRATIONS[0])
-            store.add_boot(replace(info(7), gyro_range=float("nan")), 7)
-
-    with pytest.raises(StoreError, match="NOT NULL"):
-        together()
-    assert store.calibrations(NAME) == []
-    assert store.database.trouble == "", "the disk is in order"
-    store.close()
 
 
 def killed(path: Path, lines: int, number: int) -> set[int]:

@@ -52,17 +52,3 @@ def test_on_a_full_disk_it_is_had_all_the_same(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="another estimator has it"), owned(store):
         pass
     other.communicate()
-
-
-def test_where_nothing_may_be_written_beside_it_nobody_can_tell(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    (tmp_path / "file").touch()
-    with owned(str(tmp_path / "file" / "a.sqlite3")), owned(str(tmp_path / "file" / "a.sqlite3")):
-        assert "whether another estimator has the store is not known" in caplog.text
-
-
-def test_it_is_had_before_there_is_a_folder_for_it(tmp_path: Path) -> None:
-    store = str(tmp_path / "new" / "a.sqlite3")
-    with owned(store), pytest.raises(StoreError, match="has it"), owned(store):
-        pass

@@ -9,7 +9,7 @@ import pytest
 from bridge.wire.messages import SampleBatch
 from estimator.device.samples import Samples
 from estimator.device.sequence import Sequence
-from estimator.device.source import NAMED_BRIDGES, PERSISTS_S, Ruling, Source
+from estimator.device.source import PERSISTS_S, Ruling, Source
 from tests.estimator.stream import Stream, stream
 
 R = Ruling
@@ -55,32 +55,6 @@ def test_an_outage_of_the_bus_gives_a_device_to_nobody_else() -> None:
     assert source.owns("b1", 61.0)
 
 
-def test_only_so_many_bridges_are_named() -> None:
-    source = Source(2.0)
-    assert source.label("b1", 0.0) == "also from b1"
-    labels = {source.label(f"b{n}", 0.0) for n in range(1000)}
-    assert len(labels) == NAMED_BRIDGES + 1
-    assert "also from others" in labels
-    assert all(len(source.label("x" * 32, 0.0)) <= 64 for _ in range(2))
-
-
-def test_who_is_refused_now_is_known_until_silent() -> None:
-    source = Source(2.0)
-    assert source.owns("b1", 0.0)
-    source.label("b2", 0.0)
-    source.label("b3", 2.0)
-    assert source.refused(2.9) == ("b2", "b3")
-    assert source.refused(3.1) == ("b3",)
-    assert source.owns("b3", 3.1)
-    assert source.refused(3.2) == ()
-
-
-def test_what_goes_on_is_taken_at_any_pace(source: Stream) -> None:
-    for step in (0.0, 0.1, 100.0):
-        rulings = rule(Source(2.0), Sequence(), source.batches()[::3], at=UP_S, step=step)
-        assert rulings == [R.BOOT] + [R.TAKE] * (len(rulings) - 1)
-
-
 def test_a_replay_at_a_thousand_times_its_speed_is_taken(source: Stream) -> None:
     # Batches of 50 ms of host time; the clock's rate is known only after some of them.
     fast = [
@@ -113,19 +87,6 @@ def test_a_leap_that_stays_is_followed(source: Stream, field: str) -> None:
     refused = rulings.count(R.RANGE)
     assert refused == pytest.approx(PERSISTS_S / 0.1, abs=2)
     assert rulings[5 + refused :] == [R.JUMP] + [R.TAKE] * (len(far) - refused - 1)
-
-
-def test_a_leap_at_the_first_is_got_over(source: Stream) -> None:
-    batches = source.batches()
-    rulings = rule(Source(2.0), Sequence(), [replace(batches[0], sequence=2**61), *batches[1:60]], at=UP_S, step=0.1)
-    assert rulings[0] is R.BOOT
-    assert rulings.count(R.REPEAT) == 1
-    assert rulings[-10:] == [R.TAKE] * 10
-
-
-def test_what_could_not_be_said_again_is_refused_for_ever(source: Stream) -> None:
-    bad = [replace(b, start_time_ns=2**62, clock_rate=1e4) for b in source.batches()]
-    assert set(rule(Source(2.0), Sequence(), bad, at=UP_S, step=0.1)) == {R.RANGE}
 
 
 def test_late_and_repeated_batches_are_late_however_many(source: Stream) -> None:
@@ -171,45 +132,6 @@ def test_a_boot_of_the_past_that_stays_is_not_dead(source: Stream, start: int, b
     late = rulings.count(R.LATE)
     assert late == pytest.approx(PERSISTS_S / 0.1, abs=2)
     assert rulings[late:] == [back] + [R.TAKE] * (60 - late - 1)
-
-
-def crowd(batch: SampleBatch, step: float, batches: int) -> list[SampleBatch]:
-    """As many as that, as one says, of 1000 samples so many seconds apart by the device's clock."""
-    n = 1000
-    made = []
-    for number in range(batches):
-        first = number * n
-        ticks = np.arange(first + 1, first + n + 1, dtype=np.uint64)
-        gyro, flags = np.repeat(batch.gyro[:1], n, axis=0), np.zeros(n, np.uint32)
-        said = replace(batch, sequence=first, ticks=ticks, tick_period_s=step, gyro=gyro, flags=flags)
-        made.append(replace(said, accel=None, temperature_c=None))
-    return made
-
-
-def test_of_a_clock_that_hardly_moves_only_so_much_is_taken_however_long_it_goes_on(source: Stream) -> None:
-    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 1e-9, 2000), at=UP_S, step=0.01)
-    assert rulings[:4] == [R.BOOT, R.TAKE, R.TAKE, R.TAKE]
-    assert set(rulings[4:]) == {R.RANGE}
-
-
-def test_a_gyro_of_20_khz_is_none(source: Stream) -> None:
-    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 5e-5, 200), at=UP_S, step=0.1)
-    assert set(rulings[1:]) == {R.TAKE}
-
-
-def test_of_a_batch_that_lasts_for_longer_than_any_nothing_is_taken(source: Stream) -> None:
-    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 0.7, 20), at=UP_S, step=1.0)
-    assert set(rulings) == {R.RANGE}
-
-
-@pytest.mark.parametrize("leap_s", [3_000.0, 100_000.0])
-def test_however_long_a_machine_is_on_a_leap_is_one(source: Stream, leap_s: float) -> None:
-    batches, judge, sequence = source.batches(), Source(2.0), Sequence()
-    assert R.RANGE not in rule(judge, sequence, batches[:20], at=UP_S, step=0.05)
-    leap = np.uint64(round(leap_s / batches[20].tick_period_s))
-    assert rule(judge, sequence, [replace(batches[20], ticks=batches[20].ticks + leap)], at=UP_S + 1, step=1.0) == [
-        R.RANGE
-    ]
 
 
 def received(batches: list[SampleBatch], later_s: float) -> list[SampleBatch]:

@@ -30,19 +30,6 @@ def test_a_correction_changes_at_the_begin_of_a_second_only_or_of_half_a_one_whi
     assert before.quality is Quality.GOOD
 
 
-def test_the_end_of_a_stream_is_learnt_from_without_another_sample() -> None:
-    whole = calibration(seed=1)
-    ends = [i for i in range(len(whole)) if whole.time[i] // SHORT_S != whole.time[i - 1] // SHORT_S]
-    for end in reversed(ends):  # the last block that a calibration needs
-        device = DeviceSession(NAME)
-        made = feed(device, whole.part(0, end).batches()).calibration
-        late = device.end().calibrations
-        if made is None:
-            assert late
-            return
-    raise AssertionError("no such end")
-
-
 def test_blocks_end_at_the_same_samples_however_those_were_batched() -> None:
     whole = calibration(seed=1)
     found = []

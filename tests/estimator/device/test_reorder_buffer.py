@@ -25,21 +25,6 @@ def fed(buffer: ReorderBuffer, batches: list[Samples], now: float = 0.0, awaited
     return given
 
 
-def test_what_is_in_order_does_not_wait(batches: list[Samples]) -> None:
-    buffer = ReorderBuffer()
-    assert fed(buffer, batches[:5]) == [0, 10, 20, 30, 40]
-    assert not buffer
-
-
-def test_a_hole_that_is_filled_lets_the_others_through(batches: list[Samples]) -> None:
-    buffer = ReorderBuffer()
-    a, b, c, d = batches[:4]
-    assert fed(buffer, [a, c, d, c]) == [0]
-    assert (bool(buffer), buffer.samples) == (True, 30)
-    assert fed(buffer, [b], awaited=10) == [10, 20, 20, 30]
-    assert (bool(buffer), buffer.samples) == (False, 0)
-
-
 def test_a_hole_is_waited_for_only_so_long(batches: list[Samples]) -> None:
     buffer = ReorderBuffer()
     assert fed(buffer, [batches[3]], 1.0, awaited=10) == []

@@ -6,20 +6,16 @@ from math import degrees
 import numpy as np
 import pytest
 
-from bridge.enrolled import Enrolment
 from bridge.sim.motion import Piece, Turn
 from bridge.sim.script import SessionPlan, TurnPlan, session
 from bridge.wire.messages import State, Verdict
-from bridge.wire.refusal import Tally
 from estimator.guide.guide import Guide
 from estimator.guide.steps import Picture, Step, Told
-from estimator.service.gate import Gate
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
-from estimator.stillness import StillnessKnobs
 from tests.estimator.batch.sessions import in_poses
 from tests.estimator.guide.scripted import BATCH, batches, follow, steps, turned
-from tests.estimator.stream import NAME, calibration, feed
+from tests.estimator.stream import NAME, calibration
 
 ONE_TURN = ["turn", "turning", "settle"]
 
@@ -109,21 +105,6 @@ def test_a_cancel_keeps_the_old_one() -> None:
     assert told[begin].ring == 0.0
 
 
-def test_a_cancel_before_anything_is_there_begins_again() -> None:
-    device, guide = DeviceSession(NAME), Guide()
-    cancelled: list[str | None] = []
-    turns = (TurnPlan(2), TurnPlan(0), TurnPlan(1), TurnPlan(2))
-
-    def meanwhile(_: float) -> None:
-        if device.life.state is State.TURNING and not cancelled:
-            cancelled.append(device.cancel("nurse"))
-
-    told = follow(guide, device, batches(turned(*turns, rests_s=5.0)), meanwhile)
-    assert cancelled == [None]
-    assert "cancelled" in keys(told)
-    assert told[-1].step is Step.DONE
-
-
 def test_turns_lost_by_a_reboot_are_said_until_there_is_a_new_one() -> None:
     device, guide = DeviceSession(NAME), Guide()
     first = follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0))))
@@ -133,24 +114,6 @@ def test_turns_lost_by_a_reboot_are_said_until_there_is_a_new_one() -> None:
     assert steps(second) == ["warm", "place", *ONE_TURN, *ONE_TURN, *ONE_TURN, "done"]
     assert all(one.rebooted == (not one.done) for one in second)
     assert all(one.done == () for one in second if one.step in (Step.WARM, Step.PLACE))
-
-
-def test_turns_are_lost_by_a_reboot_also_where_it_is_long_off() -> None:
-    device, guide = DeviceSession(NAME), Guide()
-    follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0))))
-    device.silence("no samples for 3 s")
-    guide.take_status(device.status(1))
-    assert guide.told().step is Step.AWAY
-    first, *_ = follow(guide, device, batches(turned(TurnPlan(2), seed=2), boot=2))
-    assert (first.step, first.rebooted) == (Step.WARM, True)
-
-
-def test_a_reboot_that_lost_nothing_is_none() -> None:
-    device, guide = DeviceSession(NAME), Guide()
-    follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
-    second = follow(guide, device, batches(turned(seed=2), boot=2))
-    assert second[-1].step is Step.TURN
-    assert not any(one.rebooted for one in second)
 
 
 def test_a_method_by_movements_wants_sides_and_no_turns() -> None:
@@ -166,26 +129,6 @@ def test_a_method_by_movements_wants_sides_and_no_turns() -> None:
     assert seen[-1] >= 5
     assert keys(told) == set()
     assert told[-1].step is Step.DONE
-
-
-def test_its_ring_agrees_with_an_estimator_that_takes_the_device_for_noisier() -> None:
-    """A noisy device rests only for the one who knows that it is noisy: estimator and guide have to know alike."""
-    stream = turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))
-    noisy = replace(stream, gyro=stream.gyro + np.random.default_rng(3).normal(0, np.radians(1.2), stream.gyro.shape))
-    knobs = SessionKnobs(stillness=StillnessKnobs(noise_guess=np.radians(1.2), std_ceiling=np.radians(3.0)))
-    device, right, wrong = DeviceSession(NAME, knobs), Guide(stillness=knobs.stillness), Guide()
-    agreed = []
-    for batch in batches(noisy)[:60]:
-        feed(device, [batch])
-        for guide in (right, wrong):
-            guide.take_samples(batch)
-            guide.take_status(device.status(batch.receive_time_ns))
-        agreed.append((right.hand.settled, wrong.hand.settled, device.life.state is State.BIAS_ONLY))
-    ours, default, estimator = np.array(agreed).T
-    assert not default.any()
-    assert abs(int(ours.argmax()) - int(estimator.argmax())) <= 3
-    assert ours.any()
-    assert estimator.any()
 
 
 def test_one_who_comes_in_the_middle_sees_the_step() -> None:
@@ -220,33 +163,6 @@ def test_what_is_less_exact_is_said_to_be_so_and_why() -> None:
         said = one.told()
         assert (said.step, said.head.key, said.picture) == (step, "degraded", Picture.EDGE)
         assert [words.values for words in said.wrong] == [{"words": jumped.reason}]
-
-
-def test_whose_samples_are_not_used_is_not_asked_to_be_switched_on() -> None:
-    guide, never = Guide(), DeviceSession(NAME).status(1)
-    guide.take_status(never)
-    assert guide.told().step is Step.AWAY
-    guide.take_status(replace(never, state=State.UNKNOWN, reason="not enrolled"))
-    said = guide.told()
-    assert (said.step, [words.values for words in said.wrong]) == (Step.REFUSED, [{"words": "not enrolled"}])
-    gate = Gate(Enrolment(enrolled=("other",)), Tally())
-    struck = replace(never, state=State.LOST, reason=f"no samples for 9.0 s: {gate.words(NAME)}")
-    guide.take_status(struck)
-    assert guide.told().step is Step.REFUSED
-    guide.take_status(replace(struck, reason="no samples for 9.0 s"))
-    assert guide.told().step is Step.AWAY
-    guide.take_status(
-        replace(never, state=State.UNKNOWN, reason="the router is gone: whether it still sends is not known")
-    )
-    assert guide.told().step is Step.BROKEN
-
-
-def test_late_and_repeated_readings_change_nothing() -> None:
-    sent = batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1)))
-    twice = [batch for pair in zip(sent, sent, strict=True) for batch in pair]
-    plain, doubled = (follow(Guide(), DeviceSession(NAME), some) for some in (sent, twice))
-    assert [one.step for one in doubled[1::2]] == [one.step for one in plain]
-    assert [one.angle for one in doubled[1::2]] == [one.angle for one in plain]
 
 
 def stood_on_its_side(last_deg: float) -> tuple[list[Piece], SessionPlan]:

@@ -50,36 +50,6 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
     np.testing.assert_array_equal(known, rows[loop.STEP])
 
 
-def test_the_least_step_is_remembered_where_noise_hides_it() -> None:
-    known = np.array([0.1, 1e-6, 0.2])
-    gyro = np.random.default_rng(0).normal(0.0, 5.0, (50, 3))
-    samples = np.column_stack([np.arange(50) / 50, gyro, gyro, np.zeros(50)])
-    _, rows, _ = measured(samples, -0.02, 0.01, COARSE_STEP, known)
-    np.testing.assert_array_equal(rows[loop.STEP], [0.1, 1e-6, 0.2])
-
-
-def steps_of(gyro: Floats, known: Floats) -> Floats:
-    """(3,) of readings (n, 3) at rest, where these are known."""
-    n = len(gyro)
-    samples = np.column_stack([np.arange(n) / n, gyro, gyro, np.zeros(n)])
-    return np.asarray(measured(samples, -1 / n, np.inf, COARSE_STEP, known)[1][loop.STEP])
-
-
-@pytest.mark.parametrize("far", [3.0, 600.0])
-def test_readings_on_a_known_grid_have_steps_of_it_and_finer_ones_are_found(far: float) -> None:
-    rng, grid = np.random.default_rng(0), 1e-3
-    gyro = grid * rng.integers(0, 20, (100, 3)) + grid * rng.uniform(-0.01, 0.01, (100, 3))  # as float32 rounds
-    gyro[:, 1] = 3 * grid * np.round(gyro[:, 1] / (3 * grid))  # every third of its steps, and as far as that goes
-    gyro[-1, 1] = 3 * grid * far
-    gyro[:, 2] = grid
-    known = np.full(3, grid)
-    np.testing.assert_allclose(steps_of(gyro, known), [grid, 3 * grid, COARSE_STEP], rtol=1e-9)
-    np.testing.assert_array_equal(known, grid)
-    gyro[50, 0] += grid / 2
-    assert steps_of(gyro, known)[0] < 0.51 * grid
-    assert known[0] < 0.51 * grid
-
-
 def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
     rng = np.random.default_rng(4)
     n, matrix = 400, np.eye(3) + 0.05 * rng.normal(size=(3, 3))
@@ -113,27 +83,3 @@ def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
     by_turn[9:12] = -T / 2 * by_turn[6:9]
     added = turned * by_turn @ by_turn.T + np.diag(np.repeat([0.0, 0.0, 0.0, pushed, posed, 0.0, 0.0, 0.0], 3))
     np.testing.assert_allclose(Q, added, atol=1e-15)
-
-
-@pytest.mark.parametrize("std", [0.02, 0.15])
-def test_what_no_first_order_tells_of_a_turn_by_a_doubtful_matrix_is_noise(std: float) -> None:
-    """Against many matrices drawn: how far gravity is from where F takes it."""
-    rng, n = np.random.default_rng(5), 100
-    dt, accel, nothing = np.full(n, 0.01), np.tile(UP, (n, 1)), np.zeros(3)
-    gyro = np.tile(np.radians([60.0, 0.0, 70.0]), (n, 1))
-    P = np.zeros((24, 24))
-    P[15:, 15:] = std**2 * np.eye(9)
-    span = summed(dt, gyro, accel, np.eye(3), nothing, nothing, np.zeros(9))
-    x = np.concatenate([np.zeros(6), UP, np.zeros(15)])
-    (moved, F, Q), known = (carried(x, cov, span, 1.0, 9.8, (0.0, 0.0, 0.0)) for cov in (P, 0 * P))
-    np.testing.assert_array_equal(moved, known[0])
-    np.testing.assert_array_equal(F, known[1])
-    left = []
-    for change in std * rng.normal(size=(500, 9)):
-        end = summed(dt, gyro, accel, np.eye(3), nothing, nothing, change)[loops.END]
-        left.append(end.T @ UP - moved[6:9] - F[6:9, 15:] @ change)
-    told = np.trace(Q[6:9, 6:9])
-    assert 0.2 * told < np.mean(np.square(left).sum(axis=1)) < 1.2 * told
-    T = float(dt.sum())
-    np.testing.assert_allclose(Q[9:12, 9:12], T**2 / 4 * Q[6:9, 6:9])
-    np.testing.assert_allclose(Q[6:9, 9:12], -T / 2 * Q[6:9, 6:9])

@@ -103,49 +103,6 @@ def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream
     assert "no rest for" in device.life.reason
 
 
-def test_pauses_too_short_for_a_rest_do_not_end_the_doubt_that_there_was_none() -> None:
-    """Each confirmed the bias, which was doubted again a moment later: of who walked, seventy times in ten minutes."""
-    rng = np.random.default_rng(0)
-    walk = [piece for _ in range(12) for piece in (swing(rng, 5.0, np.radians(120.0)), Still(2.0))]
-    device = DeviceSession(NAME, SessionKnobs(track=TrackKnobs(doubt=DoubtKnobs(evidence_age_s=30.0))))
-    said = feed(device, calibration(seed=1, after=[*walk, Still(10.0)]).batches()).said
-    states = [words.split(":")[0] for words in said if " -> " in words]
-    assert states[-3:] == ["TURNING -> TRACKING", "TRACKING -> DEGRADED", "DEGRADED -> TRACKING"]
-
-
-def test_who_is_put_down_for_a_moment_stays_in_doubt(once: Stream) -> None:
-    """Of a jump about the vertical the first quiet second, which proves nothing, made it GOOD again, and off by all of that."""
-    device = calibrated(once)
-    doubtful = off(once, 0.25, 20.0)
-    feed(device, doubtful.batches(first=len(once)))
-    assert state(device) is State.DEGRADED
-    rng = np.random.default_rng(0)
-    pieces = [piece for _ in range(3) for piece in (swing(rng, 3.0, 1.0), Still(3.0))]
-    moved = stream(pieces, 18.0, attitude=doubtful.attitude[-1])
-    gyro = moved.gyro - moved.bias + doubtful.gyro.mean(axis=0)
-    warm = np.full(len(moved), doubtful.temperature_c[-1])
-    moved = replace(moved, ticks=moved.ticks + doubtful.ticks[-1], gyro=gyro, temperature_c=warm)
-    outcome = feed(device, moved.batches(first=len(once) + len(doubtful)))
-    assert {b.quality for b in outcome.corrected} == {Quality.DEGRADED}
-
-
-def test_what_is_judged_as_a_rest_ends_is_heard_of_too(once: Stream) -> None:
-    """Where rests of a few seconds agree what contradicted an hour ago is none of the row; nobody heard that they did."""
-    device = calibrated(once)
-    rng = np.random.default_rng(0)
-    pieces = [piece for _ in range(4) for piece in (swing(rng, 3.0, 1.0), Still(9.0))]
-    moved = stream(pieces, 40.0, attitude=once.attitude[-1])
-    warm = np.full(len(moved), once.temperature_c[-1])
-    gyro = moved.gyro - moved.bias + once.bias[-1]
-    moved = replace(moved, ticks=moved.ticks + once.ticks[-1], gyro=gyro, temperature_c=warm)
-    batches = moved.batches(first=len(once))
-    third = 2 * len(batches) // 3
-    feed(device, batches[:third])
-    device.tracker.doubt._contradictions["vertical"] = 4
-    feed(device, batches[third:])
-    assert device.tracker.doubt._contradictions == {"level": 0, "vertical": 0}
-
-
 @pytest.fixture
 def rested() -> Stream:
     """Never turned."""

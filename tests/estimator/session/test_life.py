@@ -8,12 +8,7 @@ import pytest
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import TurnPlan
-from bridge.wire import codec, keys
-from bridge.wire.messages import NO_REST_S, Quality, State, Verdict
-from estimator import offline
-from estimator.batch.capture import Capture
-from estimator.batch.methods import METHODS
-from estimator.batch.result import Result, nothing
+from bridge.wire.messages import Quality, State, Verdict
 from estimator.batch.session import STALE_S
 from estimator.device_knobs import knobs_of
 from estimator.noise_model import load_model
@@ -46,15 +41,6 @@ def test_from_power_up_to_good(once: Stream) -> None:
     assert np.degrees(np.sqrt(np.mean(error**2))) < 0.06
 
 
-def test_sequence_and_ticks_of_what_is_corrected_go_on_without_a_break(once: Stream) -> None:
-    corrected = feed(DeviceSession(NAME), once.batches()).corrected
-    numbers = np.concatenate([b.sequence + np.arange(len(b)) for b in corrected])
-    np.testing.assert_array_equal(numbers, np.arange(len(once)))
-    np.testing.assert_array_equal(np.concatenate([b.ticks for b in corrected]), once.ticks)
-    assert all(codec.decode_corrected(keys.build("w", "corrected", device=NAME), codec.encode_corrected(b)).quality
-               is b.quality for b in corrected)  # fmt: skip
-
-
 @pytest.mark.parametrize("accel", [True, False])
 @pytest.mark.parametrize("rate_hz", [50.0, 200.0, 400.0])
 def test_any_rate_with_and_without_an_accelerometer(rate_hz: float, accel: bool) -> None:
@@ -64,35 +50,6 @@ def test_any_rate_with_and_without_an_accelerometer(rate_hz: float, accel: bool)
     assert outcome.calibration is not None
     np.testing.assert_allclose(np.diag(outcome.calibration.matrix), of.truth.k, atol=3e-4)
     assert device.status(1).rate_hz == pytest.approx(rate_hz, rel=1e-3)
-
-
-def test_status_can_be_published_at_any_time(once: Stream) -> None:
-    device = DeviceSession(NAME)
-    key = keys.build("w", "status", device=NAME)
-    assert codec.decode_status(key, codec.encode_status(device.status(1))).state is State.UNKNOWN
-    for batch in once.batches(list(range(50, len(once), 50))):
-        feed(device, [batch])
-        status = codec.decode_status(key, codec.encode_status(device.status(1)))
-        assert status.samples_in == status.samples_out + sum(status.dropped.values())
-        assert 0 <= status.progress <= 1
-        assert status.evidence_age_s >= 0
-        if device.life.state in {State.UNKNOWN, State.WARMING}:
-            assert status.evidence_age_s == NO_REST_S
-    assert 0 <= status.evidence_age_s < 60
-    assert status.progress == 1
-    assert status.axes_done == ()
-    np.testing.assert_allclose(status.scale, once.truth.k, atol=2e-4)
-
-
-@pytest.mark.parametrize(("rate_hz", "seldom"), [(4.0, True), (6.0, False)])
-def test_samples_that_come_too_seldom_are_no_fault_of_who_holds_it(rate_hz: float, seldom: bool) -> None:
-    of = calibration(seed=2, rate_hz=rate_hz)
-    device = DeviceSession(NAME)
-    device.info = replace(info(), rate_hz=rate_hz, measured_rate_hz=rate_hz)
-    feed(device, of.batches())
-    words = "4.0 samples a second do not show whether it is still: set it to 50 or more, 4 never do"
-    assert (device.status(1).reason == words) is seldom
-    assert (words in offline.calibrate(of.recording())[0].reason) is seldom
 
 
 def test_the_words_say_what_is_missing() -> None:
@@ -114,20 +71,6 @@ def test_a_turn_that_is_too_old_is_not_waited_with() -> None:
     assert (device.learnt.turned, device.learnt.awaited) == ((), False)
     assert device.life.reason == "the turn about x is too old; still needed: x, y, z"
     assert outcome.said == [device.life.reason]
-
-
-def test_turns_that_are_to_be_repeated_are_not_said_to_be_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
-    def open_about_y(capture: Capture) -> Result:
-        return nothing("closure", Verdict.REPEAT, "the turn about y did not end where it began", (1,))
-
-    monkeypatch.setitem(METHODS, "closure", open_about_y)
-    device = DeviceSession(NAME)
-    outcome = feed(device, calibration(seed=4).batches())
-    assert outcome.said[-2:] == [
-        "TURNING -> TURNING: turn about z taken",
-        "TURNING -> TURNING: the turn about y did not end where it began",
-    ]
-    assert device.status(1).axes_done == (0, 2)
 
 
 @pytest.mark.parametrize(("angle", "kind"), [(330.0, "mpu-6050"), (440.0, "icm-20948"), (366.0, "factory-calibrated")])
@@ -158,21 +101,3 @@ def test_by_how_much_its_bias_flickers_is_told_by_its_model_beside_how_well_its_
     )
     status = device.status(1)
     assert status.bias_std == steady.status(1).bias_std, "as a person wants it: of the mean"
-
-
-def test_a_calibration_that_fails_is_told_and_fits_the_wire(monkeypatch: pytest.MonkeyPatch) -> None:
-    from estimator.batch import closure
-
-    def never(*_: object) -> None:
-        raise closure.NotConverged("no scale factors close the three turns")
-
-    monkeypatch.setattr(closure, "estimate", never)
-    device = DeviceSession(NAME)
-    outcome = feed(device, calibration(seed=4).batches())
-    assert state(device) is State.TURNING
-    assert device.calibration is None
-    assert outcome.calibration is not None
-    assert outcome.calibration.verdict is Verdict.REFUSED
-    key = keys.build("w", "calibration", device=NAME)
-    assert codec.decode_calibration(key, codec.encode_calibration(outcome.calibration)).parameters == ()
-    assert not any(b.quality is Quality.GOOD for b in outcome.corrected)

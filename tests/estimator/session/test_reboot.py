@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from bridge.sim.script import TurnPlan
 from bridge.wire.messages import Quality, State
@@ -29,21 +28,6 @@ def test_a_reboot_in_the_middle_of_a_turn_forgets_the_turns(once: Stream) -> Non
     feed(device, calibration(TurnPlan(2), seed=9).batches(boot=2))
     assert device.status(1).axes_done == (2,)
     assert state(device) is State.TURNING
-
-
-def test_late_samples_of_the_old_boot_are_dropped_and_counted(once: Stream) -> None:
-    device = calibrated(once)
-    fresh = calibration(seed=9).batches(boot=2)
-    feed(device, fresh[:50])
-    late = feed(device, once.batches(boot=1)[-5:])
-    assert late.corrected == []
-    assert device.boot == 2
-    status = device.status(1)
-    assert status.dropped["old_boot"] == sum(map(len, once.batches()[-5:]))
-    # And they change nothing in what comes after.
-    undisturbed = calibrated(once)
-    expected = feed(undisturbed, fresh).corrected[-len(fresh) + 60 :]
-    np.testing.assert_array_equal(rates(feed(device, fresh[50:]).corrected)[-200:], rates(expected)[-200:])
 
 
 def test_an_earlier_boots_scale_is_a_prior_until_the_first_calibration(once: Stream) -> None:
@@ -77,34 +61,6 @@ def test_the_same_boot_is_restored_at_once(once: Stream) -> None:
     assert resumed.life.state is State.TRACKING
     expected = feed(device, rest)
     np.testing.assert_allclose(rates(outcome.corrected), rates(expected.corrected), atol=np.radians(0.01))
-
-
-@pytest.mark.parametrize("later_s", [0.0, -4295.0])
-def test_restored_without_knowing_since_when_it_waits_for_a_rest(once: Stream, later_s: float) -> None:
-    """The checkpoint is damaged, or the device's clock has gone round while nobody looked."""
-    device = calibrated(once)
-    bias = device.checkpoint()
-    assert device.calibration is not None
-    assert bias is not None
-    remembered = Remembered(device.calibration, None if later_s == 0 else replace(bias, time=bias.time - later_s))
-    more = replace(once, ticks=once.ticks + 2_000_000_000)
-    if later_s:
-        remembered = Remembered(device.calibration, replace(bias, time=2000.0 - later_s))
-    resumed = DeviceSession(NAME)
-    outcome = feed(resumed, more.part(0, 600).batches(first=9000), remembered)
-    assert outcome.corrected[0].quality is Quality.DEGRADED
-    assert outcome.corrected[-1].quality is Quality.GOOD
-    assert resumed.status(1).evidence_age_s >= 0
-
-
-def test_of_a_boot_of_which_nothing_came_nothing_is_kept(once: Stream) -> None:
-    device = calibrated(once)
-    assert device.calibration is not None
-    resumed = DeviceSession(NAME)
-    resumed.begin_boot(1, 30.0, Remembered(device.calibration, device.checkpoint()))
-    assert resumed.checkpoint() is None
-    feed(resumed, once.batches()[-2:])
-    assert resumed.checkpoint() is not None
 
 
 def test_a_clock_that_goes_back_goes_on(once: Stream) -> None:

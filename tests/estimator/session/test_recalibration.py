@@ -7,13 +7,7 @@ from bridge.wire.messages import Quality, State
 from estimator.learnt import CANCELLED_S
 from estimator.session import DeviceSession
 from tests.estimator.session.lives import again, calibrated, shaken, state
-from tests.estimator.stream import NAME, Stream, calibration, feed
-
-
-def test_nothing_to_recalibrate_before_it_is_heard() -> None:
-    device = DeviceSession(NAME)
-    assert "unknown" in (device.recalibrate("nurse", "") or "")
-    assert "no calibration is under way" in (device.cancel("nurse") or "")
+from tests.estimator.stream import NAME, Stream, feed
 
 
 def test_the_old_calibration_stays_in_use_until_the_new_one(once: Stream) -> None:
@@ -69,26 +63,9 @@ def test_that_it_was_cancelled_is_said_for_a_minute(once: Stream, doubt: str) ->
     assert state(device) is (State.DEGRADED if doubt else State.TRACKING)
 
 
-def test_what_was_said_since_a_cancel_stays(once: Stream) -> None:
-    device = calibrated(once)
-    device.recalibrate("nurse", "")
-    device.cancel("nurse")
-    device.recalibrate("another nurse", "new strap")
-    feed(device, shaken(once).batches(first=len(once)))
-    assert device.life.reason.startswith("recalibration asked for by another nurse: new strap")
-
-
 def test_cancelled_before_there_was_any_it_starts_over(once: Stream) -> None:
     device = DeviceSession(NAME)
     feed(device, once.part(0, once.at(17.0)).batches())
     assert state(device) is State.TURNING
     assert device.cancel("nurse") is None
     assert (state(device), device.status(1).axes_done) == (State.AWAITING_STILL, ())
-
-
-def test_who_asked_is_not_remembered_beyond_a_boot(once: Stream) -> None:
-    device = calibrated(once)
-    device.recalibrate("nurse", "")
-    outcome = feed(device, calibration(seed=9).batches(boot=2))
-    assert outcome.calibration is not None
-    assert outcome.calibration.who == ""

@@ -1,17 +1,12 @@
 """A boot number that came again, where there are several estimators: GOOD only by a calibration of this power-up."""
 
-from dataclasses import replace
-
 import pytest
 
 from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
-from bridge.wire.refusal import Tally
 from estimator.service.device import Device
-from estimator.service.record import Record
-from estimator.service.replicas import Replicas, checkpoint_of
 from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both, fails, powered_up_again
 from tests.estimator.stream import NAME, calibration
 from tests.estimator.test_restore import an_hour_later
@@ -64,36 +59,6 @@ def again() -> list[SampleBatch]:
     return an_hour_later(calibration(seed=2, before_s=20.0, after=[Still(20.0)]).batches())
 
 
-def test_who_is_alone_does_not_go_back_to_what_another_said_when_its_session_fails(
-    handed: Handed, both: Both, again: list[SampleBatch]
-) -> None:
-    both.pass_(6.0)
-    both.kill(SECOND)
-    both.send(handed.batches[-30:])
-    handed.slowly(again[:80])
-    assert handed.device(FIRST).repeated is not None
-    both.send(again[80:-40])
-    new = handed.calibrated(FIRST)
-    handed.fail(FIRST)
-    handed.said()
-    both.send(again[-40:])
-    assert {batch.calibration for batch in handed.said()} == {new.id}
-
-
-def test_who_takes_it_over_and_calibrates_it_keeps_that_when_its_session_fails(
-    handed: Handed, both: Both, again: list[SampleBatch]
-) -> None:
-    handed.slowly(again[:80])
-    both.pass_(6.0)
-    both.kill(SECOND)
-    both.send(again[80:-40])
-    new = handed.calibrated(FIRST)
-    assert handed.device(FIRST).repeated is None
-    handed.fail(FIRST)
-    both.send(again[-40:])
-    assert handed.calibrated(FIRST).id == new.id
-
-
 def test_who_is_killed_as_soon_as_it_knows_has_said_so(handed: Handed, both: Both) -> None:
     again, n = powered_up_again(handed.batches[-200:]), 0
     while handed.device(SECOND).repeated is None:
@@ -129,54 +94,3 @@ def test_who_is_restarted_before_it_is_calibrated_anew_still_knows_and_tells(han
     assert both.has() == [FIRST]
     assert handed.device(FIRST).session.calibration is None
     assert Quality.GOOD not in {batch.quality for batch in handed.said()}
-
-
-def test_who_says_the_calibration_of_the_one_before_is_not_believed_after_a_restart(handed: Handed, both: Both) -> None:
-    device = handed.device(SECOND)
-    known = checkpoint_of(device, both.now_ns)
-    assert known is not None
-    again, n = powered_up_again(handed.batches[-200:]), 0
-    while device.repeated is None:
-        both.send([again[n]])
-        n += 1
-    replicas = Replicas(1)
-    replicas.note(replace(known, epoch=known.epoch + 9))  # by who was away
-    restarted = Record(both.stores[SECOND], Tally(), lambda: both.now_ns, replicas=replicas)
-    device.repeated = None
-    found = restarted.recall(device, handed.made.boot)
-    assert found is None or found.calibration is None
-    assert device.repeated == handed.made.boot
-
-
-def test_the_calibration_of_the_one_before_is_not_adopted(handed: Handed, both: Both) -> None:
-    known = checkpoint_of(handed.device(SECOND), both.now_ns)
-    assert known is not None
-    assert known.calibration is not None
-    assert known.calibration.id == handed.made.id
-    handed.slowly(powered_up_again(handed.batches[-200:])[:80])
-    both.services[SECOND]._adopt(known)
-    assert handed.device(SECOND).session.calibration is None
-    anew = replace(handed.made, id="anew", time_ns=both.now_ns)  # beyond a cut, since it is known that it came again
-    both.services[SECOND]._adopt(replace(known, calibration=anew, epoch=known.epoch + 1))
-    assert handed.calibrated(SECOND).id == "anew"
-    assert handed.device(SECOND).repeated is None
-
-
-def test_who_is_left_alone_does_not_go_back_to_what_another_said_hours_ago(handed: Handed, both: Both) -> None:
-    both.pass_(6.0)
-    both.kill(SECOND)
-    both.send(handed.batches[-30:-20])
-    assert both.command("recalibrate", "r1").accepted
-    handed.fail(FIRST)
-    both.send(handed.batches[-20:])
-    assert handed.device(FIRST).session.learnt.asked, "it was asked for after the other had gone"
-    assert both.command("cancel", "r2").accepted
-    handed.fail(FIRST)
-    both.send(
-        [
-            replace(
-                handed.batches[-1], sequence=handed.batches[-1].sequence + 10, ticks=handed.batches[-1].ticks + 100_000
-            )
-        ]
-    )
-    assert not handed.device(FIRST).session.learnt.asked, "it was cancelled"

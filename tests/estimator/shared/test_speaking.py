@@ -4,7 +4,6 @@ import pytest
 
 from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
-from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch, State
 from estimator.config import Estimator
 from estimator.service.cluster import DOUBLE
@@ -42,28 +41,6 @@ def test_of_a_silent_device_whoever_takes_over_goes_on_to_speak(both: Both) -> N
     assert both.has() == [FIRST]
     heard = both.client.statuses(0.1)[NAME]
     assert (heard.state, heard.calibration) == (State.TRACKING, before.calibration)
-
-
-def test_what_moved_is_not_put_down_to_who_went_long_before(both: Both) -> None:
-    batches = calibration(seed=1, after=[Still(30.0)]).batches()
-    both.start(FIRST)
-    both.send(batches[:-60])
-    both.start(SECOND)
-    both.pass_(3.0)
-    both.send(batches[-60:])
-    assert both.has() == [SECOND]
-    reasons = [move.reason for move in both.services[SECOND]._cluster._moves]
-    assert reasons == ["shared out anew"], "another had it, so it was not heard for the first time"
-    third = MemoryBus(both.broker)
-    token = third.declare_alive(keys.build(WARD, "alive/estimator", estimator="e9"))
-    both.told()
-    both.pass_(0.5)
-    token.close()
-    both.told()
-    both.pass_(5.0)
-    for service in both.services.values():
-        assert service._cluster._why == ""
-    third.close()
 
 
 def test_a_command_that_is_sent_again_after_its_device_has_moved_does_nothing(both: Both) -> None:
@@ -121,32 +98,3 @@ def test_two_of_one_id_are_told_of_each_other(both: Both, caplog: pytest.LogCapt
     assert len(errors) == 2
     assert all(f"another estimator says to be {FIRST}" in words for words in errors)
     assert DOUBLE not in both.services[SECOND].counts.as_dict()
-
-
-def test_what_is_known_of_a_silent_device_is_told_to_who_joins_and_is_to_have_it(both: Both) -> None:
-    batches = silent(both)
-    before = both.client.statuses(0.1)[NAME]
-    both.kill(SECOND)
-    both.pass_(3.0)
-    both.start(SECOND)  # a new machine: its store is empty
-    both.pass_(5.0)
-    both.send(batches[-20:])
-    both.pass_(1.2)
-    assert both.has() == [SECOND]
-    after = both.client.statuses(0.1)[NAME]
-    assert (after.state, after.calibration) == (State.TRACKING, before.calibration)
-
-
-def test_a_device_that_was_silent_may_come_back_at_another_bridge(both: Both) -> None:
-    batches = silent(both)
-    both.kill(SECOND)
-    both.pass_(3.0)
-    other = MemoryBus(both.broker)
-    raw = other.publisher(keys.build(WARD, "raw", bridge="other", device=NAME), cache=1)
-    for batch in batches[-20:]:
-        raw.put(codec.encode_samples(batch))
-    both.pass_(1.2)
-    session = both.services[FIRST]._devices[NAME].session
-    assert not [label for label in session.sequence.events.as_dict() if label.startswith("also from")]
-    assert both.client.statuses(0.1)[NAME].state is State.TRACKING
-    other.close()

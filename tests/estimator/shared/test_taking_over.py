@@ -1,15 +1,9 @@
 """A device goes over to another estimator: as it was calibrated and all, at once, and before nothing that is more urgent."""
 
-import gc
-import time
-import weakref
-
-from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
-from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch
 from tests.estimator.served import numbers
-from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both, powered_up_again
+from tests.estimator.shared.conftest import FIRST, SECOND, Both
 from tests.estimator.stream import NAME, calibration
 
 
@@ -44,88 +38,6 @@ def test_it_goes_on_as_it_was_calibrated_and_all(both: Both) -> None:
     statuses = both.client.statuses(0.1)
     assert statuses[NAME].epoch == given[-1].epoch
     assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
-
-
-def test_a_power_up_under_the_same_boot_number_is_not_good_by_what_is_in_the_takers_own_store(both: Both) -> None:
-    heard = MemoryBus(both.broker).subscribe(keys.pattern(WARD, "corrected"))
-    batches = calibration(seed=1, after=[Still(30.0)]).batches()
-    both.start(FIRST)
-    both.send(batches[:-60])
-    (made,) = both.stores[FIRST].calibrations(NAME)
-    both.start(SECOND)
-    both.pass_(3.0)
-    both.send(batches[-60:])
-    assert both.has() == [SECOND]
-
-    again = powered_up_again(batches[-200:])
-    for batch in again[:80]:  # known long ago, again and again
-        both.send([batch])
-    both.pass_(6.0)  # it is said to the others
-    assert both.services[SECOND]._devices[NAME].session.applied.quality is Quality.BIAS_ONLY
-    heard.drain(10_000, 0.0)
-    both.kill(SECOND)
-    both.send(again[80:])
-    both.pass_(1.0)
-    both.send(calibration(seed=1).batches()[:1])  # late, of the earlier one
-    assert both.has() == [FIRST]
-    said: list[CorrectedBatch] = [codec.decode_corrected(m.key, m.payload) for m in heard.drain(10_000, 0.0)]
-    assert said[-1].sequence + len(said[-1]) == again[-1].sequence + len(again[-1])
-    assert Quality.GOOD not in {batch.quality for batch in said}
-    assert [c.id for c in both.stores[FIRST].calibrations(NAME)] == [made.id]
-
-
-def test_nothing_is_kept_of_a_device_that_has_left(both: Both) -> None:
-    """Python is kept from looking for cycles: what was in one would stay for hours."""
-    both.start(FIRST)
-    batches = calibration(seed=1).batches()
-    both.send(batches[:-20])
-    device = both.services[FIRST]._devices[NAME]
-    kept: list[weakref.ref[object]] = [weakref.ref(of) for of in (device, device.session, device.session.learnt)]
-    del device
-    gc.collect()
-    gc.disable()
-    try:
-        both.start(SECOND)
-        both.pass_(3.0)
-        both.send(batches[-20:-5])
-        both.pass_(3.0)  # it may still be about to be calibrated
-        both.send(batches[-5:])
-        both.pass_(60.0)
-        assert both.has() == [SECOND]
-        assert [what() for what in kept] == [None, None, None]
-    finally:
-        gc.enable()
-
-
-def test_of_two_the_one_that_is_left_goes_on_at_once(both: Both) -> None:
-    """Alone it waited for what came before the first that it had kept: a tenth of a second, of every device."""
-    batches = calibration(seed=1).batches()
-    both.start(FIRST)
-    both.start(SECOND)
-    both.pass_(3.0)
-    both.send(batches[:-2])
-    both.stream.drain()
-    both.kill(SECOND)
-    for batch in batches[-2:]:
-        both._raw.put(codec.encode_samples(batch))
-        for _ in range(20):  # as many rounds as the backlog needs, and no time
-            both.services[FIRST].step(0.0)
-    assert both.has() == [FIRST]
-    assert numbers(both.stream.drain())[-1][1] == sum(map(len, batches)) - 1
-
-
-def test_who_is_gone_is_noticed_although_no_sample_comes(both: Both) -> None:
-    """Who waited for the next sample, of batches of 50 ms, began to take over with that."""
-    both.start(FIRST)
-    both.start(SECOND)
-    both.pass_(3.0)
-    both.send(calibration(seed=1).batches())
-    assert both.has() == [SECOND]
-    both.kill(SECOND)
-    began = time.monotonic()
-    both.services[FIRST].step(60.0)
-    assert time.monotonic() - began < 30.0
-    assert both.has() == [FIRST]
 
 
 def whole(both: Both, batches: list[SampleBatch]) -> list[CorrectedBatch]:

@@ -11,7 +11,7 @@ from estimator.study.command import run_all
 from estimator.study.paper import ITEMS
 
 
-@pytest.mark.timeout(300)  # it draws every figure of every study
+@pytest.mark.timeout(600)  # it draws every figure of every study
 def test_every_table_figure_and_claim_of_the_paper(tmp_path: Path) -> None:
     shown = io.StringIO()
     run_all(Console(file=shown, width=80), tmp_path, runs=1, workers=1)

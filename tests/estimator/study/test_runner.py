@@ -1,7 +1,6 @@
 """A study computed by any number of processes, in one go or in two, has the same results."""
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -47,15 +46,6 @@ def test_a_study_goes_on_from_the_parts_it_left(tmp_path: Path, scenario: Errors
     assert computed(tmp_path, scenario) == whole
     assert parts(tmp_path) == kept
     assert {path: path.stat().st_mtime_ns for path in kept[1:]} == before
-
-
-def test_parts_of_another_scenario_are_not_used(tmp_path: Path, scenario: ErrorsScenario) -> None:
-    first = computed(tmp_path, scenario)
-    other = computed(tmp_path, structs.replace(scenario, seed=2))
-    assert json.loads(first)["results"]["rows"] != json.loads(other)["results"]["rows"]
-    assert len(parts(tmp_path)) == 6
-    shutil.rmtree(tmp_path / "errors")
-    assert computed(tmp_path, scenario) == first
 
 
 def test_each_figure_is_there_in_three_kinds(tmp_path: Path, scenario: ErrorsScenario) -> None:

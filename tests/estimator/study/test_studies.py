@@ -6,22 +6,8 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from bridge.sim.motion import Motion, Spin
-from estimator.study import analysis, device, errors, orientation, real, sensors, simulation, testset, trials, typical
-from estimator.study.registry import STUDIES
-from estimator.study.sessions import turn_s
-from estimator.study.spread import holds, spread
+from estimator.study import device, real, sensors, simulation, testset, trials, typical
 from estimator.study.study import generator
-
-
-def test_a_spread_is_that_of_the_normal_distribution() -> None:
-    rng = np.random.default_rng(1)
-    found = spread(rng.normal(3.0, 2.0, 100_000))
-    np.testing.assert_allclose(found.quantiles, 3 + 2 * np.array([-1.96, -0.674, 0.674, 1.96]), atol=0.05)
-    assert holds(found.median_ci, found.median)
-    means = [spread(rng.normal(size=50)) for _ in range(2000)]
-    assert np.mean([holds(one.mean_ci, 0.0) for one in means]) == pytest.approx(0.945, abs=0.015)
-    assert np.mean([holds(one.median_ci, 0.0) for one in means]) == pytest.approx(0.955, abs=0.025)
 
 
 def test_the_mean_error_of_the_test_set_is_that_of_drawn_samples() -> None:
@@ -39,12 +25,6 @@ def test_the_mean_error_of_the_test_set_is_that_of_drawn_samples() -> None:
     for found, wanted in zip((raw, corrected[0]), np.swapaxes(drawn, 0, 1), strict=True):
         np.testing.assert_allclose(found.mean(axis=0), wanted.mean(axis=0), atol=0.01)
         np.testing.assert_allclose(found.std(axis=0), wanted.std(axis=0), rtol=0.15)
-
-
-def test_jobs_cover_every_run_once() -> None:
-    of = simulation.inputs(structs.replace(errors.STUDY.read(), runs=1003))
-    for noise in of.noise_dps:
-        assert sum(int(job[3]) - int(job[2]) for job in simulation.jobs(of) if job[0] == noise) == 1003
 
 
 def test_the_devices_are_the_papers() -> None:
@@ -79,32 +59,6 @@ def test_the_sessions_last_as_long_as_the_papers(method: str) -> None:
             assert lasts == pytest.approx(of_paper.paper[method].time_s, rel=0.1)
 
 
-def test_a_machines_turn_is_once_around() -> None:
-    for rate_dps in (25.42, -30.0):
-        of = Spin(turn_s(rate_dps), np.array([0.0, 0.0, 1.0]), np.radians(rate_dps))
-        time_s = np.arange(1, 2001) * of.duration_s / 2000
-        rate = Motion([of]).advance(time_s).rate
-        angle = orientation.angle_deg(rate, np.diff(time_s, prepend=0.0), 2)
-        assert angle[-1] == pytest.approx(np.copysign(360.0, rate_dps), abs=1e-6)
-
-
-def test_an_angle_is_about_an_axis_of_the_initial_frame() -> None:
-    """Turned about z first, what the sensor reads about x adds up about another axis."""
-    dt, rate = np.full(200, 0.01), np.zeros((200, 3))
-    rate[:100, 2] = rate[100:, 0] = np.radians(90.0)
-    np.testing.assert_allclose([orientation.angle_deg(rate, dt, axis)[-1] for axis in range(3)], [0, 90, 90], atol=1e-9)
-
-
-def test_a_value_changes_what_it_is_of_and_nothing_else() -> None:
-    scenario = analysis.STUDY.read()
-    base = analysis.plan_of(scenario, ("noise", scenario.base.noise_dps, "mean"))
-    fast = analysis.plan_of(scenario, ("sampling rate, wobble 3°", 400.0, "point"))
-    assert (fast.rate_hz, fast.noise_dps, fast.wobble_deg, fast.sampling) == (400, 2 * base.noise_dps, 3, "point")
-    long = analysis.plan_of(scenario, ("session length", 54.0, "mean"))
-    assert 4 * long.rest_s + 3 * np.mean(long.turn_s) == pytest.approx(54.0)
-    assert long.rest_s == pytest.approx(2 * base.rest_s)
-
-
 def test_the_stages_that_are_found_are_those_simulated() -> None:
     scenario = typical.STUDY.read()
     found = typical.results(scenario, {("session",): typical.work(scenario, ("session",))})
@@ -115,11 +69,6 @@ def test_the_stages_that_are_found_are_those_simulated() -> None:
         assert 0 <= seen.end_s - true.end_s < 0.5
     for one in found.parameters:
         assert abs(one.found - one.truth) < 5 * one.std
-
-
-def test_every_scenario_that_comes_with_truerate_can_be_read() -> None:
-    for study in STUDIES.values():
-        assert study.read().runs >= study.read().quick_runs
 
 
 @pytest.mark.data

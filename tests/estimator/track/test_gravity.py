@@ -73,53 +73,6 @@ def resting(bias_std: float = 1e-3) -> tuple[Gravity, BiasFilter]:
     return gravity, BiasFilter(gravity.extend(begun, np.full(3, 1e-3), np.full(3, 1e-3)), knobs)
 
 
-def test_what_goes_to_and_fro_within_a_second_is_no_velocity_and_what_goes_on_is() -> None:
-    gravity, bias = resting()
-    time = (np.arange(N) + 0.5) / N
-    fastest = 2.0
-    shaken = G * UP - fastest * 2 * np.pi * np.outer(np.sin(2 * np.pi * time), [0.0, 0.0, 1.0])
-    for velocity, mean in ((fastest, 0.0), (fastest + 0.7, 0.7)):
-        x = bias.x.copy()
-        x[GRAVITY], x[VELOCITY] = G * UP, [0.0, 0.0, velocity]
-        bias.extend(replace(bias.state, x=x))
-        gravity.known = True
-        span = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), shaken, np.eye(3), np.zeros(3), np.zeros(3))
-        bias.predict(bias.time, carried=gravity.carry(span, bias, 1e-4))
-        np.testing.assert_allclose(bias.x[VELOCITY], [0.0, 0.0, velocity], atol=1e-3)
-        seen = gravity.evidence(span, resting=False)
-        np.testing.assert_allclose(seen.H @ bias.x - seen.z, [0.0, 0.0, mean], atol=1e-3)
-
-
-def test_who_is_pushed_as_hard_but_shakes_faster_is_believed_to_go_nowhere() -> None:
-    gravity, _ = resting()
-    time, hard = (np.arange(N) + 0.5) / N, 3.0
-
-    def var(per_second: int) -> float:
-        pushed = G * UP + hard * np.outer(np.sin(2 * np.pi * per_second * time), [1.0, 0.0, 0.0])
-        span = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), pushed, np.eye(3), np.zeros(3), np.zeros(3))
-        assert span.unrest == pytest.approx(hard / (2 * np.pi * per_second) / np.sqrt(2), rel=0.01)
-        return float(gravity.evidence(span, resting=False).R[0, 0])
-
-    knobs = gravity.knobs
-    assert var(1) == pytest.approx(
-        min(knobs.fastest, knobs.speed + knobs.speed_per_unrest * hard / (2 * np.pi) / np.sqrt(2)) ** 2, rel=0.02
-    )
-    assert var(8) < var(1) / 10
-
-
-def test_turning_does_not_make_the_accelerometer_worse_than_it_may_be() -> None:
-    gravity, bias = resting()
-    spin = np.tile([0.0, 0.0, 2.0], (N, 1))
-    span = sum_up(np.full(N, 1 / N), spin, np.tile([0.0, 0.0, G], (N, 1)), np.eye(3), np.zeros(3), np.zeros(3))
-    stds = []
-    for _ in range(60):
-        bias.predict(bias.time, carried=gravity.carry(span, bias, 1e-4))
-        stds.append(float(np.sqrt(bias.cov[ACCEL_BIAS, ACCEL_BIAS].diagonal().max())))
-    knobs = gravity.knobs
-    assert knobs.accel_bias < stds[0] < stds[10]
-    assert stds[-1] == pytest.approx(np.hypot(knobs.accel_bias, knobs.accel_pose), rel=0.02)
-
-
 @pytest.mark.parametrize(("ratio", "grows"), [(0.5, True), (2.0, False)], ids=["a walk", "too unlikely"])
 def test_a_velocity_that_lasts_is_believed_less_unless_it_cannot_be_one(*, ratio: float, grows: bool) -> None:
     """A mirrored accelerometer contradicts for as long as it is there; believed less, it would be found out later."""

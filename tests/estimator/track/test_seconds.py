@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.stillness import Windows
-from estimator.track.seconds import Second, SecondKnobs, Seconds
+from estimator.track.seconds import Second, Seconds
 
 Floats = NDArray[np.float64]
 RATE_HZ, NOISE = 100.0, np.full(3, 5e-4)
@@ -77,18 +77,6 @@ def test_a_second_lasts_a_second_and_none_is_lost_between() -> None:
     assert found[0].dt.sum() == pytest.approx(found[0].end - found[0].start)
 
 
-def test_a_change_ends_a_second_early_and_what_is_next_to_it_is_not_still() -> None:
-    found, _ = cut(noise(60), [True] * 27 + [False] * 20 + [True] * 13)
-    lengths = [round(s.end - s.start, 6) for s in found]
-    assert min(lengths) < 0.9 < max(lengths)
-    moved_from, moved_to, settle = 2.7, 4.7, SecondKnobs().settle_s
-    for s in found:
-        if s.still:
-            assert s.end <= moved_from - settle + 0.11 or s.start >= moved_to + settle - 0.11
-    assert any(s.still for s in found)
-    assert sum(not s.still for s in found) >= 2
-
-
 def test_a_second_of_movement_is_told_at_once_and_one_that_seems_still_waits_to_see_how_it_goes_on() -> None:
     second, settle = 11, 5
     assert len(cut(noise(second), [False] * second)[0]) == 1
@@ -104,17 +92,6 @@ def test_a_second_with_a_clipped_reading_or_a_hole_is_flawed_and_no_other(damage
     assert found[1].flaw
 
 
-def test_a_short_silence_hides_nothing() -> None:
-    found, _ = cut(noise(50), [True] * 50, silent=(150, 0.2))
-    assert not any(s.flaw for s in found)
-
-
-def test_of_a_gap_it_is_not_asked_how_it_turned_in_it() -> None:
-    hole, gap = (cut(noise(50), [True] * 50, silent=(150, silent_s))[0][1] for silent_s in (0.2, 0.3))
-    assert (hole.flaw, gap.flaw) == ("", "gap")
-    assert hole.unseen_turn > gap.unseen_turn == 0.0
-
-
 def test_an_axis_that_repeats_itself_is_stuck_unless_it_is_coarse() -> None:
     gyro = 20 * noise(50)
     gyro[:, 2] = 1e-3
@@ -122,33 +99,6 @@ def test_an_axis_that_repeats_itself_is_stuck_unless_it_is_coarse() -> None:
     step = 0.01
     coarse = np.round(noise(50) / step) * step
     assert {s.flaw for s in cut(coarse, [True] * 50)[0]} == {""}
-
-
-def test_a_quiet_axis_that_repeats_itself_stays_stuck_for_as_long_as_it_does() -> None:
-    gyro = np.random.default_rng(0).normal(0.0, np.radians(0.01), (200 * WINDOW, 3))
-    gyro[50 * WINDOW :, 2] = 1e-3
-    # What it is taken to be by now: the rest has taught that this axis makes no noise.
-    found, _ = cut(gyro, [True] * 200, noise_std=np.zeros(3))
-    assert {s.flaw for s in found if s.end <= 5.0} == {""}
-    assert {s.flaw for s in found if s.start >= 5.0} == {"stuck"}
-
-
-def test_a_coarse_axis_that_swayed_may_repeat_itself_afterwards() -> None:
-    step = np.radians(0.061)
-    sway = 10 * step * np.sin(2 * np.pi * np.arange(50 * WINDOW) / (4 * RATE_HZ))
-    gyro = np.concatenate([np.repeat(np.round(sway / step)[:, None] * step, 3, axis=1), np.zeros((50 * WINDOW, 3))])
-    assert {s.flaw for s in cut(gyro, [True] * 100, noise_std=np.zeros(3))[0]} == {""}
-
-
-def test_skipped_windows_go_by() -> None:
-    gyro = noise(50)
-    time, flags = np.arange(1, len(gyro) + 1) / RATE_HZ, np.zeros(len(gyro), bool)
-    windows, seconds = in_windows(time, gyro, flags, [True] * 50, NOISE), Seconds()
-    assert seconds.take(windows.part(0, 7)) == []
-    seconds.skip(windows.part(7, 8))
-    found = [second for _, second in seconds.take(windows.part(8))]
-    assert found[0].start == time[8 * WINDOW - 1]
-    np.testing.assert_array_equal(found[0].gyro, gyro[8 * WINDOW :][: found[0].samples])
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -1,11 +1,9 @@
 """The smoother against a least squares of all of the walk at once."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.track.bias_filter import BIAS, OWN, BiasFilter, BiasKnobs, start
+from estimator.track.bias_filter import OWN, BiasFilter, BiasKnobs, start
 from estimator.track.evidence import Evidence
 from estimator.track.smoother import History
 
@@ -64,32 +62,3 @@ def test_thinning_keeps_both_ends_and_changes_nothing_of_what_is_left() -> None:
         np.testing.assert_allclose(few.bias[-1], all_.bias[-1], atol=1e-9)
         assert (np.diff(few.time) >= 1).all()
         assert (few.std > 0.99 * all_.std[at]).all(), "what is left out is no longer known"
-
-
-def test_doubt_is_spread_evenly_over_the_time() -> None:
-    history, _ = walked(30)
-    before = [step.rows.copy() for step in history._steps]
-    doubt = np.diag([4e-6, 1e-6, 0.0])
-    history.doubt(doubt, 10.0, 30.0)
-    for step, rows in zip(history._steps, before, strict=True):
-        inside, more = step.time > 10.0, step.rows - rows
-        np.testing.assert_allclose(more[13:16, BIAS], doubt / 20 if inside else 0 * doubt, atol=1e-18)
-        np.testing.assert_allclose(more[1:4, BIAS], doubt * max(0.0, step.time - 10.0) / 20, atol=1e-18)
-
-
-def test_the_latest_is_found_without_looking_at_all_of_a_day() -> None:
-    """After each gap all seconds of a recording were looked at: twice as long took four times as long."""
-
-    class Day(list):  # type: ignore[type-arg]
-        def __iter__(self) -> Iterator[object]:
-            raise AssertionError("all of it was looked at")
-
-    history, _ = walked(60)
-    history._steps = Day(history._steps)
-    smoothed = history.smoothed(50.0)
-    assert smoothed is not None
-    np.testing.assert_array_equal(smoothed.time, np.arange(51.0, 61.0))
-    before = [step.rows[1, 0] for step in history._steps[0:60]]
-    history.doubt(np.eye(3), 50.0, 60.0)
-    more = np.array([step.rows[1, 0] for step in history._steps[0:60]]) - before
-    np.testing.assert_allclose(more, np.maximum(0.0, np.arange(1.0, 61.0) - 50.0) / 10.0, atol=1e-9)

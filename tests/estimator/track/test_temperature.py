@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, start
+from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, start
 from estimator.track.evidence import Evidence
 from estimator.track.learning import Points, learn
 from estimator.track.smoother import History
@@ -50,16 +49,6 @@ def drawn(rng: np.random.Generator) -> TemperatureLaw:
     return TemperatureLaw(28.0, linear, quadratic, np.zeros((3, 2, 2)))
 
 
-# ---- the law ------------------------------------------------------------------------------------------------------
-
-
-def test_a_change_is_the_sum_of_its_slopes() -> None:
-    steps = np.linspace(23.0, 35.0, 10_001)
-    slopes = np.array([LAW.slope((a + b) / 2) for a, b in pairwise(steps)])
-    np.testing.assert_allclose(LAW.change(23.0, 35.0), (slopes * np.diff(steps)[:, None]).sum(axis=0), atol=1e-12)
-    np.testing.assert_allclose(LAW.change(35.0, 23.0), -LAW.change(23.0, 35.0))
-
-
 # ---- learning -----------------------------------------------------------------------------------------------------
 
 
@@ -77,7 +66,7 @@ def test_boots_with_offsets_and_a_walk_tell_the_law() -> None:
 @pytest.mark.parametrize("boots", [1, 4])
 def test_it_is_as_sure_as_it_may_be(boots: int) -> None:
     rng, nees = np.random.default_rng(boots), []
-    for _ in range(60):
+    for _ in range(25):
         truth = drawn(rng)
         law = learnt([boot(rng, truth) for _ in range(boots)])
         there = truth.linear + 2 * (law.reference_c - truth.reference_c) * truth.quadratic
@@ -89,21 +78,6 @@ def test_it_is_as_sure_as_it_may_be(boots: int) -> None:
     assert 0.6 * low < np.mean(nees) < high
 
 
-def test_too_little_warmth_teaches_nothing() -> None:
-    rng = np.random.default_rng(2)
-    assert learn([], KNOBS) is None
-    assert learn([boot(rng, celsius=30 + rng.uniform(-0.9, 0.9, 100)) for _ in range(5)], KNOBS) is None
-    assert learn([boot(rng, celsius=np.zeros(0))], KNOBS) is None
-    assert learn([boot(rng, celsius=np.array([25.0]))], KNOBS) is None
-
-
-def test_it_is_less_sure_where_no_boot_has_been() -> None:
-    rng = np.random.default_rng(3)
-    law = learnt([boot(rng, celsius=warm_up(to_c=30.0)) for _ in range(4)])
-    inside, outside = law.slope_var(26.0), law.slope_var(45.0)
-    assert np.all(outside > 4 * inside)
-
-
 def test_a_boot_that_disagrees_widens_it() -> None:
     rng = np.random.default_rng(4)
     good = [boot(rng) for _ in range(4)]
@@ -111,14 +85,6 @@ def test_a_boot_that_disagrees_widens_it() -> None:
     before, after = learnt(good), learnt([*good, boot(rng, other)])
     assert np.all(after.slope_var(28.0) > 2 * before.slope_var(28.0))
     assert np.all(np.abs(after.slope(28.0) - LAW.slope(28.0)) < 4 * np.sqrt(after.slope_var(28.0)))
-
-
-def test_a_boot_whose_points_scatter_counts_for_less() -> None:
-    rng = np.random.default_rng(5)
-    good, wild = boot(rng), boot(rng)
-    wild = replace(wild, bias=wild.bias + np.radians(0.3) * rng.normal(size=wild.bias.shape))
-    law = learnt([good, wild])
-    assert np.all(np.abs(law.slope(28.0) - learnt([good]).slope(28.0)) < np.sqrt(law.slope_var(28.0)))
 
 
 def test_what_was_only_predicted_is_no_news() -> None:
@@ -170,46 +136,6 @@ def test_a_bias_follows_the_law_in_steps_of_any_size(steps: int) -> None:
     walked = KNOBS.rate_random_walk**2 * steps
     known = np.diag(bias.cov)[BIAS] - walked
     assert np.all(known < 1.5 * 10.0**2 * LAW.slope_var(23.0))
-
-
-def test_the_law_waits_for_the_first_temperature() -> None:
-    bias = BiasFilter(start(np.zeros(3), 1e-12 * np.eye(3), 0.0, KNOBS), law=LAW)
-    bias.predict(1.0)
-    assert not bias.x[SLOPE].any()
-    bias.predict(2.0, 23.0)
-    np.testing.assert_allclose(bias.x[SLOPE], LAW.slope(23.0))
-    bias.predict(3.0, 33.0)
-    np.testing.assert_allclose(bias.x[BIAS], LAW.change(23.0, 33.0))
-
-
-def test_a_slope_is_doubted_as_much_as_the_law_is_at_that_temperature() -> None:
-    bias = following(LAW)
-    rng = np.random.default_rng(1)
-    for i in range(600):
-        bias.predict(float(i + 1), 23.0 + 0.05 * i + 0.2 * rng.normal())
-    expected = LAW.slope_var(bias.temperature_c)
-    got = np.diag(bias.cov)[SLOPE]
-    assert np.all(got > 0.99 * expected)
-    assert np.all(got < 1.2 * expected), "noise of the thermometer teaches no doubt"
-
-
-def test_a_saved_state_goes_on_with_the_law() -> None:
-    temperatures = 23.0 + 10.0 * (1 - np.exp(-np.arange(100) / 30.0))
-    rng = np.random.default_rng(2)
-    noise = STD * rng.normal(size=(100, 3))
-
-    def run(bias: BiasFilter, part: slice) -> BiasState:
-        for i in range(100)[part]:
-            bias.predict(float(i + 1), temperatures[i])
-            bias.update(seen(LAW.change(23.0, temperatures[i]) + noise[i]))
-        return bias.state
-
-    whole = run(following(LAW), slice(None))
-    resumed = run(BiasFilter(run(following(LAW), slice(40)), KNOBS, LAW), slice(40, None))
-    std = np.sqrt(np.diag(whole.P))
-    assert np.all(np.abs(resumed.x - whole.x) < 0.05 * std)
-    more = np.diag(resumed.P) / std**2
-    assert np.all((more > 0.999) & (more < 2)), "what the law is not sure of may be doubted once more"
 
 
 def test_only_a_wrong_law_is_refuted() -> None:

@@ -5,20 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bridge.sim.imperfection import DEMO_SPEC, ImuSpec
 from bridge.sim.motion import Piece, Still
 from bridge.sim.script import swing
-from estimator.gyro import PriorKnobs, uncalibrated
 from estimator.stillness import Stillness
-from estimator.track.bias_filter import BIAS, OWN, SLOPE
-from estimator.track.evidence import Receipt
-from estimator.track.tracker import RestBias, Tracker, TrackKnobs
+from estimator.track.bias_filter import BIAS, SLOPE
+from estimator.track.tracker import Tracker
 from tests.estimator.stream import Stream, stream
-from tests.estimator.track.worn import LEVEL, PLAIN, Worn, model, rest
-
-Floats = NDArray[np.float64]
+from tests.estimator.track.worn import LEVEL, PLAIN, Worn, rest
 
 
 def busy(seconds: float, *, seed: int = 0, resting_s: float = 0.0, spec: ImuSpec = PLAIN) -> Stream:
@@ -70,14 +65,6 @@ def test_a_copy_goes_on_bit_for_bit(day: Stream, cut_s: float) -> None:
 
 
 # ---- with less than all -------------------------------------------------------------------------------------------
-
-
-def test_a_gyro_alone_is_tracked(day: Stream) -> None:
-    worn = Worn.new().lives(day, accel=False)
-    assert {r.kind for r in worn.receipts} >= {"zaru"}
-    assert len(worn.tracker.state.x) == 6
-    assert (np.abs(worn.error_dps(day)) < 3 * np.degrees(worn.tracker.std)).all()
-    assert worn.tracker.sure
 
 
 def test_an_accelerometer_that_is_lost_half_way_stops_nothing(day: Stream) -> None:
@@ -151,55 +138,6 @@ def test_a_wrong_bias_is_found_in_motion_alone(seed: int) -> None:
     np.testing.assert_allclose(unaided.tracker.state.x[BIAS], of.bias[0] + off)
 
 
-def test_the_past_is_improved_once_a_gap() -> None:
-    worn, told = Worn.new(), []
-    of = busy(24.0, seed=3, resting_s=12.0)
-    for start in range(0, len(of), 104):
-        worn.lives(of.part(start, start + 104))
-        if (improved := worn.tracker.improved()) is not None:
-            told.append((of.time[min(start + 104, len(of) - 1)], *improved))
-    assert len(told) == 1, [gap for _, gap, _ in told]
-    now, gap_s, smoothed = told[0]
-    assert gap_s == pytest.approx(24.0, abs=6.0)
-    assert now == pytest.approx(36.0 + 10.0, abs=3.0)
-    assert smoothed.time[0] == pytest.approx(12.0, abs=3.0)
-    assert worn.tracker.improved() is None
-
-
-AGAINST = Receipt(1.0, "gravity", np.ones(3), np.eye(3), 9.0, accepted=False, reason="", nis=99.0)
-
-
-@pytest.mark.parametrize("frozen", [True, False])
-def test_an_accelerometer_that_falls_silent_is_against_nothing(*, frozen: bool) -> None:
-    """What it had said last stood for the rest of the boot, and no rest of the gyro's ended the doubt."""
-    lies = rest(40.0)
-    silent, against = lies.at(10.0), lies.at(12.0)
-    lies.accel[silent:] = lies.accel[silent]
-    worn = Worn.new().lives(lies.part(0, silent)).lives(lies.part(silent, against), accel=frozen)
-    for _ in range(worn.tracker.knobs.accelerometer.in_a_row):
-        worn.tracker._accelerometer.heard(AGAINST)
-    assert "gravity disagrees" in str(worn.tracker.doubts(10.0))
-    worn.lives(lies.part(against, len(lies)), accel=frozen)
-    assert {r.kind for r in worn.receipts[-20:]} == {"zaru"}
-    assert worn.tracker.trusts()
-
-
-def test_what_spoke_against_the_old_belief_does_not_speak_against_a_calibration() -> None:
-    one = Tracker(TrackKnobs(), 0.0, uncalibrated(PriorKnobs()), np.full(3, 0.1))
-    for _ in range(one.knobs.accelerometer.in_a_row):
-        one._accelerometer.heard(AGAINST)
-    assert one._accelerometer.contradicts
-    rest = RestBias(np.zeros(3), np.eye(3) * 1e-10, np.zeros(3), 1.0, 2.0)
-    one.calibrated(uncalibrated(PriorKnobs()), np.eye(3) * 1e-10, 0.5, rest)
-    refused = Receipt(1.0, "zaru", np.ones(3), np.eye(3), 33.0, accepted=False, reason="outside the gate", nis=1e3)
-    for _ in range(40):
-        one.doubt.take([refused], [])
-    assert one.doubt.consistency.inflation > one.knobs.doubt.inflation
-    one.calibrated(uncalibrated(PriorKnobs()), np.eye(3) * 1e-10, 2.5, rest)
-    assert one.doubts(3.0) is None
-    assert one.doubt.consistency.inflation == 1.0
-
-
 # ---- restored -----------------------------------------------------------------------------------------------------
 
 
@@ -209,61 +147,3 @@ def warming(seed: int) -> Stream:
     pieces = [Still(4.0), *(piece for _ in range(8) for piece in (swing(rng, 4.0, np.radians(90.0)), Still(3.0)))]
     spec = replace(DEMO_SPEC, scale=(1.0, 1.0))
     return stream(pieces, sum(p.duration_s for p in pieces), seed=seed, spec=spec, attitude=LEVEL)
-
-
-@pytest.mark.parametrize("seed", [1, 2, 6])
-def test_what_a_restored_bias_knows_of_is_not_learnt_again(seed: int) -> None:
-    """From a bus's cache: it was off by 44 standard deviations while seconds came that were in it already (nemesis, seed 26)."""
-    day = warming(seed)
-    before = Worn.new(knobs=TrackKnobs()).lives(day.part(0, day.at(50.0)), temperature=True).tracker.state
-    kept = replace(before, x=before.x[:OWN], P=before.P[:OWN, :OWN])
-    worn = Worn.new(knobs=TrackKnobs())
-    worn.tracker.restored(model(kept.bias), kept, 0.5, float(day.temperature_c[day.at(0.5)]))
-    at_once = worn.tracker.bias - day.bias[day.at(0.5)]
-    assert (np.abs(at_once) < 4 * worn.tracker.std).all()
-    worn.lives(day.part(0, day.at(kept.time)), temperature=True)
-    assert worn.receipts == []
-    assert worn.tracker.worth_keeping.time == kept.time
-    np.testing.assert_array_equal(worn.tracker.worth_keeping.P, kept.P)
-    truth = day.bias[np.searchsorted(day.time, worn.time) - 1]
-    assert (np.abs(np.array(worn.bias) - truth) < 4 * np.array(worn.std)).all()
-    worn.lives(day.part(day.at(kept.time), day.at(kept.time + 5.0)), temperature=True)
-    assert worn.tracker.worth_keeping.time > kept.time
-    assert {r.kind for r in worn.receipts} >= {"zaru level"}
-    assert (np.abs(worn.error_dps(day.part(0, day.at(worn.tracker.time)))) < 4 * np.degrees(worn.tracker.std)).all()
-
-
-def test_before_any_rest_there_is_no_last_one() -> None:
-    """Pages said "last rest" of the moment of power-up, and after a restart of the estimator's."""
-    worn = Worn.new().lives(busy(12.0))
-    assert worn.tracker.evidence_age(12.0) == np.inf
-    assert worn.tracker.doubts(12.0) is None
-    assert "no rest for 31 minutes" in str(worn.tracker.doubts(1860.0))
-    worn = Worn.new()
-    worn.tracker.restored(model(), replace(Worn.new().tracker.state, time=20.0), 21.0)
-    assert worn.tracker.evidence_age(21.0) == np.inf
-    assert Worn.new().lives(rest(10.0)).tracker.evidence_age(11.0) < 3.0
-
-
-def test_a_restored_bias_is_that_of_the_temperature_now() -> None:
-    """Without one it was as sure as before, 0.01 °/s off for each third of a kelvin, until a second had passed."""
-    day = warming(1)
-    before = Worn.new(knobs=TrackKnobs()).lives(day.part(0, day.at(20.0)), temperature=True).tracker.state
-    kept = replace(before, x=before.x[:OWN], P=before.P[:OWN, :OWN])
-    later = day.at(55.0)
-    told, untold = Worn.new(knobs=TrackKnobs()).tracker, Worn.new(knobs=TrackKnobs()).tracker
-    told.restored(model(kept.bias), kept, 55.0, float(day.temperature_c[later]))
-    untold.restored(model(kept.bias), kept, 55.0)
-    assert (np.abs(told.bias - day.bias[later]) < 3 * told.std).all()
-    np.testing.assert_allclose(untold.bias, kept.bias, rtol=1e-6)
-    assert (told.std > untold.std).all()
-
-
-def test_a_calibration_is_newer_than_what_was_restored() -> None:
-    worn = Worn.new()
-    worn.tracker.restored(model(), replace(Worn.new(np.full(3, 0.1)).tracker.state, time=20.0), 0.5)
-    worn.lives(rest(10.0))
-    worn.tracker.calibrated(
-        model(), 1e-8 * np.eye(3), 10.0, RestBias(np.zeros(3), 1e-8 * np.eye(3), np.zeros(3), 9.0, 10.0)
-    )
-    assert worn.tracker.worth_keeping.time == 10.0

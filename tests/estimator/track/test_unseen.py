@@ -60,19 +60,3 @@ def test_what_a_hole_hides_is_told_within_reason() -> None:
     z = np.linalg.norm(off, axis=1) / told
     assert 0.3 < np.sqrt(np.mean(z**2)) < 1.2
     assert np.max(z) < 3.0
-
-
-@pytest.mark.parametrize("usual", [0.0, 5e-324, 1e-300, 1e-9, 1e-5])
-def test_where_a_clock_hardly_goes_on_between_holes_they_are_told_all_the_same(usual: float) -> None:
-    """It warned of a division by zero, and told of infinitely much."""
-    rate = np.random.default_rng(1).normal(size=(50, 3))
-    told = [unseen(np.where(np.arange(50) % 25, usual, hole), rate, rate[0]) for hole in (0.01, 0.25)]
-    assert 0.1 < told[0] < told[1] < 1e4
-    assert unseen(np.where(np.arange(50) % 25, usual, 0.25), 0 * rate, 0 * rate[0]) == 0.0
-
-
-def test_without_a_hole_nothing_is_unseen() -> None:
-    rate = np.random.default_rng(1).normal(size=(50, 3))
-    assert unseen(np.full(50, 0.01), rate, rate[0]) == 0.0
-    uneven = 0.01 * np.random.default_rng(1).uniform(0.8, 1.2, 50)
-    assert unseen(uneven, rate, rate[0]) == 0.0
