@@ -10,7 +10,6 @@ from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 from rich.console import Console
 
-from bridge.sim.day import Day, simulate_day
 from bridge.wire.messages import SampleBatch
 from estimator.gyro import PriorKnobs, uncalibrated
 from estimator.loops.compiled import ready
@@ -20,6 +19,7 @@ from estimator.track.bias_filter import OWN
 from estimator.track.gravity import SIZE
 from estimator.track.tracker import Tracker, TrackKnobs
 from tests.bench.side_by_side import arithmetic
+from tests.sim.day import Day, simulate_day
 
 Floats = NDArray[np.float64]
 

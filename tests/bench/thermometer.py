@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from bridge.sim.day import Day, simulate_day
 from tests.bench.temperature import states
+from tests.sim.day import Day, simulate_day
 
 _RATE_HZ, _HOURS, _FIRST_REST_S = 52.0, 0.5, 60.0
 #: K: white noise of a reading, and its least step; without a thermometer nothing is read

@@ -1,21 +1,15 @@
 """The x-IMU3 driver: bytes in any chunking, what it asks and sets, reboots, losses, rates."""
 
-import itertools
 import json
 from math import radians
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
 from bridge.drivers.ximu3 import Ximu3Decoder, Ximu3Options
 from bridge.framing import ximu3_encode
 from bridge.framing.ximu3 import plain
-from bridge.sim.script import demo_script
-from bridge.sim.source import SimulatedSource
-from bridge.sim.ximu3 import ximu3_bytes
 from bridge.wire.messages import BootCause
 
 MS = 1_000_000
@@ -164,74 +158,6 @@ def test_battery_and_messages_are_passed_on() -> None:
     assert notices[-2:] == [Notice("notification", "note 2 | note 3 | note 4"), Notice("error", "Battery empty.")]
 
 
-STREAM = b"".join(
-    [
-        *inertial([3_000_000 + 20_000 * i for i in range(60)]),
-        b'{"ping":{"name":"a","sn":"b"}}\n{"firmware_version":"1"}\n{"hardware_version":"2"}\n',
-        b'{"gyroscope_offset_correction_enabled":false}\n{"inertial_message_rate_divisor":8}\n',
-        *inertial([4_200_000 + 20_000 * i for i in range(30)]),
-        b"garbage\nI,5,6\n\xc9\xdb\n",
-        ximu3_encode.temperature(1, 20.0) + ximu3_encode.battery(1, 7.0, charging=False) + b"N,1,x\n",
-        *inertial([4_900_000 + 20_000 * i for i in range(30)]),
-        b"Q,1,2,3,4,5\n",
-    ]
-)
-
-
-def outcome(chunks: list[bytes]) -> tuple[object, ...]:
-    decoder = Ximu3Decoder()
-    events = [event for chunk in chunks for event in decoder.feed(chunk, 10**18)]
-    readings = [event for event in events if isinstance(event, Readings)]
-    rest = [event for event in events if not isinstance(event, (Identity, Readings))]
-    told = [(event.model, event.firmware, event.rate_hz) for event in events if isinstance(event, Identity)]
-    gyro = np.concatenate([event.gyro for event in readings])
-    return sequences(events), gyro.tobytes(), rest, told, decoder.faults.as_dict()
-
-
-WHOLE = outcome([STREAM])
-
-
-@given(st.lists(st.integers(0, len(STREAM)), max_size=40))
-def test_any_chunking_gives_the_same(cuts: list[int]) -> None:
-    edges = [0, *sorted(cuts), len(STREAM)]
-    assert outcome([STREAM[a:b] for a, b in itertools.pairwise(edges)]) == WHOLE
-
-
-def test_the_same_byte_by_byte() -> None:
-    assert outcome([STREAM[i : i + 1] for i in range(len(STREAM))]) == WHOLE
-    numbers = WHOLE[0]
-    assert isinstance(numbers, list)
-    # The third run begins 0.7 s after the second: five samples are missing.
-    assert numbers == [*range(90), *range(95, 125)]
-    assert WHOLE[4] == {"message_unknown": 1, "message_length": 1, "message_escape": 1}
-
-
-@given(st.binary(max_size=200))
-def test_after_garbage_at_most_one_message_is_lost(garbage: bytes) -> None:
-    decoder = Ximu3Decoder()
-    before = b"".join(inertial([3_000_000 + 20_000 * i for i in range(40)]))
-    decoder.feed(before, 10**18)
-    lost, *following = inertial([3_800_000 + 20_000 * i for i in range(5)])
-    decoder.feed(garbage + lost + b"".join(following), 10**18)
-    numbers = sequences(decoder.feed(b"", 10**18 + 2_000 * MS))
-    assert set(range(41, 45)) <= set(numbers)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_every_lost_message_leaves_its_number(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    times_us = [5_000_000 + 10_000 * i + int(rng.integers(-500, 500)) for i in range(3000)]
-    messages = inertial(times_us)
-    kept = sorted({0, 2999, *np.flatnonzero(rng.random(3000) > 0.2).tolist()})
-    decoder = Ximu3Decoder()
-    events: list[Event] = []
-    for i in kept:
-        events += decoder.feed(messages[i], 10**18 + times_us[i] * 1000)
-    events += decoder.feed(b"", 10**18 + 40_000_000 * 1000)
-    assert sequences(events) == kept
-    assert decoder.faults.as_dict() == {}
-
-
 def test_a_device_that_boots_is_asked_anew() -> None:
     run = Run(Device())
     run.pass_s(3.0)
@@ -258,16 +184,6 @@ def test_settings_may_be_left_alone() -> None:
     assert all(b"null" in command for command in run.device.heard)
     assert run.device.settings[CORRECTION] is True
     assert "on-device correction" in run.notices
-
-
-def test_a_rate_that_is_refused_stays_as_it_is() -> None:
-    run = Run(Device(refuses=True), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100)))
-    run.pass_s(5.0)
-    assert {identity.rate_hz for identity in run.identities} == {50.0}
-    assert sequences(run.events) == list(range(250))
-    heard = len(run.device.heard)
-    run.pass_s(3.0)
-    assert len(run.device.heard) == heard
 
 
 def test_an_opened_port_loses_nothing_that_waited() -> None:
@@ -322,24 +238,3 @@ def test_a_rate_is_told_as_the_one_the_device_was_made_for() -> None:
         events = decoder.feed(b"".join(inertial([9_000_000 + period_us * i for i in range(40)])), 1)
         events += decoder.feed(b"", 2_000 * MS)
         assert [event.rate_hz for event in events if isinstance(event, Identity)] == [pytest.approx(rate_hz)]
-
-
-def test_options_out_of_range_are_refused() -> None:
-    for wrong in (0.5, 500.0):
-        with pytest.raises(ValueError, match=r"rate_hz is .*; 1 to 400 is taken"):
-            Ximu3Options(port="/dev/null", rate_hz=wrong)
-
-
-def test_a_simulated_body_is_read_back() -> None:
-    source = SimulatedSource(demo_script, rate_hz=100.0)
-    source.power_up(np.random.default_rng(0), 1.0)
-    decoder = Ximu3Decoder()
-    events: list[Event] = []
-    sent = []
-    for i in range(5):
-        samples = source.read()
-        sent.append(samples.gyro)
-        events += decoder.feed(ximu3_bytes(samples, 3_000_000), 10**18 + i * 1000 * MS)
-    got = np.concatenate([event.gyro for event in events if isinstance(event, Readings)])
-    assert np.allclose(got, np.concatenate(sent), atol=1e-4)
-    assert sequences(events) == list(range(500))

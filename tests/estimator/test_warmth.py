@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.sim.day import simulate_day
 from bridge.sim.motion import Still
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
@@ -28,6 +27,7 @@ from estimator.track.temperature import Floats, TemperatureLaw
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, calibration, feed, info
 from tests.estimator.track.test_temperature import KNOBS, LAW, boot, learnt
+from tests.sim.day import simulate_day
 
 HOUR_NS = 3_600_000_000_000
 

@@ -1,13 +1,10 @@
 """The account of a device is told at a boot, soon after news, once a second; and only then has to be made."""
 
-import numpy as np
-
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.ingest.device_info import News
 from bridge.ingest.device_thread import Taken
 from bridge.ingest.intake import Intake
 from bridge.ingest.pump import DevicePublisher
-from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo
 
 START_S = 100.0
@@ -38,24 +35,3 @@ def test_news_wait_a_moment_and_everything_else_a_second() -> None:
             assert outlet.wants(START_S + after_s, 7, news(first)) is nothing
             assert outlet.wants(START_S + after_s, 7, news(later)) is gap
             assert outlet.wants(START_S + after_s, 8, news(first)) is boot
-
-
-def test_whoever_makes_only_what_is_wanted_says_the_same() -> None:
-    broker, rng = MemoryBroker(), np.random.default_rng(1)
-    with MemoryBus(broker) as bus:
-        heard = [bus.subscribe(keys.pattern(ward, "info")) for ward in ("all", "wanted")]
-        outlets = [DevicePublisher(bus, ward, "b1", "d1", 1) for ward in ("all", "wanted")]
-        time_s, boot, gaps = START_S, 7, 0
-        made = 0
-        for _ in range(2000):
-            time_s += rng.uniform(0, 0.08)
-            boot += rng.random() < 0.02
-            gaps += rng.random() < 0.05
-            told = info(time_s, boot, gaps)
-            wanted = outlets[1].wants(time_s, boot, news(told))
-            made += wanted
-            outlets[0].publish(Taken([], boot, True, told), time_s)
-            outlets[1].publish(Taken([], boot, True, told if wanted else None), time_s)
-        said = [[repr(codec.decode_info(*message)) for message in each.drain(10_000, 0.1)] for each in heard]
-    assert said[0] == said[1]
-    assert 100 < made == len(said[0]) < 1000

@@ -1,6 +1,6 @@
 """Days on a ward: exact mathematics of the motion, and statistics as declared of the sensor."""
 
-from itertools import islice, pairwise
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.sim.body import Activity, Body, Lived
-from bridge.sim.day import Day, anyhow, simulate_day, worn_spec
 from bridge.sim.life import Wearer
 from bridge.sim.motion import GRAVITY
-from bridge.sim.scenes import rests_and_motion, slow_turn
-from bridge.sim.warmth import ROOM_C, SKIN_C, Warmth
+from tests.sim.day import Day, anyhow, simulate_day, worn_spec
+from tests.sim.scenes import rests_and_motion, slow_turn
+from tests.sim.warmth import ROOM_C, SKIN_C, Warmth
 
 RATE_HZ = 52.0
 LEVER = np.array([0.2, -0.05, 0.1])
@@ -55,22 +55,6 @@ def test_force_is_gravity_and_the_change_of_a_bounded_velocity(hours: list[Lived
         assert 0.3 < np.linalg.norm(lived.velocity, axis=1).max() < 5.0
 
 
-def test_a_few_days_hold_every_activity() -> None:
-    lives = [Wearer(np.random.default_rng(seed)).life() for seed in range(5)]
-    assert {stretch.activity for life in lives for stretch in islice(life, 500)} == set(Activity)
-
-
-def test_activities_move_as_their_names_say(hours: list[Lived]) -> None:
-    rate = np.degrees(np.concatenate([lived.rate for lived in hours]))
-    activity = np.concatenate([lived.activity for lived in hours])
-    rms = {Activity(int(one)): float(np.sqrt(np.mean(rate[activity == one] ** 2))) for one in np.unique(activity)}
-    assert rms[Activity.TABLE] < 0.01
-    assert rms[Activity.ASLEEP] < rms[Activity.LYING] < 1.0
-    assert rms[Activity.SITTING] < 1.0
-    assert 0.2 < rms[Activity.SLOW_TURN] < 1.5
-    assert 30 < rms[Activity.WALKING] < 120
-
-
 def test_however_it_is_cut_it_is_the_same_life() -> None:
     time_s = times(900)
     whole, parts = body(5).advance(time_s), body(5)
@@ -80,28 +64,6 @@ def test_however_it_is_cut_it_is_the_same_life() -> None:
         np.testing.assert_allclose(
             np.concatenate([getattr(one, name) for one in lived]), getattr(whole, name), atol=1e-9
         )
-
-
-def test_a_seed_is_a_day() -> None:
-    one, same, other = (simulate_day(seed, hours=0.1, rate_hz=RATE_HZ) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one.gyro, same.gyro)
-    assert not np.array_equal(one.gyro, other.gyro)
-
-
-def test_a_longer_day_begins_with_the_shorter() -> None:
-    short, long = (simulate_day(1, hours=h, rate_hz=RATE_HZ) for h in (0.1, 0.2))
-    # A rounding error may push a reading onto the next step.
-    assert (short.gyro != long.gyro[: len(short.gyro)]).mean() < 1e-3
-    np.testing.assert_allclose(short.bias, long.bias[: len(short.bias)], atol=1e-9)
-
-
-def test_another_boot_is_the_same_device_with_another_turn_on_bias() -> None:
-    first, second = (simulate_day(1, hours=0.05, rate_hz=RATE_HZ, boot=boot).truth for boot in (0, 1))
-    np.testing.assert_array_equal(first.matrix, second.matrix)
-    np.testing.assert_array_equal(first.bias_per_kelvin, second.bias_per_kelvin)
-    changed = np.degrees(second.turn_on_bias - first.turn_on_bias)
-    assert (np.abs(changed) > 1e-3).all()
-    assert (np.abs(changed) < 1.0).all()
 
 
 def test_the_truth_explains_the_readings(day: Day) -> None:
@@ -167,11 +129,3 @@ def test_rests_and_motion_are_as_a_filter_models_them() -> None:
         assert np.degrees(day.rate[~rest]).std() > 10
         noise = np.degrees(day.gyro[rest] - day.bias[rest])
         assert noise.std() == pytest.approx(0.1, rel=0.05)
-
-
-def test_steps_of_temperature_move_the_bias() -> None:
-    day = rests_and_motion(1, 900.0, rrw_dps_per_sqrt_s=0.0, bias_dps_per_kelvin=0.05, step_k=3.0)
-    changes = np.flatnonzero(np.diff(day.temperature_c))
-    assert len(changes) == 4
-    moved = (day.temperature_c - day.temperature_c[0])[:, None] * day.truth.bias_per_kelvin
-    np.testing.assert_allclose(day.bias - day.bias[0], moved, atol=1e-7)

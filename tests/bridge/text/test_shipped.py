@@ -1,12 +1,9 @@
 """The profiles that come with truerate, on what their devices print: the right numbers, boots, and every torn row refused."""
 
-import itertools
 from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bridge.drivers.driver import Event, Identity, Notice, Readings
@@ -106,18 +103,6 @@ def test_the_razor_s_boot_is_its_clock_s() -> None:
     assert faults == {"odd_time": 2}
 
 
-def test_a_clock_that_wraps_is_no_boot() -> None:
-    for data, name in [
-        (printed.razor(60, first_ms=2**32 - 300), "razor-m0"),
-        (printed.artemis(60, first_us=2**32 - 300_000), "openlog-artemis"),
-    ]:
-        events, faults = read(name, data)
-        assert faults == {}
-        assert len(identities(events)) == 1
-        ticks = np.concatenate([event.ticks for event in events if isinstance(event, Readings)])
-        assert np.all(np.diff(ticks.astype(np.int64)) > 0)
-
-
 def test_an_artemis_row_without_news_of_the_imu_is_refused() -> None:
     events, faults = read("openlog-artemis", printed.artemis(100, ready=10))
     assert faults == {"row_short": 10}
@@ -151,15 +136,6 @@ def test_an_artemis_without_microseconds_says_that_its_time_is_a_count() -> None
     assert identities(later)[-1].has_clock
 
 
-def test_a_header_outlives_a_lost_port() -> None:
-    one = decoder("openlog-artemis")
-    one.feed(b"\n" + printed.artemis(40), 0)
-    one.opened()
-    events = one.feed(b"0.1,\n" + printed.artemis(20, start=False, first_us=5_400_000), 0)
-    assert len(gyro(events)) == 20
-    assert one.faults.as_dict() == {"line_begun": 1}
-
-
 def test_a_known_wrong_sensitivity_is_said_and_not_put_right() -> None:
     events, _ = read("nano-33-ble", printed.nano(3))
     (notice,) = [event for event in events if isinstance(event, Notice)]
@@ -167,27 +143,6 @@ def test_a_known_wrong_sensitivity_is_said_and_not_put_right() -> None:
     assert "reads 12.8 % low" in notice.text
     assert "k near 1.147" in notice.text
     assert gyro(events)[0, 0] == pytest.approx(1.5)
-
-
-def test_the_wrong_sensitivity_goes_by_the_range_that_is_told() -> None:
-    head = "Started\r\nGyroscope Full Scale = ±245.00°/s\r\n".encode()
-    events, _ = read("nano-33-ble", head + printed.nano(3, start=False))
-    (notice,) = [event for event in events if isinstance(event, Notice)]
-    assert "reads 14.5 % low" in notice.text
-    assert np.degrees(identities(events)[0].gyro_range) == pytest.approx(245)
-
-
-@pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=30)
-@given(data=st.data())
-def test_any_chunking_gives_the_same_samples(name: str, data: st.DataObject) -> None:
-    stream = b"\n" + PRINTED[name][0](40)
-    cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=20))
-    one = decoder(name)
-    events = [e for a, b in itertools.pairwise([0, *sorted(cuts), len(stream)]) for e in one.feed(stream[a:b], 0)]
-    whole, faults = read(name, PRINTED[name][0](40))
-    assert np.array_equal(gyro([*events, *one.finish()]), gyro(whole))
-    assert one.faults.as_dict() == faults
 
 
 @pytest.mark.parametrize("name", NAMES)
