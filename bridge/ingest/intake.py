@@ -12,7 +12,7 @@ from bridge.drivers.driver import Event, Identity, Readings
 from bridge.ingest import plausibility
 from bridge.ingest.bad_sample_ratio import BadSampleRatio
 from bridge.ingest.counters import Counters, Counts
-from bridge.ingest.device_info import Account, News
+from bridge.ingest.device_info import Account
 from bridge.ingest.sensor_faults import SensorFaults
 from bridge.ingest.timeline import Stamps, Timeline
 from bridge.wire.checks import MAX_TEXTS
@@ -89,19 +89,15 @@ class Intake:
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
-    def news(self, faults: dict[str, int], trouble: str = "") -> News:
-        """What is counted of the device by now, its driver's faults among the events, and what troubles it."""
-        events = self.events.as_dict()
-        # A driver may have seen the same change.
-        counts = {**events, **{label: max(n, events.get(label, 0)) for label, n in faults.items()}}
-        return self._account.news(self._identity, self.dropped.as_dict(), counts, trouble)
-
     def info(self, time_ns: int, faults: dict[str, int], trouble: str = "") -> DeviceInfo:
         """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
-        news = self.news(faults, trouble)
-        info = self._account.info(self._identity, self.boot or 0, self.timeline, self.samples, time_ns, news)
-        bad = {label: n for label, n in news.events.items() if label in _BAD}
-        if said := self._shares.notable(time_ns, self.samples_in, {**bad, **news.dropped}):
+        events, dropped = self.events.as_dict(), self.dropped.as_dict()
+        # A driver may have seen the same change.
+        events |= {label: max(n, events.get(label, 0)) for label, n in faults.items()}
+        counted = self.samples, time_ns, dropped, events, trouble
+        info = self._account.info(self._identity, self.boot or 0, self.timeline, *counted)
+        bad = {label: n for label, n in events.items() if label in _BAD}
+        if said := self._shares.notable(time_ns, self.samples_in, {**bad, **dropped}):
             info = replace(info, notices=dict([*info.notices.items(), ("refused", said)][-MAX_TEXTS:]))
         return info
 

@@ -3,7 +3,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bridge.framing.deframer import MAX_PAYLOAD, Deframer, frame
@@ -107,6 +107,7 @@ def test_hello_round_trips(hello: Hello) -> None:
     assert decode(encode_hello(hello)) == hello
 
 
+@settings(max_examples=25)
 @given(datas())
 def test_data_round_trips(data: Data) -> None:
     again = decode(encode_data(data))
@@ -116,6 +117,7 @@ def test_data_round_trips(data: Data) -> None:
         np.testing.assert_array_equal(getattr(again, name), getattr(data, name))
 
 
+@settings(max_examples=50)
 @given(packets, st.data())
 def test_a_mutated_packet_is_bad_or_decodes(packet: bytes, data: st.DataObject) -> None:
     mutant = bytearray(packet)

@@ -154,7 +154,7 @@ def test_x_io_s_reader_reads_what_we_encode(tmp_path: Path) -> None:
     assert heard.texts == [(2570, "quality good")]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_we_and_x_io_make_the_same_of_damaged_bytes(seed: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(seed)
     stream = []

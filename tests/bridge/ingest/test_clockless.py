@@ -78,9 +78,7 @@ class Host:
         return self.intake.info(NOW, {}).events
 
 
-@pytest.mark.parametrize(
-    ("told_hz", "real_hz"), [(100.0, 98.3), (100.0, 100.0), (102.4, 204.8), (200.0, 104.0), (50.0, 50.4)]
-)
+@pytest.mark.parametrize(("told_hz", "real_hz"), [(100.0, 98.3), (102.4, 204.8), (200.0, 104.0)])
 def test_device_time_follows_the_rate_that_is_measured(told_hz: float, real_hz: float) -> None:
     host = Host(told_hz, real_hz)
     host.live(40)
@@ -104,7 +102,7 @@ def test_what_is_measured_and_how_well_is_said_from_the_first_second() -> None:
     assert host.events() == {}
 
 
-@pytest.mark.parametrize("gap_s", [0.1, 1.0, 30.0])
+@pytest.mark.parametrize("gap_s", [0.1, 30.0])
 def test_a_silence_that_nothing_makes_up_for_is_a_gap(gap_s: float) -> None:
     host = Host(100.0, 101.0)
     host.live(20)
@@ -122,7 +120,7 @@ def test_a_silence_that_nothing_makes_up_for_is_a_gap(gap_s: float) -> None:
     assert host.intake.release() == []
 
 
-@pytest.mark.parametrize("held_s", [0.08, 0.5, 4.0, 20.0])
+@pytest.mark.parametrize("held_s", [0.5, 20.0])
 def test_a_silence_that_a_burst_makes_up_for_is_none(held_s: float) -> None:
     host = Host(100.0, 100.0)
     host.live(20)
@@ -147,7 +145,7 @@ def test_what_is_held_when_no_more_comes_is_given_out_after_its_gap() -> None:
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("told_hz", [100.0, 50.0, 104.0])
+@pytest.mark.parametrize("told_hz", [104.0])
 def test_arrivals_in_bursts_tell_the_rate_to_a_thousandth(told_hz: float) -> None:
     if not ARRIVALS.exists():
         pytest.skip(f"{ARRIVALS} is not here")

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.drivers.driver import Identity, Notice, Readings
@@ -285,6 +285,7 @@ def test_a_long_run_is_cut_where_a_batch_ends() -> None:
 FAULTS = st.sampled_from(["good", "good", "good", "lose", "repeat", "nan", "huge", "boot", "hello", "old", "ragged"])
 
 
+@settings(max_examples=50)
 @given(st.lists(st.tuples(FAULTS, st.integers(1, 8)), max_size=60))
 def test_whatever_comes_is_published_or_counted_and_valid(story: list[tuple[str, int]]) -> None:
     intake, boot, sequence = made(), 7, 2**32 - 50

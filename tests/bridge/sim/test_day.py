@@ -29,8 +29,8 @@ def body(seed: int) -> Body:
 
 @pytest.fixture(scope="module")
 def hours() -> list[Lived]:
-    """Two hours of several lives, whole."""
-    return [body(seed).advance(times(7200)) for seed in range(4)]
+    """Half an hour of two lives, whole."""
+    return [body(seed).advance(times(1800)) for seed in range(2)]
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_the_truth_explains_the_readings(day: Day) -> None:
 
 def test_bias_walks_about_its_temperature_law() -> None:
     ends, law_errors = [], []
-    for seed in range(60):
+    for seed in range(30):
         day = simulate_day(seed, hours=0.1, rate_hz=10.0)
         warmer = day.temperature_c[:, None].astype(float) - ROOM_C
         law = day.truth.turn_on_bias + warmer * day.truth.bias_per_kelvin + warmer**2 * day.truth.bias_per_kelvin2
@@ -88,7 +88,7 @@ def test_bias_walks_about_its_temperature_law() -> None:
         law_errors.append(np.abs(walk[0]).max())
         ends.append(walk[-1])
     assert np.max(law_errors) < 2e-3
-    assert np.std(ends) == pytest.approx(7e-4 * np.sqrt(360), rel=0.15)
+    assert np.std(ends) == pytest.approx(7e-4 * np.sqrt(360), rel=0.25)
 
 
 def test_a_worn_device_comes_near_the_warmth_of_skin_and_cools_on_the_table() -> None:
@@ -118,9 +118,9 @@ def test_a_slow_turn_turns_about_the_vertical_and_nothing_else(rate_dps: float, 
 
 
 def test_rests_and_motion_are_as_a_filter_models_them() -> None:
-    days = [rests_and_motion(seed, 300.0, rrw_dps_per_sqrt_s=5e-3, noise_dps=0.1) for seed in range(40)]
+    days = [rests_and_motion(seed, 300.0, rrw_dps_per_sqrt_s=5e-3, noise_dps=0.1) for seed in range(20)]
     steps = np.degrees([day.bias[-1] - day.bias[0] for day in days])
-    assert np.std(steps) == pytest.approx(5e-3 * np.sqrt(300), rel=0.15)
+    assert np.std(steps) == pytest.approx(5e-3 * np.sqrt(300), rel=0.3)
     for day in days[:5]:
         rest = day.activity == Activity.TABLE
         rest[1:] &= rest[:-1]  # the last of a movement is in the first sample of the rest

@@ -87,13 +87,6 @@ def test_what_came_before_a_tcp_device_went_is_not_lost(server: socket.socket) -
     port.close()
 
 
-def test_another_thread_ends_a_tcp_read(server: socket.socket) -> None:
-    port = client(server)
-    port.open()
-    with server.accept()[0]:
-        assert ended(port) == f"{port.place}: closed"
-
-
 def test_a_tcp_device_that_takes_nothing_is_lost(server: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bridge.transport.tcp_port._WRITE_S", 0.1)
     port = client(server)
@@ -120,10 +113,6 @@ def test_a_tcp_device_that_cannot_be_reached_is_unavailable_in_words(monkeypatch
         monkeypatch.setattr(socket, "create_connection", fail)
         with pytest.raises(DeviceUnavailable, match=said):
             TcpPort("wrist:8000", 0).open()
-
-
-def test_a_tcp_device_that_listens_is_present(server: socket.socket) -> None:
-    assert address.state(f"tcp://127.0.0.1:{server.getsockname()[1]}") == "present"
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="this machine has no IPv6")
@@ -267,10 +256,3 @@ def test_a_udp_port_is_busy_in_words(udp: int) -> None:
     second.close()
     with pytest.raises(DeviceUnavailable, match="no such address"):
         opened(f"192.0.2.1:{udp}")
-
-
-def test_no_thread_and_no_port_is_left_behind(udp: int) -> None:
-    before = threading.active_count()
-    for _ in range(50):
-        opened(f":{udp}").close()
-    assert threading.active_count() <= before  # one of an earlier test may end meanwhile

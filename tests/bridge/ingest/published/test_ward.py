@@ -4,7 +4,6 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -151,10 +150,10 @@ def test_a_device_of_which_nothing_can_be_taken_stops_no_other(
 ) -> None:
     take = DeviceThread.take
 
-    def fails(link: DeviceThread, *wants: Any) -> Taken:
+    def fails(link: DeviceThread, *, informed: bool) -> Taken:
         if link.device == "d1":
             raise ValueError("no")
-        return take(link, *wants)
+        return take(link, informed=informed)
 
     monkeypatch.setattr(DeviceThread, "take", fails)
     config = Bridge(
