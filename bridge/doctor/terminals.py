@@ -9,6 +9,7 @@ from pathlib import Path
 from bridge.doctor.finding import Finding, ok, trouble, warning
 from bridge.transport import serial_state
 from bridge.transport.holders import PROC, Holder, holders, is_bridge
+from bridge.wording import count
 
 RULES = "configs/udev/99-truerate.rules"
 _INSTALL = f"sudo cp {RULES} /etc/udev/rules.d/ && sudo udevadm control --reload && sudo udevadm trigger"
@@ -36,7 +37,7 @@ def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
     if not there:
         return [ok("permissions", "no serial port is plugged in")]
     if not closed:
-        return [ok("permissions", f"{_count(len(there), 'serial port')} may be opened")]
+        return [ok("permissions", f"{count(len(there), 'serial port')} may be opened")]
     groups = " ".join(sorted({_group(status.st_gid) for _, status in closed}))
     return [
         trouble(
@@ -146,7 +147,3 @@ def _group(gid: int) -> str:
 
 def _list(having: Iterable[Holder]) -> str:
     return ", ".join(map(str, having))
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}{'' if n == 1 else 's'}"

@@ -114,7 +114,7 @@ def test_a_misspelt_verb_is_told_the_nearest(capsys: pytest.CaptureFixture[str])
     for words, nearest in (
         (["statsu"], "status"),
         (["pki", "isue"], "issue"),
-        (["pki", "check", "--role", "brigde"], "bridge"),
+        (["--log-format", "jsno", "status"], "json"),
     ):
         with pytest.raises(SystemExit) as ended:
             main(words)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.drivers.driver import Event, Identity, Notice, Readings
+from bridge.drivers.driver import Notice
 from bridge.drivers.mtdata2 import MtData2Decoder, MtData2Options
 from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Messages, decode, encode
@@ -17,55 +17,26 @@ from bridge.ingest.merge_readings import joined
 from bridge.wire.messages import BootCause, SampleFlag
 from bridge.wire.refusal import Tally
 from tests.bridge.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, real, reals
+from tests.bridge.wire import Wire
 
 S = 1_000_000_000
 TURN_NS = 20_000_000
-
-
-class Bench:
-    """A device and a decoder on a wire, in turns of 20 ms."""
-
-    def __init__(self, device: MtDevice, decoder: MtData2Decoder) -> None:
-        self.device, self.decoder = device, decoder
-        self.now_ns = 10**18
-        self.events: list[Event] = []
-        self._owed = 0.0
-
-    def run(self, seconds: float) -> "Bench":
-        for _ in range(round(seconds * S / TURN_NS)):
-            self.now_ns += TURN_NS
-            self.device.receive(self.decoder.to_send())
-            self._owed += TURN_NS / S * self.device.rate_hz
-            self.events += self.decoder.feed(self.device.live(int(self._owed)), self.now_ns)
-            self._owed %= 1
-        return self
-
-    @property
-    def identities(self) -> list[Identity]:
-        return [event for event in self.events if isinstance(event, Identity)]
-
-    @property
-    def notices(self) -> list[str]:
-        return [event.text for event in self.events if isinstance(event, Notice)]
-
-    @property
-    def counts(self) -> list[int]:
-        gyro = [event.gyro[:, 0] for event in self.events if isinstance(event, Readings)]
-        return np.rint(np.concatenate(gyro) * 1024).astype(int).tolist() if gyro else []
-
-    def taken(self) -> Intake:
-        intake = Intake("d", "b", "mtdata2", "p")
-        for event in self.events:
-            intake.take(event)
-        return intake
 
 
 def options(**more: object) -> MtData2Options:
     return MtData2Options(port="/dev/x", baud=921_600, **more)  # type: ignore[arg-type]
 
 
-def in_order(counts: list[int]) -> bool:
-    return counts == list(range(counts[0], counts[-1] + 1))
+def taken(wire: Wire[MtDevice]) -> Intake:
+    intake = Intake("d", "b", "mtdata2", "p")
+    for event in wire.events:
+        intake.take(event)
+    return intake
+
+
+def in_order(wire: Wire[MtDevice]) -> bool:
+    counts = np.rint(np.concatenate([one.gyro[:, 0] for one in wire.readings]) * 1024).astype(int).tolist()
+    return bool(counts == list(range(counts[0], counts[-1] + 1)))
 
 
 def test_the_manual_s_messages() -> None:
@@ -99,18 +70,18 @@ def test_items_that_do_not_fit_are_refused(data: bytes) -> None:
 
 
 def test_a_device_that_is_only_listened_to() -> None:
-    bench = Bench(MtDevice(), MtData2Decoder(None)).run(3)
+    bench = Wire(MtDevice(), MtData2Decoder(None)).run(3)
     assert bench.device.received == []
     first, last = bench.identities[0], bench.identities[-1]
     assert (first.model, first.rate_hz, first.has_clock, first.tick_period_s) == ("Xsens MT", 100.0, True, 1e-4)
     assert last.has_temperature
-    assert in_order(bench.counts), "over the wrap of the counter and of the clock"
-    assert bench.taken().events.as_dict() == {}
+    assert in_order(bench), "over the wrap of the counter and of the clock"
+    assert taken(bench).events.as_dict() == {}
     assert len({one.boot for one in bench.identities}) == 1
 
 
 def test_a_device_that_is_asked_who_it_is() -> None:
-    bench = Bench(MtDevice(), MtData2Decoder(options(ask=True))).run(3)
+    bench = Wire(MtDevice(), MtData2Decoder(options(ask=True))).run(3)
     identity = bench.identities[-1]
     assert (identity.model, identity.firmware) == ("MTi-30-2A8G4 0012AB34", "1.4.7")
     assert 0xC0 not in bench.device.received
@@ -119,15 +90,15 @@ def test_a_device_that_is_asked_who_it_is() -> None:
 
 def test_a_device_is_told_what_to_send() -> None:
     device = MtDevice(timed=False, rate_hz=20)
-    bench = Bench(device, MtData2Decoder(options(rate_hz=400, gyro_range_dps=450))).run(3)
+    bench = Wire(device, MtData2Decoder(options(rate_hz=400, gyro_range_dps=450))).run(3)
     identity = bench.identities[-1]
     assert (identity.rate_hz, identity.has_clock) == (400.0, True)
     assert identity.gyro_range == pytest.approx(np.radians(450))
-    assert in_order(bench.counts)
+    assert in_order(bench)
 
 
 def test_a_device_that_is_deaf_is_read_all_the_same_and_that_is_said() -> None:
-    bench = Bench(MtDevice(deaf=True), MtData2Decoder(options(rate_hz=400))).run(5)
+    bench = Wire(MtDevice(deaf=True), MtData2Decoder(options(rate_hz=400))).run(5)
     assert bench.notices == ["to request 30 it does not answer: what it sends was not changed"]
     assert bench.identities[-1].rate_hz == 100.0
     received = len(bench.device.received)
@@ -137,7 +108,7 @@ def test_a_device_that_is_deaf_is_read_all_the_same_and_that_is_said() -> None:
 
 @pytest.mark.parametrize("asks", [False, True])
 def test_waking_up_is_a_boot(asks: bool) -> None:
-    bench = Bench(MtDevice(), MtData2Decoder(options(ask=asks))).run(3)
+    bench = Wire(MtDevice(), MtData2Decoder(options(ask=asks))).run(3)
     bench.device.out += bench.device.power_up()
     bench.run(3)
     assert [one.boot_cause for one in bench.identities if one.has_temperature] == [
@@ -150,12 +121,12 @@ def test_waking_up_is_a_boot(asks: bool) -> None:
 
 @pytest.mark.parametrize("timed", [True, False])
 def test_every_lost_message_is_counted_by_clock_and_by_count(timed: bool) -> None:
-    bench = Bench(MtDevice(timed=timed), MtData2Decoder(None)).run(2)
+    bench = Wire(MtDevice(timed=timed), MtData2Decoder(None)).run(2)
     bench.device.live(37)
     bench.now_ns += 370_000_000
     bench.run(2)
     assert bench.decoder.faults.as_dict()["missing_messages"] == 37
-    assert bench.taken().events.as_dict() == {"gaps": 1, "missing_samples": 37}
+    assert taken(bench).events.as_dict() == {"gaps": 1, "missing_samples": 37}
 
 
 def test_a_device_that_sends_no_rate_of_turn_is_told_of() -> None:

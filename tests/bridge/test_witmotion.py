@@ -9,49 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.drivers.driver import Event, Identity, Notice, Readings
+from bridge.drivers.driver import Event, Identity, Readings
 from bridge.drivers.witmotion import WitMotionDecoder, WitMotionOptions, Word
 from bridge.framing.witmotion import WitFrames
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
+from tests.bridge.wire import Wire
 from tests.bridge.witmotion_device import WitDevice, checked, motion, time, unchecked
 
 S = 1_000_000_000
 TURN_NS = 20_000_000
-
-
-class Bench:
-    """A device and a decoder on a wire, in turns of 20 ms."""
-
-    def __init__(self, device: WitDevice, decoder: WitMotionDecoder) -> None:
-        self.device, self.decoder = device, decoder
-        self.now_ns = 10**18
-        self.events: list[Event] = []
-        self._owed = 0.0
-
-    def run(self, seconds: float) -> "Bench":
-        for _ in range(round(seconds * S / TURN_NS)):
-            self.device.receive(self.decoder.to_send())
-            self.now_ns += TURN_NS
-            self._owed += TURN_NS / S
-            out = b""
-            while self._owed >= 1 / self.device.rate_hz:
-                self._owed -= 1 / self.device.rate_hz
-                out += self.device.cycle()
-            self.events += self.decoder.feed(out, self.now_ns)
-        return self
-
-    @property
-    def identities(self) -> list[Identity]:
-        return [event for event in self.events if isinstance(event, Identity)]
-
-    @property
-    def readings(self) -> list[Readings]:
-        return [event for event in self.events if isinstance(event, Readings)]
-
-    @property
-    def notices(self) -> list[str]:
-        return [event.text for event in self.events if isinstance(event, Notice)]
 
 
 def options(**more: object) -> WitMotionOptions:
@@ -99,7 +66,7 @@ def test_the_temperature_is_where_the_options_say(word: Word, celsius: float | N
 
 
 def test_the_device_is_asked_set_and_given_a_clock() -> None:
-    bench = Bench(WitDevice(), WitMotionDecoder(options(rate_hz=100.0))).run(6)
+    bench = Wire(WitDevice(), WitMotionDecoder(options(rate_hz=100.0))).run(6)
     identity = bench.identities[-1]
     assert (identity.rate_hz, identity.firmware, identity.has_clock) == (100.0, "4711", True)
     assert bench.device.registers[0x02] == 0x07
@@ -112,14 +79,14 @@ def test_the_device_is_asked_set_and_given_a_clock() -> None:
 
 
 def test_a_newer_device_cannot_be_kept_from_calibrating_itself_and_that_is_said() -> None:
-    bench = Bench(WitDevice(old=False), WitMotionDecoder(options())).run(4)
+    bench = Wire(WitDevice(old=False), WitMotionDecoder(options())).run(4)
     assert bench.device.registers[0x63] == 0xFFFF
     assert len(bench.notices) == 1
     assert "after 65.5 s at rest" in bench.notices[0]
 
 
 def test_a_device_that_does_not_answer_is_read_all_the_same_and_that_is_said() -> None:
-    bench = Bench(WitDevice(deaf=True), WitMotionDecoder(options())).run(5)
+    bench = Wire(WitDevice(deaf=True), WitMotionDecoder(options())).run(5)
     assert len(bench.notices) == 1
     assert "does not say whether" in bench.notices[0]
     assert (bench.identities[0].rate_hz, bench.identities[0].has_clock) == (10.0, False)
@@ -128,13 +95,13 @@ def test_a_device_that_does_not_answer_is_read_all_the_same_and_that_is_said() -
 
 def test_settings_are_left_alone_on_request_and_by_a_decoder_without_options() -> None:
     for decoder in (WitMotionDecoder(options(keep_settings=True)), WitMotionDecoder(None)):
-        bench = Bench(WitDevice(), decoder).run(3)
+        bench = Wire(WitDevice(), decoder).run(3)
         assert bench.device.commands == []
         assert bench.identities[0].rate_hz == 10.0, "counted, as it tells no time"
 
 
 def test_a_bluetooth_device_is_asked_and_set_and_needs_no_time() -> None:
-    bench = Bench(WitDevice(bluetooth=True), WitMotionDecoder(options(rate_hz=50.0))).run(6)
+    bench = Wire(WitDevice(bluetooth=True), WitMotionDecoder(options(rate_hz=50.0))).run(6)
     assert (bench.identities[-1].rate_hz, bench.identities[-1].has_clock) == (50.0, False)
     assert bench.identities[-1].firmware == "4711"
     counts = rates(bench.events)
@@ -142,7 +109,7 @@ def test_a_bluetooth_device_is_asked_and_set_and_needs_no_time() -> None:
 
 
 def test_a_device_that_loses_power_is_a_new_boot_and_is_set_again() -> None:
-    bench = Bench(WitDevice(), WitMotionDecoder(options(rate_hz=100.0))).run(6)
+    bench = Wire(WitDevice(), WitMotionDecoder(options(rate_hz=100.0))).run(6)
     bench.device.power_up()
     bench.run(8)
     assert [identity.boot_cause for identity in bench.identities] == [BootCause.PORT_OPENED, BootCause.POWER_UP]

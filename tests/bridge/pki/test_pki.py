@@ -191,8 +191,3 @@ def test_a_reason_is_listed_without_what_moves_a_cursor(pki: Path, capsys: pytes
     capsys.readouterr()
     assert main(["pki", "revoke-list", "--folder", str(pki)]) == 0
     assert capsys.readouterr().out.endswith("left\\x1b[2J on a bus\n")
-    assert (
-        main(["pki", "check", *(word for name in ("ca", "certificate", "key") for word in (f"--{name}", "\x1b[2J"))])
-        == 1
-    )
-    assert "\x1b" not in capsys.readouterr().err

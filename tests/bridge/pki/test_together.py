@@ -139,14 +139,6 @@ def own_for_authority(files: Files) -> None:
     files.one.write_text(files.one.read_text("utf-8").replace("ca.pem", "bridge.b1.pem"), "utf-8")
 
 
-def of_another_authority(files: Files) -> None:
-    other = Folder(files.pki.path.parent / "other")
-    other.make("other", utc_now())
-    own, ca = Path(files.pki.identity(Member.parse("bridge:b1")).certificate), other.path / "ca.pem"
-    ca.write_bytes(ca.read_bytes() + files.pki.issuer(Member.parse("bridge:b1")).certificate)
-    files.one.write_text(files.one.read_text("utf-8").replace(f"{own.parent}/ca.pem", str(ca)), "utf-8")
-
-
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
@@ -162,11 +154,9 @@ def of_another_authority(files: Files) -> None:
         (unknown, "ROUTER has no rules for bridge:b1 in ward 'w'"),
         (another_ward, "has no rules for bridge:b1 in ward 'w2' (it has for bridge:b1 in ward w)"),
         (own_for_authority, "the certificate of 'bridge:b1' in it is no authority's"),
-        (of_another_authority, "ROUTER and bridge:b1 do not take each other's certificate"),
         (not_let_in, "does not let in bridge:b1, viewer:hall, whom the rules know"),
         (one_of_its_two_files, "lets in bridge:b1, revoked maybe, whom the rules do not know"),
         (one_of_its_two_files, "does not let in bridge:b1:2, whom the rules know"),
-        (not_let_in, "ROUTER and bridge:b1 do not take each other's certificate"),
     ],
 )
 def test_what_does_not_go_together_is_said(

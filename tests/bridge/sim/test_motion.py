@@ -4,8 +4,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.sim.motion import GRAVITY, Motion, Piece, Spin, Still, TrueMotion
-from bridge.sim.quaternion import integrate
 from bridge.sim.script import SessionPlan, TurnPlan, demo_script, machine, session, worn
+from tests.sim.attitude import integrate
 
 START = np.array([0.5, -0.5, 0.5, 0.5])
 

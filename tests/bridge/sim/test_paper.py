@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from bridge.sim.paper import PaperPlan, draw_gyro, simulate
-from bridge.sim.quaternion import integrate, to_rotvec
+from bridge.sim.quaternion import to_rotvec
+from tests.sim.attitude import integrate
 
 START = np.array([1.0, 0.0, 0.0, 0.0])
 

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from bridge.sim.quaternion import integrate, to_rotvec
+from bridge.sim.quaternion import to_rotvec
 from bridge.sim.session import simulate_session
+from tests.sim.attitude import integrate
 
 
 def test_corrected_by_its_truth_every_turn_closes() -> None:
