@@ -83,7 +83,7 @@ def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
             findings.append(
                 trouble(
                     "busy ports",
-                    f"{port}: {_list(having)} have it open, each gets a part of its bytes",
+                    f"{port}: {', '.join(map(str, having))} have it open, each gets a part of its bytes",
                     f"stop all but one: kill {having[-1].pid}",
                 )
             )
@@ -121,7 +121,7 @@ def doubled(devices: dict[str, str]) -> list[Finding]:
 def _taken(port: str, others: list[Holder]) -> Finding:
     return trouble(
         "busy ports",
-        f"{port}: {_list(others)} {'have' if len(others) > 1 else 'has'} it open",
+        f"{port}: {', '.join(map(str, others))} {'have' if len(others) > 1 else 'has'} it open",
         f"close it there, or kill {others[0].pid}",
     )
 
@@ -143,7 +143,3 @@ def _group(gid: int) -> str:
         return grp.getgrgid(gid).gr_name
     except KeyError:
         return str(gid)
-
-
-def _list(having: Iterable[Holder]) -> str:
-    return ", ".join(map(str, having))

@@ -52,7 +52,7 @@ class Account:
     ) -> DeviceInfo:
         """The whole message; before the device has identified itself (identity None) boot is 0, and that is a trouble."""
         device, bridge, driver, place = self._names
-        known = identity or _NOBODY
+        known, of_time = identity or _NOBODY, timeline.notices(identity) if identity else {}
         if identity is None:
             trouble = trouble or f"{place}: nothing was heard of it yet"
         return DeviceInfo(
@@ -77,10 +77,6 @@ class Account:
             battery_percent=self._battery.percent,
             charging=self._battery.charging,
             # The device's own, and what is to be said of its time.
-            notices=dict([*self._notices.items(), *_of_time(timeline, identity)][-MAX_TEXTS:]),
+            notices=dict([*self._notices.items(), *of_time.items()][-MAX_TEXTS:]),
             has_clock=known.has_clock,
         )
-
-
-def _of_time(timeline: Timeline, identity: Identity | None) -> list[tuple[str, str]]:
-    return [] if identity is None else list(timeline.notices(identity).items())

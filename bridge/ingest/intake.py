@@ -229,9 +229,8 @@ class Intake:
         temperature_c = plausibility.temperature(readings, run)
         if temperature_c is None and readings.temperature_c is not None:
             self.events.add(_NO_TEMPERATURE, n)
-        flags = self._sensor.flags(stamps.time_s[begin : begin + n], gyro, temperature_c, identity.gyro_range)
-        if readings.clipped is not None:
-            self._sensor.told(flags, readings.clipped[run])
+        clipped = None if readings.clipped is None else readings.clipped[run]
+        flags = self._sensor.flags(stamps.time_s[begin : begin + n], gyro, temperature_c, identity.gyro_range, clipped)
         part = slice(begin, begin + n)
         if (all_late := stamps.late()) is not None and (late := all_late[part]).any():
             flags[late] |= np.uint32(SampleFlag.LATE)

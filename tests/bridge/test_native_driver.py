@@ -48,18 +48,16 @@ def rate(rate_hz: float) -> bytes:
     return frame(encode_rate(rate_hz))
 
 
-def test_a_device_is_told_its_rate_until_it_has_it_but_not_for_ever() -> None:
+def test_a_device_is_told_its_rate_until_it_has_it() -> None:
     decoder = NativeDecoder(100.0)
     assert decoder.to_send() == ASK
     decoder.feed(hello(rate_hz=100.0), 1)
     assert decoder.to_send() == b""
     decoder = NativeDecoder(100.0)
     decoder.to_send()
-    said = []
-    for _ in range(9):
+    for _ in range(3):
         decoder.feed(hello(rate_hz=200.0), 1)
-        said.append(decoder.to_send())
-    assert said == 5 * [rate(100.0)] + 4 * [b""]
+        assert decoder.to_send() == rate(100.0)
     decoder.feed(hello(2, rate_hz=104.0), 1)
     assert decoder.to_send() == rate(100.0), "another boot has forgotten it"
 
