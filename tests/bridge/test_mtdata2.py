@@ -16,11 +16,10 @@ from bridge.ingest.intake import Intake
 from bridge.ingest.merge_readings import joined
 from bridge.wire.messages import BootCause, SampleFlag
 from bridge.wire.refusal import Tally
-from tests.bridge.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, real, reals
+from tests.bridge.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, reals
 from tests.bridge.wire import Wire
 
 S = 1_000_000_000
-TURN_NS = 20_000_000
 
 
 def options(**more: object) -> MtData2Options:
@@ -52,12 +51,6 @@ def test_the_manual_s_messages() -> None:
 def test_numbers_of_every_format(form: int, error: float, values: tuple[float, float, float]) -> None:
     found = decode(reals(0x8020, values, form) + reals(0x0810, values[:1], form)).gyro
     assert found == pytest.approx(values, abs=error + 1e-15, rel=1e-7 if form == F32 else 1e-15)
-
-
-def test_real_numbers_as_the_manual_writes_them() -> None:
-    assert real(9.81, F32).hex() == "411cf5c3"
-    assert decode(item(0x4020, 3 * bytes.fromhex("411CF5C3"))).accel == pytest.approx(3 * (9.81,))
-    assert decode(item(0x4022, 3 * bytes.fromhex("CF5C28F6 0009"))).accel == pytest.approx(3 * (9.81,))
 
 
 @pytest.mark.parametrize(

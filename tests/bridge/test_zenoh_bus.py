@@ -7,7 +7,7 @@ import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -85,13 +85,6 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def eventually(true: Callable[[], bool], timeout_s: float = 10.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline, "it never came true"
-        time.sleep(0.002)
-
-
 def test_a_killed_router_costs_nothing(processes: Processes) -> None:
     endpoint = free_endpoint()
     router = processes.start(ROUTER, endpoint)
@@ -109,7 +102,7 @@ def test_a_killed_router_costs_nothing(processes: Processes) -> None:
                 processes.start(ROUTER, endpoint)
             got += [int(m.payload) for m in subscription.drain(1000, 0)]
             time.sleep(max(0.0, began + n * 0.005 - time.monotonic()))
-        while message := subscription.receive(2.0):
+        while len(got) < 800 and (message := subscription.receive(20.0)):
             got.append(int(message.payload))
         assert got == list(range(800))
         assert subscription.missed == 0
@@ -160,18 +153,6 @@ def test_a_second_endpoint_is_used_when_the_first_is_dead_or_dies(processes: Pro
                 arrived = subscription.receive(0.05) is not None
 
 
-def test_a_long_outage_is_recovered_from() -> None:
-    endpoint = free_endpoint()
-    with contextlib.ExitStack() as stack:
-        first = stack.enter_context(Router([endpoint]))
-        bus = stack.enter_context(ZenohBus([endpoint], open_timeout_s=0.5))
-        first.close()
-        eventually(lambda: not bus.connected)
-        time.sleep(4.0)
-        stack.enter_context(Router([endpoint]))
-        eventually(lambda: bus.connected, 1.5)
-
-
 def test_a_failing_program_ends(processes: Processes) -> None:
     endpoint = free_endpoint()
     with Router([endpoint]):
@@ -194,19 +175,6 @@ def test_no_router_and_a_busy_port_are_said_plainly() -> None:
             ZenohBus(bad, open_timeout_s=0.0)
         with pytest.raises(BusError):
             Router(bad)
-
-
-def test_an_address_that_cannot_be_had_is_told_from_one_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(BusError, match="this machine has no such address") as refused:
-        Router(["tcp/203.0.113.7:7447"])  # of a network for documentation: nobody's
-    assert "another router" not in str(refused.value)
-
-    def fail(settings: object, complaint: str) -> None:
-        raise BusError(f"{complaint} (who knows why)")
-
-    monkeypatch.setattr("bridge.bus.router.open_session", fail)
-    with pytest.raises(BusError, match=r"who knows why.*one of this machine's own, and no other router"):
-        Router(["tcp/127.0.0.1:7447"])
 
 
 def test_idle_connections_lock_nobody_out() -> None:

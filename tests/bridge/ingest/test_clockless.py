@@ -133,17 +133,6 @@ def test_a_silence_that_a_burst_makes_up_for_is_none(held_s: float) -> None:
     assert host.events().get("late", 0) == late.sum()
 
 
-def test_what_is_held_when_no_more_comes_is_given_out_after_its_gap() -> None:
-    host = Host(100.0, 100.0)
-    host.live(20)
-    host.live(2, lost=True)
-    host.live(0.2)
-    assert len(host.time_s) == 2000
-    (first, *_) = host.intake.release()
-    assert first.sequence == pytest.approx(2200, abs=2)
-    assert host.intake.samples_in == host.intake.samples == 2020
-
-
 @pytest.mark.data
 @pytest.mark.parametrize("told_hz", [104.0])
 def test_arrivals_in_bursts_tell_the_rate_to_a_thousandth(told_hz: float) -> None:

@@ -157,14 +157,6 @@ def test_a_device_s_own_notices_stay_beside_ours() -> None:
     assert "clock" in notices
 
 
-def test_ticks_that_go_back_within_a_packet_are_dropped() -> None:
-    intake = made()
-    intake.take(HELLO)
-    ticks = np.array([0, 1, 2, 1, 4], np.uint32) * DT
-    assert spans(intake.take(readings(0, ticks=ticks))) == [(0, 3), (4, 1)]
-    account(intake)
-
-
 def test_samples_that_are_no_numbers_split_the_batch() -> None:
     intake = made()
     intake.take(HELLO)
@@ -174,16 +166,6 @@ def test_samples_that_are_no_numbers_split_the_batch() -> None:
     assert spans([first, second]) == [(0, 2), (3, 2)]
     assert second.flags.tolist() == [SampleFlag.AFTER_GAP, 0]
     assert intake.dropped.as_dict() == {"non_finite": 1}
-    account(intake)
-
-
-def test_a_batch_of_nothing_but_bad_samples_moves_the_sequence_on() -> None:
-    intake = made()
-    intake.take(HELLO)
-    intake.take(readings(0))
-    assert intake.take(readings(5, gyro=np.full((5, 3), np.inf))) == []
-    assert intake.take(readings(10))[0].flags[0] == SampleFlag.AFTER_GAP
-    assert intake.events.as_dict() == {"gaps": 1}
     account(intake)
 
 

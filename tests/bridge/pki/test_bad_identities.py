@@ -11,8 +11,6 @@ import zenoh
 from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 
 from bridge.bus import zenoh_settings
-from bridge.bus.contract import BusError
-from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.pki.authority import Pair, issue, new_authority, new_issuer
 from bridge.pki.folder import utc_now
@@ -118,23 +116,6 @@ def test_none_of_eight_bad_identities_gets_a_session(
     right = made(ward, "right", of_b1(ward, -DAY, DAY))  # as some of them, with nothing wrong
     for good in (right, ward.routers("bridge:lost").identity):  # whose holder goes on with the next generation
         assert connects(session(ward.endpoint, good))
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (other_authority, "not signed by"),
-        (expired, "expired on"),
-        (not_yet_valid, "not valid before"),
-        (only_a_server, "does not let it ask a router"),
-        (stolen_then_revoked, "it may not let in our certificate"),
-    ],
-)
-def test_a_bad_certificate_says_itself_why(
-    make: Callable[[GuardedWard], Identity], words: str, ward: GuardedWard
-) -> None:
-    with pytest.raises(BusError, match=words):
-        ZenohBus(Routers((ward.endpoint,), make(ward)), open_timeout_s=0.2)
 
 
 def test_a_router_of_another_authority_or_by_another_name_is_not_talked_to(tmp_path: Path, ward: GuardedWard) -> None:

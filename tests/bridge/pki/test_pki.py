@@ -60,17 +60,6 @@ def test_a_renewal_keeps_key_name_and_hosts_and_lasts_longer(pki: Path) -> None:
     assert not list(pki.glob(".*"))
 
 
-def test_a_renewal_that_is_cut_off_leaves_the_old_pair(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = {path: path.read_bytes() for path in pki.rglob("*.*")}
-
-    def fails(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("bridge.pki.folder.os.fsync", fails)
-    assert run(pki, "renew", "bridge:b1") == 1
-    assert {path: path.read_bytes() for path in pki.rglob("*.*")} == before
-
-
 def test_show_warns_fourteen_days_before_and_says_what_to_do(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(pki, "show") == 0
     Folder(pki).issue(Member(Role.ESTIMATOR, "e1"), utc_now() - 77 * DAY, 90)

@@ -1,7 +1,5 @@
 """Days on a ward: exact mathematics of the motion, and statistics as declared of the sensor."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,7 +10,7 @@ from bridge.sim.life import Wearer
 from bridge.sim.motion import GRAVITY
 from tests.sim.day import Day, anyhow, simulate_day, worn_spec
 from tests.sim.scenes import rests_and_motion, slow_turn
-from tests.sim.warmth import ROOM_C, SKIN_C, Warmth
+from tests.sim.warmth import ROOM_C
 
 RATE_HZ = 52.0
 LEVER = np.array([0.2, -0.05, 0.1])
@@ -55,17 +53,6 @@ def test_force_is_gravity_and_the_change_of_a_bounded_velocity(hours: list[Lived
         assert 0.3 < np.linalg.norm(lived.velocity, axis=1).max() < 5.0
 
 
-def test_however_it_is_cut_it_is_the_same_life() -> None:
-    time_s = times(900)
-    whole, parts = body(5).advance(time_s), body(5)
-    cuts = [0, 1, 2, 777, 20_000, len(time_s)]
-    lived = [parts.advance(time_s[a:b]) for a, b in pairwise(cuts)]
-    for name in ("attitude", "rate", "activity", "velocity"):
-        np.testing.assert_allclose(
-            np.concatenate([getattr(one, name) for one in lived]), getattr(whole, name), atol=1e-9
-        )
-
-
 def test_the_truth_explains_the_readings(day: Day) -> None:
     spec = worn_spec(RATE_HZ)
     left = np.degrees(day.gyro - day.bias - day.rate @ np.linalg.inv(day.truth.matrix).T)
@@ -89,19 +76,6 @@ def test_bias_walks_about_its_temperature_law() -> None:
         ends.append(walk[-1])
     assert np.max(law_errors) < 2e-3
     assert np.std(ends) == pytest.approx(7e-4 * np.sqrt(360), rel=0.25)
-
-
-def test_a_worn_device_comes_near_the_warmth_of_skin_and_cools_on_the_table() -> None:
-    time_s = times(7200, 1.0)
-    worn = (time_s > 600) & (time_s < 4800)
-    temperature_c = Warmth(np.random.default_rng(1)).at(time_s, worn)
-    assert temperature_c[0] == pytest.approx(ROOM_C, abs=0.1)
-    assert SKIN_C - 1.5 < temperature_c[4700] < SKIN_C + 3.5
-    assert temperature_c[-1] < ROOM_C + 4
-    parts, cuts = Warmth(np.random.default_rng(1)), [0, 1, 650, 651, 5000, len(time_s)]
-    np.testing.assert_allclose(
-        np.concatenate([parts.at(time_s[a:b], worn[a:b]) for a, b in pairwise(cuts)]), temperature_c, atol=1e-9
-    )
 
 
 @pytest.mark.parametrize("breath", [0.0, 1.0])

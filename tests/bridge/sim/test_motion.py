@@ -3,8 +3,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.sim.motion import GRAVITY, Motion, Piece, Spin, Still, TrueMotion
-from bridge.sim.script import SessionPlan, TurnPlan, demo_script, machine, session, worn
+from bridge.sim.motion import GRAVITY, Motion, Piece, Still, TrueMotion
+from bridge.sim.script import SessionPlan, TurnPlan, demo_script, session, worn
 from tests.sim.attitude import integrate
 
 START = np.array([0.5, -0.5, 0.5, 0.5])
@@ -74,15 +74,6 @@ def test_replacement_error_is_as_asked() -> None:
     assert np.sqrt(np.mean(np.square(missed)) / 3) == pytest.approx(np.radians(0.2), rel=0.1)
 
 
-def test_wobble_tilts_the_path_and_never_more_than_asked() -> None:
-    plain, wobbling = (
-        play(session(np.random.default_rng(5), SessionPlan(turns=(TurnPlan(2, 360.0, 5.0),), wobble_deg=w)))
-        for w in (0.0, 3.0)
-    )
-    tilt = np.degrees((rotation(plain.attitude).inv() * rotation(wobbling.attitude)).magnitude())
-    assert tilt.max() == pytest.approx(3.0, rel=0.01)
-
-
 def test_at_rest_the_accelerometer_reads_gravity_and_nothing_turns() -> None:
     motion = Motion([Still(1.0)], START).advance(times(2.0))
     up = rotation(START).inv().apply([0.0, 0.0, GRAVITY])
@@ -107,16 +98,3 @@ def test_however_it_is_cut_it_is_the_same_motion() -> None:
     parts = [cut.advance(part) for part in np.split(at, [1, 2, 50, 777, 1500])]
     for name in ("rate", "attitude", "force"):
         np.testing.assert_allclose(np.concatenate([getattr(p, name) for p in parts]), getattr(whole, name), atol=1e-12)
-
-
-def test_on_a_machine_the_axis_is_vertical() -> None:
-    mounts = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, -0.8, 0.0]])
-    pieces = machine(mounts, (50.0, -50.0))
-    motion = Motion(pieces).advance(times(sum(piece.duration_s for piece in pieces)))
-    up = motion.force / GRAVITY
-    ends_s = np.cumsum([piece.duration_s for piece in pieces])
-    spins = [i for i, piece in enumerate(pieces) if isinstance(piece, Spin)]
-    assert len(spins) == 8
-    for n, i in enumerate(spins):
-        during = (motion.time_s > ends_s[i - 1]) & (motion.time_s < ends_s[i])
-        np.testing.assert_allclose(up[during], np.tile(mounts[n // 2], (during.sum(), 1)), atol=1e-9)

@@ -57,18 +57,6 @@ def test_any_program_opens_it_at_any_speed_and_locks_it(link: Path, baudrate: in
             serial.Serial(str(link), baudrate, exclusive=True)
 
 
-def test_it_answers_and_reboots(link: Path) -> None:
-    device = demo_device("a", 1)
-    with PtyPort(device, link, speed=20), Reader(link) as reader:
-        reader.until(lambda: len(reader.data()) > 10)
-        device.reboot()
-        reader.until(lambda: len(reader.boots()) == 2)
-        reader.until(lambda: reader.said[-1].boot == reader.boots()[1] and len(reader.data()) > 20)
-        reader.ask()
-        count = len(reader.said)
-        reader.until(lambda: any(isinstance(one, Hello) for one in reader.said[count:]))
-
-
 @pytest.mark.parametrize("speed", [20, 50])
 def test_a_replay_loses_nothing_however_slow_the_reader(link: Path, speed: int) -> None:
     gyro = np.random.default_rng(0).normal(size=(6000, 3)).astype(np.float32)

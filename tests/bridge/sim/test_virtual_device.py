@@ -5,9 +5,6 @@ import pytest
 
 from bridge.framing.deframer import Deframer, frame
 from bridge.framing.packets import Data, Hello, decode, encode_identify, encode_rate
-from bridge.sim.imperfection import DEMO_SPEC
-from bridge.sim.motion import Motion, Still
-from bridge.sim.source import SimulatedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
 from tests.sim.recorded_source import RecordedSource
 
@@ -98,15 +95,6 @@ def test_each_boot_is_another_with_its_own_scale_and_bias() -> None:
     assert len({tuple(host.device.truth_of(boot).k) for boot in boots}) == 5
 
 
-def test_the_seed_and_the_name_decide_everything() -> None:
-    def life(name: str, seed: int) -> bytes:
-        return demo_device(name, seed).advance(5.0)
-
-    assert life("a", 1) == life("a", 1)
-    assert demo_device("a", 1).boot != demo_device("b", 1).boot
-    assert demo_device("a", 1).boot != demo_device("a", 2).boot
-
-
 def test_switched_off_it_is_silent_and_deaf() -> None:
     host = Host(demo_device("a", 1))
     host.hear(1.0)
@@ -120,27 +108,6 @@ def test_switched_off_it_is_silent_and_deaf() -> None:
     boot = host.device.boot
     host.hear(0.1)
     assert host.device.boot == boot
-
-
-def test_ticks_wrap_at_32_bits() -> None:
-    source = SimulatedSource(lambda _: Motion([Still(1.0)]))
-    host = Host(VirtualDevice("a", source, spec=DeviceSpec(first_tick=2**32 - 1_000_000)))
-    host.hear(3.0)
-    ticks = ticks_of(host.data())
-    assert ticks.min() < 10_000
-    assert ticks.max() > 2**32 - 10_000
-    assert set(np.diff(ticks) % 2**32) == {9615, 9616}
-
-
-def test_another_boot_has_another_scale_and_bias_and_is_of_the_same_part() -> None:
-    source, rng = SimulatedSource(lambda _: Motion([Still(1.0)]), DEMO_SPEC), np.random.default_rng(1)
-    first, second = (source.power_up(boot, 1.0) for boot in rng.spawn(2))
-    other = SimulatedSource(lambda _: Motion([Still(1.0)]), DEMO_SPEC).power_up(rng.spawn(1)[0], 1.0)
-    for name in ("matrix", "turn_on_bias"):
-        assert not np.array_equal(getattr(first, name), getattr(second, name))
-    for name in ("bias_per_kelvin", "accel_bias"):
-        assert np.array_equal(getattr(first, name), getattr(second, name))
-        assert not np.array_equal(getattr(first, name), getattr(other, name))
 
 
 def test_truth_corrects_what_was_sent() -> None:

@@ -115,24 +115,6 @@ def test_a_tcp_device_that_cannot_be_reached_is_unavailable_in_words(monkeypatch
             TcpPort("wrist:8000", 0).open()
 
 
-@pytest.mark.skipif(not socket.has_ipv6, reason="this machine has no IPv6")
-def test_ipv6_goes_in_brackets() -> None:
-    try:
-        server = socket.create_server(("::1", 0), family=socket.AF_INET6)
-    except OSError:
-        pytest.skip("this machine has no IPv6 on loopback")
-    with server:
-        port = TcpPort(f"[::1]:{server.getsockname()[1]}", 0)
-        port.open()
-        port.close()
-    both = UdpPort(f"[::]:{free_port(socket.SOCK_DGRAM)}?from=127.0.0.1", 0)
-    both.open()
-    with socket.socket(type=socket.SOCK_DGRAM) as device:
-        device.sendto(b"over IPv4", ("127.0.0.1", both._port))
-        assert read(both, 9) == b"over IPv4"
-    both.close()
-
-
 class Sender:
     """A device at an address of its own, which loopback has many of."""
 
