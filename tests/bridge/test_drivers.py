@@ -96,6 +96,7 @@ PROTOCOLS = {
     "mavlink": Protocol(mavlink),
     "text_profile": Protocol(text, radians(0.01), b"\n", {"profile": "p.toml"}),
 }
+UNCHECKED = ("ximu3", "text_profile")  # a damaged number that is still a number is not seen
 every_driver = pytest.mark.parametrize("name", PROTOCOLS)
 
 
@@ -158,15 +159,21 @@ def test_of_lost_messages_each_is_missed_and_nothing_else(name: str, seed: int) 
 
 
 @every_driver
-def test_garbage_costs_few_messages_and_forges_none(name: str) -> None:
+def test_garbage_and_flipped_bits_cost_few_messages_and_forge_none(name: str) -> None:
     protocol, rng = PROTOCOLS[name], np.random.default_rng(4)
-    messages = [(protocol.message(i), NOW_NS + STEP_NS * i) for i in range(400)]
-    for at in (50, 120, 190, 260, 330):
-        messages[at] = (messages[at][0] + rng.bytes(int(rng.integers(1, 60))), messages[at][1])
-    events, faults = fed(name, [(protocol.head, NOW_NS), *messages])
+    messages = [protocol.message(i) for i in range(400)]
+    for at in range(10, 400, 40):
+        messages[at] += rng.bytes(int(rng.integers(1, 60)))
+    for at in range(30, 400, 20 if name not in UNCHECKED else 1000):
+        bit = int(rng.integers(8 * len(messages[at])))
+        whole = int.from_bytes(messages[at], "little") ^ 1 << bit
+        messages[at] = whole.to_bytes(len(messages[at]), "little")
+    events, faults = fed(name, [(protocol.head, NOW_NS), *((m, NOW_NS + STEP_NS * i) for i, m in enumerate(messages))])
     told, _ = numbers(name, events)
     assert told == sorted(set(told) & set(range(400)))
-    assert len(told) >= 400 - 5 * 6
+    assert len(told) >= 400 - 30 * 5
+    others = np.concatenate([event.gyro[:, 1:] for event in events if isinstance(event, Readings)])
+    assert (others == others[0]).all()
     assert faults
 
 
