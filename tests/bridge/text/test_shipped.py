@@ -11,7 +11,6 @@ from bridge.drivers.text_profile import TextDecoder
 from bridge.text.profile import load_profile, shipped
 from bridge.wire.messages import BootCause
 from tests.bridge.text import printed
-from tests.fuzz.executions import inputs
 
 Prints = Callable[..., bytes]
 # Who prints what; the rate where the profile leaves it to the ward's file; the step of what is printed, °/s.
@@ -151,18 +150,3 @@ def test_a_port_opened_anywhere_gives_no_wrong_sample(name: str) -> None:
         rows = gyro(events)
         assert len(rows) == len(gyro(read(name, prints(0) + stream[cut:].partition(b"\n")[2])[0]))
         assert np.allclose(rows, wanted[4 - len(rows) :], atol=1.001 * step)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_no_bytes_raise_and_every_line_is_accounted_for(name: str) -> None:
-    seeds = PRINTED[name][0](10).splitlines(keepends=True)
-    one = decoder(name)
-    rng = np.random.default_rng(5)
-    samples = 0
-    for i, piece in enumerate(inputs(seeds, rng, 5_000)):
-        if i % 97 == 0:
-            one.opened()
-        samples += sum(len(event.ticks) for event in one.feed(piece, i * 10_000_000) if isinstance(event, Readings))
-        assert len(one._lines._partial) <= 1024
-    assert samples > 0
-    assert one.faults.total() > 0
