@@ -46,7 +46,6 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     does = "listen at every port, and guess which device is there"
     example = "truerate bridge scan; truerate bridge scan --port tcp://10.0.0.5:8000"
     cli_scan.add_arguments(add_guarded(inner, "scan", cli_scan.scan, does, example))
-    add_guarded(inner, "drivers", _list, "show the drivers", "truerate bridge drivers").set_defaults(config=None)
     does = "publish a recording as if it were a device, or a ward's as if it were the ward"
     example = "truerate bridge replay walk.npz --device wrist-01; truerate bridge replay ward-3-20260801T101500Z.mcap --speed 10"
     _add_replay(add_guarded(inner, "replay", _replay, does, example))

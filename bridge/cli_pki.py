@@ -17,7 +17,7 @@ from bridge.console import plain_console
 from bridge.logs import printable
 from bridge.pki.authority import DAYS
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity, faults
+from bridge.pki.identity import Identity
 from bridge.pki.member import Member, Role
 from bridge.pki.papers import Lasts
 
@@ -62,10 +62,6 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     _verb(inner, "revoke-list", _revoke_list, "the names that were revoked, when and why")
     verb = _verb(inner, "show", _show, "who, in what role, until when; exit code 1 where somebody has to act")
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
-    verb = _verb(inner, "check", _check, "look through files that were made elsewhere")
-    for name in ("ca", "certificate", "key"):
-        verb.add_argument(f"--{name}", required=True, metavar="FILE")
-    verb.add_argument("--role", choices=[role.value for role in Role], help="what they are to be used for")
     verb = _verb(inner, "router", _router, "a router's file, for zenohd and `truerate router`: rules for all there are")
     _who(verb, 1)
     verb.add_argument("--ward", action="append", required=True, help="may be given again: a hospital's")
@@ -92,8 +88,7 @@ def _verb(verbs: "Verbs[argparse.ArgumentParser]", name: str, run: object, does:
         epilog=ROLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    if name != "check":
-        verb.add_argument("--folder", type=Path, default=Path("pki"), help="where all is kept (default: pki)")
+    verb.add_argument("--folder", type=Path, default=Path("pki"), help="where all is kept (default: pki)")
     verb.set_defaults(run=_guarded, verb=run)
     return verb
 
@@ -207,16 +202,6 @@ def _rows(folder: Folder, now: datetime) -> Iterator[dict[str, Any]]:
     yield row("authority", "", folder.authority_lasts(), "make a new one, and with it all certificates anew")
     for member, lasts in folder.members():
         yield row(member.role.value, member.name, lasts, f"truerate pki renew {member.label}")
-
-
-def _check(given: argparse.Namespace) -> int:
-    roles = (Role(given.role),) if given.role else tuple(Role)
-    wrong = faults(Identity(given.ca, given.certificate, given.key), utc_now(), roles)
-    for words in wrong:
-        print(printable(words), file=sys.stderr)
-    if not wrong:
-        print(f"{given.certificate}: right")
-    return 1 if wrong else 0
 
 
 def _router(given: argparse.Namespace) -> int:

@@ -53,8 +53,9 @@ def scan(args: argparse.Namespace) -> int:
     with plain_console(stderr=True).status("") as status:
         verdicts = [examine(each, tried, speeds, args.seconds, status.update) for each in found]
     console.print(report.table(verdicts))
-    for remark in report.remarks(verdicts):
-        console.print(remark, markup=False, highlight=False, soft_wrap=True)
+    for verdict in verdicts:
+        if verdict.words:
+            console.print(f"{verdict.found.port}: {verdict.words}", markup=False, highlight=False, soft_wrap=True)
     if not (snippet := report.snippet(verdicts)):
         return _NOTHING
     console.print("\nFor the ward's file:\n", highlight=False)

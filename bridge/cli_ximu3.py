@@ -21,10 +21,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--raw", action="store_true", help="raw rates rather than corrected ones")
     verb.add_argument(
         "--udp",
+        default="127.0.0.1:8000",
         metavar="HOST:PORT",
-        help="send there; the next device to the next port (default 127.0.0.1:8000, unless there is --tcp)",
+        help="send there; the next device to the next port (default %(default)s)",
     )
-    verb.add_argument("--tcp", metavar="[HOST:]PORT", help="listen there; the next device at the next port")
     verb.add_argument(
         "--announce",
         default="127.0.0.1",
@@ -45,8 +45,7 @@ def shown(args: argparse.Namespace) -> int:
         ward=root.ward,
         devices=devices,
         corrected=not args.raw,
-        udp=_address(args.udp or (None if args.tcp else "127.0.0.1:8000"), "--udp"),
-        tcp=_address(args.tcp, "--tcp"),
+        to=_address(args.udp),
         announce=Address(args.announce, ANNOUNCED_AT) if args.announce else None,
     )
     with stopped_by_signal() as stop:
@@ -59,11 +58,9 @@ def shown(args: argparse.Namespace) -> int:
     return _DONE
 
 
-def _address(text: str | None, option: str) -> Address | None:
-    if text is None:
-        return None
+def _address(text: str) -> Address:
     host, _, port = text.rpartition(":")
     highest = (1 << 16) - 1 - REPLY_PORT - MOST_DEVICES
     if not (port.isascii() and port.isdigit() and 0 < int(port) <= highest):
-        raise ValueError(f"{option} {text!r} has no port from 1 to {highest}; one looks like 127.0.0.1:8000")
+        raise ValueError(f"--udp {text!r} has no port from 1 to {highest}; one looks like 127.0.0.1:8000")
     return Address(host or "127.0.0.1", int(port))

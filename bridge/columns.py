@@ -76,7 +76,10 @@ class Columns:
                 return None
             kept.remove(spare)
         level = max(natural, default=0)
-        while _taken(kept, widths := [_between(level, *ends) for ends in zip(least, natural, strict=True)]) > width:
+        while (
+            _taken(kept, widths := [min(max(level, low), high) for low, high in zip(least, natural, strict=True)])
+            > width
+        ):
             level -= 1
         return {at: widths[at] for at in kept}
 
@@ -99,7 +102,3 @@ class Columns:
 
 def _taken(kept: Sequence[int], widths: Sequence[int]) -> int:
     return sum(widths[at] for at in kept) + _GAP * (len(kept) - 1)
-
-
-def _between(value: int, low: int, high: int) -> int:
-    return min(max(value, low), high)

@@ -8,8 +8,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from bridge.console import plain_console
 
-#: a bar is shown for what takes longer, and drawn anew so often
-_PATIENCE_S, _EACH_S = 2.0, 0.1
+_PATIENCE_S = 2.0  # a bar is shown for what takes longer
 _COLUMNS = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn()
 
 
@@ -18,7 +17,7 @@ class Bar:
 
     def __init__(self) -> None:
         self._console = plain_console(stderr=True)
-        self._began_s = self._told_s = time.monotonic()
+        self._began_s = time.monotonic()
         self._shown: Progress | None = None
 
     def on(self, what: str) -> Callable[[int, int], None]:
@@ -27,9 +26,8 @@ class Bar:
 
     def _tell(self, what: str, done: int, of: int) -> None:
         now_s = time.monotonic()
-        if not self._console.is_terminal or now_s - self._began_s < _PATIENCE_S or now_s - self._told_s < _EACH_S:
+        if not self._console.is_terminal or now_s - self._began_s < _PATIENCE_S:
             return
-        self._told_s = now_s
         if self._shown is None:
             self._shown = Progress(*_COLUMNS, console=self._console, transient=True)
             self._shown.add_task(what)

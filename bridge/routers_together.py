@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from bridge.bus.router_check import RouterFile
 from bridge.config import ANYWHERE
-from bridge.pki.identity import ISSUER_OF, Identity, certificates, common_name, hosts_of, member_of, verified
+from bridge.pki.identity import ISSUER_OF, certificates, common_name, hosts_of, member_of
 
 _ANEW = "`truerate pki router` writes both files of a router, copy both"
 
@@ -40,14 +40,6 @@ def hosts_at(router: RouterFile) -> list[str]:
         return hosts_of(certificates(router.identity.certificate)[0]) if router.identity else []
     except ValueError:
         return []
-
-
-def trusts(asking: Identity, shown: Identity) -> bool:
-    """Whether one takes the certificate of another; of a file that cannot be read something is said elsewhere."""
-    try:
-        return verified(shown.certificate, asking.ca)
-    except ValueError:
-        return True
 
 
 def host_of(endpoint: str) -> str:

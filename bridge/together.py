@@ -13,7 +13,7 @@ from bridge.pki.identity import faults as identity_faults
 from bridge.pki.identity import member_of
 from bridge.pki.member import Member, Role
 from bridge.routers_together import faults as router_faults
-from bridge.routers_together import host_of, hosts_at, is_for, port_of, reaches, trusts
+from bridge.routers_together import host_of, hosts_at, is_for, port_of, reaches
 
 #: settings that the estimators of a ward must have alike, for they take over each other's devices
 _ALIKE = ("method", "model", "models", "horizontal_turns", "warming_s", "silence_s")
@@ -123,8 +123,7 @@ def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
                 f"[bus]: connect: {endpoint}: the router's certificate is for {', '.join(hosts)} alone, and we would not talk to"
                 " it by another name: truerate pki issue router:NAME --host names all of them"
             )
-    own = root.bus.identity
-    if own is None or (member := _member(root)) is None:
+    if (member := _member(root)) is None:
         return
     for router in [one for one in routers if any(reaches(endpoint, one) for endpoint in root.bus.connect)] or routers:
         if (root.ward, member.common_name) not in router.places:
@@ -133,11 +132,6 @@ def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
             yield (
                 f"[bus]: {router.path} has no rules for {member.common_name} in ward {root.ward!r}{instead}: what it says and"
                 " asks would be dropped silently"
-            )
-        elif router.identity is not None and not (trusts(router.identity, own) and trusts(own, router.identity)):
-            yield (
-                f"[bus]: by their files of authorities, {router.path} and {member.common_name} do not take each other's"
-                " certificate: ca.pem belongs here, and `truerate pki router` writes both files of a router anew"
             )
 
 

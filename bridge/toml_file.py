@@ -118,33 +118,30 @@ def _table(steps: list[str | int]) -> str:
     return f"[[{name}]] #{steps[-1] + 1}: " if isinstance(steps[-1], int) else f"[{name}]: "
 
 
+def _types(kind: inspection.Type, steps: list[str | int]) -> list[inspection.Type]:
+    """The types that the file may have at `steps`."""
+    if isinstance(kind, inspection.UnionType):
+        return [found for option in kind.types for found in _types(option, steps)]
+    inner: list[inspection.Type] = []
+    if not steps:
+        return [kind]
+    if isinstance(kind, inspection.StructType):
+        inner = [field.type for field in kind.fields if field.encode_name == steps[0]]
+    elif isinstance(kind, inspection.VarTupleType | inspection.ListType):
+        inner = [kind.item_type]
+    elif isinstance(kind, inspection.DictType):
+        inner = [kind.value_type]
+    return [found for one in inner for found in _types(one, steps[1:])]
+
+
 def _choices(kind: inspection.Type, steps: list[str | int]) -> list[str]:
     """The values that the key at `steps` takes."""
-    if isinstance(kind, inspection.UnionType):
-        return [value for option in kind.types for value in _choices(option, steps)]
-    if isinstance(kind, inspection.LiteralType):
-        return [str(value) for value in kind.values]
-    if isinstance(kind, inspection.EnumType):
-        return [str(member.value) for member in kind.cls]
-    if isinstance(kind, inspection.StructType) and steps:
-        inner = [field.type for field in kind.fields if field.encode_name == steps[0]]
-        return _choices(inner[0], steps[1:]) if inner else []
-    if isinstance(kind, inspection.VarTupleType | inspection.ListType) and steps:
-        return _choices(kind.item_type, steps[1:])
-    return []
+    found = _types(kind, steps)
+    enums = [str(member.value) for one in found if isinstance(one, inspection.EnumType) for member in one.cls]
+    return enums + [str(value) for one in found if isinstance(one, inspection.LiteralType) for value in one.values]
 
 
 def _names(kind: inspection.Type, steps: list[str | int]) -> list[str]:
     """The keys that the table at `steps` takes."""
-    if isinstance(kind, inspection.UnionType):
-        return [name for option in kind.types for name in _names(option, steps)]
-    if isinstance(kind, inspection.StructType):
-        if not steps:
-            return [field.encode_name for field in kind.fields]
-        inner = [field.type for field in kind.fields if field.encode_name == steps[0]]
-        return _names(inner[0], steps[1:]) if inner else []
-    if isinstance(kind, inspection.VarTupleType | inspection.ListType) and steps:
-        return _names(kind.item_type, steps[1:])
-    if isinstance(kind, inspection.DictType) and steps:
-        return _names(kind.value_type, steps[1:])
-    return []
+    structs = [one for one in _types(kind, steps) if isinstance(one, inspection.StructType)]
+    return [field.encode_name for one in structs for field in one.fields]

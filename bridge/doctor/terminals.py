@@ -9,6 +9,7 @@ from pathlib import Path
 from bridge.doctor.finding import Finding, ok, trouble, warning
 from bridge.transport import serial_state
 from bridge.transport.holders import PROC, Holder, holders, is_bridge
+from bridge.wording import count
 
 RULES = "configs/udev/99-truerate.rules"
 _INSTALL = f"sudo cp {RULES} /etc/udev/rules.d/ && sudo udevadm control --reload && sudo udevadm trigger"
@@ -36,7 +37,7 @@ def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
     if not there:
         return [ok("permissions", "no serial port is plugged in")]
     if not closed:
-        return [ok("permissions", f"{_count(len(there), 'serial port')} may be opened")]
+        return [ok("permissions", f"{count(len(there), 'serial port')} may be opened")]
     groups = " ".join(sorted({_group(status.st_gid) for _, status in closed}))
     return [
         trouble(
@@ -82,7 +83,7 @@ def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
             findings.append(
                 trouble(
                     "busy ports",
-                    f"{port}: {_list(having)} have it open, each gets a part of its bytes",
+                    f"{port}: {', '.join(map(str, having))} have it open, each gets a part of its bytes",
                     f"stop all but one: kill {having[-1].pid}",
                 )
             )
@@ -120,7 +121,7 @@ def doubled(devices: dict[str, str]) -> list[Finding]:
 def _taken(port: str, others: list[Holder]) -> Finding:
     return trouble(
         "busy ports",
-        f"{port}: {_list(others)} {'have' if len(others) > 1 else 'has'} it open",
+        f"{port}: {', '.join(map(str, others))} {'have' if len(others) > 1 else 'has'} it open",
         f"close it there, or kill {others[0].pid}",
     )
 
@@ -142,11 +143,3 @@ def _group(gid: int) -> str:
         return grp.getgrgid(gid).gr_name
     except KeyError:
         return str(gid)
-
-
-def _list(having: Iterable[Holder]) -> str:
-    return ", ".join(map(str, having))
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}{'' if n == 1 else 's'}"

@@ -101,8 +101,6 @@ class Boots:
         step_s = step * period_s
         behind_s, slack_s = passed_s - step_s, _AHEAD_S + _SKEW * passed_s
         turn_s = self._whole * period_s
-        if self._went_on(step, passed_s):
-            return True
         if self._wraps and passed_s > _SILENT * turn_s:
             return abs(behind_s) <= slack_s <= max(2 * _AHEAD_S, _CHANCE * turn_s)
         if self._opened:
@@ -124,17 +122,7 @@ class Boots:
         expected = round(passed_s / self._period_s) if self._period_s else 0
         half = self._whole // 2
         plain = (tick - since.raw + half) % self._whole - half
-        if self._went_on(plain, passed_s):
-            return plain, passed_s
         return expected + (plain - expected + half) % self._whole - half, passed_s
-
-    def _went_on(self, step: int, passed_s: float) -> bool:
-        """Whether it is the host that stood still, or whose clock was set: no time seems to have passed for the device."""
-        period_s = self._period_s or 0.0
-        turn_s = self._whole * period_s
-        if self._opened or not self._wraps or passed_s <= _SILENT * turn_s:
-            return False
-        return _CHANCE * turn_s >= _BACK_S + _AHEAD_S and -_BACK_S <= step * period_s <= _AHEAD_S
 
     def _confirmed(self, tick: int) -> bool:
         """Whether enough leaps in a row agree with each other."""

@@ -10,7 +10,6 @@ from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 
 ASK = frame(packets.encode_identify())
-_TELLS = 5  # a rate, to a device that does not obey
 _MAX_HELD = 64  # packets kept while nobody has said whose they are: over a second at the usual 50 a second
 _ASK_AGAIN = 16  # packets
 
@@ -47,7 +46,7 @@ class NativeDecoder:
         self._boot: int | None = None
         self.finish()
         self._unknown = 0  # packets of an unknown boot since the last HELLO
-        self._tell, self._told = False, 0  # the rate: whether to, and how often it was
+        self._tell = False  # the rate
 
     def finish(self) -> list[Event]:
         """Nothing more comes that says whose the held packets are."""
@@ -74,15 +73,12 @@ class NativeDecoder:
         """ASK, and the rate, when it is time."""
         ask, self._ask = self._ask, False
         tell, self._tell = self._tell, False
-        self._told += tell
         return (ASK if ask else b"") + (frame(packets.encode_rate(self._wanted_hz)) if tell else b"")
 
     def _greeted(self, hello: packets.Hello) -> list[Event]:
-        if hello.boot != self._boot:
-            self._told = 0
         self._boot = hello.boot
         self._ask = False
-        self._tell = self._wanted_hz not in (0, hello.rate_hz) and self._told < _TELLS
+        self._tell = self._wanted_hz not in (0, hello.rate_hz)
         self._unknown = 0
         identity = Identity(
             boot=hello.boot,

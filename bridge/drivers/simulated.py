@@ -1,13 +1,12 @@
 """A virtual device inside the bridge: the simulator's bytes through the native decoder, without a port."""
 
-import secrets
 import threading
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
+from bridge.drivers.boots import draw_boot
 from bridge.drivers.driver import DeviceLost, DriverKind, Event
 from bridge.drivers.native import NativeDecoder
 from bridge.transport import host_time
@@ -39,22 +38,13 @@ class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             raise ValueError(f"seed is {self.seed}; 0 to 2**32 - 1 is taken")
 
 
-def draw_boot() -> int:
-    """A boot number that no earlier run of the same seed had: the bus would take its samples for known ones."""
-    return secrets.randbits(64)
-
-
 class SimulatedDriver:
-    """A virtual device and a clock. `device` is made by the first open and lives on through close and open.
+    """A virtual device and a clock. `device` is made by the first open and lives on through close and open."""
 
-    draw_boot: where boot numbers come from; None leaves them to the seed.
-    """
-
-    def __init__(self, options: SimulatedOptions, draw_boot: Callable[[], int] | None = draw_boot) -> None:
+    def __init__(self, options: SimulatedOptions) -> None:
         self.place = f"simulated, seed {options.seed}"
         self.device: VirtualDevice | None = None
         self._options = options
-        self._draw_boot = draw_boot
         self._closed = threading.Event()
         self._decoder = NativeDecoder(options.rate_hz)
         self.faults = self._decoder.faults
@@ -63,7 +53,7 @@ class SimulatedDriver:
     def open(self) -> None:
         """Power the device up, the first time."""
         if self.device is None:
-            self.device = _made(self._options, self._draw_boot)
+            self.device = _made(self._options)
             self._born_s = time.monotonic()
         self._decoder.opened()
         self._closed.clear()
@@ -82,12 +72,13 @@ class SimulatedDriver:
         self._closed.set()
 
 
-def _made(options: SimulatedOptions, draw_boot: Callable[[], int] | None) -> "VirtualDevice":
+def _made(options: SimulatedOptions) -> "VirtualDevice":
     # Imported late: who reads a ward's file, as an estimator does, has no use for it.
     from bridge.sim.script import demo_script  # noqa: PLC0415
     from bridge.sim.virtual_device import demo_device  # noqa: PLC0415
     from bridge.sim.ward_life import ward_script  # noqa: PLC0415
 
+    # Boot numbers are no earlier run's: the bus would take the samples for known ones.
     script = {"lively": demo_script, "ward": ward_script}[options.life]
     return demo_device("simulated", options.seed, rate_hz=options.rate_hz, draw_boot=draw_boot, script=script)
 

@@ -29,8 +29,6 @@ class Counters:
             tick_steps = steps(readings.ticks, origin, identity.tick_bits)
         else:
             forward = step(readings.sequence, self._sequence, identity.sequence_bits)
-            if forward == 1 and (ticks := self._rising(readings.ticks, identity.tick_bits)) is not None:
-                return self._sequence + 1 + np.arange(len(ticks)), ticks
             first, origin = self._sequence + forward, self._ticks
             tick_steps = steps(readings.ticks, origin, identity.tick_bits)
             # After a long silence the ticks may have gone round unseen; the sequence knows how long it was.
@@ -38,17 +36,6 @@ class Counters:
             if abs(expected) > 2 ** (identity.tick_bits - 2):
                 tick_steps[0] = whole_turns(int(tick_steps[0]), expected, identity.tick_bits)
         return first + np.arange(len(readings.ticks)), origin + np.cumsum(tick_steps)
-
-    def going_on(self, readings: Readings, identity: Identity) -> tuple[int, Counts] | None:
-        """The first number and the ticks (n,) of readings that are all new: the next in number, and rising. Moves nothing."""
-        if self._sequence is None or step(readings.sequence, self._sequence, identity.sequence_bits) != 1:
-            return None
-        ticks = self._rising(readings.ticks, identity.tick_bits)
-        return None if ticks is None else (self._sequence + 1, ticks)
-
-    def went_on(self, first: int, ticks: Counts) -> None:
-        """Move on over what goes on."""
-        self._sequence, self._ticks = first + len(ticks) - 1, int(ticks[-1])
 
     def _rising(self, counts: NDArray[np.unsignedinteger], bits: int) -> Counts | None:
         """The ticks, if they only rise, and did not go round: which is almost always, and costs little."""
@@ -58,29 +45,29 @@ class Counters:
         rising = self._ticks < before + sent[0] and last < min(self._ticks + turn // 2, _FAR)
         return counts.astype(np.int64) + before if rising and all(map(lt, sent, sent[1:])) else None
 
-    def follow(self, sequence: Counts, ticks: Counts) -> "Followed":
+    def follow(self, readings: Readings, identity: Identity) -> "Followed":
         """Which samples (n,) are new, and what the others are; moves on to the last new one."""
-        last = -1 if self._sequence is None else self._sequence
-        if int(sequence[0]) == last + 1 and int(ticks[0]) > self._ticks and last >= 0 and _rise(ticks):
-            self._sequence, self._ticks = int(sequence[-1]), int(ticks[-1])
-            return Followed(np.ones(len(ticks), bool), 0)
-        unheard = sequence > last
-        rising = np.ones(len(ticks), bool) if self._sequence is None else ticks > self._ticks
+        last = self._sequence
+        if last is not None and step(readings.sequence, last, identity.sequence_bits) == 1:
+            rising = self._rising(readings.ticks, identity.tick_bits)
+            if rising is not None:
+                self._sequence, self._ticks = last + len(rising), int(rising[-1])
+                return Followed(last + 1, rising)
+        sequence, ticks = self.unwrapped(readings, identity)
+        unheard = sequence > (-1 if last is None else last)
+        later = np.ones(len(ticks), bool) if last is None else ticks > self._ticks
         # Within the readings ticks must rise above all before them.
-        rising[1:] &= ticks[1:] > np.maximum.accumulate(ticks)[:-1]
-        new = unheard & rising
-        missing = 0
+        later[1:] &= ticks[1:] > np.maximum.accumulate(ticks)[:-1]
+        new, first, missing = unheard & later, int(sequence[0]), 0
         if new.any():
-            if self._sequence is not None and sequence[0] > last + 1:
-                missing = int(sequence[0]) - last - 1
-                self._miss(range(last + 1, int(sequence[0])))
+            if last is not None and first > last + 1:
+                missing = first - last - 1
+                self._miss(range(last + 1, first))
             latest = int(np.flatnonzero(new)[-1])
             self._sequence, self._ticks = int(sequence[latest]), int(ticks[latest])
-        if new.all():
-            return Followed(new, missing)
         overtaken = [self._missed.pop(int(number), False) for number in sequence[~unheard]]
-        backward, repeated = int(np.count_nonzero(unheard & ~rising)), len(overtaken) - sum(overtaken)
-        return Followed(new, missing, repeated, sum(overtaken), backward)
+        backward, repeated = int(np.count_nonzero(unheard & ~later)), len(overtaken) - sum(overtaken)
+        return Followed(first, ticks, new, missing, repeated, sum(overtaken), backward)
 
     def _miss(self, numbers: range) -> None:
         self._missed.update(dict.fromkeys(numbers[-_REMEMBERED:], True))
@@ -89,20 +76,19 @@ class Counters:
 
 
 class Followed(NamedTuple):
-    """What samples of a boot are: new (n,), or one of three kinds that are counted; missing: numbers before the first.
+    """Consecutive samples of a boot, unwrapped: the number of the first, and ticks (n,).
 
-    repeated: had before; overtaken: newer ones came first; backward: newly numbered, but of an earlier time.
+    new (n,): which of them are new; None for every one. missing: numbers before the first. Of the others, counts of those
+    that are repeated: had before; overtaken: newer ones came first; backward: newly numbered, but of an earlier time.
     """
 
-    new: NDArray[np.bool_]
-    missing: int
+    first: int
+    ticks: Counts
+    new: NDArray[np.bool_] | None = None
+    missing: int = 0
     repeated: int = 0
     overtaken: int = 0
     backward: int = 0
-
-
-def _rise(ticks: Counts) -> bool:
-    return bool(np.logical_and.reduce(ticks[1:] > ticks[:-1]))
 
 
 def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts:

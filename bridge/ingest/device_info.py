@@ -1,7 +1,6 @@
 """Builds a device's DeviceInfo: model, rate, counts, battery and notices. Pure."""
 
 import math
-from typing import NamedTuple
 
 from bridge.drivers.driver import Battery, Identity, Notice
 from bridge.ingest.timeline import Timeline
@@ -19,14 +18,6 @@ _NOBODY = Identity(
     has_accel=False,
     has_temperature=False,
 )
-
-
-class News(NamedTuple):
-    """The fields of DeviceInfo that are published soon after a change; the others once a second."""
-
-    dropped: dict[str, int]
-    events: dict[str, int]
-    trouble: str
 
 
 class Account:
@@ -48,18 +39,22 @@ class Account:
         while len(self._notices) > MAX_TEXTS:
             self._notices.pop(next(iter(self._notices)))
 
-    def news(self, identity: Identity | None, dropped: dict[str, int], events: dict[str, int], trouble: str) -> News:
-        """The news of these counts; a device that has not identified itself yet (identity None) is a trouble."""
-        if identity is None and not trouble:
-            trouble = f"{self._names[-1]}: nothing was heard of it yet"
-        return News(dropped, events, trouble)
-
     def info(
-        self, identity: Identity | None, boot: int, timeline: Timeline, samples: int, time_ns: int, news: News
+        self,
+        identity: Identity | None,
+        boot: int,
+        timeline: Timeline,
+        samples: int,
+        time_ns: int,
+        dropped: dict[str, int],
+        events: dict[str, int],
+        trouble: str,
     ) -> DeviceInfo:
-        """The whole message; boot 0 before the device has identified itself."""
+        """The whole message; before the device has identified itself (identity None) boot is 0, and that is a trouble."""
         device, bridge, driver, place = self._names
-        known = identity or _NOBODY
+        known, of_time = identity or _NOBODY, timeline.notices(identity) if identity else {}
+        if identity is None:
+            trouble = trouble or f"{place}: nothing was heard of it yet"
         return DeviceInfo(
             device=device,
             bridge=bridge,
@@ -76,16 +71,12 @@ class Account:
             has_temperature=known.has_temperature,
             time_ns=time_ns,
             samples=samples,
-            dropped=news.dropped,
-            events=news.events,
-            trouble=news.trouble,
+            dropped=dropped,
+            events=events,
+            trouble=trouble,
             battery_percent=self._battery.percent,
             charging=self._battery.charging,
             # The device's own, and what is to be said of its time.
-            notices=dict([*self._notices.items(), *_of_time(timeline, identity)][-MAX_TEXTS:]),
+            notices=dict([*self._notices.items(), *of_time.items()][-MAX_TEXTS:]),
             has_clock=known.has_clock,
         )
-
-
-def _of_time(timeline: Timeline, identity: Identity | None) -> list[tuple[str, str]]:
-    return [] if identity is None else list(timeline.notices(identity).items())

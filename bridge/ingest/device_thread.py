@@ -4,11 +4,10 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice
-from bridge.ingest.device_info import News
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_readings import joined
 from bridge.ingest.no_data_reason import ended, why
@@ -27,7 +26,7 @@ _log = logging.getLogger(__name__)
 class Taken(NamedTuple):
     """What the pump takes of a device: batches in order, the boot after them, and whether the device is there.
 
-    boot: 0 while the device has not identified itself. info: its DeviceInfo, where that was wanted.
+    boot: 0 while the device has not identified itself. info: its DeviceInfo, if asked for, and at a new boot.
     """
 
     batches: list[SampleBatch]
@@ -59,6 +58,7 @@ class DeviceThread:
         self._there = False
         self._faults: dict[str, int] = {}  # a copy, for other threads
         self._complaint = ""
+        self._informed_boot = -1  # of the latest DeviceInfo
         self._thread = threading.Thread(target=self._run, name=f"device {device}", daemon=True)
 
     def start(self) -> None:
@@ -69,14 +69,16 @@ class DeviceThread:
         """Wake the thread: `take` follows in a moment."""
         self._due.set()
 
-    def take(self, wanted: Callable[[int, News], bool] = lambda *_: True) -> Taken:
-        """The batches queued since the last take; wanted(boot, news): whether with a DeviceInfo."""
+    def take(self, *, informed: bool = True) -> Taken:
+        """The batches queued since the last take. informed: with a DeviceInfo, which a new boot comes with in any case."""
         with self._lock:
             batches = list(self._queue)
             self._queue.clear()
             self._queued = 0
-            boot, trouble = self._intake.boot or 0, (self._faults, self._complaint)
-            info = self._intake.info(time.time_ns(), *trouble) if wanted(boot, self._intake.news(*trouble)) else None
+            boot, info = self._intake.boot or 0, None
+            if informed or boot != self._informed_boot:
+                self._informed_boot = boot
+                info = self._intake.info(time.time_ns(), self._faults, self._complaint)
             return Taken(batches, boot, self._there, info)
 
     def lose(self, batches: Iterable[SampleBatch]) -> None:

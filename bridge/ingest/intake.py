@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from bridge.drivers.driver import Event, Identity, Readings
 from bridge.ingest import plausibility
 from bridge.ingest.bad_sample_ratio import BadSampleRatio
-from bridge.ingest.counters import Counters, Counts
-from bridge.ingest.device_info import Account, News
+from bridge.ingest.counters import Counters, Counts, Followed
+from bridge.ingest.device_info import Account
 from bridge.ingest.sensor_faults import SensorFaults
 from bridge.ingest.timeline import Stamps, Timeline
 from bridge.wire.checks import MAX_TEXTS
@@ -89,19 +89,15 @@ class Intake:
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
-    def news(self, faults: dict[str, int], trouble: str = "") -> News:
-        """What is counted of the device by now, its driver's faults among the events, and what troubles it."""
-        events = self.events.as_dict()
-        # A driver may have seen the same change.
-        counts = {**events, **{label: max(n, events.get(label, 0)) for label, n in faults.items()}}
-        return self._account.news(self._identity, self.dropped.as_dict(), counts, trouble)
-
     def info(self, time_ns: int, faults: dict[str, int], trouble: str = "") -> DeviceInfo:
         """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
-        news = self.news(faults, trouble)
-        info = self._account.info(self._identity, self.boot or 0, self.timeline, self.samples, time_ns, news)
-        bad = {label: n for label, n in news.events.items() if label in _BAD}
-        if said := self._shares.notable(time_ns, self.samples_in, {**bad, **news.dropped}):
+        events, dropped = self.events.as_dict(), self.dropped.as_dict()
+        # A driver may have seen the same change.
+        events |= {label: max(n, events.get(label, 0)) for label, n in faults.items()}
+        counted = self.samples, time_ns, dropped, events, trouble
+        info = self._account.info(self._identity, self.boot or 0, self.timeline, *counted)
+        bad = {label: n for label, n in events.items() if label in _BAD}
+        if said := self._shares.notable(time_ns, self.samples_in, {**bad, **dropped}):
             info = replace(info, notices=dict([*info.notices.items(), ("refused", said)][-MAX_TEXTS:]))
         return info
 
@@ -144,38 +140,29 @@ class Intake:
         if (fault := plausibility.fault(readings)) is not None:
             self.dropped.add(fault, n)
             return []
-        if (batch := self._plain(readings, identity)) is not None:
-            return [batch]
-        sequence, ticks = self._counters.unwrapped(readings, identity)
-        good = self._good(readings, identity, self._new(sequence, ticks, identity))
-        if not good.any():
+        followed = self._counters.follow(readings, identity)
+        self._count(followed, identity)
+        good = self._good(readings, identity, followed.new)
+        if good is not None and not good.any():
             return []
-        at = np.flatnonzero(good)
         self._count_silent()
-        sequence, ticks = sequence + self.timeline.missing, ticks[at] + self.timeline.missing
-        stamps = self._stamps(int(sequence[at[-1]]), ticks, readings.receive_time_ns, identity)
+        shift, ticks, last = self.timeline.missing, followed.ticks, n - 1
+        if good is not None:
+            ticks, last = ticks[good], int(np.flatnonzero(good)[-1])
+        first = followed.first + shift
+        stamps = self._stamps(first + last, ticks + shift if shift else ticks, readings.receive_time_ns, identity)
         # The good samples before a run are as many as its stamps come after the first.
         return [
-            self._batch(readings, identity, int(sequence[run.start]), run, stamps, int(np.searchsorted(at, run.start)))
-            for run in plausibility.runs(good)
+            self._batch(
+                readings,
+                identity,
+                first + run.start,
+                run,
+                stamps,
+                run.start if good is None else int(np.count_nonzero(good[: run.start])),
+            )
+            for run in plausibility.runs(n, good)
         ]
-
-    def _plain(self, readings: Readings, identity: Identity) -> SampleBatch | None:
-        """The batch of readings that just go on, with nothing to count of any sample; None, and nothing done, of others.
-
-        Almost all are so, and what is found here of all samples together, `_read` finds sample by sample.
-        """
-        going = self._counters.going_on(readings, identity)
-        if going is None or not identity.has_clock or self.timeline.missing:
-            return None
-        if not plausibility.plain(readings, identity.gyro_range):
-            return None
-        sequence, ticks = going
-        self._counters.went_on(sequence, ticks)
-        self._old = 0
-        n = len(ticks)
-        stamps = self._stamps(sequence + n - 1, ticks, readings.receive_time_ns, identity)
-        return self._batch(readings, identity, sequence, slice(0, n), stamps, 0)
 
     def _stamps(self, last: int, ticks: Counts, receive_time_ns: int, identity: Identity) -> Stamps:
         """When good samples were taken; last is the number of their last."""
@@ -194,20 +181,22 @@ class Intake:
             self._silent = self.timeline.missing
             self.events.add(_MISSING, missing)
 
-    def _new(self, sequence: Counts, ticks: Counts, identity: Identity) -> Bools:
-        """Which samples are news; counts the others, and what is missing before them.
+    def _count(self, followed: Followed, identity: Identity) -> None:
+        """Count the samples that are not new, and what is missing before them.
 
         A device that for a second sends old numbers only has begun anew without saying so (some draw the same boot
         number each time): that is a boot, under a number of our making.
         """
-        new, missing, repeated, overtaken, backward = self._counters.follow(sequence, ticks)
-        if missing:
-            self.events.add(_MISSING, missing)
+        if followed.new is None:
+            self._old = 0
+            return
+        if followed.missing:
+            self.events.add(_MISSING, followed.missing)
         # Those that newer ones overtook are not sorted in: all after a hole would have to wait for what seldom comes.
-        self._drop(Reason.DUPLICATE, repeated)
-        self._drop(Reason.REORDERED, overtaken)
-        self._drop(Reason.BACKWARD, backward)
-        self._old = 0 if new.any() else self._old + len(ticks)
+        self._drop(Reason.DUPLICATE, followed.repeated)
+        self._drop(Reason.REORDERED, followed.overtaken)
+        self._drop(Reason.BACKWARD, followed.backward)
+        self._old = 0 if followed.new.any() else self._old + len(followed.new)
         if self._old >= max(2, identity.rate_hz):
             refused = self._old
             self.events.add("reboots_unsaid")
@@ -215,16 +204,17 @@ class Intake:
             self._begin()
             self.samples_in += refused  # they were of this boot already
             self.dropped.add(Reason.DUPLICATE, refused)
-        return new
 
-    def _good(self, readings: Readings, identity: Identity, new: Bools) -> Bools:
-        """Which of the new samples may be published; counts the others."""
-        finite, plausible = plausibility.sound(readings, identity.gyro_range)
-        good: Bools = new & plausible
-        if not good.all():
-            self._drop(Reason.NON_FINITE, int(np.count_nonzero(new & ~finite)))
-            self._drop(Reason.RANGE, int(np.count_nonzero(new & finite & ~plausible)))
-        return good
+    def _good(self, readings: Readings, identity: Identity, new: Bools | None) -> Bools | None:
+        """Which of the new samples may be published, None for every one; counts the others."""
+        sound = plausibility.sound(readings, identity.gyro_range)
+        if sound is None:
+            return new
+        finite, plausible = sound
+        news = np.ones(len(finite), bool) if new is None else new
+        self._drop(Reason.NON_FINITE, int(np.count_nonzero(news & ~finite)))
+        self._drop(Reason.RANGE, int(np.count_nonzero(news & finite & ~plausible)))
+        return np.asarray(news & plausible)
 
     def _drop(self, reason: Reason, n: int) -> None:
         if n:
@@ -239,9 +229,8 @@ class Intake:
         temperature_c = plausibility.temperature(readings, run)
         if temperature_c is None and readings.temperature_c is not None:
             self.events.add(_NO_TEMPERATURE, n)
-        flags = self._sensor.flags(stamps.time_s[begin : begin + n], gyro, temperature_c, identity.gyro_range)
-        if readings.clipped is not None:
-            self._sensor.told(flags, readings.clipped[run])
+        clipped = None if readings.clipped is None else readings.clipped[run]
+        flags = self._sensor.flags(stamps.time_s[begin : begin + n], gyro, temperature_c, identity.gyro_range, clipped)
         part = slice(begin, begin + n)
         if (all_late := stamps.late()) is not None and (late := all_late[part]).any():
             flags[late] |= np.uint32(SampleFlag.LATE)

@@ -33,13 +33,12 @@ def fault(readings: Readings) -> Reason | None:
     return None
 
 
-def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools]:
-    """(n,) which samples are finite, and which of those are plausible; gyro_range 0 is unknown."""
+def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools] | None:
+    """(n,) which samples are finite, and which of those are plausible; None if all are. gyro_range 0 is unknown."""
     limit = _limit(gyro_range)
     # Almost always all are; what is no number is below no limit.
     if within(readings.gyro, limit) and (readings.accel is None or within(readings.accel, MAX_ACCEL)):
-        every = np.ones(len(readings.gyro), bool)
-        return every, every
+        return None
     finite = np.isfinite(readings.gyro).all(axis=1)
     with np.errstate(invalid="ignore"):
         plausible = (np.abs(readings.gyro) <= limit).all(axis=1)
@@ -47,17 +46,6 @@ def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools]:
             finite &= np.isfinite(readings.accel).all(axis=1)
             plausible &= (np.abs(readings.accel) <= MAX_ACCEL).all(axis=1)
     return finite, finite & plausible
-
-
-def plain(readings: Readings, gyro_range: float) -> bool:
-    """Whether every value of readings can be published, temperatures too."""
-    accel, temperature_c = readings.accel, readings.temperature_c
-    return (
-        len(readings.ticks) <= MAX_SAMPLES
-        and within(readings.gyro, _limit(gyro_range))
-        and (accel is None or within(accel, MAX_ACCEL))
-        and (temperature_c is None or within(temperature_c, MAX_CELSIUS))
-    )
 
 
 def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
@@ -80,10 +68,10 @@ def within(column: NDArray[np.floating], limit: float) -> bool:
     return bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)
 
 
-def runs(good: Bools) -> list[slice]:
-    """The unbroken runs of True, none longer than a batch may be."""
-    edges = [0, len(good)]
-    if not good.all():
+def runs(n: int, good: Bools | None) -> list[slice]:
+    """The unbroken runs of n samples that are good (n,), None for all, none longer than a batch may be."""
+    edges = [0, n]
+    if good is not None:
         edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0)).tolist()
     return [
         slice(begin, min(begin + MAX_SAMPLES, end))

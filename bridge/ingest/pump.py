@@ -6,12 +6,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
-from functools import partial
 from typing import Self
 
 from bridge.bus.contract import Bus, BusError, Declared, Publisher
 from bridge.config import Bridge, Device
-from bridge.ingest.device_info import News
 from bridge.ingest.device_thread import DeviceThread, Taken
 from bridge.ingest.duplicate_bridges import DuplicateBridges
 from bridge.ingest.intake import Intake
@@ -55,14 +53,14 @@ class DevicePublisher:
         self._token_boot: int | None = None
         self.unsent: deque[SampleBatch] = deque()  # of what was to be published, what was not
         self.said: DeviceInfo | None = None
-        self._said_at_s = 0.0
+        self._said_at_s = self._looked_at_s = float("-inf")
 
-    def wants(self, now_s: float, boot: int, news: News) -> bool:
-        """Whether a DeviceInfo is due: at a new boot, soon after a change, and once a second."""
-        said, since_s = self.said, now_s - self._said_at_s
-        if said is None or said.boot != boot or since_s >= _INFO_EVERY_S:
-            return True
-        return since_s >= _CHANGES_EVERY_S and news != (said.dropped, said.events, said.trouble)
+    def looks(self, now_s: float) -> bool:
+        """Whether it is time to look for changes of the DeviceInfo."""
+        due = now_s - self._looked_at_s >= _CHANGES_EVERY_S
+        if due:
+            self._looked_at_s = now_s
+        return due
 
     def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
         """Batches, with the account of a new boot ahead of its first, and behind the last of all.
@@ -86,9 +84,10 @@ class DevicePublisher:
         self._info.close()
 
     def _tell(self, info: DeviceInfo | None, now_s: float, *, at_once: bool = False) -> None:
+        """Publish a DeviceInfo at a new boot, after a change, once a second, and at once if asked to."""
         if info is None:
             return
-        if at_once or self.wants(now_s, info.boot, News(info.dropped, info.events, info.trouble)):
+        if at_once or now_s - self._said_at_s >= _INFO_EVERY_S or self.said is None or _news(info) != _news(self.said):
             self.said, self._said_at_s = info, now_s
             self._info.put(encode_info(info))
 
@@ -176,7 +175,7 @@ class Pump:
         self._duplicates.hear()
         for thread, publisher in some:
             try:
-                taken = thread.take() if last else thread.take(partial(publisher.wants, now_s))
+                taken = thread.take(informed=last or publisher.looks(now_s))
                 publisher.publish(taken, now_s, last=last)
             except BusError as error:
                 self._lose(thread, publisher)
@@ -191,6 +190,11 @@ class Pump:
     def _lose(thread: DeviceThread, publisher: DevicePublisher) -> None:
         unsent, publisher.unsent = publisher.unsent, deque()
         thread.lose(unsent)
+
+
+def _news(info: DeviceInfo) -> tuple[object, ...]:
+    """The fields that are published soon after a change; the others once a second."""
+    return info.boot, info.dropped, info.events, info.trouble
 
 
 def _thread(device: Device, bridge: str) -> DeviceThread:

@@ -39,19 +39,28 @@ class SensorFaults:
         self._stuck = Repeats()
         self._warmth = Warmth()
 
-    def flags(self, time_s: Floats, gyro: Floats, temperature_c: Floats | None, gyro_range: float) -> Flags:
-        """(n,) SampleFlags of n ≥ 1 good readings at time_s (n,): gyro (n, 3) rad/s, temperature_c (n,); range 0: unknown."""
+    def flags(
+        self,
+        time_s: Floats,
+        gyro: Floats,
+        temperature_c: Floats | None,
+        gyro_range: float,
+        clipped: Bools | None = None,
+    ) -> Flags:
+        """(n,) SampleFlags of n ≥ 1 good readings at time_s (n,): gyro (n, 3) rad/s, temperature_c (n,); range 0: unknown.
+
+        clipped (n,): the samples that the device itself calls clipped.
+        """
         flags = np.zeros(len(gyro), np.uint32)
         if gyro_range and not within(gyro, _NEARLY * CLIPPED_AT * gyro_range):
-            self._mark(flags, SampleFlag.CLIPPED, np.asarray((np.abs(gyro) >= CLIPPED_AT * gyro_range).any(axis=1)))
+            beyond = np.asarray((np.abs(gyro) >= CLIPPED_AT * gyro_range).any(axis=1))
+            clipped = beyond if clipped is None else beyond | clipped
+        if clipped is not None:
+            self._mark(flags, SampleFlag.CLIPPED, clipped)
         self._mark(flags, SampleFlag.STUCK, self._stuck.seen(time_s, gyro))
         if temperature_c is not None:
             self._mark(flags, SampleFlag.TEMPERATURE_STEP, self._warmth.leapt(time_s, temperature_c))
         return flags
-
-    def told(self, flags: Flags, clipped: Bools) -> None:
-        """Mark in flags (n,) what the device itself says is clipped (n,)."""
-        self._mark(flags, SampleFlag.CLIPPED, clipped & (flags & np.uint32(SampleFlag.CLIPPED) == 0))
 
     def _mark(self, flags: Flags, flag: SampleFlag, which: Bools) -> None:
         if which.any():

@@ -4,7 +4,7 @@ import contextlib
 import os
 import string
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
@@ -15,8 +15,7 @@ from bridge.transport.holders import holders
 from bridge.transport.transport import Chunk, Transport
 
 COMMON_BAUDS = (115_200, 9600, 57_600, 230_400, 460_800, 921_600, 38_400, 19_200)
-_LONGER = 3.0  # times as long, where a decoder may only need more
-_SILENT_SPEEDS = 2  # nothing at these, nothing at any: a wrong speed makes bytes of every byte
+_SILENT_SPEEDS = 2  # nothing at these, nothing at any
 _READ_S = 0.1
 _ENOUGH_BYTES = 1 << 20
 _ALIKE = 0.05
@@ -51,36 +50,19 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
     opened_ns = host_time.now_ns()
     heard: dict[int, list[Chunk]] = {}
     try:
-        for baud, patience in _attempts(heard, tried, speeds if is_serial else speeds[:1]):
-            say(f"{found.port}: listening{f' at {baud}' if is_serial else ''}, {patience * seconds:g} s")
-            heard[baud] = _listen(address.transport(found.port, baud), patience * seconds)
+        for baud in speeds if is_serial else speeds[:1]:
+            say(f"{found.port}: listening{f' at {baud}' if is_serial else ''}, {seconds:g} s")
+            heard[baud] = _listen(address.transport(found.port, baud), seconds)
             made = [guess for guess in guesses(tried, heard[baud]) if guess.understood]
             if made:
                 words = _advice(made, opened_ns, heard[baud][0].receive_time_ns, is_serial=is_serial)
                 return Verdict(found, made[0], baud if is_serial else 0, words)
+            # A wrong speed makes no text, and some bytes of every byte: no other speed need be tried.
+            if _as_text(_joined(heard[baud])) or (len(heard) >= _SILENT_SPEEDS and not any(heard.values())):
+                break
     except DeviceUnavailable as error:
         return Verdict(found, None, 0, str(error).removeprefix(f"{found.port}: "))
     return Verdict(found, None, 0, _puzzled(heard, is_serial=is_serial))
-
-
-def _attempts(
-    heard: dict[int, list[Chunk]], tried: Sequence[Candidate], speeds: Sequence[int]
-) -> Iterator[tuple[int, float]]:
-    """Speeds, and how many times as long as usual to listen at each; looks at what was heard meanwhile.
-
-    Text is not got by a wrong speed, so none is tried after it. Where some decoder has taken what came without a fault, and
-    may only need more of it, it is listened to longer, at one speed.
-    """
-    for baud in speeds:
-        yield baud, 1.0
-        if _as_text(_joined(heard[baud])) or (len(heard) >= _SILENT_SPEEDS and not any(heard.values())):
-            break
-    promising = [
-        baud for baud in reversed(heard) if any(guess.followed(heard[baud]) for guess in guesses(tried, heard[baud]))
-    ]
-    if promising:
-        best = max(promising, key=lambda baud: bool(_as_text(_joined(heard[baud]))))
-        yield best, _LONGER
 
 
 def _listen(transport: Transport, seconds: float) -> list[Chunk]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from bridge.drivers.driver import DriverKind, Event, Identity, Readings
+from bridge.drivers.stream import Holds
 from bridge.toml_file import options
 from bridge.transport.transport import Chunk
 
@@ -14,7 +15,6 @@ _FEWEST = 5  # samples; a short check may pass by chance
 _SHARE = 0.5  # of samples and faults together
 _PLAUSIBLE = 100.0  # rad/s
 _BOOT_S = 0.5  # by which a device's clock may be ahead of the opening that booted it
-_FOLLOWED = 30  # bytes without a fault: a decoder that may only need more of them
 _PORT = "scan"
 
 
@@ -55,10 +55,6 @@ class Guess:
         """Enough to say that this is it."""
         return self.samples >= _FEWEST and self.share >= _SHARE
 
-    def followed(self, chunks: Sequence[Chunk]) -> bool:
-        """Whether it may need only more bytes: it took what came, but has no sample yet."""
-        return not self.samples and self.faults <= 1 and sum(len(chunk.data) for chunk in chunks) >= _FOLLOWED
-
 
 def candidates(kinds: Iterable[DriverKind]) -> list[Candidate]:
     """Everything that can be tried on unknown bytes."""
@@ -98,6 +94,8 @@ def _try(candidate: Candidate, chunks: Sequence[Chunk]) -> Guess | None:
         decoder.opened()
         for chunk in chunks:
             events += decoder.feed(chunk.data, chunk.receive_time_ns)
+        if isinstance(decoder, Holds):
+            events += decoder.finish()
         faults = decoder.faults.total()
     except Exception:  # noqa: BLE001
         return None

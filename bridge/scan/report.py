@@ -28,11 +28,6 @@ def table(verdicts: Iterable[Verdict]) -> Columns:
     return made
 
 
-def remarks(verdicts: Iterable[Verdict]) -> list[str]:
-    """What is to be said of a port, one line each."""
-    return [f"{verdict.found.port}: {verdict.words}" for verdict in verdicts if verdict.words]
-
-
 def snippet(verdicts: Sequence[Verdict]) -> str:
     """[[bridge.devices]] of those that were understood; empty if there are none."""
     blocks = []

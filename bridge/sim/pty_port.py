@@ -43,7 +43,6 @@ class PtyPort:
         self.link = link
         self.byte_fault = byte_fault
         self.dropped_bytes = 0
-        self.sent_bytes = 0
         self._speed = speed
         self._lossless = lossless
         self._lock = threading.Lock()
@@ -145,5 +144,4 @@ class PtyPort:
             sent = os.write(self._master, self._waiting[:room])
         except BlockingIOError:
             return
-        self.sent_bytes += sent
         self._waiting = self._waiting[sent:]

@@ -55,15 +55,3 @@ def up_in_body(q: Array) -> Array:
     """Earth's up (0, 0, 1) in sensor axes, (n, 3): the third row of each rotation matrix."""
     w, x, y, z = q.T
     return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-
-
-def integrate(rate: Array, dt: Array, start: Array) -> Array:
-    """Attitudes (n, 4) after each interval dt (n,) s of constant body rate (n, 3) rad/s, from start (4,)."""
-    steps = from_rotvec(rate * dt[:, None])
-    attitude = np.empty_like(steps)
-    q = start[None]
-    for i in range(len(steps)):
-        q = multiply(q, steps[i : i + 1])
-        q /= np.linalg.norm(q)
-        attitude[i] = q[0]
-    return attitude

@@ -24,8 +24,6 @@ _MASK_32 = 0xFFFFFFFF
 _HELLO_EVERY_S = 1.0
 _PACKET_S = 0.02
 
-SampleFault = Callable[[int, Samples], Samples]  # the first sample's sequence number (not wrapped), and the samples
-
 
 @dataclass(frozen=True, slots=True)
 class DeviceSpec:
@@ -63,8 +61,7 @@ class _Boot:
 class VirtualDevice:
     """One device. advance and receive belong to one thread; the switches and the truth may be used from any.
 
-    The seed and the name decide everything; boot numbers too, unless draw_boot draws them. sample_fault may be set and
-    cleared while it runs.
+    The seed and the name decide everything; boot numbers too, unless draw_boot draws them.
     """
 
     def __init__(
@@ -77,7 +74,6 @@ class VirtualDevice:
     ) -> None:
         self.name = name
         self.spec = spec or DeviceSpec()
-        self.sample_fault: SampleFault | None = None
         self._source = source
         self._draw_boot = draw_boot
         self._rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
@@ -229,8 +225,6 @@ class VirtualDevice:
         return now.ready or None
 
     def _data(self, now: _Boot, stream_s: float, samples: Samples) -> bytes:
-        if self.sample_fault is not None:
-            samples = self.sample_fault(now.sent, samples)
         ticks = self.spec.first_tick + np.round((stream_s + samples.clock_s) / TICK_S).astype(np.int64)
         data = Data(
             boot=now.number,

@@ -68,7 +68,7 @@ class Listener:
 
     def __init__(self, host: str, port: int) -> None:
         self.where: Final = (host, port)
-        self.strangers = 0  # datagrams of hosts that nobody waits for
+        self._warned = False
         self._closed = False
         self._channels: dict[str, Channel] = {}
         self._anyone: Channel | None = None
@@ -127,8 +127,8 @@ class Listener:
         if channel is not None:
             channel.offer(Heard(data, host, sender, host_time.now_ns()))
             return
-        self.strangers += 1
-        if self.strangers == 1:
+        if not self._warned:
+            self._warned = True
             _log.warning("udp port %d: datagrams from %s, which no device is expected at", self.where[1], host)
 
 

@@ -14,8 +14,8 @@ from bridge.wire.refusal import Tally
 EXAMPLE = "udp://:8000?from=10.0.0.5"
 _FORGOTTEN_NS = 3_000_000_000
 _TURN_S = 0.01
-# What `faults` counts, in datagrams: no room for them, of another device, of hosts that no device of ours is at.
-OVERFLOW, OTHERS, STRANGERS = "datagrams_overflow", "datagrams_of_others", "datagrams_of_strangers"
+# What `faults` counts, in datagrams: no room for them, of another device.
+OVERFLOW, OTHERS = "datagrams_overflow", "datagrams_of_others"
 
 
 class UdpPort:
@@ -46,7 +46,6 @@ class UdpPort:
                 f"{self.place}: busy; another device of this bridge takes datagrams of {taken} there: "
                 f"tell them apart by their hosts, as in {EXAMPLE}"
             ) from None
-        self._strangers = self._joined[0].strangers
         self._closed.clear()
 
     def read(self, timeout_s: float) -> Chunk:
@@ -61,8 +60,10 @@ class UdpPort:
 
     def _heard(self) -> list[Heard]:
         """What came of the device that is listened to: two devices in one stream would be no stream."""
-        listener, channel = self._opened()
-        self._account(listener, channel)
+        _, channel = self._opened()
+        if channel.lost > self._lost:
+            self.faults.add(OVERFLOW, channel.lost - self._lost)
+            self._lost = channel.lost
         heard = []
         for one in channel.take():
             if self._peer is None or one.host == self._peer[0] or one.receive_time_ns - self._heard_ns >= _FORGOTTEN_NS:
@@ -91,14 +92,6 @@ class UdpPort:
         if joined is None:
             raise DeviceLost(f"{self.place}: closed")
         return joined
-
-    def _account(self, listener: Listener, channel: Channel) -> None:
-        lost, strangers = channel.lost, listener.strangers
-        if lost > self._lost:
-            self.faults.add(OVERFLOW, lost - self._lost)
-        if strangers > self._strangers:
-            self.faults.add(STRANGERS, strangers - self._strangers)
-        self._lost, self._strangers = lost, strangers
 
 
 def parsed(address: str) -> tuple[str, int, str]:

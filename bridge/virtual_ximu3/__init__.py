@@ -1,1 +1,1 @@
-"""Our streams for x-io's own programs: every device of a ward as an x-IMU3 that is not there."""
+"""Shows the devices of a ward to x-io's own programs, each as a virtual x-IMU3 on the network."""

@@ -1,9 +1,8 @@
-"""What one device of a ward says as an x-IMU3, and answers, without I/O."""
+"""What one device of a ward says as an x-IMU3, and what it answers to commands. Pure."""
 
 import hashlib
 import json
 import math
-from collections import deque
 from typing import Any
 
 import msgspec
@@ -17,15 +16,14 @@ from bridge.wire.messages import CorrectedBatch, DeviceInfo, Quality, SampleBatc
 _SAMPLES_HZ = 400.0
 _KEPT = 8192  # samples whose accelerations wait for their corrected rates
 _TEMPERATURE_EVERY_US = 1_000_000
-_ANEW_NS = 1_000_000_000
 _MAX_NAME = 31
 
 
 class VirtualXimu3:
-    """One device. What its methods return is a message each, in order.
+    """One device. Its methods return messages, in order.
 
-    corrected: it sends corrected rates with the accelerations of the raw samples, zero where there are none; else raw
-    rates. Its time is the device's own, so that a reboot is seen as one.
+    corrected: it sends corrected rates with the accelerations of the raw samples, zero where there are none; otherwise raw
+    rates. Its time is the device's own, so that a reader recognises a reboot.
     """
 
     def __init__(self, ward: str, device: str, *, corrected: bool) -> None:
@@ -37,28 +35,35 @@ class VirtualXimu3:
         self._firmware = "unknown"
         self._rate_hz = 0.0
         self._time_us = 0
-        self._temperature_us: int | None = None
+        self._temperature_us = -_TEMPERATURE_EVERY_US
         self._quality: Quality | None = None
-        self._accels: deque[tuple[int, int, NDArray[np.float32]]] = deque()  # boot, first number, (n, 3)
-        self._kept = 0
-        self._sent = (0, 0, 0)  # boot, next number, time of the latest batch
+        self._boot = 0  # of the accelerations
+        self._numbers, self._accels = np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
+        self._sent = (0, 0)  # boot and next sequence number
 
     def took_raw(self, batch: SampleBatch) -> list[bytes]:
         """A batch of raw samples came."""
-        if batch.accel is not None and self.corrected:
-            self._keep(batch.boot, batch.sequence, batch.accel)
         time_us = _time_us(batch.ticks, batch.tick_period_s)
         messages = self._temperature(batch, int(time_us[-1]))
-        if self.corrected:
-            return messages
-        self._time_us = int(time_us[-1])
-        return messages + ximu3_encode.inertial(time_us, batch.gyro, batch.accel)
+        if not self.corrected:
+            self._time_us = int(time_us[-1])
+            return messages + ximu3_encode.inertial(time_us, batch.gyro, batch.accel)
+        if batch.accel is not None:
+            if batch.boot != self._boot:
+                self._boot, self._numbers, self._accels = batch.boot, self._numbers[:0], self._accels[:0]
+            number = batch.sequence + np.arange(len(batch))
+            self._numbers = np.concatenate([self._numbers, number])[-_KEPT:]
+            self._accels = np.concatenate([self._accels, batch.accel])[-_KEPT:]
+        return messages
 
     def took_corrected(self, batch: CorrectedBatch) -> list[bytes]:
-        """A batch of corrected samples came; what an estimator repeats after a restart is left out."""
-        new = self._new_part(batch)
-        if new is None or not self.corrected:
+        """A batch of corrected samples came; samples that an estimator repeats after a restart are left out."""
+        boot, following = self._sent
+        known = max(0, following - batch.sequence) if boot == batch.boot else 0
+        if known >= len(batch) or not self.corrected:
             return []
+        self._sent = batch.boot, batch.sequence + len(batch)
+        new = batch.after(known) if known else batch
         time_us = _time_us(new.ticks, new.tick_period_s)
         self._time_us = int(time_us[-1])
         messages = ximu3_encode.inertial(time_us, new.rate, self._accel(new))
@@ -69,15 +74,15 @@ class VirtualXimu3:
         return messages
 
     def took_info(self, info: DeviceInfo) -> list[bytes]:
-        """What the bridge says of the device came."""
+        """The bridge's DeviceInfo came."""
         self._firmware, self._rate_hz = f"{info.model} {info.firmware}".strip() or "unknown", info.rate_hz
         self.battery_percent, self.charging = info.battery_percent, info.charging
         if math.isnan(self.battery_percent):
             return []
         return [ximu3_encode.battery(self._time_us, self.battery_percent, charging=self.charging)]
 
-    def answer(self, line: bytes, interface: str) -> bytes:
-        """The answer to a command, which came by `interface`; empty where it is none."""
+    def answer(self, line: bytes) -> bytes:
+        """The answer to a command; empty if the line is no command."""
         try:
             command = msgspec.json.decode(line, type=dict[str, Any])
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -85,11 +90,11 @@ class VirtualXimu3:
         if len(command) != 1:
             return b""
         ((key, value),) = command.items()
-        return json.dumps({key: self._answer(plain(key), value, interface)}, separators=(",", ":")).encode() + b"\n"
+        return json.dumps({key: self._answer(plain(key), value)}, separators=(",", ":")).encode() + b"\n"
 
-    def _answer(self, key: str, value: object, interface: str) -> object:
+    def _answer(self, key: str, value: object) -> object:
         if key == "ping":
-            return {"interface": interface, "name": self.name, "sn": self.serial}
+            return {"interface": "UDP", "name": self.name, "sn": self.serial}
         if key == "apply":
             return None
         settings: dict[str, object] = {
@@ -107,38 +112,18 @@ class VirtualXimu3:
         return settings[key] if value is None else {"error": "Read-only"}
 
     def _temperature(self, batch: SampleBatch, time_us: int) -> list[bytes]:
-        since_us = None if self._temperature_us is None else time_us - self._temperature_us
-        if batch.temperature_c is None or (since_us is not None and 0 <= since_us < _TEMPERATURE_EVERY_US):
+        if batch.temperature_c is None or 0 <= time_us - self._temperature_us < _TEMPERATURE_EVERY_US:
             return []
         self._temperature_us = time_us
         return [ximu3_encode.temperature(time_us, float(batch.temperature_c[-1]))]
 
-    def _new_part(self, batch: CorrectedBatch) -> CorrectedBatch | None:
-        """Without the samples that were sent. Low numbers at a later time: the device began anew under the same boot."""
-        boot, following, last_ns = self._sent
-        start_ns, end = batch.start_time_ns, batch.sequence + len(batch)
-        if boot != batch.boot or (end <= following and start_ns > last_ns + _ANEW_NS):
-            following = batch.sequence
-        known = max(0, following - batch.sequence)
-        if known >= len(batch):
-            return None
-        self._sent = batch.boot, end, start_ns
-        return batch.after(known) if known else batch
-
-    def _keep(self, boot: int, first: int, accel: NDArray[np.float32]) -> None:
-        self._accels.append((boot, first, accel))
-        self._kept += len(accel)
-        while self._kept > _KEPT and len(self._accels) > 1:
-            self._kept -= len(self._accels.popleft()[2])
-
     def _accel(self, batch: CorrectedBatch) -> NDArray[np.float32]:
         """(n, 3) m/s² of the same samples."""
         found = np.zeros((len(batch), 3), np.float32)
-        for boot, first, accel in self._accels:
-            low = max(first, batch.sequence)
-            high = min(first + len(accel), batch.sequence + len(batch))
-            if boot == batch.boot and low < high:
-                found[low - batch.sequence : high - batch.sequence] = accel[low - first : high - first]
+        number = batch.sequence + np.arange(len(batch))
+        if batch.boot == self._boot:
+            _, at, where = np.intersect1d(number, self._numbers, assume_unique=False, return_indices=True)
+            found[at] = self._accels[where]
         return found
 
 

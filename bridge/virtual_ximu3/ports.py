@@ -1,4 +1,4 @@
-"""Where x-io's programs find one virtual x-IMU3: a UDP socket, and a TCP port for up to a few clients. Nothing here waits."""
+"""The UDP socket of one virtual x-IMU3. Nothing here waits."""
 
 import contextlib
 import json
@@ -7,15 +7,13 @@ import socket
 from typing import NamedTuple, Self
 
 from bridge import os_words
-from bridge.framing.lines import Lines
 from bridge.virtual_ximu3.device import VirtualXimu3
 
 ANNOUNCED_AT = 10_000
-REPLY_PORT = 1000  # what a device listens on is so much above what it sends to: 9000 for 8000, as x-io has it
+REPLY_PORT = 1000  # a device listens this far above the port it sends to: 9000 for 8000, as x-io has it
 _DATAGRAM = 1400
 _LONGEST_COMMAND = 1024
-_MOST_CLIENTS = 8
-_COMMANDS = 64  # of one connection, before the others have their turn
+_COMMANDS = 64  # taken in one turn, before the other devices have theirs
 
 
 class Address(NamedTuple):
@@ -29,74 +27,56 @@ class Address(NamedTuple):
         return self._replace(port=self.port + n)
 
     def resolved(self) -> Self:
-        """With the host as a number; raises OSError where the name is not known."""
+        """With the host as a number; raises OSError if the name is not known."""
         try:
             return self._replace(host=socket.gethostbyname(self.host))
         except OSError as error:
-            raise OSError(
-                f"host {self.host!r} is not known; check its spelling, or give its address in numbers"
-            ) from error
+            raise OSError(f"host {self.host!r} is not known; check its spelling, or give its number") from error
 
 
-class _Client:
-    """One TCP connection."""
+class Port:
+    """One virtual device's socket, which sends to an address. Raises OSError if its port is taken."""
 
-    def __init__(self, connection: socket.socket) -> None:
-        connection.setblocking(False)  # noqa: FBT003 - the socket's own word
-        self.connection = connection
-        self.lines = Lines(_LONGEST_COMMAND)
-
-
-class Ports:
-    """One virtual device's. udp: where it sends; tcp: where it listens. Raises OSError when a port is not to be had."""
-
-    def __init__(self, device: VirtualXimu3, udp: Address | None, tcp: Address | None) -> None:
+    def __init__(self, device: VirtualXimu3, to: Address) -> None:
         self.device = device
-        self._udp_to = udp = udp and udp.resolved()
-        self._udp = self._listener = None
-        self._clients: list[_Client] = []
+        self._to = to.resolved()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        at = Address(local(self._to.host), self._to.port + REPLY_PORT)
         try:
-            if udp:
-                self._udp = _bound(socket.SOCK_DGRAM, Address(local(udp.host), udp.port + REPLY_PORT))
-            if tcp:
-                self._listener = _bound(socket.SOCK_STREAM, tcp)
-                self._listener.listen(_MOST_CLIENTS)
-        except OSError:
-            self.close()
-            raise
+            self._socket.bind(at)
+        except OSError as error:
+            self._socket.close()
+            raise OSError(f"port {at.host}:{at.port}: {os_words.why(error)}; choose another port") from None
+        self._socket.settimeout(0.0)
 
     @property
     def place(self) -> str:
         """Where it is, for people who type it in."""
-        places = []
-        if self._udp is not None and self._udp_to is not None:
-            places.append(f"UDP to {self._udp_to.host}:{self._udp_to.port}, commands at {self._udp.getsockname()[1]}")
-        if self._listener is not None:
-            host, port = self._listener.getsockname()
-            places.append(f"TCP at {host}:{port}")
-        return ", ".join(places)
+        return f"UDP to {self._to.host}:{self._to.port}, commands at {self._to.port + REPLY_PORT}"
 
     def send(self, messages: list[bytes]) -> None:
-        """Send to whoever listens; UDP in datagrams of whole messages."""
-        for client in tuple(self._clients):
-            self._tell(client, b"".join(messages))
-        if self._udp is None or self._udp_to is None:
-            return
+        """Send messages, in datagrams of whole messages."""
         datagram = b""
         for message in messages:
             if len(datagram) + len(message) > _DATAGRAM:
-                self._datagram(datagram, self._udp_to)
+                self._send(datagram, self._to)
                 datagram = b""
             datagram += message
         if datagram:
-            self._datagram(datagram, self._udp_to)
+            self._send(datagram, self._to)
 
     def serve(self) -> None:
-        """Answer the commands that came, and take new clients."""
-        self._serve_udp()
-        self._accept()
-        for client in tuple(self._clients):
-            self._serve_client(client)
+        """Answer the commands that came."""
+        for _ in range(_COMMANDS):
+            try:
+                data, sender = self._socket.recvfrom(_LONGEST_COMMAND)
+            except BlockingIOError:
+                return
+            except OSError:  # an earlier datagram was refused
+                continue
+            for line in data.split(b"\n"):
+                if line and (answer := self.device.answer(line)):
+                    self._send(answer, sender)
 
     def announcement(self, ip: str) -> bytes:
         """What tells x-io's programs that it is there. Without `sync`: real devices would set their clocks by it."""
@@ -105,9 +85,9 @@ class Ports:
             "name": self.device.name,
             "sn": self.device.serial,
             "ip": ip,
-            "port": 0 if self._listener is None else self._listener.getsockname()[1],
-            "send": self._udp_to.port if self._udp_to else 0,
-            "receive": 0 if self._udp is None else self._udp.getsockname()[1],
+            "port": 0,
+            "send": self._to.port,
+            "receive": self._to.port + REPLY_PORT,
             "rssi": -1,
             "battery": -1 if math.isnan(battery) else round(battery),
             "status": int(self.device.charging),
@@ -115,74 +95,12 @@ class Ports:
         return json.dumps(said, separators=(",", ":")).encode()
 
     def close(self) -> None:
-        """Close everything."""
-        for one in (self._udp, self._listener, *(client.connection for client in self._clients)):
-            if one is not None:
-                one.close()
+        """Close the socket."""
+        self._socket.close()
 
-    def _datagram(self, data: bytes, to: tuple[str, int]) -> None:
-        if self._udp is not None:
-            with contextlib.suppress(OSError):  # nobody there, or no room: a datagram may be lost
-                self._udp.sendto(data, to)
-
-    def _serve_udp(self) -> None:
-        for _ in range(_COMMANDS if self._udp else 0):
-            try:
-                data, sender = self._udp.recvfrom(_LONGEST_COMMAND)  # type: ignore[union-attr] # the range is empty then
-            except BlockingIOError:
-                return
-            except OSError:  # what was sent before found nobody
-                continue
-            for line in data.split(b"\n"):
-                if line and (answer := self.device.answer(line, "UDP")):
-                    self._datagram(answer, sender)
-
-    def _accept(self) -> None:
-        for _ in range(_MOST_CLIENTS if self._listener else 0):
-            try:
-                connection, _ = self._listener.accept()  # type: ignore[union-attr] # the range is empty then
-            except OSError:  # nobody more, or gone again
-                return
-            if len(self._clients) < _MOST_CLIENTS:
-                self._clients.append(_Client(connection))
-            else:
-                connection.close()
-
-    def _serve_client(self, client: _Client) -> None:
-        try:
-            data = client.connection.recv(_LONGEST_COMMAND)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if data:
-            self._tell(client, b"".join(self.device.answer(line.data, "TCP") for line in client.lines.feed(data)))
-        else:
-            self._leave(client)
-
-    def _tell(self, client: _Client, data: bytes) -> None:
-        try:
-            client.connection.sendall(data)
-        except OSError:  # it is gone, or does not read: the system keeps some seconds for it
-            self._leave(client)
-
-    def _leave(self, client: _Client) -> None:
-        if client in self._clients:
-            self._clients.remove(client)
-        client.connection.close()
-
-
-def _bound(kind: socket.SocketKind, at: Address) -> socket.socket:
-    made = socket.socket(socket.AF_INET, kind)
-    try:
-        if kind is socket.SOCK_STREAM:
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind(at)
-    except OSError as error:
-        made.close()
-        raise OSError(f"{at.host}:{at.port} is not to be had: {os_words.why(error)}; choose another port") from None
-    made.setblocking(False)  # noqa: FBT003 - the socket's own word
-    return made
+    def _send(self, data: bytes, to: tuple[str, int]) -> None:
+        with contextlib.suppress(OSError):  # nobody there, or no room: a datagram may be lost
+            self._socket.sendto(data, to)
 
 
 def local(host: str) -> str:

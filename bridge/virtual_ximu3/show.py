@@ -1,4 +1,4 @@
-"""Subscribe to devices of a ward and show each as an x-IMU3, on ports of its own."""
+"""Subscribe to devices of a ward and show each as an x-IMU3, on a UDP port of its own."""
 
 import contextlib
 import logging
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from bridge.bus.contract import Bus, BusError, Message, Subscription
 from bridge.virtual_ximu3.device import VirtualXimu3
-from bridge.virtual_ximu3.ports import Address, Ports, local
+from bridge.virtual_ximu3.ports import Address, Port, local
 from bridge.wire import codec, keys
-from bridge.wire.refusal import Reason, Refusal, Tally, in_words
+from bridge.wire.refusal import Refusal, Tally, in_words
 
 _TURN_S = 0.02
 _AT_ONCE = 4096
@@ -27,29 +27,27 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What to show and where. No devices: all that are heard. Each next device has the next port of each kind.
+    """What to show and where. No devices: all that are heard. Each next device has the next port.
 
     announce: the host or broadcast address to be told of them; None: nobody.
     """
 
     ward: str
+    to: Address
     devices: tuple[str, ...] = ()
     corrected: bool = True
-    udp: Address | None = None
-    tcp: Address | None = None
     announce: Address | None = None
 
 
 class Show:
-    """The devices shown. `turn` does what is due and waits for no more than a moment; one thread."""
+    """The devices shown. `turn` does what is due and waits for a moment at most; one thread."""
 
     def __init__(self, bus: Bus, wanted: Wanted) -> None:
         self.refused = Tally()
         self._wanted = wanted
-        self._ports: dict[str, Ports] = {}
-        self._without: set[str] = set()  # devices for which there was no port
-        self._bridges: dict[str, str] = {}  # of devices, those that were heard first
-        self._shown: set[str] = set()  # devices of which rates were passed on
+        self._ports: dict[str, Port | None] = {}  # None: there was no free port for it
+        self._bridges: dict[str, str] = {}  # the bridge of each device that was heard first
+        self._shown: set[str] = set()  # devices whose rates were passed on
         self._patient_until_s = time.monotonic() + _PATIENCE_S
         self._announced_s = float("-inf")
         self._announce_to = wanted.announce and wanted.announce.resolved()
@@ -72,72 +70,62 @@ class Show:
         waited = last.drain(_AT_ONCE, _TURN_S)
         for messages in (*(subscription.drain(_AT_ONCE, 0.0) for subscription in others), waited):
             for message in messages:
-                self._take(message)
-        for ports in self._ports.values():
-            ports.serve()
+                try:
+                    self._take(message)
+                except Refusal as refusal:
+                    self.refused.add(refusal.reason)
+        for port in filter(None, self._ports.values()):
+            port.serve()
         self._announce()
         if time.monotonic() > self._patient_until_s:
             self._patient_until_s = float("inf")
-            missing = [
-                device for device in self._wanted.devices or self._ports or ("any device",) if device not in self._shown
-            ]
-            if missing:
-                _log.warning(
-                    _MISSING, "corrected" if self._wanted.corrected else "raw", ", ".join(missing), self._wanted.ward
-                )
+            kind = "corrected" if self._wanted.corrected else "raw"
+            expected = self._wanted.devices or tuple(self._ports) or ("any device",)
+            if missing := [device for device in expected if device not in self._shown]:
+                _log.warning(_MISSING, kind, ", ".join(missing), self._wanted.ward)
 
     @property
     def over(self) -> bool:
-        """Nothing will ever come again."""
+        """Whether the bus was closed."""
         return self._subscriptions[-1].closed
 
     def close(self) -> None:
         """Close every port."""
         for subscription in self._subscriptions:
             subscription.close()
-        for ports in self._ports.values():
-            ports.close()
+        for port in filter(None, self._ports.values()):
+            port.close()
         self._socket.close()
 
     def _take(self, message: Message) -> None:
-        try:
-            key = keys.parse(message.key)
-            device = key.device
-            if self._wanted.devices and device not in self._wanted.devices:
-                return
-            ports = self._ports.get(device) or self._found(device)
-            if ports is None:
-                self.refused.add("of devices that have no port here")
-                return
-            bridge = key.ids.get("bridge", "")
-            if bridge and self._bridges.setdefault(device, bridge) != bridge:
-                self.refused.add("of a second bridge")  # two streams in one would be none
-                return
-            ports.send(_passed_on(ports.device, key.what, message))
-            if key.what == ("corrected" if self._wanted.corrected else "raw"):
-                self._shown.add(device)
-        except Refusal as refusal:
-            self.refused.add(refusal.reason)
+        key = keys.parse(message.key)
+        device, bridge = key.device, key.ids.get("bridge", "")
+        if self._wanted.devices and device not in self._wanted.devices:
+            return
+        if device not in self._ports and len(self._ports) < MOST_DEVICES:
+            try:
+                self._add(device)
+            except OSError as error:
+                _log.warning("%s: not shown: %s", device, error)
+                self._ports[device] = None
+        port = self._ports.get(device)
+        if port is None:
+            self.refused.add("of devices that have no port here")
+        elif bridge and self._bridges.setdefault(device, bridge) != bridge:
+            self.refused.add("of a second bridge")  # two streams in one would be none
+        elif key.what == "info":
+            port.send(port.device.took_info(codec.decode_info(*message)))
+        elif key.what == "raw":
+            port.send(port.device.took_raw(codec.decode_samples(*message)))
+        else:
+            port.send(port.device.took_corrected(codec.decode_corrected(*message)))
+        if port is not None and key.what == ("corrected" if self._wanted.corrected else "raw"):
+            self._shown.add(device)
 
-    def _found(self, device: str) -> Ports | None:
-        """The ports of a device that was not heard before; None where there is no room for it."""
-        if device in self._without or len(self._ports) + len(self._without) >= MOST_DEVICES:
-            return None
-        try:
-            return self._add(device)
-        except OSError as error:
-            _log.warning("%s: not shown: %s", device, error)
-            self._without.add(device)
-            return None
-
-    def _add(self, device: str) -> Ports:
-        n = len(self._ports) + len(self._without)
-        udp, tcp = self._wanted.udp, self._wanted.tcp
+    def _add(self, device: str) -> None:
         shown = VirtualXimu3(self._wanted.ward, device, corrected=self._wanted.corrected)
-        ports = Ports(shown, udp and udp.further(n), tcp and tcp.further(n))
-        self._ports[device] = ports
-        _log.info("%s: %s", device, ports.place)
-        return ports
+        port = self._ports[device] = Port(shown, self._wanted.to.further(len(self._ports)))
+        _log.info("%s: %s", device, port.place)
 
     def _announce(self) -> None:
         to, now_s = self._announce_to, time.monotonic()
@@ -146,12 +134,12 @@ class Show:
         self._announced_s = now_s
         with contextlib.suppress(OSError):  # nobody listens, or no network now
             ip = local(to.host)
-            for ports in self._ports.values():
-                self._socket.sendto(ports.announcement(ip), to)
+            for port in filter(None, self._ports.values()):
+                self._socket.sendto(port.announcement(ip), to)
 
 
 def show(bus: Bus, wanted: Wanted, stop: threading.Event) -> None:
-    """Show them until stopped; raises OSError when a port is not to be had."""
+    """Show them until stopped; raises OSError if a port is taken."""
     shown = Show(bus, wanted)
     try:
         while not stop.is_set() and not shown.over:
@@ -161,13 +149,3 @@ def show(bus: Bus, wanted: Wanted, stop: threading.Event) -> None:
         if shown.refused.total():
             counts = (f"{n} {in_words(reason)}" for reason, n in shown.refused.as_dict().items())
             _log.info("messages that were not shown: %s", ", ".join(counts))
-
-
-def _passed_on(device: VirtualXimu3, what: str, message: Message) -> list[bytes]:
-    if what == "raw":
-        return device.took_raw(codec.decode_samples(*message))
-    if what == "info":
-        return device.took_info(codec.decode_info(*message))
-    if what == "corrected":
-        return device.took_corrected(codec.decode_corrected(*message))
-    raise Refusal(Reason.BAD_KEY, f"{what} was not subscribed to")

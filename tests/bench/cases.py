@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.sim.body import Activity
-from bridge.sim.day import Day, simulate_day
 from bridge.sim.quaternion import up_in_body
-from bridge.sim.scenes import slow_turn
 from tests.bench import broad
 from tests.bench.optical import bias_by_optics, drift_deg_per_min, level_force, matrix_of
 from tests.bench.trackers import Floats, Prior, Track, ours
+from tests.sim.day import Day, simulate_day
+from tests.sim.scenes import slow_turn
 
 TURN_RATES_DPS = (0.1, 0.3, 1.0, 2.0)
 _TURN_SEEDS = 40

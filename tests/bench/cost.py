@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from bridge.sim.day import Day, simulate_day
 from estimator.gyro import PriorKnobs, uncalibrated
 from estimator.loops.compiled import ready
 from estimator.stillness import Stillness
 from estimator.track.tracker import Tracker, TrackKnobs
+from tests.sim.day import Day, simulate_day
 
 Floats = NDArray[np.float64]
 

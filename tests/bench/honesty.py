@@ -23,14 +23,14 @@ from rich.progress import track
 from rich.table import Table
 from scipy.stats import chi2
 
-from bridge.sim.day import Day, simulate_day, worn_spec
 from bridge.sim.imperfection import ImuSpec
-from bridge.sim.scenes import rests_and_motion, steady_walk, turned_by_hand, walk_with_pauses
 from estimator.device_knobs import FLICKER
 from estimator.gyro import GyroModel, PriorKnobs, uncalibrated
 from estimator.stillness import Stillness
 from estimator.track.bias_filter import BiasKnobs
 from estimator.track.tracker import Tracker, TrackKnobs
+from tests.sim.day import Day, simulate_day, worn_spec
+from tests.sim.scenes import rests_and_motion, steady_walk, turned_by_hand, walk_with_pauses
 
 _RATE_HZ = 50.0
 _BEGIN_STD = np.radians(0.02)

@@ -22,11 +22,11 @@ from rich.progress import track
 from rich.table import Table
 
 from bridge.sim.body import Activity
-from bridge.sim.day import Day, simulate_day
 from estimator.track.bias_filter import BiasKnobs
 from tests.bench import broad
 from tests.bench.optical import matrix_of
 from tests.bench.trackers import Floats, Prior, Track, ours
+from tests.sim.day import Day, simulate_day
 
 #: seconds that a real bias is held against: most, and least
 _AHEAD_S, _LEAST_S = 10.0, 4.0

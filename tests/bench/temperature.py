@@ -18,8 +18,6 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from bridge.sim.day import Day, simulate_day, worn_spec
-from bridge.sim.warmth import ROOM_C
 from bridge.wire.messages import BootCause, DeviceInfo
 from estimator.gyro import GyroModel
 from estimator.service.record import HISTORY_S
@@ -29,6 +27,8 @@ from estimator.track.bias_filter import OWN, BiasFilter, BiasState
 from estimator.track.learning import learn
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import Tracker, TrackKnobs
+from tests.sim.day import Day, simulate_day, worn_spec
+from tests.sim.warmth import ROOM_C
 
 _RATE_HZ, _NAME = 52.0, "chest"
 #: the device lies on a table for so long, and is judged from then on

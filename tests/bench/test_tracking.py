@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.sim.scenes import rests_and_motion
 from tests.bench import broad
 from tests.bench.cases import ERROR, KEPT, ROWS, day_cases, turn_cases
 from tests.bench.optical import drift_deg_per_min, matrix_of
 from tests.bench.rests import Held, held_against_what_follows
 from tests.bench.trackers import TRACKERS, Track, first_still
 from tests.bench.tracking import written
+from tests.sim.scenes import rests_and_motion
 
 
 def simulated() -> broad.Trial:

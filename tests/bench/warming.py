@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from bridge.recording import Recording
-from bridge.sim.day import Day, simulate_day
 from estimator.offline import correct
+from tests.sim.day import Day, simulate_day
 
 _RATE_HZ, _FIRST_REST_S, _LATE_S = 52.0, 60.0, 600.0
 #: what is left of the recording: temperature, accelerometer, from when on, and whether it is said to be warm

@@ -41,7 +41,7 @@ class MtDevice:
         self.counter, self.ticks, self.count = 65_530, 4_294_960_000, 0
         self.received: list[int] = []
         self.out = b""
-        self._in = b""
+        self._in, self._owed = b"", 0.0
         self.extra = 0  # messages without a rate of turn between two with one
 
     def power_up(self) -> bytes:
@@ -104,3 +104,9 @@ class MtDevice:
         """What it sends while it takes so many samples; answers first."""
         out, self.out = self.out, b""
         return out + (b"".join(self.measure() for _ in range(samples)) if self.measuring else b"")
+
+    def advance(self, seconds: float) -> bytes:
+        """What it sends meanwhile."""
+        self._owed += seconds * self.rate_hz
+        samples, self._owed = divmod(self._owed, 1)
+        return self.live(int(samples))

@@ -38,20 +38,6 @@ def steps(first: int, n: int) -> list[int]:
     return list(range(first, first + n * STEP, STEP))
 
 
-def test_samples_wait_for_the_rate_and_nothing_is_lost() -> None:
-    one = assembly()
-    send(one, steps(0, 32))
-    assert told(one) == []
-    send(one, steps(320, 3))
-    assert told(one) == ["1 PORT_OPENED 100", "1:0+35"]
-
-
-def test_a_missing_sample_has_a_number() -> None:
-    one = assembly(100.0)
-    send(one, [0, 10, 40, 51, 59])
-    assert told(one) == ["1 PORT_OPENED 100", "1:0+2", "1:4+3"]
-
-
 def test_without_a_clock_samples_are_counted() -> None:
     one = assembly(50.0, None)
     send(one, [0, 0, 0])
@@ -60,42 +46,6 @@ def test_without_a_clock_samples_are_counted() -> None:
     assert (events[0].has_clock, events[0].tick_period_s) == (False, 0.02)
     assert isinstance(events[1], Readings)
     assert events[1].ticks.tolist() == [0, 1, 2]
-
-
-def test_a_clock_that_begins_anew_is_a_boot_and_costs_two_samples() -> None:
-    one = assembly(100.0)
-    send(one, steps(60_000, 3))
-    send(one, steps(5, 5), 60_100 * MS)
-    assert told(one) == ["1 PORT_OPENED 100", "1:0+3", "2 POWER_UP 100", "2:0+3"]
-    assert one.faults.as_dict() == {"odd_time": 2}
-
-
-@pytest.mark.parametrize("damaged", [0, 1 << 40, 1])
-def test_one_damaged_time_is_dropped_and_is_no_boot(damaged: int) -> None:
-    one = assembly(100.0)
-    for tick in [60_000, 60_010, damaged, 60_030, damaged, 60_050]:
-        send(one, [tick], min(tick, 60_000) * MS)
-    assert told(one) == ["1 PORT_OPENED 100", "1:0+2", "1:3+1", "1:5+1"]
-    assert one.faults.as_dict() == {"odd_time": 2}
-
-
-def test_a_clock_that_wraps_goes_on() -> None:
-    one = assembly(100.0, bits=16)
-    for i in range(20):
-        send(one, [(65_500 + 10 * i) % 65_536], i * 10 * MS)
-    events = one.events()
-    assert isinstance(events[1], Readings)
-    assert events[1].ticks.tolist() == [65_500 + 10 * i for i in range(20)]
-
-
-def test_a_reboot_is_told_from_a_wrap() -> None:
-    one = assembly(100.0, bits=32)
-    high = 3_000_000_000
-    for i in range(5):
-        send(one, [high + 10 * i], i * 10 * MS)
-    for i in range(5, 10):
-        send(one, [10 * i], i * 10 * MS)
-    assert told(one) == ["1 PORT_OPENED 100", "1:0+5", "2 POWER_UP 100", "2:0+3"]
 
 
 @pytest.mark.parametrize(

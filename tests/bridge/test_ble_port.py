@@ -4,12 +4,10 @@ bleak itself needs BlueZ and an adapter, so it does not run here: of `BleakRadio
 its failure on a machine without BlueZ. What is around it (inbox, loop, turns, losses) is what runs in a ward.
 """
 
-import asyncio
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -24,8 +22,8 @@ from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Event, Identity
 from bridge.drivers.native import ASK, KIND
 from bridge.drivers.stream import StreamOptions
 from bridge.transport import address, ble_loop, ble_port
-from bridge.transport.ble_port import BlePort, Inbox, parsed
-from bridge.transport.ble_radio import BleakRadio, Connection, RadioFault, words
+from bridge.transport.ble_port import BlePort, parsed
+from bridge.transport.ble_radio import BleakRadio, RadioFault, words
 from tests.bridge.ble_air import Wearable, made, settle
 from tests.bridge.test_native_driver import data, hello
 
@@ -37,14 +35,6 @@ def three(monkeypatch: pytest.MonkeyPatch) -> list[Wearable]:
     air, wearables = made(3)
     monkeypatch.setattr(ble_port, "radio", lambda: air)
     return wearables
-
-
-class Deaf:
-    """A radio that never comes to an end."""
-
-    async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
-        await asyncio.sleep(60)
-        raise AssertionError
 
 
 def port(wearable: Wearable, write: str = "") -> BlePort:
@@ -129,74 +119,6 @@ def test_what_is_not_there_is_said(three: list[Wearable]) -> None:
     again = port(three[0])  # the connection that was of no use was given back
     again.open()
     again.close()
-
-
-def test_a_read_and_an_open_end_when_another_thread_closes(
-    three: list[Wearable], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    one = port(three[0])
-    one.open()
-    threading.Timer(0.1, one.close).start()
-    with pytest.raises(DeviceLost, match="closed"):
-        one.read(30.0)
-
-    monkeypatch.setattr(ble_port, "radio", Deaf)
-    over = threading.Event()
-
-    def close_again_and_again() -> None:  # as the open may not have begun yet
-        while not over.wait(0.05):
-            one.close()
-
-    closing = threading.Thread(target=close_again_and_again)
-    closing.start()
-    with pytest.raises(DeviceUnavailable, match="closed"):
-        one.open()
-    over.set()
-    closing.join()
-
-
-def test_a_radio_that_hangs_does_not_keep_the_others_waiting(
-    three: list[Wearable], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    air = ble_port.radio
-    monkeypatch.setattr(ble_port, "_PATIENCE_S", 0.1)
-    monkeypatch.setattr(ble_port, "radio", Deaf)
-    with pytest.raises(DeviceUnavailable, match=r"no connection within 0.1 s"):
-        port(three[0]).open()
-    monkeypatch.setattr(ble_port, "radio", air)
-    monkeypatch.setattr(ble_port, "_PATIENCE_S", 20.0)
-    other = port(three[1])
-    other.open()
-    other.close()
-
-
-def test_what_is_to_be_sent_nowhere_is_counted(three: list[Wearable]) -> None:
-    one = port(three[0])
-    one.open()
-    one.write(b"12345")
-    one.close()
-    assert one.faults.as_dict() == {"ble_bytes_not_sent": 5}
-
-
-def test_a_write_to_what_is_not_there_is_a_loss(three: list[Wearable]) -> None:
-    one = port(three[0], "?write=1234")
-    one.open()
-    with pytest.raises(DeviceLost, match="it has no characteristic 00001234"):
-        one.write(b"x")
-    one.close()
-
-
-def test_an_inbox_that_nobody_empties_keeps_the_latest_and_counts_the_rest() -> None:
-    inbox = Inbox()
-    for i in range(10_000):
-        inbox.put(i.to_bytes(20, "big"))
-    assert inbox.lost_bytes() == 200_000 - 65_520
-    assert inbox.lost_bytes() == 0
-    inbox.end()
-    left = inbox.take(0)
-    assert left is not None
-    assert left.data == b"".join(i.to_bytes(20, "big") for i in range(10_000 - 65_520 // 20, 10_000))
-    assert inbox.take(0) is None
 
 
 def test_addresses() -> None:

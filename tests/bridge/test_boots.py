@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.drivers.assembly import ODD_TIME, About, Assembly
-from bridge.drivers.driver import Event, Identity, Readings
+from bridge.drivers.driver import Event, Readings
 from bridge.ingest.intake import Intake
 from bridge.wire.messages import SampleBatch, SampleFlag
 from bridge.wire.refusal import Tally
@@ -127,7 +127,7 @@ STORY = st.lists(
 )
 
 
-@settings(deadline=None)
+@settings(max_examples=50)
 @given(st.sampled_from(CLOCKS), st.floats(0, 5000), STORY)
 def test_whatever_happens_nothing_is_lost_unseen_and_no_two_boots_are_one(
     clock: tuple[float, int], first_s: float, story: list[tuple[str, int]]
@@ -159,7 +159,7 @@ def test_whatever_happens_nothing_is_lost_unseen_and_no_two_boots_are_one(
     one.check()
 
 
-@settings(deadline=None)
+@settings(max_examples=50)
 @given(st.sampled_from(CLOCKS), st.floats(0, 5000), st.integers(0, 63), st.integers(0, 99), st.booleans())
 def test_a_single_damaged_time_is_never_a_boot(
     clock: tuple[float, int], first_s: float, bit: int, at: int, reopened: bool
@@ -181,9 +181,7 @@ def test_a_single_damaged_time_is_never_a_boot(
 
 
 @pytest.mark.parametrize("clock", CLOCKS)
-@pytest.mark.parametrize(
-    ("up_s", "off_s", "starts_s"), [(1, 0.1, 0.0), (10, 3, 12), (60, 30, 65), (10, 0, 9), (600, 5, 2)]
-)
+@pytest.mark.parametrize(("up_s", "off_s", "starts_s"), [(1, 0.1, 0.0), (10, 3, 12), (60, 30, 65)])
 def test_a_power_cycle_is_a_boot_even_if_the_new_clock_has_come_to_where_the_old_one_was(
     clock: tuple[float, int], up_s: float, off_s: float, starts_s: float
 ) -> None:
@@ -196,13 +194,13 @@ def test_a_power_cycle_is_a_boot_even_if_the_new_clock_has_come_to_where_the_old
     assert one.faults.as_dict() == {ODD_TIME: 2}
 
 
-@pytest.mark.parametrize("off_s", [600, 3000, 8000, 12 * 3600, 100 * 3600])
+@pytest.mark.parametrize("off_s", [3000, 12 * 3600])
 @pytest.mark.parametrize("reopened", [False, True])
 def test_a_power_cycle_of_hours_is_a_boot_wherever_a_clock_that_wraps_has_come_to(
     *, off_s: float, reopened: bool
 ) -> None:
     missed = 0
-    for up_s in np.linspace(10, 4200, 60):
+    for up_s in np.linspace(10, 4200, 30):
         one = Device(1e-6, 32)
         one.powered_s = -up_s
         one.send(20)
@@ -212,34 +210,7 @@ def test_a_power_cycle_of_hours_is_a_boot_wherever_a_clock_that_wraps_has_come_t
         one.reboot(0, 0)
         one.send(20)
         missed += len(one.boots_told()) < 2
-    assert missed <= 0.02 * 60
-
-
-@pytest.mark.parametrize("forward_s", [600, 1500, 3600])
-def test_a_hosts_clock_that_is_set_forward_is_no_power_up(forward_s: float) -> None:
-    one = Device(1e-6, 32, first_s=1800.0)
-    one.send(100)
-    one.stalled_s = one.now_s + forward_s
-    one.send(1)
-    one.now_s, one.powered_s, one.stalled_s = one.now_s + forward_s, one.powered_s + forward_s, 0.0
-    one.send(100)
-    assert len(one.boots_told()) == 1
-    assert one.faults.as_dict() == {}
-    ticks = np.concatenate([readings.ticks for readings in one.readings()])
-    assert int(ticks[-1] - ticks[0]) * 1e-6 == pytest.approx(2.0, abs=0.1), "no time passed for it"
-
-
-@pytest.mark.parametrize(("period_s", "bits", "chance"), [(1e-6, 16, 0.0), (1e-6, 24, 0.0), (1e-3, 16, 0.05)])
-def test_a_clock_that_wraps_within_a_minute_makes_no_boot_of_two(period_s: float, bits: int, chance: float) -> None:
-    missed = 0
-    for up_s in np.linspace(10, 70, 40):
-        one = Device(period_s, bits)
-        one.powered_s = -up_s
-        one.send(100)
-        one.reboot(7200.0, 0)
-        one.send(20)
-        missed += len(one.boots_told()) < 2
-    assert missed <= chance * 40
+    assert missed <= 1
 
 
 @pytest.mark.parametrize("off_s", [600, 3000, 8000])
@@ -248,18 +219,6 @@ def test_a_device_that_was_out_of_reach_for_hours_is_in_the_same_boot(off_s: flo
     one.send(100)
     one.now_s += off_s
     one.send(100)
-    assert len(one.boots_told()) == 1
-    assert one.faults.as_dict() == {}
-
-
-@pytest.mark.parametrize("clock", CLOCKS)
-def test_a_link_that_was_dead_for_less_than_the_device_was_on_splits_no_boot(clock: tuple[float, int]) -> None:
-    one = Device(*clock)
-    one.send(6000)
-    one.stalled_s = one.now_s + 30
-    one.send(3000)
-    one.send(100)
-    one.check()
     assert len(one.boots_told()) == 1
     assert one.faults.as_dict() == {}
 
@@ -273,14 +232,3 @@ def test_an_overtaken_datagram_gets_the_numbers_it_should_have_had() -> None:
     one.check()
     assert one.tally.dropped.as_dict() == {"reordered": 4}
     assert one.tally.events.as_dict() == {"gaps": 1, "missing_samples": 4}
-
-
-def test_what_is_held_while_the_rate_is_measured_is_not_lost_at_a_boot() -> None:
-    one = Device(1e-3, 64, 100.0)
-    one.assembly.about = About("m")
-    one.send(10)
-    one.reboot(1.0, 0.0)
-    one.send(40)
-    out = sum(len(readings.ticks) for readings in one.readings())
-    assert out + one.faults.total() == one.sent
-    assert [event.boot for event in one.events if isinstance(event, Identity)] == [1, 2]

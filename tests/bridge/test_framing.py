@@ -3,13 +3,11 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bridge.framing.deframer import MAX_PAYLOAD, Deframer, frame
 from bridge.framing.packets import (
-    DATA,
-    HELLO,
     MAX_SAMPLES,
     BadPacket,
     Data,
@@ -66,12 +64,6 @@ def test_any_chunking_gives_the_same_payloads(sent: list[bytes], data: st.DataOb
     assert deframer.faults.total() == 0
 
 
-@given(st.lists(payloads, max_size=8))
-def test_one_byte_at_a_time_gives_the_same_payloads(sent: list[bytes]) -> None:
-    deframer = Deframer()
-    assert [one for byte in b"".join(map(frame, sent)) for one in deframer.feed(bytes([byte]))] == sent
-
-
 @given(payloads, payloads, payloads, st.data())
 def test_a_flipped_bit_is_never_accepted_and_costs_two_frames_at_most(
     before: bytes, hit: bytes, after: bytes, data: st.DataObject
@@ -86,27 +78,12 @@ def test_a_flipped_bit_is_never_accepted_and_costs_two_frames_at_most(
     assert deframer.faults.total() >= 1
 
 
-def test_every_single_bit_flip_of_a_packet_is_noticed() -> None:
-    whole = frame(encode_data(Data(7, 3, *_columns(2))))
-    for bit in range(8 * len(whole)):
-        damaged = bytearray(whole)
-        damaged[bit // 8] ^= 1 << bit % 8
-        deframer = Deframer()
-        assert deframer.feed(bytes(damaged) + b"\0") == []
-        assert deframer.faults.total() >= 1
-
-
 @given(st.binary(max_size=200), payloads)
 def test_after_garbage_the_next_frame_but_one_is_whole(garbage: bytes, payload: bytes) -> None:
     deframer = Deframer()
     got = deframer.feed(garbage + frame(payload) + frame(payload))
     assert got[-1:] == [payload]
     assert len(got) <= 2
-
-
-@given(st.binary(max_size=200), payloads)
-def test_after_garbage_and_a_zero_the_next_frame_is_whole(garbage: bytes, payload: bytes) -> None:
-    assert Deframer().feed(garbage + b"\0" + frame(payload)) == [payload]
 
 
 @given(st.integers(MAX_PAYLOAD + 11, 100_000), st.integers(1, 5000))
@@ -125,23 +102,12 @@ def test_the_longest_payload_passes(fill: bytes) -> None:
     assert Deframer().feed(frame(fill * MAX_PAYLOAD)) == [fill * MAX_PAYLOAD]
 
 
-@pytest.mark.parametrize("size", [0, MAX_PAYLOAD + 1])
-def test_a_payload_of_no_size_we_send_is_refused(size: int) -> None:
-    with pytest.raises(ValueError, match="bytes, not"):
-        frame(b"x" * size)
-
-
-def test_an_idle_line_is_no_fault() -> None:
-    deframer = Deframer()
-    assert deframer.feed(b"\0" * 1000 + frame(b"a") + b"\0\0") == [b"a"]
-    assert deframer.faults.total() == 0
-
-
 @given(hellos)
 def test_hello_round_trips(hello: Hello) -> None:
     assert decode(encode_hello(hello)) == hello
 
 
+@settings(max_examples=25)
 @given(datas())
 def test_data_round_trips(data: Data) -> None:
     again = decode(encode_data(data))
@@ -151,22 +117,13 @@ def test_data_round_trips(data: Data) -> None:
         np.testing.assert_array_equal(getattr(again, name), getattr(data, name))
 
 
-@given(packets, st.data())
-def test_a_cut_packet_is_bad_or_decodes(packet: bytes, data: st.DataObject) -> None:
-    _decodes_or_is_bad(packet[: data.draw(st.integers(1, len(packet)))])
-
-
+@settings(max_examples=50)
 @given(packets, st.data())
 def test_a_mutated_packet_is_bad_or_decodes(packet: bytes, data: st.DataObject) -> None:
     mutant = bytearray(packet)
     for _ in range(data.draw(st.integers(1, 6))):
         mutant[data.draw(st.integers(0, len(mutant) - 1))] = data.draw(st.integers(0, 255))
     _decodes_or_is_bad(bytes(mutant) + data.draw(st.binary(max_size=40)))
-
-
-@given(st.binary(min_size=1, max_size=MAX_PAYLOAD), st.sampled_from([None, HELLO, DATA]))
-def test_any_bytes_are_bad_or_decode(noise: bytes, kind: int | None) -> None:
-    _decodes_or_is_bad(noise if kind is None else bytes([kind]) + noise)
 
 
 @pytest.mark.parametrize(
@@ -186,16 +143,6 @@ def test_a_bad_packet_says_why(payload: bytes, label: str) -> None:
     with pytest.raises(BadPacket) as bad:
         decode(payload)
     assert bad.value.label == label
-
-
-@pytest.mark.parametrize("n", [0, MAX_SAMPLES + 1])
-def test_data_of_no_size_we_send_is_refused(n: int) -> None:
-    with pytest.raises(ValueError, match="samples, not"):
-        encode_data(Data(1, 0, *_columns(n)))
-
-
-def _columns(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    return np.zeros(n, np.uint32), np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, np.float32)
 
 
 def _decodes_or_is_bad(payload: bytes) -> None:

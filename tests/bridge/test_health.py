@@ -1,20 +1,16 @@
 """The health server as Prometheus and a person ask it, over a real socket."""
 
-import http.client
 import socket
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from importlib.metadata import version
 
 import pytest
 
 from bridge.config import listening
 from bridge.health import AT_ONCE, Asked, Family, Health
-from bridge.ingest.vitals import Vitals
 from tests.bridge.asking import get
-from tests.estimator.stream import info
 
 #: an orchestrator's probe gives up after one second
 PROBED_S = 1.0
@@ -68,30 +64,6 @@ def test_alive_and_ready(health: Health, told: Told) -> None:
     assert get(health.port, "/../etc/passwd")[0] == 404
 
 
-def test_who_asks_for_the_head_gets_no_more(health: Health, told: Told) -> None:
-    for code in (200, 503):
-        connection = http.client.HTTPConnection("127.0.0.1", health.port, timeout=5)
-        connection.request("HEAD", "/healthz")
-        answer = connection.getresponse()
-        assert (answer.status, answer.read()) == (code, b"")
-        connection.close()
-        told.sick = ["stuck"]
-
-
-def test_what_a_bridge_counts_are_counters() -> None:
-    one = replace(info(), samples=7, dropped={"overflow": 2})
-    families = {f.name: f for f in Vitals(lambda: [one], time.monotonic, lambda: True).families()}
-    assert {name for name, family in families.items() if family.counter} == {"bridge_samples", "bridge_samples_dropped"}
-    assert families["bridge_samples_dropped"].values == {(one.device, "overflow"): 2.0}
-
-
-def test_nothing_but_reading(health: Health) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", health.port, timeout=5)
-    connection.request("POST", "/metrics", "x")
-    assert connection.getresponse().status == 501
-    connection.close()
-
-
 @pytest.mark.parametrize("said", [b"", b"GET /healthz HTTP/1.1\r\nX: ", b"GET /metrics HTTP/1.1\r\n\r\n"])
 def test_those_who_only_wait_or_do_not_listen_shut_nobody_out(health: Health, told: Told, said: bytes) -> None:
     long = {(f"{n:04}" * 100,): 1.0 for n in range(10_000)}  # more than what lies between us and them can hold
@@ -106,26 +78,6 @@ def test_those_who_only_wait_or_do_not_listen_shut_nobody_out(health: Health, to
         assert time.monotonic() - began < PROBED_S
     for one in idle:
         one.close()
-
-
-def test_who_asks_is_answered_while_others_come_and_wait(health: Health, told: Told) -> None:
-    told.families = [Family("rate_hz", "Samples a second.", ("device",), {(f"d{n}",): 1.0 for n in range(10_000)})]
-    with socket.create_connection(("127.0.0.1", health.port)) as asking:
-        asking.sendall(b"GET /metrics HTTP/1.1\r\n\r\n")
-        time.sleep(0.01)
-        idle = [socket.create_connection(("127.0.0.1", health.port)) for _ in range(2 * AT_ONCE)]
-        answer = asking.makefile("rb").read()
-    assert answer.startswith(b"HTTP/1.0 200")
-    assert b'truerate_rate_hz{device="d9999"} 1.0' in answer
-    for one in idle:
-        one.close()
-
-
-def test_what_fails_while_answering_ends_that_answer_only(told: Told, health: Health) -> None:
-    told.families = None  # type: ignore[assignment]
-    with pytest.raises((OSError, http.client.HTTPException)):
-        get(health.port, "/metrics")
-    assert get(health.port, "/healthz") == (200, "ok\n")
 
 
 def test_a_port_in_use_is_said(health: Health) -> None:

@@ -1,20 +1,8 @@
 """Lines of bytes: any chunking, any ends, any length."""
 
-import itertools
-
-from hypothesis import given
-from hypothesis import strategies as st
-
 from bridge.framing.lines import ANY_END, Line, Lines
 
 MAX_LINE = 1024
-
-
-@given(st.binary(max_size=200), st.lists(st.integers(0, 200)))
-def test_any_chunking_gives_the_same_lines(data: bytes, cuts: list[int]) -> None:
-    whole, parts = Lines(MAX_LINE, ANY_END), Lines(MAX_LINE, ANY_END)
-    edges = [0, *sorted(cuts), len(data)]
-    assert [line for a, b in itertools.pairwise(edges) for line in parts.feed(data[a:b])] == whole.feed(data)
 
 
 def test_the_first_line_of_an_open_port_may_have_begun_before() -> None:

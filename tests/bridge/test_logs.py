@@ -114,15 +114,9 @@ def test_a_misspelt_verb_is_told_the_nearest(capsys: pytest.CaptureFixture[str])
     for words, nearest in (
         (["statsu"], "status"),
         (["pki", "isue"], "issue"),
-        (["pki", "check", "--role", "brigde"], "bridge"),
+        (["--log-format", "jsno", "status"], "json"),
     ):
         with pytest.raises(SystemExit) as ended:
             main(words)
         assert ended.value.code == 2
         assert f"did you mean '{nearest}'?" in capsys.readouterr().err
-
-
-def test_what_matplotlib_says_of_its_fonts_is_no_business_of_ours() -> None:
-    said = "import logging; from bridge import logs; logs.begin(); logging.getLogger('matplotlib.font_manager').warning('fonts')"
-    ended = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, timeout=60, check=True)
-    assert not ended.stderr

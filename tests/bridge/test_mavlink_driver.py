@@ -1,19 +1,15 @@
 """The MAVLink driver, on messages that pymavlink packs: units, boots by the clock, whose messages they are."""
 
-import itertools
 import subprocess
 import sys
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from bridge.drivers.driver import Event, Identity, Notice, Readings
-from bridge.drivers.mavlink import MavlinkDecoder, MavlinkOptions
-from bridge.toml_file import options
+from bridge.drivers.mavlink import MavlinkDecoder
 from bridge.wire.messages import BootCause
 
 ALL_NEW = 0xFFFF
@@ -154,31 +150,6 @@ def test_a_message_without_news_of_the_gyro_is_no_sample() -> None:
     assert decoder.faults.as_dict() == {"gyro_not_new": 40}
 
 
-def test_damaged_frames_are_counted_and_the_next_is_read() -> None:
-    decoder, sender = MavlinkDecoder(), Sender()
-    frames = [sender.highres(5000 * i) for i in range(60)]
-    damaged = bytearray(frames[10])
-    damaged[20] ^= 4
-    frames[10] = bytes(damaged)
-    (run, after) = readings(decoder.feed(b"".join(frames), 0))
-    assert (len(run.ticks), after.sequence, len(after.ticks)) == (10, 11, 49)
-    assert decoder.faults.as_dict() == {"frame_bad": 1}
-
-
-STREAM = Sender().heartbeat() + b"\x00\xfd" + b"".join(Sender().highres(5000 * i) for i in range(45))
-
-
-@settings(max_examples=50)
-@given(st.lists(st.integers(0, len(STREAM)), max_size=20))
-def test_any_chunking_gives_the_same_samples(cuts: list[int]) -> None:
-    whole, parts = MavlinkDecoder(), MavlinkDecoder()
-    wanted = readings(whole.feed(STREAM, 0))
-    edges = [0, *sorted(cuts), len(STREAM)]
-    came = readings([e for a, b in itertools.pairwise(edges) for e in parts.feed(STREAM[a:b], 0)])
-    ticks = [tick for run in came for tick in run.ticks.tolist()]
-    assert ticks == [tick for run in wanted for tick in run.ticks.tolist()]
-
-
 def test_what_is_half_heard_is_bounded() -> None:
     decoder, frame = MavlinkDecoder(), Sender().highres(5000)
     for _ in range(3000):
@@ -205,8 +176,3 @@ assert "pymavlink" not in sys.modules
     listed, refused = ran.stdout.splitlines()
     assert listed.endswith("needs pip install 'truerate[mavlink]' None")
     assert refused == "the driver 'mavlink' needs pip install 'truerate[mavlink]'"
-
-
-def test_a_system_out_of_range_is_refused() -> None:
-    with pytest.raises(ValueError, match="system is 256; 1 to 255"):
-        options({"port": "/dev/x", "system": 256}, MavlinkOptions)

@@ -165,23 +165,3 @@ def test_a_connection_that_breaks_is_made_again_and_disturbs_nobody(devices: dic
         assert unbroken(listener.batches[name])
         assert "reconnections" not in listener.infos[name].events
     listener.close()
-
-
-def alive(listener: Listener) -> dict[str, bool]:
-    return {key.split("/")[-2]: there for key, there in list(listener.alive) if "/device/" in key}
-
-
-def test_a_device_that_falls_silent_on_the_network_is_told_of(
-    devices: dict[str, TcpDevice | UdpDevice], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("bridge.ingest.device_thread._SILENT_S", 1.0)
-    broker = MemoryBroker()
-    listener = Listener(broker)
-    with MemoryBus(broker) as bus, ward(devices, bus):
-        listener.until(lambda: all(listener.count(name) > 20 for name in devices))
-        devices["u1"].device.power_off()
-        listener.until(lambda: "nothing comes; is it on" in listener.infos["u1"].trouble)
-        listener.until(lambda: alive(listener) == {"t1": True, "t2": True, "u1": False, "u2": True})
-        devices["u1"].device.power_on()
-        listener.until(lambda: not listener.infos["u1"].trouble)
-    listener.close()

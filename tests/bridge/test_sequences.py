@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bridge.bus import sequences as module
 from bridge.bus.cache import Source
-from bridge.bus.sequences import LONGEST_PAUSE_S, PATIENCE_S, Gap, Sequences
+from bridge.bus.sequences import Sequences
 
 A = Source("t/a", b"a")
 
@@ -26,24 +26,6 @@ def asked(sequences: Sequences[int], now_s: float = 0.0) -> list[int]:
     return [gap.start for gap in sequences.due(now_s)]
 
 
-def given_up(sequences: Sequences[int], now_s: float = 0.0) -> tuple[list[int], float, int]:
-    """Nobody answers: what is handed on in the end, how long that takes, and how often it was asked."""
-    found, began_s, tries = list[int](), now_s, 0
-    for _ in range(4000):
-        for gap in sequences.due(now_s):
-            tries += 1
-            found += sequences.answered(gap.source, {}, now_s)
-            ended_s = now_s
-        now_s += 0.05
-    return found, ended_s - began_s, tries
-
-
-def test_messages_in_order_are_handed_on_at_once() -> None:
-    sequences: Sequences[int] = Sequences()
-    assert live(sequences, 0, 1, 1, 2, 0) == [0, 1, 2]
-    assert asked(sequences) == []
-
-
 def test_a_gap_is_asked_about_once_and_filled() -> None:
     sequences: Sequences[int] = Sequences()
     assert live(sequences, 0, 3, 4) == [0]
@@ -55,60 +37,12 @@ def test_a_gap_is_asked_about_once_and_filled() -> None:
     assert (asked(sequences, 9.0), sequences.missed) == ([], {})
 
 
-def test_messages_that_a_cache_no_longer_has_are_missed() -> None:
-    sequences: Sequences[int] = Sequences()
-    live(sequences, 0, 9)
-    assert asked(sequences) == [1]
-    assert list(sequences.answered(A, by_number(5, 7, 8, 9), 0.1)) == [5, 7, 8, 9]
-    assert sequences.missed == {A.key: 5}
-
-
 def test_the_past_of_a_publisher_heard_late_comes_first_and_what_lies_before_is_not_missed() -> None:
     sequences: Sequences[int] = Sequences()
     assert live(sequences, 40) == []
     assert asked(sequences) == [0]
     assert list(sequences.answered(A, by_number(31, 32, 39, 40), 0.1)) == [31, 32, 39, 40]
     assert sequences.missed == {A.key: 6}, "between two that came"
-
-
-def test_history_and_live_messages_overlap() -> None:
-    sequences: Sequences[int] = Sequences()
-    assert list(sequences.history(A, by_number(7, 8, 9), 0.0)) == [7, 8, 9]
-    assert live(sequences, 8, 9, 10) == [10]
-    assert sequences.missed == {}
-
-
-def test_a_publisher_out_of_reach_is_asked_for_half_a_minute_and_then_the_loss_is_counted() -> None:
-    sequences: Sequences[int] = Sequences()
-    live(sequences, 0, 5, now_s=100.0)
-    found, took_s, tries = given_up(sequences, 100.0)
-    assert found == [5]
-    assert PATIENCE_S <= took_s <= PATIENCE_S + LONGEST_PAUSE_S
-    assert 8 <= tries <= 20
-    assert sequences.missed == {A.key: 4}
-    assert live(sequences, 6) == [6]
-    live(sequences, 8, now_s=500.0)
-    assert asked(sequences, 500.0) == [7]
-    assert sequences.answered(A, {}, 502.0) == [], "another gap has its own time"
-
-
-def test_a_number_told_as_the_last_shows_what_never_came() -> None:
-    sequences: Sequences[int] = Sequences()
-    live(sequences, 0)
-    sequences.heard(A, 0, 1.0)
-    assert asked(sequences, 1.0) == []
-    sequences.heard(A, 2, 1.0)
-    assert asked(sequences, 1.0) == [1]
-    assert list(sequences.answered(A, by_number(1, 2), 1.1)) == [1, 2]
-
-
-def test_a_false_last_number_harms_nothing() -> None:
-    sequences: Sequences[int] = Sequences()
-    live(sequences, 0)
-    sequences.heard(A, 1 << 63, 0.0)
-    assert given_up(sequences)[0] == []
-    assert (asked(sequences, 999.0), sequences.missed) == ([], {})
-    assert live(sequences, 1) == [1]
 
 
 def test_more_messages_than_may_be_held_are_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,27 +65,6 @@ def test_invented_publishers_take_no_room_from_one_that_goes_on(monkeypatch: pyt
         if n % 10 == 0:
             assert live(sequences, 1 + n // 10) == [1 + n // 10]
     assert len(list(sequences.due(1.0, 10_000))) < 100
-
-
-@pytest.mark.parametrize("gone", [True, False])
-def test_an_answer_after_all_is_well_changes_nothing(gone: bool) -> None:
-    sequences: Sequences[int] = Sequences()
-    live(sequences, 0, 2)
-    assert asked(sequences) == [1]
-    assert live(sequences, 1) == [1, 2]
-    assert list(sequences.answered(A, {} if gone else by_number(1, 2), 0.1)) == []
-    assert live(sequences, 3) == [3]
-    assert sequences.due(99.0) == []
-
-
-def test_so_many_gaps_are_asked_about_at_a_time() -> None:
-    sequences: Sequences[int] = Sequences()
-    for n in range(100):
-        sequences.heard(Source(f"t/{n}", b"b"), 5, 1.0)
-    first, second = sequences.due(2.0), sequences.due(2.0)
-    assert (len(first), len(second)) == (64, 36)
-    assert first[0] == Gap(Source("t/0", b"b"), 0)
-    assert not {gap.source for gap in first} & {gap.source for gap in second}
 
 
 class Network:

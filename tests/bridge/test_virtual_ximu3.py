@@ -1,21 +1,20 @@
-"""Our streams as virtual x-IMU3s: read by x-io's own connections, and by our own driver."""
+"""Virtual x-IMU3s: read by x-io's own connection, and by our own driver."""
 
 import contextlib
 import json
-import math
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import ximu3
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.drivers.driver import Event, Identity, Notice, Readings
-from bridge.drivers.ximu3 import Ximu3Decoder
+from bridge.drivers.driver import Event, Identity, Readings
+from bridge.drivers.stream import StreamDriver
+from bridge.drivers.ximu3 import KIND, Ximu3Options
 from bridge.framing.ximu3 import Inertial, Said, decode
 from bridge.virtual_ximu3.device import VirtualXimu3
 from bridge.virtual_ximu3.ports import ANNOUNCED_AT, REPLY_PORT, Address
@@ -119,20 +118,10 @@ def test_corrected_rates_go_with_the_accelerations_of_their_samples() -> None:
     assert np.all(np.array([m.accel_g for m in other_boot]) == 0)
 
 
-def test_what_an_estimator_repeats_is_left_out_and_a_device_begun_anew_is_not() -> None:
+def test_what_an_estimator_repeats_is_left_out() -> None:
     device = VirtualXimu3("w", "chest", corrected=True)
-    counts = [
-        len(numbers(device.took_corrected(corrected(batch))))
-        for batch in (
-            raw(0),
-            raw(10),
-            raw(0),
-            raw(15),
-            replace(raw(0), start_time_ns=10**18 + 60 * 10**9),
-            raw(0, boot=2),
-        )
-    ]
-    assert counts == [10, 10, 0, 5, 10, 10]
+    batches = raw(0), raw(10), raw(0), raw(15), raw(0, boot=2)
+    assert [len(numbers(device.took_corrected(corrected(batch)))) for batch in batches] == [10, 10, 0, 5, 10]
 
 
 def test_a_change_of_quality_is_told() -> None:
@@ -144,30 +133,20 @@ def test_a_change_of_quality_is_told() -> None:
     assert said == [["quality none"], [], ["quality bias only"]]
 
 
-def test_raw_rates_are_sent_as_they_are() -> None:
-    device = VirtualXimu3("w", "chest", corrected=False)
-    sent = numbers(device.took_raw(raw(0)))
-    assert np.allclose(np.radians([m.gyro_dps for m in sent]), raw(0).gyro, atol=1e-6)
-    assert device.took_corrected(corrected(raw(0))) == []
-
-
-@pytest.mark.parametrize("line", [b"", b"{", b"[]", b"{}", b'{"a":1,"b":2}', b'{"\xff":1}', b'{"a":' * 500])
-def test_what_is_no_command_is_not_answered(line: bytes) -> None:
-    assert VirtualXimu3("w", "chest", corrected=True).answer(line, "UDP") == b""
-
-
-def test_settings_are_read_only() -> None:
+def test_settings_are_read_only_and_noise_is_not_answered() -> None:
     device = VirtualXimu3("w", "chest", corrected=True)
     device.took_info(info())
 
     def asked(command: object) -> object:
-        return json.loads(device.answer(json.dumps(command).encode(), "TCP"))
+        return json.loads(device.answer(json.dumps(command).encode()))
 
     assert asked({"Serial Number": None}) == {"Serial Number": device.serial}
     assert asked({"inertial_message_rate_divisor": None}) == {"inertial_message_rate_divisor": 4}
     assert asked({"device_name": "x"}) == {"device_name": {"error": "Read-only"}}
     assert asked({"erase": None}) == {"erase": {"error": "Unknown command"}}
     assert VirtualXimu3("w", "wrist", corrected=True).serial != device.serial
+    for noise in (b"", b"{", b"[]", b"{}", b'{"a":1,"b":2}', b'{"\xff":1}', b'{"a":' * 500):
+        assert device.answer(noise) == b""
 
 
 class Ward:
@@ -214,40 +193,25 @@ def ward() -> Iterator[Callable[[Wanted], Ward]]:
         yield opened
 
 
-def free_ports(kind: socket.SocketKind, n: int = 1) -> int:
-    """The first of n free ports in a row, of UDP the ones for commands too."""
+def free_address(n: int = 1) -> Address:
+    """The first of n free ports in a row that have free ports for commands."""
     rng = np.random.default_rng()
     while True:
         first = int(rng.integers(20_000, 50_000))
         with contextlib.ExitStack() as stack:
             try:
                 for port in (first + i + more for i in range(n) for more in (0, REPLY_PORT)):
-                    stack.enter_context(socket.socket(socket.AF_INET, kind)).bind(("127.0.0.1", port))
+                    stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(("127.0.0.1", port))
             except OSError:
                 continue
-            return first
-
-
-def udp(n: int = 1) -> Address:
-    return Address("127.0.0.1", free_ports(socket.SOCK_DGRAM, n))
-
-
-def tcp(n: int = 1) -> Address:
-    return Address("127.0.0.1", free_ports(socket.SOCK_STREAM, n))
+            return Address("127.0.0.1", first)
 
 
 @contextlib.contextmanager
 def opened(config: ximu3.ConnectionConfig) -> Iterator[tuple[ximu3.Connection, xio.Heard]]:
     connection = ximu3.Connection(config)
     heard = xio.listen(connection)
-    end = time.monotonic() + 5
-    while True:
-        try:
-            connection.open()
-            break
-        except RuntimeError:
-            assert time.monotonic() < end, "it cannot be connected to"
-            time.sleep(0.02)
+    connection.open()
     try:
         yield connection, heard
     finally:
@@ -261,21 +225,13 @@ def expected(first: int, n: int) -> list[xio.Row]:
     return [(int(t), tuple(map(float, row))) for t, row in zip(batch.ticks, columns, strict=True)]
 
 
-def config_of(kind: str, at: Address) -> ximu3.ConnectionConfig:
-    if kind == "tcp":
-        return ximu3.TcpConnectionConfig(at.host, at.port)
-    return ximu3.UdpConnectionConfig(at.host, at.port + REPLY_PORT, at.port)
-
-
-@pytest.mark.parametrize("kind", ["udp", "tcp"])
-def test_x_io_s_connections_receive_every_sample_and_get_answers(kind: str, ward: Callable[[Wanted], Ward]) -> None:
-    at = udp() if kind == "udp" else tcp()
-    wanted = Wanted("w", devices=("chest",), **{kind: at})  # type: ignore[arg-type] # an address
-    running = ward(wanted)
-    with opened(config_of(kind, at)) as (connection, heard):
+def test_x_io_s_connection_receives_every_sample_and_gets_answers(ward: Callable[[Wanted], Ward]) -> None:
+    at = free_address()
+    running = ward(Wanted("w", at, devices=("chest",)))
+    with opened(ximu3.UdpConnectionConfig(at.host, at.port + REPLY_PORT, at.port)) as (connection, heard):
         response = connection.ping()
         assert response is not None
-        assert (response.device_name, response.interface) == ("chest", kind.upper())
+        assert (response.device_name, response.interface) == ("chest", "UDP")
         running.introduce()
         for first in range(0, 500, N):
             running.publish(raw(first))
@@ -291,105 +247,55 @@ def test_x_io_s_connections_receive_every_sample_and_get_answers(kind: str, ward
         assert json.loads(answer.value) == "model 2.1"
 
 
-def test_a_device_has_ports_of_its_own_and_is_announced(ward: Callable[[Wanted], Ward]) -> None:
+def test_a_device_has_a_port_of_its_own_and_is_announced(ward: Callable[[Wanted], Ward]) -> None:
     try:
         announced = ximu3.NetworkAnnouncement()
     except RuntimeError:
         pytest.skip(f"another program listens for announcements, UDP {ANNOUNCED_AT}")
-    udp_at, tcp_at = udp(2), tcp(2)
-    running = ward(Wanted("w", udp=udp_at, tcp=tcp_at, announce=Address("127.0.0.1", ANNOUNCED_AT)))
+    at = free_address(2)
+    running = ward(Wanted("w", at, announce=Address("127.0.0.1", ANNOUNCED_AT)))
     running.introduce("chest")
     running.publish(raw(0))
     running.publish(raw(0, device="wrist"))
     names = {"chest", "wrist"}
     xio.until(lambda: {m.device_name for m in announced.get_messages()} >= names)
-    ours = sorted((m for m in announced.get_messages() if m.device_name in names), key=lambda m: m.tcp_port)
-    assert {(m.tcp_port, m.udp_send, m.udp_receive) for m in ours} == {
-        (tcp_at.port + i, udp_at.port + i, udp_at.port + i + REPLY_PORT) for i in range(2)
-    }
+    ours = sorted((m for m in announced.get_messages() if m.device_name in names), key=lambda m: m.udp_send)
+    assert [(m.udp_send, m.udp_receive) for m in ours] == [(at.port + i, at.port + i + REPLY_PORT) for i in range(2)]
     for message in ours:
-        for config in (message.to_udp_connection_config(), message.to_tcp_connection_config()):
-            assert config is not None
-            with opened(config) as (connection, _):
-                response = connection.ping()
-                assert response is not None
-                assert (response.device_name, response.serial_number) == (message.device_name, message.serial_number)
+        config = message.to_udp_connection_config()
+        assert config is not None
+        with opened(config) as (connection, _):
+            response = connection.ping()
+            assert response is not None
+            assert (response.device_name, response.serial_number) == (message.device_name, message.serial_number)
 
 
-def test_our_own_driver_reads_it_and_says_that_it_is_corrected(ward: Callable[[Wanted], Ward]) -> None:
-    at = tcp()
-    running = ward(Wanted("w", devices=("chest",), tcp=at))
-    decoder = Ximu3Decoder()
+def test_our_own_driver_reads_it(ward: Callable[[Wanted], Ward]) -> None:
+    at = free_address()
+    driver = KIND.make(Ximu3Options(port=f"udp://127.0.0.1:{at.port}"))
+    assert isinstance(driver, StreamDriver)
+    driver.open()
+    running = ward(Wanted("w", at, devices=("chest",)))
+    running.introduce()
     events: list[Event] = []
-    xio.until(lambda: can_connect(at))
-    with socket.create_connection(at) as connection:
-        greet(connection)
-        connection.settimeout(0.05)
-        decoder.opened()
-        running.introduce()
-        for first in range(0, 300, N):
-            running.publish(raw(first))
-        end = time.monotonic() + 10
-        while sum(len(event.ticks) for event in events if isinstance(event, Readings)) < 300:
-            assert time.monotonic() < end
-            if command := decoder.to_send():
-                connection.sendall(command)
-            data = b""
-            with contextlib.suppress(TimeoutError):
-                data = connection.recv(4096)
-            events += decoder.feed(data, time.time_ns())
-        while not any(isinstance(event, Notice) and event.name == "on-device correction" for event in events):
-            assert time.monotonic() < end
-            if command := decoder.to_send():
-                connection.sendall(command)
-            with contextlib.suppress(TimeoutError):
-                events += decoder.feed(connection.recv(4096), time.time_ns())
-    readings = [event for event in events if isinstance(event, Readings)]
-    assert np.allclose(np.concatenate([r.gyro for r in readings]), raw(0, n=300).gyro - BIAS, atol=1e-6)
+    end = time.monotonic() + 10
+    first = 0
+    while sum(len(event.ticks) for event in events if isinstance(event, Readings)) < 300:
+        assert time.monotonic() < end
+        running.publish(raw(first))
+        first += N
+        events += driver.read(0.05)
+    driver.close()
+    gyro = np.concatenate([event.gyro for event in events if isinstance(event, Readings)])
+    assert np.allclose(gyro, raw(0, n=len(gyro)).gyro - BIAS, atol=1e-6)
     assert {event.model.split()[0] for event in events if isinstance(event, Identity)} == {"chest"}
-    assert decoder.faults.as_dict() == {}
-
-
-def greet(connection: socket.socket) -> None:
-    """Wait until it has been taken: samples go to those who are there."""
-    connection.sendall(b'{"ping":null}\n')
-    assert b"chest" in connection.recv(1000)
-
-
-def can_connect(at: Address) -> bool:
-    with contextlib.suppress(OSError), socket.create_connection(at, timeout=1):
-        return True
-    return False
-
-
-def test_a_client_that_does_not_read_is_sent_away_and_the_others_go_on(ward: Callable[[Wanted], Ward]) -> None:
-    at = tcp()
-    running = ward(Wanted("w", devices=("chest",), corrected=False, tcp=at))
-    xio.until(lambda: can_connect(at))
-    with socket.socket() as frozen, opened(config_of("tcp", at)) as (other, heard):
-        frozen.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        frozen.connect(at)
-        greet(frozen)
-        assert other.ping() is not None
-        sent = 0
-        while sent < 150_000:
-            running.publish(raw(sent, n=1000))
-            sent += 1000
-            if sent % 10_000 == 0:
-                xio.until(lambda so_far=sent: len(heard.inertial) == so_far)  # type: ignore[misc] # a number
-        frozen.settimeout(10)
-        received = 0
-        with contextlib.suppress(ConnectionError):
-            while data := frozen.recv(1 << 16):
-                received += len(data)
-        assert received < 150_000 * 35
+    assert driver.faults.as_dict() == {}
 
 
 def test_one_bridge_a_device_and_no_strangers() -> None:
     broker = MemoryBroker()
-    at = tcp(2)
     with MemoryBus(broker) as bus, MemoryBus(broker) as other:
-        shown = Show(bus, Wanted("w", corrected=False, tcp=at))
+        shown = Show(bus, Wanted("w", free_address(2), corrected=False))
         try:
             put_raw(other, raw(0), "b1")
             put_raw(other, raw(0), "b2")
@@ -401,56 +307,30 @@ def test_one_bridge_a_device_and_no_strangers() -> None:
             shown.close()
 
 
-def test_rates_that_do_not_come_are_told_of_once(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr("bridge.virtual_ximu3.show._PATIENCE_S", 0.0)
-    with MemoryBus(MemoryBroker()) as bus:
-        shown = Show(bus, Wanted("w", devices=("nobody",), tcp=tcp()))
-        try:
-            for _ in range(3):
-                shown.turn()
-            assert caplog.text.count("no corrected rates of nobody in ward w yet") == 1
-        finally:
-            shown.close()
-
-
 def put_raw(bus: MemoryBus, batch: SampleBatch, bridge: str) -> None:
     bus.publisher(keys.build("w", "raw", bridge=bridge, device=batch.device)).put(codec.encode_samples(batch))
 
 
+def test_rates_that_do_not_come_are_told_of_once_and_a_stop_ends_it(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("bridge.virtual_ximu3.show._PATIENCE_S", 0.0)
+    stop = threading.Event()
+    threading.Timer(0.2, stop.set).start()
+    with MemoryBus(MemoryBroker()) as bus:
+        show(bus, Wanted("w", free_address(), devices=("nobody",)), stop)
+    assert caplog.text.count("no corrected rates of nobody in ward w yet") == 1
+
+
 def test_a_port_in_use_is_said() -> None:
-    at = tcp()
-    with socket.socket() as taken, MemoryBus(MemoryBroker()) as bus:
-        taken.bind(at)
-        taken.listen()
-        with pytest.raises(OSError, match=rf"127.0.0.1:{at.port} is not to be had: in use by another program"):
-            Show(bus, Wanted("w", devices=("chest",), tcp=at))
+    at = free_address()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken, MemoryBus(MemoryBroker()) as bus:
+        taken.bind((at.host, at.port + REPLY_PORT))
+        with pytest.raises(OSError, match=f"port 127.0.0.1:{at.port + REPLY_PORT}: in use by another program"):
+            Show(bus, Wanted("w", at, devices=("chest",)))
 
 
-@pytest.mark.parametrize("wrong", ["8000x", "127.0.0.1", "127.0.0.1:0", ":70000", "65535"])
+@pytest.mark.parametrize("wrong", ["8000x", "127.0.0.1:0", ":70000", "65535"])
 def test_wrong_addresses_are_refused_in_words(wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bridge", "ximu3", "--udp", wrong]) == 2
     assert "127.0.0.1:8000" in capsys.readouterr().err
-
-
-def test_it_ends_when_it_is_stopped_or_its_bus_is_closed() -> None:
-    for ends_by_bus in (False, True):
-        stop, bus = threading.Event(), MemoryBus(MemoryBroker())
-        at = tcp()
-        thread = threading.Thread(target=show, args=(bus, Wanted("w", devices=("chest",), tcp=at), stop))
-        thread.start()
-        xio.until(lambda at=at: can_connect(at))  # type: ignore[misc] # an address
-        if ends_by_bus:
-            bus.close()
-        else:
-            stop.set()
-        thread.join(5)
-        assert not thread.is_alive()
-        assert not can_connect(at)
-        bus.close()
-
-
-def test_an_unknown_battery_is_not_sent() -> None:
-    device = VirtualXimu3("w", "chest", corrected=True)
-    assert device.took_info(replace(info(), battery_percent=math.nan)) == []

@@ -1,29 +1,24 @@
 """The x-IMU3 driver: bytes in any chunking, what it asks and sets, reboots, losses, rates."""
 
-import itertools
 import json
 from math import radians
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
 from bridge.drivers.ximu3 import Ximu3Decoder, Ximu3Options
 from bridge.framing import ximu3_encode
 from bridge.framing.ximu3 import plain
-from bridge.sim.script import demo_script
-from bridge.sim.source import SimulatedSource
-from bridge.sim.ximu3 import ximu3_bytes
 from bridge.wire.messages import BootCause
+from tests.bridge.wire import Wire
 
 MS = 1_000_000
 CORRECTION, DIVISOR = "gyroscope_offset_correction_enabled", "inertial_message_rate_divisor"
 
 
 class Device:
-    """Settings and a stream, as the manual has them. Times in ms; deaf: commands are lost; mute: answers are."""
+    """Settings and a stream, as the manual has them. deaf: commands are lost; mute: answers are."""
 
     def __init__(self, *, refuses: bool = False, divisor: int = 8) -> None:
         self.settings: dict[str, object] = {
@@ -68,9 +63,9 @@ class Device:
             self._pending[name] = value
         return self._pending.get(name, self.settings[name])
 
-    def pass_ms(self, n: int) -> bytes:
+    def advance(self, seconds: float) -> bytes:
         said, self._said = self._said, b""
-        self._now_us += 1000 * n
+        self._now_us += round(1e6 * seconds)
         period_us = 2500 * int(str(self.settings[DIVISOR]))
         times = []
         while self._sampled_us + period_us <= self._now_us:
@@ -78,34 +73,6 @@ class Device:
             times.append(self._sampled_us)
         ones = np.ones((len(times), 3))
         return said + b"".join(ximu3_encode.inertial(np.array(times, np.int64), ones, ones))
-
-
-class Run:
-    """A decoder and a device, 20 ms at a time."""
-
-    def __init__(self, device: Device, decoder: Ximu3Decoder | None = None) -> None:
-        self.device = device
-        self.decoder = decoder or Ximu3Decoder()
-        self.decoder.opened()
-        self.events: list[Event] = []
-        self.now_ns = 10**18
-
-    def pass_s(self, seconds: float) -> list[Event]:
-        new = []
-        for _ in range(round(seconds / 0.02)):
-            self.now_ns += 20 * MS
-            self.device.receive(self.decoder.to_send())
-            new += self.decoder.feed(self.device.pass_ms(20), self.now_ns)
-        self.events += new
-        return new
-
-    @property
-    def identities(self) -> list[Identity]:
-        return [event for event in self.events if isinstance(event, Identity)]
-
-    @property
-    def notices(self) -> dict[str, str]:
-        return {event.name: event.text for event in self.events if isinstance(event, Notice) and event.text}
 
 
 def sequences(events: list[Event]) -> list[int]:
@@ -119,18 +86,18 @@ def inertial(times_us: list[int]) -> list[bytes]:
 
 
 def test_a_device_is_named_by_its_serial_number_and_its_own_correction_turned_off() -> None:
-    run = Run(Device())
-    run.pass_s(2.0)
+    run = Wire(Device(), Ximu3Decoder())
+    run.run(2.0)
     (identity,) = run.identities
     assert (identity.model, identity.firmware) == ("x-IMU3 0123-4567-89AB-CDEF", "v1.2.3 (hardware v3)")
     assert identity.rate_hz == 50.0
     assert identity.gyro_range == pytest.approx(radians(2000))
     assert run.device.settings[CORRECTION] is False
-    assert run.notices == {}
+    assert run.notices == []
     assert run.decoder.faults.as_dict() == {}
     assert not any(b"save" in command for command in run.device.heard)
     heard = len(run.device.heard)
-    run.pass_s(5.0)
+    run.run(5.0)
     assert len(run.device.heard) == heard  # it is left alone once all is answered
 
 
@@ -164,133 +131,56 @@ def test_battery_and_messages_are_passed_on() -> None:
     assert notices[-2:] == [Notice("notification", "note 2 | note 3 | note 4"), Notice("error", "Battery empty.")]
 
 
-STREAM = b"".join(
-    [
-        *inertial([3_000_000 + 20_000 * i for i in range(60)]),
-        b'{"ping":{"name":"a","sn":"b"}}\n{"firmware_version":"1"}\n{"hardware_version":"2"}\n',
-        b'{"gyroscope_offset_correction_enabled":false}\n{"inertial_message_rate_divisor":8}\n',
-        *inertial([4_200_000 + 20_000 * i for i in range(30)]),
-        b"garbage\nI,5,6\n\xc9\xdb\n",
-        ximu3_encode.temperature(1, 20.0) + ximu3_encode.battery(1, 7.0, charging=False) + b"N,1,x\n",
-        *inertial([4_900_000 + 20_000 * i for i in range(30)]),
-        b"Q,1,2,3,4,5\n",
-    ]
-)
-
-
-def outcome(chunks: list[bytes]) -> tuple[object, ...]:
-    decoder = Ximu3Decoder()
-    events = [event for chunk in chunks for event in decoder.feed(chunk, 10**18)]
-    readings = [event for event in events if isinstance(event, Readings)]
-    rest = [event for event in events if not isinstance(event, (Identity, Readings))]
-    told = [(event.model, event.firmware, event.rate_hz) for event in events if isinstance(event, Identity)]
-    gyro = np.concatenate([event.gyro for event in readings])
-    return sequences(events), gyro.tobytes(), rest, told, decoder.faults.as_dict()
-
-
-WHOLE = outcome([STREAM])
-
-
-@given(st.lists(st.integers(0, len(STREAM)), max_size=40))
-def test_any_chunking_gives_the_same(cuts: list[int]) -> None:
-    edges = [0, *sorted(cuts), len(STREAM)]
-    assert outcome([STREAM[a:b] for a, b in itertools.pairwise(edges)]) == WHOLE
-
-
-def test_the_same_byte_by_byte() -> None:
-    assert outcome([STREAM[i : i + 1] for i in range(len(STREAM))]) == WHOLE
-    numbers = WHOLE[0]
-    assert isinstance(numbers, list)
-    # The third run begins 0.7 s after the second: five samples are missing.
-    assert numbers == [*range(90), *range(95, 125)]
-    assert WHOLE[4] == {"message_unknown": 1, "message_length": 1, "message_escape": 1}
-
-
-@given(st.binary(max_size=200))
-def test_after_garbage_at_most_one_message_is_lost(garbage: bytes) -> None:
-    decoder = Ximu3Decoder()
-    before = b"".join(inertial([3_000_000 + 20_000 * i for i in range(40)]))
-    decoder.feed(before, 10**18)
-    lost, *following = inertial([3_800_000 + 20_000 * i for i in range(5)])
-    decoder.feed(garbage + lost + b"".join(following), 10**18)
-    numbers = sequences(decoder.feed(b"", 10**18 + 2_000 * MS))
-    assert set(range(41, 45)) <= set(numbers)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_every_lost_message_leaves_its_number(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    times_us = [5_000_000 + 10_000 * i + int(rng.integers(-500, 500)) for i in range(3000)]
-    messages = inertial(times_us)
-    kept = sorted({0, 2999, *np.flatnonzero(rng.random(3000) > 0.2).tolist()})
-    decoder = Ximu3Decoder()
-    events: list[Event] = []
-    for i in kept:
-        events += decoder.feed(messages[i], 10**18 + times_us[i] * 1000)
-    events += decoder.feed(b"", 10**18 + 40_000_000 * 1000)
-    assert sequences(events) == kept
-    assert decoder.faults.as_dict() == {}
-
-
 def test_a_device_that_boots_is_asked_anew() -> None:
-    run = Run(Device())
-    run.pass_s(3.0)
+    run = Wire(Device(), Ximu3Decoder())
+    run.run(3.0)
     assert run.device.settings[CORRECTION] is False
     run.device.reboot()
-    run.pass_s(3.0)
+    run.run(3.0)
     assert [identity.boot_cause for identity in run.identities] == [BootCause.PORT_OPENED, BootCause.POWER_UP]
     assert run.device.settings[CORRECTION] is False
 
 
 def test_a_device_that_refuses_is_said_to_disturb_until_it_no_longer_does() -> None:
-    run = Run(Device(refuses=True))
-    run.pass_s(3.0)
-    assert "turn" in run.notices["on-device correction"]
+    run = Wire(Device(refuses=True), Ximu3Decoder())
+    run.run(3.0)
+    assert "turn" in run.notices[-1]
     run.device.settings[CORRECTION] = False
     run.decoder.opened()
-    last = [event for event in run.pass_s(2.0) if isinstance(event, Notice)]
+    before = len(run.events)
+    last = [event for event in run.run(2.0).events[before:] if isinstance(event, Notice)]
     assert last == [Notice("on-device correction", "")]
 
 
 def test_settings_may_be_left_alone() -> None:
-    run = Run(Device(), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100, keep_settings=True)))
-    run.pass_s(3.0)
+    run = Wire(Device(), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100, keep_settings=True)))
+    run.run(3.0)
     assert all(b"null" in command for command in run.device.heard)
     assert run.device.settings[CORRECTION] is True
-    assert "on-device correction" in run.notices
-
-
-def test_a_rate_that_is_refused_stays_as_it_is() -> None:
-    run = Run(Device(refuses=True), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100)))
-    run.pass_s(5.0)
-    assert {identity.rate_hz for identity in run.identities} == {50.0}
-    assert sequences(run.events) == list(range(250))
-    heard = len(run.device.heard)
-    run.pass_s(3.0)
-    assert len(run.device.heard) == heard
+    assert "turn" in run.notices[-1]
 
 
 def test_an_opened_port_loses_nothing_that_waited() -> None:
-    run = Run(Device())
+    run = Wire(Device(), Ximu3Decoder())
     run.device.deaf = True
-    run.pass_s(0.4)
+    run.run(0.4)
     run.decoder.opened()
-    run.pass_s(3.0)
+    run.run(3.0)
     assert sequences(run.events) == list(range(170))
 
 
 def test_nothing_is_needed_of_a_device_that_only_sends() -> None:
     device = Device()
     device.deaf = True
-    run = Run(device)
-    run.pass_s(20.0)
+    run = Wire(device, Ximu3Decoder())
+    run.run(20.0)
     assert sequences(run.events) == list(range(1000))
-    assert "not known" in run.notices["on-device correction"]
+    assert "not known" in run.notices[-1]
     (identity,) = run.identities
     assert (identity.model, identity.rate_hz) == ("x-IMU3", 50.0)
     device.deaf = False
     device.reboot()  # now it is asked again, and it answers
-    run.pass_s(2.0)
+    run.run(2.0)
     assert run.identities[-1].model == "x-IMU3 0123-4567-89AB-CDEF"
     assert device.settings[CORRECTION] is False
 
@@ -299,18 +189,18 @@ def test_nothing_is_needed_of_a_device_that_only_sends() -> None:
 def test_what_is_lost_on_the_way_is_asked_again(lost: str) -> None:
     device = Device()
     device.deaf, device.mute = lost == "questions", lost == "answers"
-    run = Run(device)
-    run.pass_s(1.5)
+    run = Wire(device, Ximu3Decoder())
+    run.run(1.5)
     device.deaf = device.mute = False
-    run.pass_s(5.0)
+    run.run(5.0)
     assert device.settings[CORRECTION] is False
-    assert run.notices == {}
+    assert run.notices == []
     assert sequences(run.events) == list(range(325))
 
 
 def test_a_chosen_rate_is_set() -> None:
-    run = Run(Device(), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100)))
-    run.pass_s(3.0)
+    run = Wire(Device(), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100)))
+    run.run(3.0)
     assert run.device.settings[DIVISOR] == 4
     assert run.identities[-1].rate_hz == 100.0
     assert run.decoder.faults.as_dict() == {}
@@ -322,24 +212,3 @@ def test_a_rate_is_told_as_the_one_the_device_was_made_for() -> None:
         events = decoder.feed(b"".join(inertial([9_000_000 + period_us * i for i in range(40)])), 1)
         events += decoder.feed(b"", 2_000 * MS)
         assert [event.rate_hz for event in events if isinstance(event, Identity)] == [pytest.approx(rate_hz)]
-
-
-def test_options_out_of_range_are_refused() -> None:
-    for wrong in (0.5, 500.0):
-        with pytest.raises(ValueError, match=r"rate_hz is .*; 1 to 400 is taken"):
-            Ximu3Options(port="/dev/null", rate_hz=wrong)
-
-
-def test_a_simulated_body_is_read_back() -> None:
-    source = SimulatedSource(demo_script, rate_hz=100.0)
-    source.power_up(np.random.default_rng(0), 1.0)
-    decoder = Ximu3Decoder()
-    events: list[Event] = []
-    sent = []
-    for i in range(5):
-        samples = source.read()
-        sent.append(samples.gyro)
-        events += decoder.feed(ximu3_bytes(samples, 3_000_000), 10**18 + i * 1000 * MS)
-    got = np.concatenate([event.gyro for event in events if isinstance(event, Readings)])
-    assert np.allclose(got, np.concatenate(sent), atol=1e-4)
-    assert sequences(events) == list(range(500))

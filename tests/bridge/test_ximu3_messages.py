@@ -1,13 +1,10 @@
 """x-IMU3 messages: the manual's own examples, and x-io's reader as the witness for all others."""
 
 import math
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from bridge.framing import ximu3_encode
 from bridge.framing.lines import Lines
@@ -121,13 +118,6 @@ def test_what_is_damaged_is_said_to_be(line: str, label: str) -> None:
     assert bad.value.label == label
 
 
-def test_unprintable_and_endless_texts_are_made_fit_to_be_shown() -> None:
-    said = decode(b"N,1," + b"\x00\x1b\xff" + 500 * b"a")
-    assert isinstance(said, Said)
-    assert said.text.isprintable()
-    assert len(said.text) < 200
-
-
 def samples(n: int, rng: np.random.Generator) -> list[bytes]:
     """Messages full of bytes that have to be stuffed."""
     time_us = rng.choice(np.array([0x0A, 0xDB, 0x0ADB, 0x0A0A0ADBDB, 1 << 63, 12345], np.uint64), n)
@@ -164,7 +154,7 @@ def test_x_io_s_reader_reads_what_we_encode(tmp_path: Path) -> None:
     assert heard.texts == [(2570, "quality good")]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_we_and_x_io_make_the_same_of_damaged_bytes(seed: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(seed)
     stream = []
@@ -188,19 +178,3 @@ def test_we_and_x_io_make_the_same_of_damaged_bytes(seed: int, tmp_path: Path) -
     assert mine == finite
     assert 6_000 < len(mine) < 10_000
     assert heard.errors
-
-
-NUMBER = st.sampled_from(
-    ["0", "-1.5", "+2.", ".25", "1e2", "12.3456", "nan", "inf", "", "x", "0x1", "1_0", "--1", " 3"]
-)
-
-
-@given(st.lists(st.tuples(st.sampled_from(["1", "-1", "1.5", "", "+7", "99999999999999999999"]), *([NUMBER] * 6))))
-def test_what_we_take_of_text_x_io_takes_too(rows: list[tuple[str, ...]]) -> None:
-    data = b"".join(b"I," + ",".join(row).encode() + b"\r\n" for row in rows)
-    mine = ours(data)
-    with tempfile.TemporaryDirectory() as folder:
-        theirs = xio.read(data, Path(folder)).inertial
-    rest = iter(theirs)
-    for time_us, numbers in mine:
-        assert any(row[0] == time_us and np.allclose(row[1], numbers, rtol=1e-6) for row in rest)

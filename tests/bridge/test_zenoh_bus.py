@@ -6,13 +6,12 @@ import socket
 import subprocess
 import sys
 import textwrap
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
-from bridge.bus.contract import BusError, Publisher, Subscription
+from bridge.bus.contract import BusError
 from bridge.bus.router import Router
 from bridge.bus.zenoh_bus import ZenohBus
 
@@ -86,13 +85,6 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def eventually(true: Callable[[], bool], timeout_s: float = 10.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline, "it never came true"
-        time.sleep(0.002)
-
-
 def test_a_killed_router_costs_nothing(processes: Processes) -> None:
     endpoint = free_endpoint()
     router = processes.start(ROUTER, endpoint)
@@ -110,7 +102,7 @@ def test_a_killed_router_costs_nothing(processes: Processes) -> None:
                 processes.start(ROUTER, endpoint)
             got += [int(m.payload) for m in subscription.drain(1000, 0)]
             time.sleep(max(0.0, began + n * 0.005 - time.monotonic()))
-        while message := subscription.receive(2.0):
+        while len(got) < 800 and (message := subscription.receive(20.0)):
             got.append(int(message.payload))
         assert got == list(range(800))
         assert subscription.missed == 0
@@ -118,10 +110,9 @@ def test_a_killed_router_costs_nothing(processes: Processes) -> None:
         assert b.connected
 
 
-@pytest.mark.parametrize("shed", [(), ("t/**",)])
-def test_a_frozen_reader_does_not_silence_the_others(processes: Processes, shed: tuple[str, ...]) -> None:
+def test_a_frozen_reader_does_not_silence_the_others(processes: Processes) -> None:
     endpoint = free_endpoint()
-    processes.start(ROUTER, endpoint, *shed)
+    processes.start(ROUTER, endpoint, "t/**")
     frozen = processes.start(READER, endpoint)
     with ZenohBus([endpoint]) as a, ZenohBus([endpoint]) as b:
         publisher, subscription = a.publisher("t/raw", cache=5000), b.subscribe("t/raw", history=True)
@@ -129,7 +120,7 @@ def test_a_frozen_reader_does_not_silence_the_others(processes: Processes, shed:
         payload = bytes(4096)
         got, longest_put, longest_gap, last = 0, 0.0, 0.0, time.monotonic()
         began = last
-        for n in range(6000):  # 8 MB/s, more than the buffers between here and the frozen reader hold
+        for n in range(4000):  # 8 MB/s, more than the buffers between here and the frozen reader hold
             if n == 500:
                 frozen.send_signal(signal.SIGSTOP)
             before = time.monotonic()
@@ -139,10 +130,9 @@ def test_a_frozen_reader_does_not_silence_the_others(processes: Processes, shed:
                 longest_gap, last = max(longest_gap, time.monotonic() - last), time.monotonic()
                 got += new
             time.sleep(max(0.0, began + n * 0.0005 - time.monotonic()))
-        while got < 6000 and (new := len(subscription.drain(1000, 2.0))):
+        while got < 4000 and (new := len(subscription.drain(1000, 2.0))):
             got += new
-        print(f"shed {shed}: longest put {longest_put:.3f} s, longest silence {longest_gap:.3f} s")  # noqa: T201
-        assert (got, subscription.missed) == (6000, 0)
+        assert (got, subscription.missed) == (4000, 0)
         assert longest_put < 1.0
         assert longest_gap < 1.0
 
@@ -163,18 +153,6 @@ def test_a_second_endpoint_is_used_when_the_first_is_dead_or_dies(processes: Pro
                 arrived = subscription.receive(0.05) is not None
 
 
-def test_a_long_outage_is_recovered_from() -> None:
-    endpoint = free_endpoint()
-    with contextlib.ExitStack() as stack:
-        first = stack.enter_context(Router([endpoint]))
-        bus = stack.enter_context(ZenohBus([endpoint], open_timeout_s=0.5))
-        first.close()
-        eventually(lambda: not bus.connected)
-        time.sleep(4.0)
-        stack.enter_context(Router([endpoint]))
-        eventually(lambda: bus.connected, 1.5)
-
-
 def test_a_failing_program_ends(processes: Processes) -> None:
     endpoint = free_endpoint()
     with Router([endpoint]):
@@ -182,59 +160,6 @@ def test_a_failing_program_ends(processes: Processes) -> None:
         _, said = process.communicate(timeout=10.0)
         assert process.returncode == 1
         assert "on purpose" in said
-
-
-def test_uncached_messages_of_several_publishers_pass_a_subscription_with_history() -> None:
-    endpoint = free_endpoint()
-    with Router([endpoint]), ZenohBus([endpoint]) as a, ZenohBus([endpoint]) as b, ZenohBus([endpoint]) as c:
-        subscription = c.subscribe("t/*", history=True)
-        time.sleep(0.1)
-
-        def run(publisher: Publisher) -> None:
-            for _ in range(5000):
-                publisher.put(b"")
-
-        threads = [threading.Thread(target=run, args=(bus.publisher(f"t/{n}"),)) for n, bus in enumerate((a, b, a, b))]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        got = 0
-        while new := len(subscription.drain(10_000, 0.5)):
-            got += new
-        assert got == 20_000
-
-
-def test_all_of_many_publishers_comes() -> None:
-    endpoint = free_endpoint()
-    with Router([endpoint]), ZenohBus([endpoint]) as a, ZenohBus([endpoint]) as b:
-        subscription = b.subscribe("t/*", history=True)
-        publishers = [a.publisher(f"t/{n}", cache=20) for n in range(1000)]
-        for publisher in publishers:
-            publisher.put(b"")
-        assert eventually_counts(subscription, 1000)
-        for _ in range(20):
-            for publisher in publishers:
-                publisher.put(b"")
-        assert eventually_counts(subscription, 20_000)
-
-
-def test_closing_leaves_no_thread_behind() -> None:
-    endpoint = free_endpoint()
-    with Router([endpoint]), ZenohBus([endpoint]) as a:
-        for n in range(3):
-            a.subscribe(f"t/{n}", history=True)
-        a.subscribe("t/one", history=True).close()
-        a.subscribe("t/plain")
-        a.close()
-        assert a._threads == set()
-
-
-def eventually_counts(subscription: Subscription, count: int) -> bool:
-    got = 0
-    while got < count and (new := len(subscription.drain(10_000, 2.0))):
-        got += new
-    return got == count
 
 
 def test_no_router_and_a_busy_port_are_said_plainly() -> None:
@@ -250,19 +175,6 @@ def test_no_router_and_a_busy_port_are_said_plainly() -> None:
             ZenohBus(bad, open_timeout_s=0.0)
         with pytest.raises(BusError):
             Router(bad)
-
-
-def test_an_address_that_cannot_be_had_is_told_from_one_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(BusError, match="this machine has no such address") as refused:
-        Router(["tcp/203.0.113.7:7447"])  # of a network for documentation: nobody's
-    assert "another router" not in str(refused.value)
-
-    def fail(settings: object, complaint: str) -> None:
-        raise BusError(f"{complaint} (who knows why)")
-
-    monkeypatch.setattr("bridge.bus.router.open_session", fail)
-    with pytest.raises(BusError, match=r"who knows why.*one of this machine's own, and no other router"):
-        Router(["tcp/127.0.0.1:7447"])
 
 
 def test_idle_connections_lock_nobody_out() -> None:

@@ -33,7 +33,7 @@ class WitDevice:
         self.bluetooth, self.deaf = bluetooth, deaf
         self.saved = {0x02: 0x1E, 0x03: 6, 0x04: 2, 0x2E: 4711, 0x61: 0, 0x63: 0 if old else 1000}
         self.commands: list[bytes] = []
-        self.count = 0
+        self.count, self._owed = 0, 0.0
         self.power_up()
 
     def power_up(self) -> None:
@@ -87,4 +87,9 @@ class WitDevice:
 
     def advance(self, seconds: float) -> bytes:
         """What it sends meanwhile."""
-        return b"".join(self.cycle() for _ in range(round(seconds * self.rate_hz)))
+        self._owed += seconds
+        out = b""
+        while self._owed >= 1 / self.rate_hz:
+            self._owed -= 1 / self.rate_hz
+            out += self.cycle()
+        return out

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.sim.day import simulate_day
 from estimator.offline import _batches
 from estimator.remembered import Remembered
 from estimator.session import DeviceSession
 from estimator.track.bias_filter import BiasKnobs, start
 from tests.bench.warming import recording
 from tests.estimator.test_correction import CALIBRATION
+from tests.sim.day import simulate_day
 
 _EVERY_S = 100.0
 

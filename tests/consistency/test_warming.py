@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bridge.sim.day import simulate_day
 from tests.bench.warming import judged, recording
+from tests.sim.day import simulate_day
 
 
 @pytest.mark.parametrize("accel", [True, False])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.sim.day import simulate_day
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
 from estimator.service.device import Device
@@ -21,6 +20,7 @@ from estimator.track.temperature import TemperatureLaw
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, feed, info
 from tests.estimator.track.test_temperature import LAW, boot, learnt
+from tests.sim.day import simulate_day
 
 HOUR_NS = 3_600_000_000_000
 

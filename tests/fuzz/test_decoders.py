@@ -1,4 +1,4 @@
-"""Forty thousand executions of every decoder; `make fuzz` makes ten million each."""
+"""Ten thousand executions of every decoder; `make fuzz` makes ten million each."""
 
 import gc
 import tracemalloc
@@ -9,7 +9,7 @@ import pytest
 from tests.fuzz.executions import Target, inputs, names
 from tests.fuzz.seeds import SEEDS
 
-EXECUTIONS = 40_000
+EXECUTIONS = 10_000
 _GROWTH = 300_000  # bytes: a decoder's own bounded buffers, and the interpreter's
 
 

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from bridge.sim.imperfection import DEMO_SPEC
 from bridge.sim.script import demo_script
 from bridge.sim.session import Session
-from bridge.sim.source import RecordedSource, SimulatedSource
+from bridge.sim.source import SimulatedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice
 from bridge.wire.messages import CorrectedBatch, Quality
 from estimator.demo.audience import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
+from tests.sim.recorded_source import RecordedSource
 
 _SIMULATED = """
 [[bridge.devices]]

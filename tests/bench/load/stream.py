@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.sim.day import Day, simulate_day
 from bridge.wire import columns_pb2 as columns
 from bridge.wire import keys
 from bridge.wire.messages import VERSION
+from tests.sim.day import Day, simulate_day
 
 WARD, BRIDGE = "load", "bench"
 #: seeds of one who sits, two who lie, one who walks and one who sleeps, much as a day goes

@@ -57,20 +57,6 @@ def test_a_late_joiner_gets_history_then_live(a: Bus, b: Bus, *, prompt: bool) -
     assert subscription.missed == 0
 
 
-def test_a_bus_with_more_history_of_its_own_than_a_channel_holds_does_not_hang(a: Bus) -> None:
-    publisher = a.publisher("t/own", cache=70_000)
-    for n in range(70_000):
-        publisher.put(b"%d" % n)
-    subscription = a.subscribe("t/own", history=True, capacity=100_000)
-    assert numbers(collect(subscription, 70_000)) == list(range(70_000))
-
-
-def test_without_history_nothing_old_comes(a: Bus, b: Bus) -> None:
-    a.publisher("t/old", cache=10).put(b"1")
-    time.sleep(0.1)
-    assert b.subscribe("t/old").receive(0.2) is None
-
-
 def test_a_past_that_a_queue_has_no_room_for_comes_whole(a: Bus, b: Bus) -> None:
     publishers = [a.publisher(f"t/past/{n}", cache=50) for n in range(2)]
     for number in range(50):
@@ -103,15 +89,3 @@ def test_of_the_past_as_much_comes_as_is_asked_for_and_all_that_follows(a: Bus, 
     came += collect(subscription, 2)
     assert [numbers([m for m in came if m.key.endswith(str(n))]) for n in range(2)] == [list(range(43, 51))] * 2
     assert subscription.missed == 0
-
-
-def test_of_who_was_out_of_reach_more_comes_than_was_asked_for_of_the_past(world: World) -> None:
-    with world.bus() as a, world.bus() as b:
-        subscription = b.subscribe("t/some/*", history=True, most_past=7)
-        eventually(lambda: subscription.caught_up)
-        world.stop()
-        publisher = a.publisher("t/some/0", cache=50)
-        for number in range(20):
-            publisher.put(str(number).encode())
-        world.start()
-        assert numbers(collect(subscription, 20)) == list(range(20))

@@ -3,7 +3,7 @@
 import pytest
 
 from bridge.bus.contract import Bus, BusError
-from tests.bridge.bus.worlds import World, collect, eventually, meet, numbers
+from tests.bridge.bus.worlds import collect, eventually, meet, numbers
 
 
 def test_several_patterns_come_in_one_queue_each_message_once(a: Bus, b: Bus) -> None:
@@ -25,17 +25,6 @@ def test_several_patterns_come_in_one_queue_each_message_once(a: Bus, b: Bus) ->
     assert subscription.closed
 
 
-def test_a_past_of_several_patterns_that_a_queue_has_no_room_for_comes_whole(a: Bus, b: Bus) -> None:
-    publishers = [a.publisher(f"t/past/{n}", cache=50) for n in range(2)]
-    for number in range(50):
-        for publisher in publishers:
-            publisher.put(b"%d" % number)
-    subscription = b.subscribe(["t/past/0", "t/past/1"], history=True, capacity=100)
-    came = collect(subscription, 100)
-    assert [numbers([m for m in came if m.key.endswith(str(n))]) for n in range(2)] == [list(range(50))] * 2
-    assert subscription.missed == 0
-
-
 @pytest.mark.parametrize("history", [False, True])
 def test_a_flood_of_one_pattern_leaves_the_others_their_turn(a: Bus, b: Bus, history: bool) -> None:
     flood, quiet = a.publisher("t/flood", cache=5000 * history), a.publisher("t/quiet", cache=5 * history)
@@ -46,20 +35,6 @@ def test_a_flood_of_one_pattern_leaves_the_others_their_turn(a: Bus, b: Bus, his
         flood.put(b"%d" % number)
     quiet.put(b"7")
     eventually(lambda: any(m == ("t/quiet", b"7") for m in subscription.drain(4000, 0.1)))
-
-
-def test_an_outage_loses_nothing_of_any_pattern(world: World, a: Bus, b: Bus) -> None:
-    publishers = [a.publisher(f"t/{n}", cache=100) for n in range(3)]
-    subscription = b.subscribe([f"t/{n}" for n in range(3)], history=True)
-    world.stop()
-    eventually(lambda: not (a.connected or b.connected))
-    for number in range(5):
-        for publisher in publishers:
-            publisher.put(b"%d" % number)
-    world.start()
-    came = collect(subscription, 15)
-    assert [numbers([m for m in came if m.key == f"t/{n}"]) for n in range(3)] == [list(range(5))] * 3
-    assert subscription.missed == 0
 
 
 def test_no_pattern_is_refused(a: Bus) -> None:

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.wire import codec, truerate_pb2
@@ -46,18 +46,21 @@ from tests.bridge.codec.drawn import (
 from tests.bridge.codec.examples import FIXED, SEEN, assert_same, refused
 
 
+@settings(max_examples=20)
 @given(st.data())
 def test_samples_round_trip(data: st.DataObject) -> None:
     batch = samples(data)
     assert_same(codec.decode_samples(RAW, codec.encode_samples(batch)), batch)
 
 
+@settings(max_examples=20)
 @given(st.data())
 def test_corrected_round_trip(data: st.DataObject) -> None:
     batch = corrected(data)
     assert_same(codec.decode_corrected(CORRECTED, codec.encode_corrected(batch)), batch)
 
 
+@settings(max_examples=20)
 @given(st.data())
 def test_the_rates_alone_are_those_of_the_batch(data: st.DataObject) -> None:
     batch = corrected(data)
@@ -82,42 +85,50 @@ def test_rates_that_are_none_are_refused(rate: np.ndarray, reason: Reason) -> No
     assert refused(bad, RAW, codec.decode_rates) is Reason.BAD_KEY
 
 
+@settings(max_examples=20)
 @given(INFOS)
 def test_info_round_trip(info: DeviceInfo) -> None:
     assert codec.decode_info(INFO, codec.encode_info(info)) == info
 
 
+@settings(max_examples=20)
 @given(STATUSES)
 def test_status_round_trip(status: Status) -> None:
     assert codec.decode_status(STATUS, codec.encode_status(status)) == status
 
 
+@settings(max_examples=20)
 @given(calibrations())
 def test_calibration_round_trip(calibration: Calibration) -> None:
     assert_same(codec.decode_calibration(CALIBRATION, codec.encode_calibration(calibration)), calibration)
 
 
+@settings(max_examples=20)
 @given(st.data())
 def test_revision_round_trip(data: st.DataObject) -> None:
     one = revision(data)
     assert_same(codec.decode_revision(REVISION, codec.encode_revision(one)), one)
 
 
+@settings(max_examples=20)
 @given(OWNED)
 def test_owned_round_trip(owned: Owned) -> None:
     assert codec.decode_owned(OWN, codec.encode_owned(owned)) == owned
 
 
+@settings(max_examples=20)
 @given(checkpoints())
 def test_checkpoint_round_trip(checkpoint: Checkpoint) -> None:
     assert_same(codec.decode_checkpoint(CHECKPOINT, codec.encode_checkpoint(checkpoint)), checkpoint)
 
 
+@settings(max_examples=20)
 @given(st.builds(Note, st.just("d1"), U64, TIME, TEXT, TEXT))
 def test_note_round_trip(note: Note) -> None:
     assert codec.decode_note(NOTE, codec.encode_note(note)) == note
 
 
+@settings(max_examples=20)
 @given(st.builds(Command, TEXT.filter(bool), TEXT, TEXT), st.builds(CommandReply, TEXT, st.booleans(), TEXT))
 def test_command_and_reply_round_trip(command: Command, reply: CommandReply) -> None:
     assert codec.decode_command(RPC, codec.encode_command(command)) == command
@@ -125,6 +136,7 @@ def test_command_and_reply_round_trip(command: Command, reply: CommandReply) -> 
     assert codec.encode_reply(reply)
 
 
+@settings(max_examples=20)
 @given(st.data())
 def test_a_twin_writes_the_very_bytes_of_the_real_message(data: st.DataObject) -> None:
     for batch, payload, kind in (

@@ -53,22 +53,6 @@ def test_two_bridges_of_one_file_are_seen(tmp_path: Path) -> None:
     assert do == "stop all but one: kill 4"
 
 
-def test_a_bridge_that_ends_while_it_is_looked_at_is_none_that_is_doubled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "7").mkdir()
-    monkeypatch.setattr(machine, "is_bridge", lambda *_: True)
-    assert only(machine.bridges(tmp_path))[:2] == (Level.OK, "1 running")
-
-
-def test_a_folder_where_we_may_not_look_is_no_end_of_looking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def closed(path: Path, **_: object) -> bool:
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr(Path, "exists", closed)
-    assert only(machine.disk({"store": tmp_path / "private" / "store"}))[1].startswith(str(tmp_path))
-
-
 def test_packages_are_as_asked_for_or_not() -> None:
     have = {"filterpy": "2.0.0", "eclipse-zenoh": "1.9.0", "numpy": "2.1"}
 

@@ -61,10 +61,6 @@ def test_who_may_open_a_port(tmp_path: Path, mode: int, who: str, level: Level) 
         assert "log out and in again" in do
 
 
-def test_no_port_is_no_trouble() -> None:
-    assert only(terminals.permissions(["/gone"], terminals.me()))[:2] == (Level.OK, "no serial port is plugged in")
-
-
 def test_modem_manager_is_fine_only_with_a_rule(tmp_path: Path) -> None:
     rules, proc = tmp_path / "rules.d", tmp_path / "proc"
     rules.mkdir()
@@ -130,11 +126,3 @@ def test_the_rules_are_of_the_form_udev_takes() -> None:
     for line in lines:
         assert all(item.fullmatch(part) for part in line.split(", ")), line
     assert all(word in RULES.read_text() for word in ("-hupcl", "ID_MM_DEVICE_IGNORE", "latency_timer", "dialout"))
-
-
-def test_a_process_that_ends_while_it_is_looked_at_is_none(tmp_path: Path) -> None:
-    process(tmp_path, 7, "bash")
-    (tmp_path / "8").mkdir()
-    (tmp_path / "8" / "comm").symlink_to(tmp_path / "gone")
-    (tmp_path / "9" / "comm").mkdir(parents=True)
-    assert only(terminals.modem_manager(tmp_path, []))[:2] == (Level.OK, "does not run")

@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.drivers.driver import Identity, Readings
-from bridge.ingest.clockless import MadeTime
 from bridge.ingest.intake import Intake
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
@@ -79,9 +78,7 @@ class Host:
         return self.intake.info(NOW, {}).events
 
 
-@pytest.mark.parametrize(
-    ("told_hz", "real_hz"), [(100.0, 98.3), (100.0, 100.0), (102.4, 204.8), (200.0, 104.0), (50.0, 50.4)]
-)
+@pytest.mark.parametrize(("told_hz", "real_hz"), [(100.0, 98.3), (102.4, 204.8), (200.0, 104.0)])
 def test_device_time_follows_the_rate_that_is_measured(told_hz: float, real_hz: float) -> None:
     host = Host(told_hz, real_hz)
     host.live(40)
@@ -95,12 +92,6 @@ def test_device_time_follows_the_rate_that_is_measured(told_hz: float, real_hz: 
     assert np.abs(host.host_s - true_s)[-1000:].max() < 5e-3
 
 
-def test_the_period_goes_over_without_a_jump() -> None:
-    made = MadeTime()
-    parts = [made.ticks(np.arange(a, a + 5), period) for a, period in ((10, 0.01), (15, 0.0101), (22, 0.0099))]
-    assert np.diff(np.concatenate(parts)).tolist() == [10_000] * 4 + [10_100] * 5 + [29_700] + [9_900] * 4
-
-
 def test_what_is_measured_and_how_well_is_said_from_the_first_second() -> None:
     host = Host(100.0, 98.3)
     host.live(1)
@@ -111,15 +102,7 @@ def test_what_is_measured_and_how_well_is_said_from_the_first_second() -> None:
     assert host.events() == {}
 
 
-def test_a_rate_that_is_not_the_promised_one_is_told_once() -> None:
-    host = Host(102.4, 204.8)
-    host.live(30)
-    assert host.notices()["rate"] == "measured 204.8 Hz, told 102.4 Hz"
-    assert host.events() == {"rate_differs": 1}
-    assert host.intake.info(NOW, {}).measured_rate_hz == pytest.approx(204.8, rel=1e-3)
-
-
-@pytest.mark.parametrize("gap_s", [0.1, 1.0, 30.0])
+@pytest.mark.parametrize("gap_s", [0.1, 30.0])
 def test_a_silence_that_nothing_makes_up_for_is_a_gap(gap_s: float) -> None:
     host = Host(100.0, 101.0)
     host.live(20)
@@ -137,7 +120,7 @@ def test_a_silence_that_nothing_makes_up_for_is_a_gap(gap_s: float) -> None:
     assert host.intake.release() == []
 
 
-@pytest.mark.parametrize("held_s", [0.08, 0.5, 4.0, 20.0])
+@pytest.mark.parametrize("held_s", [0.5, 20.0])
 def test_a_silence_that_a_burst_makes_up_for_is_none(held_s: float) -> None:
     host = Host(100.0, 100.0)
     host.live(20)
@@ -150,37 +133,8 @@ def test_a_silence_that_a_burst_makes_up_for_is_none(held_s: float) -> None:
     assert host.events().get("late", 0) == late.sum()
 
 
-def test_what_is_held_when_no_more_comes_is_given_out_after_its_gap() -> None:
-    host = Host(100.0, 100.0)
-    host.live(20)
-    host.live(2, lost=True)
-    host.live(0.2)
-    assert len(host.time_s) == 2000
-    (first, *_) = host.intake.release()
-    assert first.sequence == pytest.approx(2200, abs=2)
-    assert host.intake.samples_in == host.intake.samples == 2020
-
-
-def test_what_is_held_when_the_device_boots_goes_out_before_the_boot() -> None:
-    host = Host(100.0, 100.0)
-    host.live(20)
-    host.live(2, lost=True)
-    host.live(0.2)
-    released = host.intake.take(
-        Identity(8, BootCause.PORT_OPENED, "m", "f", 100.0, 4.0, 0.01, False, False, has_clock=False)
-    )
-    assert {batch.boot for batch in released} == {7}
-    assert sum(map(len, released)) == 20
-
-
-def test_before_the_rate_is_known_no_gap_is_invented() -> None:
-    host = Host(200.0, 100.0)
-    host.live(30)
-    assert np.diff(host.sequence).max() == 1
-
-
 @pytest.mark.data
-@pytest.mark.parametrize("told_hz", [100.0, 50.0, 104.0])
+@pytest.mark.parametrize("told_hz", [104.0])
 def test_arrivals_in_bursts_tell_the_rate_to_a_thousandth(told_hz: float) -> None:
     if not ARRIVALS.exists():
         pytest.skip(f"{ARRIVALS} is not here")

@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.drivers.driver import Identity, Notice, Readings
 from bridge.ingest.intake import Intake
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
-from tests.bridge.arrivals import bursts
 
 NOW = 1_700_000_000 * 10**9
 DT = 10_000  # ticks
@@ -100,14 +99,6 @@ def test_nothing_is_published_before_the_device_said_who_it_is() -> None:
     account(intake)
 
 
-def test_a_device_that_says_boot_0_is_not_taken_for_one_that_is_not_heard() -> None:
-    intake = made()
-    intake.take(replace(HELLO, boot=0))
-    (batch,) = intake.take(readings(0, boot=0))
-    assert batch.boot == intake.info(NOW, {}).boot != 0
-    assert intake.info(NOW, {}).trouble == ""
-
-
 def test_a_hole_is_flagged_and_counted() -> None:
     intake = made()
     intake.take(HELLO)
@@ -143,53 +134,6 @@ def test_a_datagram_that_was_overtaken_is_no_duplicate() -> None:
     account(intake)
 
 
-def test_new_numbers_with_old_ticks_are_counted_by_themselves() -> None:
-    intake = made()
-    intake.take(HELLO)
-    intake.take(readings(0, 10))
-    assert intake.take(readings(10, ticks=np.arange(5, dtype=np.uint32) * DT)) == []
-    assert intake.dropped.as_dict() == {"backward_time": 5}
-    assert spans(intake.take(readings(15))) == [(15, 5)]
-    account(intake)
-
-
-@pytest.mark.parametrize("skew", [1e-3, -1e-3])
-def test_over_a_wrap_of_the_clock_a_thousandth_off_times_are_true_to_a_millisecond(skew: float) -> None:
-    device_s, host_s = bursts(np.random.default_rng(3), 40.0, 100.0, skew)
-    first, intake = 2**32 // DT - 2500, made()  # wraps after 25 s
-    intake.take(HELLO)
-    sent, errors = 0, []
-    for now_s, at_s in zip(device_s.tolist(), host_s.tolist(), strict=True):
-        n = round(now_s * 100) - sent
-        ticks = ((first + sent + 1 + np.arange(n)) * DT % 2**32).astype(np.uint32)
-        (batch,) = intake.take(readings(sent, n, ticks=ticks, receive_time_ns=NOW + round(at_s * 1e9)))
-        of_samples = NOW + (sent + 1 + np.arange(n)) * (DT * 1000 * (1 + skew))
-        since = (batch.ticks - batch.ticks[0]) * (batch.tick_period_s * batch.clock_rate * 1e9)
-        sent += n
-        if now_s > 10:
-            errors.append(np.abs(batch.start_time_ns + since - of_samples).max())
-    assert max(errors) < 1e6
-    assert intake.events.as_dict() == {}
-    account(intake)
-
-
-def test_samples_that_a_dead_link_held_up_are_marked_late_and_timed_as_ever() -> None:
-    intake = made()
-    intake.take(HELLO)
-    for i in range(300):
-        intake.take(readings(5 * i))
-    held = range(300, 380)  # four seconds
-    at = NOW + 5 * held.stop * DT * 1000
-    late = [batch for i in held for batch in intake.take(readings(5 * i, receive_time_ns=at))]
-    flags = np.concatenate([batch.flags for batch in late])
-    assert np.flatnonzero(flags == SampleFlag.LATE).tolist() == list(range(int(np.sum(flags == SampleFlag.LATE))))
-    assert np.sum(flags == SampleFlag.LATE) == pytest.approx(300, abs=1)
-    assert intake.events.as_dict() == {"late": np.sum(flags == SampleFlag.LATE)}
-    for i, batch in zip(held, late, strict=True):
-        assert abs(batch.start_time_ns - NOW - (5 * i + 5) * DT * 1000) < 50_000_000
-    assert not any(batch.flags.any() for i in range(380, 500) for batch in intake.take(readings(5 * i)))
-
-
 def test_a_clock_that_is_not_what_it_says_is_told() -> None:
     intake = made()
     intake.take(HELLO)
@@ -213,14 +157,6 @@ def test_a_device_s_own_notices_stay_beside_ours() -> None:
     assert "clock" in notices
 
 
-def test_ticks_that_go_back_within_a_packet_are_dropped() -> None:
-    intake = made()
-    intake.take(HELLO)
-    ticks = np.array([0, 1, 2, 1, 4], np.uint32) * DT
-    assert spans(intake.take(readings(0, ticks=ticks))) == [(0, 3), (4, 1)]
-    account(intake)
-
-
 def test_samples_that_are_no_numbers_split_the_batch() -> None:
     intake = made()
     intake.take(HELLO)
@@ -230,16 +166,6 @@ def test_samples_that_are_no_numbers_split_the_batch() -> None:
     assert spans([first, second]) == [(0, 2), (3, 2)]
     assert second.flags.tolist() == [SampleFlag.AFTER_GAP, 0]
     assert intake.dropped.as_dict() == {"non_finite": 1}
-    account(intake)
-
-
-def test_a_batch_of_nothing_but_bad_samples_moves_the_sequence_on() -> None:
-    intake = made()
-    intake.take(HELLO)
-    intake.take(readings(0))
-    assert intake.take(readings(5, gyro=np.full((5, 3), np.inf))) == []
-    assert intake.take(readings(10))[0].flags[0] == SampleFlag.AFTER_GAP
-    assert intake.events.as_dict() == {"gaps": 1}
     account(intake)
 
 
@@ -292,14 +218,6 @@ def test_counters_go_on_over_their_wrap_and_over_a_long_silence() -> None:
     assert first[0].ticks[0] == at * DT
 
 
-def test_the_sequence_wraps_too() -> None:
-    intake = made()
-    intake.take(HELLO)
-    intake.take(readings(2**32 - 5))
-    assert spans(intake.take(readings(2**32))) == [(2**32, 5)]
-    assert intake.events.as_dict() == {}
-
-
 def test_a_reboot_begins_a_new_account_and_late_samples_of_the_old_are_dropped() -> None:
     intake = made()
     intake.take(HELLO)
@@ -311,15 +229,6 @@ def test_a_reboot_begins_a_new_account_and_late_samples_of_the_old_are_dropped()
     assert (intake.samples, intake.dropped.as_dict()) == (5, {"old_boot": 5})
     assert intake.events.as_dict() == {"reboots": 1}
     account(intake)
-
-
-def test_the_same_boot_told_again_changes_nothing() -> None:
-    intake = made()
-    intake.take(HELLO)
-    intake.take(readings(0))
-    intake.take(HELLO)
-    assert not intake.take(readings(5))[0].flags.any()
-    assert intake.events.as_dict() == {}
 
 
 def test_a_reboot_that_keeps_its_boot_number_is_seen_within_two_seconds() -> None:
@@ -348,21 +257,6 @@ def test_a_batch_that_could_not_be_kept_is_counted_as_dropped() -> None:
     account(intake)
 
 
-def test_host_times_never_lie_after_the_arrival_and_follow_device_time() -> None:
-    intake = made()
-    intake.take(HELLO)
-    for i in range(1000):
-        late = 0 if i % 7 else 30_000_000
-        at = NOW + (5 * i + 5) * DT * 1000 + late
-        (batch,) = intake.take(readings(5 * i, receive_time_ns=at))
-        last = batch.start_time_ns + 4 * DT * 1000 * batch.clock_rate
-        assert last <= at + 1000
-        if i > 700:
-            assert abs(batch.start_time_ns - NOW - (5 * i + 1) * DT * 1000) < 5_000_000
-    info = intake.info(NOW, {})
-    assert info.measured_rate_hz == pytest.approx(100, rel=1e-3)
-
-
 def test_a_long_run_is_cut_where_a_batch_ends() -> None:
     intake = made()
     intake.take(HELLO)
@@ -373,6 +267,7 @@ def test_a_long_run_is_cut_where_a_batch_ends() -> None:
 FAULTS = st.sampled_from(["good", "good", "good", "lose", "repeat", "nan", "huge", "boot", "hello", "old", "ragged"])
 
 
+@settings(max_examples=50)
 @given(st.lists(st.tuples(FAULTS, st.integers(1, 8)), max_size=60))
 def test_whatever_comes_is_published_or_counted_and_valid(story: list[tuple[str, int]]) -> None:
     intake, boot, sequence = made(), 7, 2**32 - 50

@@ -52,8 +52,3 @@ def test_a_run_becomes_one_and_comes_out_of_the_door_the_same() -> None:
 def test_what_does_not_go_on_stays_apart(after: Any) -> None:
     before = said(0)
     assert joined([before, after]) == [before, after]
-
-
-def test_a_second_is_not_made_one_moment() -> None:
-    parts = joined([said(i) for i in range(0, 100, 2)])
-    assert [len(part.ticks) for part in parts if isinstance(part, Readings)] == [12] * 8 + [4]

@@ -4,7 +4,7 @@ import base64
 import ipaddress
 import json
 from collections.abc import Callable, Iterator
-from datetime import datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -162,11 +162,6 @@ def test_a_router_that_names_no_host_is_said_of(site: Site) -> None:
     assert ["names no host" in words for words in faults(wrong, utc_now(), (Role.ROUTER,))] == [True]
 
 
-def test_an_authority_that_has_ended_is_said_of_where_no_other_has_signed(site: Site) -> None:
-    of_old = site.file("of old", b1(OLD), ca=ROOT.pem + OLD.pem)
-    assert ["expired" in words for words in faults(of_old, utc_now())] == [True]
-
-
 @pytest.mark.parametrize(
     ("good", "bad", "words"),
     [
@@ -182,9 +177,3 @@ def test_what_is_packed_as_no_certificate_is_said_of(site: Site, good: bytes, ba
     pem = f"-----BEGIN CERTIFICATE-----\n{text}-----END CERTIFICATE-----\n".encode()
     identity = site.file("odd", made, pem=pem)
     assert any(said.startswith(identity.certificate) and words in said for said in faults(identity, utc_now()))
-
-
-def test_a_date_is_judged_by_the_clock_that_is_given(site: Site) -> None:
-    later = datetime(2099, 1, 1, tzinfo=utc_now().tzinfo)
-    found = faults(site.file("later", b1()), later)
-    assert sum("expired" in words for words in found) == 2

@@ -10,14 +10,7 @@ from bridge.pki.authority import issue, new_authority, new_issuer
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.identity import Identity, certificates, common_name, faults
 from bridge.pki.member import Member, Role
-from tests.bridge.pki.office import B1, DAY, run
-
-
-def test_an_authority_whose_key_is_kept_elsewhere_is_not_made_anew(pki: Path) -> None:
-    before = (pki / "ca.pem").read_bytes()
-    (pki / "ca.key").unlink()
-    assert run(pki, "init") == 2
-    assert (pki / "ca.pem").read_bytes() == before
+from tests.bridge.pki.office import B1, DAY
 
 
 def other_key(pki: Path) -> Identity:
@@ -33,11 +26,6 @@ def locked_key(pki: Path) -> Identity:
     key = rsa.generate_private_key(65537, 2048)
     form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
     (pki / "bridge.b1.key").write_bytes(key.private_bytes(*form, serialization.BestAvailableEncryption(b"x")))
-    return Folder(pki).identity(B1)
-
-
-def other_authority(pki: Path) -> Identity:
-    (pki / "ca.pem").write_bytes(new_authority("another", utc_now()).certificate)
     return Folder(pki).identity(B1)
 
 
@@ -67,7 +55,6 @@ def for_a_viewer(pki: Path) -> Identity:
         (other_key, "not the key of"),
         (open_key, "chmod 600"),
         (locked_key, "locked with a password"),
-        (other_authority, "not signed by"),
         (other_of_its_name, "another one of the same name"),
         (no_file, "there is no such file"),
         (no_certificate, "no certificate in PEM"),

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from bridge.bus.routers import Routers
+from bridge.doctor.finding import Level
+from bridge.doctor.router import certificate
 from bridge.health import Health
 from bridge.ingest.vitals import Vitals as BridgeVitals
 from bridge.pki.folder import Folder, utc_now
@@ -45,18 +47,8 @@ def test_an_end_within_days_is_said_by_who_looks_through_files(
     holder = Holder(tmp_path, days)
     assert main(["config", "check", str(holder.ward)]) == 0
     assert (SOON in capsys.readouterr().out) == soon
-    main(["doctor", str(holder.ward)])
-    said = capsys.readouterr().out
-    assert ("! certificate: " in said) == soon
-    assert ("✓ certificate: " in said) != soon
-
-
-def test_what_is_wrong_with_it_is_not_blamed_on_the_router(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["doctor", str(Holder(tmp_path, 0).ward)]) == 1
-    said = capsys.readouterr().out
-    assert "✗ certificate: " in said
-    assert "expired on" in said
-    assert "router:" not in said
+    (finding,) = certificate(holder.routers)
+    assert finding.level is (Level.WARNING if soon else Level.OK)
 
 
 @pytest.mark.parametrize(("days", "said"), [(3, 2), (30, 0)])
@@ -79,13 +71,6 @@ def test_who_is_not_let_in_any_more_says_why_that_may_be(
     assert [why in words for words in caplog.messages] == [False, True]
 
 
-def test_without_certificates_a_router_that_is_away_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
-    watched = RouterWatch(logging.getLogger("here"), 1.0, Routers(("tcp/127.0.0.1:1",)))
-    for now in range(60):
-        watched.look(now, connected=now < 10)
-    assert len(caplog.messages) == 1
-
-
 def test_metrics_say_when_it_ends_and_readyz_why_there_is_no_router(tmp_path: Path) -> None:
     holder = Holder(tmp_path, 0)
     estimator = Vitals(clock=lambda: 1.0, routers=holder.routers)
@@ -98,12 +83,3 @@ def test_metrics_say_when_it_ends_and_readyz_why_there_is_no_router(tmp_path: Pa
             ends = float(values["truerate_certificate_ends_timestamp_seconds"])
             assert abs(ends - utc_now().timestamp()) < 60
             assert "expired on" in get(health.port, "/readyz")[1]
-
-
-def test_the_first_end_of_all_above_counts(tmp_path: Path) -> None:
-    holder = Holder(tmp_path, 30)
-    lasts = holder.routers.lasts()
-    assert lasts is not None
-    assert (lasts.ends - utc_now()).days in (29, 30)
-    assert Routers(("tls/127.0.0.1:1",), Identity("none", "none", "none")).lasts() is None
-    assert Routers(("tcp/127.0.0.1:1",)).lasts() is None

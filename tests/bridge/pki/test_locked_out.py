@@ -18,7 +18,7 @@ from tests.bridge.pki.guarded_ward import WARD, GuardedWard
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: locked out")]
 
-IDLE, HANDSHAKE_S, EACH_S = 60, 10.0, 0.1
+IDLE, HANDSHAKE_S, EACH_S = 20, 10.0, 0.1
 
 
 def test_who_is_in_does_not_notice_idle_connections_and_who_comes_waits_a_tenth_of_a_second_for_each(

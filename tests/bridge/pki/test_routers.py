@@ -1,8 +1,6 @@
 """What a router says of its files before it listens, and by whom it goes."""
 
-from contextlib import nullcontext
 from pathlib import Path
-from typing import Self
 
 import pytest
 
@@ -10,17 +8,7 @@ from bridge.pki.folder import Folder, utc_now
 from bridge.pki.identity import certificates, common_name, verified
 from bridge.pki.member import Member
 from estimator.cli import main
-from tests.bridge.pki.office import B1, DAY, run
-
-
-def test_a_router_whose_key_everybody_may_read_does_not_start(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
-    capsys.readouterr()
-    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
-    (pki / "router.json5").write_text(capsys.readouterr().out)
-    (pki / "router.r.key").chmod(0o644)
-    assert main(["router", "--config", str(pki / "router.json5")]) == 1
-    assert "chmod 600" in capsys.readouterr().err
+from tests.bridge.pki.office import B1, run
 
 
 def test_a_router_by_whose_files_nobody_could_be_let_in_says_so_instead_of_listening(
@@ -52,39 +40,6 @@ def test_a_router_by_whose_files_nobody_could_be_let_in_says_so_instead_of_liste
     assert "which this one would not: `truerate pki router` writes" in capsys.readouterr().err
 
 
-def test_a_router_says_what_is_unsafe_in_its_file_and_when_its_certificate_ends(
-    pki: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder, router = Folder(pki), Member.parse("router:r")
-    folder.issue(router, utc_now() - 87 * DAY, 90, ("localhost",))
-    capsys.readouterr()
-    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
-    file = pki / "router.json5"
-    file.write_text(capsys.readouterr().out.replace('"deny"', '"allow"'))
-
-    class Listening:
-        listen = ("tls/127.0.0.1:1",)
-
-        def __enter__(self) -> Self:
-            folder.renew(router, utc_now())  # of which a router that runs knows nothing
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-    looked: list[float] = []
-
-    class Stop:
-        def wait(self, timeout_s: float) -> bool:
-            looked.append(timeout_s)
-            return len(looked) == 2
-
-    monkeypatch.setattr("bridge.cli_router.Router.of_file", lambda _: Listening())
-    monkeypatch.setattr("bridge.cli_router.stopped_by_signal", lambda: nullcontext(Stop()))
-    assert main(["router", "--config", str(file)]) == 0
-    assert caplog.text.count("the certificate that this router began with ends on") == 2
-    assert 'default_permission is "allow"' in caplog.text
-
-
 def test_a_router_goes_by_the_issuers_of_its_members_and_not_of_who_was_revoked(pki: Path) -> None:
     assert run(pki, "issue", "router:r", "bridge:b2", "--host", "localhost") == 0
     assert run(pki, "revoke", "bridge:b1") == 0
@@ -103,13 +58,3 @@ def test_a_router_goes_by_the_issuers_of_its_members_and_not_of_who_was_revoked(
         "router:r",
         "viewer:hall",
     ]
-
-
-def test_a_router_may_go_by_an_authority_from_elsewhere(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
-    capsys.readouterr()
-    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:7447", "--ca", "/etc/site.pem") == 0
-    written = capsys.readouterr()
-    assert '"root_ca_certificate": "/etc/site.pem"' in written.out
-    assert not written.err
-    assert not (pki / "router.r.members.pem").exists()

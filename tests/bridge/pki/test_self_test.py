@@ -87,12 +87,5 @@ def test_a_recorder_and_a_virtual_ximu3_are_told_that_they_are_denied(
             assert caplog.text.count("drops all that recorder:late says and hears") == 1, verb
 
 
-def test_a_router_without_rules_is_told_of(tmp_path: Path) -> None:
-    ward = GuardedWard(tmp_path / "pki")
-    ward.file.write_text(ward.file.read_text().replace('"default_permission": "deny"', '"default_permission": "allow"'))
-    with ward.running(), ward.bus("viewer:v1") as bus:
-        assert [words for words in self_test(bus, ward.routers("viewer:v1"), WARD) if "has no rules" in words]
-
-
 def test_a_plain_bus_has_nothing_to_try() -> None:
     assert self_test(MemoryBus(MemoryBroker()), Routers(("tcp/127.0.0.1:1",)), WARD) == []

@@ -5,15 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from bridge.bus import router_check, router_file, zenoh_settings
+from bridge.bus import router_check, router_file
 from bridge.bus.contract import BusError
-from bridge.bus.router import Router
-from bridge.bus.zenoh_session import open_session
 from bridge.pki.folder import Folder
 from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 from estimator.cli import main
-from tests.bridge.pki.guarded_ward import free_port
 
 FILES = Path(__file__).parents[3] / "configs" / "zenoh"
 AT = Folder(Path("/etc/truerate/pki"))
@@ -141,21 +138,6 @@ def test_a_second_policy_gives_nobody_anothers_rights(tmp_path: Path) -> None:
     changed = tmp_path / "router.json5"
     changed.write_text(json.dumps(settings), "utf-8")
     assert any("access_control.policies: two of them" in fault for fault in router_check.read(changed).faults)
-
-
-def test_a_name_that_looks_like_the_loopback_is_none(tmp_path: Path) -> None:
-    changed = tmp_path / "router.json5"
-    for listen, there in (("tcp/127.0.0.1.example:7447", 1), ("tcp/[::1]:7447", 0), ("tcp/localhost:7447", 0)):
-        changed.write_text(json.dumps(router_file.plain([listen])), "utf-8")
-        assert sum("whoever reaches it" in fault for fault in router_check.read(changed).faults) == there
-
-
-def test_zenohd_which_always_has_an_adminspace_shows_nothing_of_it() -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    settings = router_file.plain([endpoint])
-    settings["adminspace"]["enabled"] = True  # as zenohd does after it has read a file
-    with Router([endpoint], settings=settings), open_session(zenoh_settings.client([endpoint]), "", 3.0) as session:
-        assert [reply for reply in session.get("@/*/router/**", timeout=1.0) if reply.ok is not None] == []
 
 
 def test_a_key_zenoh_does_not_know_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,7 @@ from bridge.recording.files import Folder
 from bridge.recording.mcap_writer import McapWriter
 from bridge.recording.recorder import Knobs, WardRecorder
 from bridge.recording.recover import recover
-from bridge.recording.stretches import NOT_CORRECTED, read
+from bridge.recording.stretches import read
 from bridge.recording.survey import survey
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Note, SampleBatch, Verdict
@@ -93,21 +93,6 @@ def only(what: str, messages: list[Message]) -> list[Message]:
     return [message for message in messages if what in message.key]
 
 
-def test_corrected_rates_count_once_and_from_the_first_reading_on(tmp_path: Path) -> None:
-    late = only("corrected", run("one", 0, 100))  # as they wait on the bus for who comes late
-    part = late + only("raw", run("one", 50, 150)) + only("raw", run("one", 180, 200))
-    part += only("corrected", run("one", 80, 195))  # of another estimator, too
-    boot = survey(recorded(tmp_path, part)).devices["one"].boots[7]
-    assert (boot.samples, boot.corrected) == (120, {"GOOD": 145})
-
-
-def test_a_boot_whose_numbers_begin_anew_is_corrected_as_often_as_it_is_read(tmp_path: Path) -> None:
-    again = run("one", 0, 60, later_ns=20 * S)
-    part = [*run("one", 0, 100), *only("raw", again), *only("corrected", again)[6:]]
-    boot = survey(recorded(tmp_path, part)).devices["one"].boots[7]
-    assert (boot.samples, boot.corrected) == (160, {"GOOD": 130})
-
-
 def test_corrected_rates_of_a_boot_that_was_over_are_told_apart(tmp_path: Path) -> None:
     part = [*only("corrected", run("one", 0, 40)), *run("one", 0, 100, boot=8, later_ns=9 * S)]
     found = survey(recorded(tmp_path, part))
@@ -142,15 +127,6 @@ def test_files_join_in_order_of_time_and_repeats_count_once(tmp_path: Path) -> N
         assert (len(recorded_.notes), len(recorded_.calibrations)) == (1, 1)
         (boot,) = survey(paths).devices["one"].boots.values()
         assert (boot.samples, boot.repeated, boot.missing) == (205, 20, 0)
-
-
-def test_a_sample_without_a_corrected_rate_says_so(tmp_path: Path) -> None:
-    part = [message for message in run("one", 0, 100) if "raw" in message.key]
-    part += [message for message in run("one", 40, 60) if "corrected" in message.key]
-    (stretch,) = read(recorded(tmp_path, part)).stretches["one"]
-    assert stretch.corrected is not None
-    assert (stretch.corrected.quality == np.where((np.arange(100) >= 40) & (np.arange(100) < 60), 3, -1)).all()
-    assert np.isnan(stretch.corrected.rate[stretch.corrected.quality == NOT_CORRECTED]).all()
 
 
 def test_columns_that_come_and_go(tmp_path: Path) -> None:
@@ -295,12 +271,6 @@ def test_a_wards_recording_is_a_recording(tmp_path: Path) -> None:
         assert words in str(refused.value)
     assert len(load(several, device="two", boot=2)) == 70
     assert len(load(several, device="one")) == 90
-
-
-def test_other_files_have_no_devices_to_choose_from(tmp_path: Path) -> None:
-    np.savez(tmp_path / "r.npz", gyro_rad_s=np.zeros((5, 3)), rate_hz=1.0)
-    with pytest.raises(RecordingError, match=r"only a \.mcap has several"):
-        load(tmp_path / "r.npz", device="one")
 
 
 def test_a_foreign_mcap_is_refused(tmp_path: Path) -> None:

@@ -81,11 +81,6 @@ def test_events_have_boots_calibrations_and_notes(some: Recorded, tmp_path: Path
     assert [float(row["t_s"]) for row in rows] == [0, 0, 2, 3, 30]
 
 
-def test_where_a_recording_begins_within_a_boot_none_is_said(tmp_path: Path) -> None:
-    *_, path = export(read(recorded(tmp_path, [about("one"), *run("one", 40, 200)])), tmp_path / "out", ".csv")
-    assert [row["event"] for row in table_of(path)] == ["recording begins"]
-
-
 def test_what_somebody_wrote_is_no_formula_of_a_spreadsheet(some: Recorded, tmp_path: Path) -> None:
     (note,) = some.notes
     said = ['=cmd|" /C calc"!A0', "@SUM(1)", "+1", "-1", "1+1", "sat up"]
@@ -108,15 +103,6 @@ def test_nothing_is_overwritten(some: Recorded, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(RecordingError, match="cannot be made"):
         export(some, tmp_path / "file", ".npz")
-
-
-def test_no_two_stretches_have_one_files_name(tmp_path: Path) -> None:
-    part = [*run("chest", 0, 100), *run("chest", 0, 60, boot=8, later_ns=9 * S)]
-    found = read(recorded(tmp_path, [*part, *run("chest_boot2", 0, 40), *run("events", 0, 20)]))
-    paths = export(found, tmp_path / "out", ".csv")
-    assert {path.name: len(table_of(path)) for path in paths[:-1]} == {
-        "chest_boot1.csv": 100, "chest_boot2.csv": 60, "chest_boot2_boot1.csv": 40, "events_boot1.csv": 20,
-    }  # fmt: skip
 
 
 def test_a_bids_dataset_has_what_is_required(some: Recorded, tmp_path: Path) -> None:
@@ -178,12 +164,6 @@ def test_what_a_person_has_in_a_dataset_stays(some: Recorded, tmp_path: Path) ->
     assert {path for path in set(tmp_path.rglob("*")) - before if path.is_file()} == set()
 
 
-def test_devices_that_bids_cannot_tell_apart_are_refused(tmp_path: Path) -> None:
-    paths = recorded(tmp_path, [*run("a-1", 0, 20), *run("a_1", 0, 20)])
-    with pytest.raises(RecordingError, match="a-1 and a_1 are both 'a1' in BIDS"):
-        export_bids(read(paths), tmp_path / "set", Session("01", "ward"))
-
-
 @pytest.mark.skipif(VALIDATOR is None, reason="bids-validator-deno is not installed: pip install --group bids")
 def test_the_bids_validator_finds_no_error(some: Recorded, tmp_path: Path) -> None:
     export_bids(some, tmp_path / "set", Session("07", "ward", "a"))
@@ -191,11 +171,3 @@ def test_the_bids_validator_finds_no_error(some: Recorded, tmp_path: Path) -> No
     said = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
     issues = json.loads(said.stdout)["issues"]["issues"]
     assert [issue for issue in issues if issue.get("severity") == "error"] == []
-
-
-def test_of_whom_only_corrected_rates_are_there_that_is_said(tmp_path: Path) -> None:
-    (tmp_path / "rec").mkdir()
-    part = [message for message in run("lost", 0, 100) if "corrected" in message.key]
-    found = read(recorded(tmp_path / "rec", [about("one"), *run("one", 0, 100), *part]))
-    assert list(found.stretches) == ["one"]
-    assert found.trouble == ["of lost there are 100 corrected rates, but no readings"]

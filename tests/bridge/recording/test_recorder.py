@@ -136,12 +136,6 @@ def test_payloads_are_as_they_came_under_the_messages_own_time(recorder: WardRec
     assert recorder.account.heard == {"one": 0.0}
 
 
-def test_a_clock_out_of_all_proportion_is_not_the_time_of_the_file(recorder: WardRecorder, disk: Disk) -> None:
-    recorder.take([raw("one", 0, 5), raw("two", 0, NOW + 3600 * S)], NOW, 0.0)
-    recorder.close()
-    assert [(entry.log_ns, entry.publish_ns) for entry in disk.last.entries()] == [(NOW, 5), (NOW, NOW + 3600 * S)]
-
-
 def test_what_is_not_understood_is_counted_and_not_written(
     recorder: WardRecorder, disk: Disk, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -184,21 +178,6 @@ def test_everything_is_safe_soon_after_it_came(recorder: WardRecorder, disk: Dis
     assert (len(disk.last.entries()), disk.last.syncs) == (2, 2)
 
 
-def test_a_clock_that_is_set_back_stops_nothing(recorder: WardRecorder, disk: Disk) -> None:
-    recorder.take([raw("one", 0)], NOW - 7200 * S, 0.6)
-    recorder.tick(NOW - 7200 * S, 0.6)
-    assert len(disk.last.entries()) == 1
-
-
-def test_late_devices_join(recorder: WardRecorder, disk: Disk) -> None:
-    for second in range(5):
-        recorder.take([raw("one", 5 * second), *(of_all_kinds("late") if second == 3 else [])], NOW, float(second))
-        recorder.tick(NOW, float(second))
-    recorder.close()
-    assert disk.last.topics().count("raw/bridge-1/late") == 1
-    assert len(recorder.account.heard) == 2
-
-
 def test_a_new_file_after_its_time_begins_with_what_is_known(recorder: WardRecorder, disk: Disk) -> None:
     recorder.take(of_all_kinds("one"), NOW, 0.0)
     recorder.tick(NOW + 10 * S, 10.0)
@@ -225,18 +204,6 @@ def test_a_new_file_begins_with_the_calibration_that_holds(recorder: WardRecorde
     recorder.close()
     assert len(disk.outputs) == 2
     assert disk.last.entries()[0].payload == good.payload
-
-
-def test_a_new_file_at_its_size(disk: Disk) -> None:
-    recorder = WardRecorder(disk, WARD, knobs=Knobs(rotate_bytes=20_000, keep_free_bytes=0, room_bytes=0))
-    recorder.begin(NOW, 0.0)
-    for tenth in range(300):
-        recorder.take([raw("one", 5 * tenth)], NOW, tenth / 10)
-        recorder.tick(NOW, tenth / 10)
-    recorder.close()
-    assert len(disk.outputs) > 1
-    assert sum(len(output.entries()) for output in disk.outputs) == 300
-    assert all(len(output.data) < 30_000 for output in disk.outputs)
 
 
 def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
@@ -278,31 +245,6 @@ def test_a_disk_that_fills_up_ends_the_file_well_while_others_have_room(recorder
     assert (len(disk.outputs), recorder.account.not_recorded) == (2, 0)
 
 
-def test_a_limit_of_one_file_begins_the_next_at_once(recorder: WardRecorder, disk: Disk) -> None:
-    recorder.take([raw("one", 0)], NOW, 0.0)
-    recorder.tick(NOW, 1.0)
-    disk.error = errno.EFBIG
-    recorder.take([raw("one", 5)], NOW, 1.5)
-    recorder.tick(NOW, 2.0)
-    disk.error = 0
-    recorder.tick(NOW, 2.1)
-    recorder.take([raw("one", 10)], NOW, 2.2)
-    recorder.close()
-    assert [output.fate for output in disk.outputs] == ["abandoned", "finished"]
-    assert (len(disk.last.entries()), recorder.account.not_recorded) == (1, 1)
-    assert recorder.account.files == [Path("0.mcap.part"), Path("1.mcap")]
-
-
-def test_a_file_in_which_nothing_is_leaves_no_trace(recorder: WardRecorder, disk: Disk) -> None:
-    disk.error = errno.EIO
-    for second in range(1, 60):
-        recorder.take([raw("one", 5 * second)], NOW, float(second))
-        recorder.tick(NOW, float(second))
-    assert {output.fate for output in disk.outputs} == {"discarded"}
-    recorder.close()
-    assert recorder.account.files == []
-
-
 def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
     recorder: WardRecorder, disk: Disk, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -326,15 +268,3 @@ def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
     assert recorder.account.not_recorded == MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE
     assert [record.levelname for record in caplog.records] == ["ERROR"]
     assert len(recorder._latest) == MOST_OF_A_BRIDGE + 4
-
-
-def test_devices_that_an_estimator_tells_of_leave_room_in_the_next_file(recorder: WardRecorder, disk: Disk) -> None:
-    made_up = [
-        Message(keys.build(WARD, "status", device=f"x{n}"), codec.encode_status(status(f"x{n}", NOW)))
-        for n in range(MAX_CHANNELS)
-    ]
-    recorder.take(made_up, NOW, 0.0)
-    recorder.tick(NOW, 11.0)
-    recorder.take(of_all_kinds("after"), NOW, 11.0)
-    recorder.close()
-    assert {"raw/bridge-1/after", "corrected/after"} <= set(disk.last.topics())

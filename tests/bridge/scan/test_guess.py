@@ -1,7 +1,6 @@
 """Bytes are given to every decoder, and the right one is told from the others."""
 
 import math
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -9,11 +8,10 @@ from hypothesis import strategies as st
 
 from bridge.drivers import registry
 from bridge.drivers.driver import DriverKind
-from bridge.drivers.stream import StreamOptions, stream_kind
 from bridge.scan.guess import Guess, booted_by, candidates, guesses
 from bridge.sim.virtual_device import demo_device
 from bridge.transport.transport import Chunk
-from tests.bridge.scan.protocol import KINDS, LineDecoder, lines
+from tests.bridge.scan.protocol import KINDS, lines
 from tests.bridge.text.printed import PRINTS
 
 START_NS = 10**18
@@ -38,13 +36,6 @@ def test_each_protocol_is_known_by_its_bytes_and_by_what_it_says() -> None:
     assert (str(other.candidate), other.candidate.table) == ("signed %", {"sign": "%"})
 
 
-def test_a_rate_is_measured() -> None:
-    data = lines(n=400)
-    per_line = len(data) / 400
-    guess = guesses(candidates(KINDS), chunks(data, 40, round(40 / per_line * 1e7)))[0]
-    assert guess.rate_hz == pytest.approx(100, rel=0.05)
-
-
 @settings(deadline=None)
 @given(st.integers(0, 5000), st.binary(max_size=200))
 def test_a_beginning_anywhere_and_some_noise_do_not_mislead(cut: int, noise: bytes) -> None:
@@ -57,26 +48,6 @@ def test_a_beginning_anywhere_and_some_noise_do_not_mislead(cut: int, noise: byt
 @given(st.binary(max_size=3000))
 def test_noise_is_nobodys(noise: bytes) -> None:
     assert not any(guess.understood for guess in guesses(candidates(KINDS), chunks(noise)))
-
-
-def test_rates_that_nothing_turns_at_are_not_understood() -> None:
-    fast = b"".join(b"$,%d,1e9,0,0\n" % (10_000 * i) for i in range(50))
-    assert not best(fast).understood
-
-
-def broken_decoder(_: Any) -> LineDecoder:
-    raise ZeroDivisionError
-
-
-def test_a_foreign_driver_that_fails_stops_nobody() -> None:
-    broken = stream_kind("broken", "fails", StreamOptions, broken_decoder)
-    assert str(best(lines(), (broken, *KINDS)).candidate) == "line"
-
-
-def test_drivers_without_a_decoder_are_not_tried() -> None:
-    quiet = stream_kind("quiet", "not tried", StreamOptions, broken_decoder, auto=False)
-    assert [str(candidate) for candidate in candidates((quiet, *KINDS))] == ["native", "line", "signed #", "signed %"]
-    assert [candidate.baud for candidate in candidates(KINDS)] == [115_200, 57_600, 57_600, 57_600]
 
 
 def test_a_device_that_booted_with_the_opening_is_known_by_its_clock() -> None:

@@ -37,11 +37,6 @@ def what(verdict: Verdict) -> tuple[str, int]:
     return str(verdict.guess.candidate), verdict.baud
 
 
-def test_the_drivers_speeds_come_first() -> None:
-    assert bauds(TRIED)[:3] == [115_200, 57_600, 9600]
-    assert len(set(bauds(TRIED))) == len(bauds(TRIED))
-
-
 def test_a_device_is_found_and_not_sent_anything(tmp_path: Path) -> None:
     with PtyPort(demo_device("d", 1), tmp_path / "port") as port:
         heard: list[bytes] = []
@@ -60,18 +55,6 @@ def test_the_right_speed_is_found(tmp_path: Path) -> None:
         wrong = scan(port.link, speeds=[9600])
         assert wrong.guess is None
         assert "a speed other than 9600 (try --baud), or a protocol that needs a driver" in wrong.words
-
-
-def test_a_device_that_says_little_is_listened_to_longer(tmp_path: Path) -> None:
-    with talking(tmp_path / "port", lines(n=3000), 90) as port:  # some 5 lines a second
-        assert what(scan(port.link, 0.6, [115_200])) == ("line", 115_200)
-
-
-@pytest.mark.parametrize("port", ["/dev/null", "/dev/zero", __file__, "/"])
-def test_what_is_no_serial_port_is_not_called_busy(port: str) -> None:
-    with Path("/dev/null").open("rb"):
-        verdict = scan(port)
-    assert (verdict.guess, verdict.words) == (None, "not a serial port")
 
 
 def test_what_booted_with_the_opening_is_said(tmp_path: Path) -> None:
@@ -171,10 +154,3 @@ def test_wrong_use_and_an_empty_machine_are_told(
     ]:
         assert run(*arguments) == 2
         assert said in capsys.readouterr().err
-
-
-def test_scanning_leaves_no_file_open(tmp_path: Path) -> None:
-    with talking(tmp_path / "port", lines()) as port:
-        before = len(list(Path("/proc/self/fd").iterdir()))
-        scan(port.link)
-        assert len(list(Path("/proc/self/fd").iterdir())) == before

@@ -1,18 +1,16 @@
 """Days on a ward: exact mathematics of the motion, and statistics as declared of the sensor."""
 
-from itertools import islice, pairwise
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.sim.body import Activity, Body, Lived
-from bridge.sim.day import Day, anyhow, simulate_day, worn_spec
 from bridge.sim.life import Wearer
 from bridge.sim.motion import GRAVITY
-from bridge.sim.scenes import rests_and_motion, slow_turn
-from bridge.sim.warmth import ROOM_C, SKIN_C, Warmth
+from tests.sim.day import Day, anyhow, simulate_day, worn_spec
+from tests.sim.scenes import rests_and_motion, slow_turn
+from tests.sim.warmth import ROOM_C
 
 RATE_HZ = 52.0
 LEVER = np.array([0.2, -0.05, 0.1])
@@ -29,8 +27,8 @@ def body(seed: int) -> Body:
 
 @pytest.fixture(scope="module")
 def hours() -> list[Lived]:
-    """Two hours of several lives, whole."""
-    return [body(seed).advance(times(7200)) for seed in range(4)]
+    """Half an hour of two lives, whole."""
+    return [body(seed).advance(times(1800)) for seed in range(2)]
 
 
 @pytest.fixture(scope="module")
@@ -55,55 +53,6 @@ def test_force_is_gravity_and_the_change_of_a_bounded_velocity(hours: list[Lived
         assert 0.3 < np.linalg.norm(lived.velocity, axis=1).max() < 5.0
 
 
-def test_a_few_days_hold_every_activity() -> None:
-    lives = [Wearer(np.random.default_rng(seed)).life() for seed in range(5)]
-    assert {stretch.activity for life in lives for stretch in islice(life, 500)} == set(Activity)
-
-
-def test_activities_move_as_their_names_say(hours: list[Lived]) -> None:
-    rate = np.degrees(np.concatenate([lived.rate for lived in hours]))
-    activity = np.concatenate([lived.activity for lived in hours])
-    rms = {Activity(int(one)): float(np.sqrt(np.mean(rate[activity == one] ** 2))) for one in np.unique(activity)}
-    assert rms[Activity.TABLE] < 0.01
-    assert rms[Activity.ASLEEP] < rms[Activity.LYING] < 1.0
-    assert rms[Activity.SITTING] < 1.0
-    assert 0.2 < rms[Activity.SLOW_TURN] < 1.5
-    assert 30 < rms[Activity.WALKING] < 120
-
-
-def test_however_it_is_cut_it_is_the_same_life() -> None:
-    time_s = times(900)
-    whole, parts = body(5).advance(time_s), body(5)
-    cuts = [0, 1, 2, 777, 20_000, len(time_s)]
-    lived = [parts.advance(time_s[a:b]) for a, b in pairwise(cuts)]
-    for name in ("attitude", "rate", "activity", "velocity"):
-        np.testing.assert_allclose(
-            np.concatenate([getattr(one, name) for one in lived]), getattr(whole, name), atol=1e-9
-        )
-
-
-def test_a_seed_is_a_day() -> None:
-    one, same, other = (simulate_day(seed, hours=0.1, rate_hz=RATE_HZ) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one.gyro, same.gyro)
-    assert not np.array_equal(one.gyro, other.gyro)
-
-
-def test_a_longer_day_begins_with_the_shorter() -> None:
-    short, long = (simulate_day(1, hours=h, rate_hz=RATE_HZ) for h in (0.1, 0.2))
-    # A rounding error may push a reading onto the next step.
-    assert (short.gyro != long.gyro[: len(short.gyro)]).mean() < 1e-3
-    np.testing.assert_allclose(short.bias, long.bias[: len(short.bias)], atol=1e-9)
-
-
-def test_another_boot_is_the_same_device_with_another_turn_on_bias() -> None:
-    first, second = (simulate_day(1, hours=0.05, rate_hz=RATE_HZ, boot=boot).truth for boot in (0, 1))
-    np.testing.assert_array_equal(first.matrix, second.matrix)
-    np.testing.assert_array_equal(first.bias_per_kelvin, second.bias_per_kelvin)
-    changed = np.degrees(second.turn_on_bias - first.turn_on_bias)
-    assert (np.abs(changed) > 1e-3).all()
-    assert (np.abs(changed) < 1.0).all()
-
-
 def test_the_truth_explains_the_readings(day: Day) -> None:
     spec = worn_spec(RATE_HZ)
     left = np.degrees(day.gyro - day.bias - day.rate @ np.linalg.inv(day.truth.matrix).T)
@@ -118,7 +67,7 @@ def test_the_truth_explains_the_readings(day: Day) -> None:
 
 def test_bias_walks_about_its_temperature_law() -> None:
     ends, law_errors = [], []
-    for seed in range(60):
+    for seed in range(30):
         day = simulate_day(seed, hours=0.1, rate_hz=10.0)
         warmer = day.temperature_c[:, None].astype(float) - ROOM_C
         law = day.truth.turn_on_bias + warmer * day.truth.bias_per_kelvin + warmer**2 * day.truth.bias_per_kelvin2
@@ -126,20 +75,7 @@ def test_bias_walks_about_its_temperature_law() -> None:
         law_errors.append(np.abs(walk[0]).max())
         ends.append(walk[-1])
     assert np.max(law_errors) < 2e-3
-    assert np.std(ends) == pytest.approx(7e-4 * np.sqrt(360), rel=0.15)
-
-
-def test_a_worn_device_comes_near_the_warmth_of_skin_and_cools_on_the_table() -> None:
-    time_s = times(7200, 1.0)
-    worn = (time_s > 600) & (time_s < 4800)
-    temperature_c = Warmth(np.random.default_rng(1)).at(time_s, worn)
-    assert temperature_c[0] == pytest.approx(ROOM_C, abs=0.1)
-    assert SKIN_C - 1.5 < temperature_c[4700] < SKIN_C + 3.5
-    assert temperature_c[-1] < ROOM_C + 4
-    parts, cuts = Warmth(np.random.default_rng(1)), [0, 1, 650, 651, 5000, len(time_s)]
-    np.testing.assert_allclose(
-        np.concatenate([parts.at(time_s[a:b], worn[a:b]) for a, b in pairwise(cuts)]), temperature_c, atol=1e-9
-    )
+    assert np.std(ends) == pytest.approx(7e-4 * np.sqrt(360), rel=0.25)
 
 
 @pytest.mark.parametrize("breath", [0.0, 1.0])
@@ -156,9 +92,9 @@ def test_a_slow_turn_turns_about_the_vertical_and_nothing_else(rate_dps: float, 
 
 
 def test_rests_and_motion_are_as_a_filter_models_them() -> None:
-    days = [rests_and_motion(seed, 300.0, rrw_dps_per_sqrt_s=5e-3, noise_dps=0.1) for seed in range(40)]
+    days = [rests_and_motion(seed, 300.0, rrw_dps_per_sqrt_s=5e-3, noise_dps=0.1) for seed in range(20)]
     steps = np.degrees([day.bias[-1] - day.bias[0] for day in days])
-    assert np.std(steps) == pytest.approx(5e-3 * np.sqrt(300), rel=0.15)
+    assert np.std(steps) == pytest.approx(5e-3 * np.sqrt(300), rel=0.3)
     for day in days[:5]:
         rest = day.activity == Activity.TABLE
         rest[1:] &= rest[:-1]  # the last of a movement is in the first sample of the rest
@@ -167,11 +103,3 @@ def test_rests_and_motion_are_as_a_filter_models_them() -> None:
         assert np.degrees(day.rate[~rest]).std() > 10
         noise = np.degrees(day.gyro[rest] - day.bias[rest])
         assert noise.std() == pytest.approx(0.1, rel=0.05)
-
-
-def test_steps_of_temperature_move_the_bias() -> None:
-    day = rests_and_motion(1, 900.0, rrw_dps_per_sqrt_s=0.0, bias_dps_per_kelvin=0.05, step_k=3.0)
-    changes = np.flatnonzero(np.diff(day.temperature_c))
-    assert len(changes) == 4
-    moved = (day.temperature_c - day.temperature_c[0])[:, None] * day.truth.bias_per_kelvin
-    np.testing.assert_allclose(day.bias - day.bias[0], moved, atol=1e-7)

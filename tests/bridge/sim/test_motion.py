@@ -1,13 +1,11 @@
-from itertools import islice
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.sim.motion import GRAVITY, Motion, Piece, Spin, Still, Swing, TrueMotion
-from bridge.sim.quaternion import from_rotvec, integrate, to_rotvec
-from bridge.sim.script import SessionPlan, TurnPlan, demo_script, machine, poses, session, worn
+from bridge.sim.motion import GRAVITY, Motion, Piece, Still, TrueMotion
+from bridge.sim.script import SessionPlan, TurnPlan, demo_script, session, worn
+from tests.sim.attitude import integrate
 
 START = np.array([0.5, -0.5, 0.5, 0.5])
 
@@ -44,7 +42,7 @@ PLANS = {
 }
 
 
-@pytest.mark.parametrize("rate_hz", [12.5, 104.0, 833.0])
+@pytest.mark.parametrize("rate_hz", [12.5, 104.0])
 @pytest.mark.parametrize("plan", PLANS.values(), ids=PLANS)
 def test_full_turns_close_when_the_true_rate_is_integrated(plan: SessionPlan, rate_hz: float) -> None:
     motion = play(session(np.random.default_rng(3), plan), rate_hz)
@@ -76,24 +74,6 @@ def test_replacement_error_is_as_asked() -> None:
     assert np.sqrt(np.mean(np.square(missed)) / 3) == pytest.approx(np.radians(0.2), rel=0.1)
 
 
-def test_wobble_tilts_the_path_and_never_more_than_asked() -> None:
-    plain, wobbling = (
-        play(session(np.random.default_rng(5), SessionPlan(turns=(TurnPlan(2, 360.0, 5.0),), wobble_deg=w)))
-        for w in (0.0, 3.0)
-    )
-    tilt = np.degrees((rotation(plain.attitude).inv() * rotation(wobbling.attitude)).magnitude())
-    assert tilt.max() == pytest.approx(3.0, rel=0.01)
-
-
-def test_a_swing_stays_below_its_peak_and_ends_in_another_pose() -> None:
-    plan = SessionPlan(turns=(TurnPlan(0, 120.0, 2.0, swing=True),))
-    pieces = session(np.random.default_rng(6), plan)
-    assert isinstance(pieces[1], Swing)
-    motion = play(pieces)
-    assert np.degrees(np.linalg.norm(motion.rate, axis=1).max()) < 120 / 2 * 15 / 8 + 1
-    assert angle_between(rotation(START), rotation(motion.attitude[-1])) > 0.05
-
-
 def test_at_rest_the_accelerometer_reads_gravity_and_nothing_turns() -> None:
     motion = Motion([Still(1.0)], START).advance(times(2.0))
     up = rotation(START).inv().apply([0.0, 0.0, GRAVITY])
@@ -111,14 +91,6 @@ def test_in_motion_the_accelerometer_differs_from_gravity_by_the_lever_arm_only(
     assert size[1:][still[1:] & still[:-1]].max() < 1e-9
 
 
-def test_worn_motion_is_natural_in_speed_and_rests_now_and_then() -> None:
-    motion = Motion(worn(np.random.default_rng(8))).advance(times(300.0))
-    speed = np.degrees(np.linalg.norm(motion.rate, axis=1))
-    assert 100 < speed.max() <= 151
-    assert 0.3 < (speed == 0).mean() < 0.8
-    assert np.abs(np.diff(motion.rate, axis=0)).max() < np.radians(20)  # smooth: no step between samples
-
-
 def test_however_it_is_cut_it_is_the_same_motion() -> None:
     at = times(20.0)
     whole = demo_script(np.random.default_rng(9)).advance(at)
@@ -126,68 +98,3 @@ def test_however_it_is_cut_it_is_the_same_motion() -> None:
     parts = [cut.advance(part) for part in np.split(at, [1, 2, 50, 777, 1500])]
     for name in ("rate", "attitude", "force"):
         np.testing.assert_allclose(np.concatenate([getattr(p, name) for p in parts]), getattr(whole, name), atol=1e-12)
-
-
-def test_it_plays_for_hours_and_stays_a_unit_quaternion() -> None:
-    motion = Motion(worn(np.random.default_rng(10)))
-    for hour in range(1, 4):
-        last = motion.advance(np.array([3600.0 * hour - 0.01, 3600.0 * hour]))
-        assert np.linalg.norm(last.attitude, axis=1) == pytest.approx(1, abs=1e-12)
-    assert len(list(islice(worn(np.random.default_rng(0)), 100))) == 100
-
-
-def test_times_that_do_not_rise_are_refused() -> None:
-    motion = Motion([Still(1.0)])
-    motion.advance(times(0.5))
-    with pytest.raises(ValueError, match="must rise"):
-        motion.advance(times(0.5))
-
-
-def test_rests_must_fit_the_turns() -> None:
-    with pytest.raises(ValueError, match="need 4 rests"):
-        session(np.random.default_rng(0), SessionPlan(rests_s=(1.0, 2.0)))
-
-
-def test_rotation_vectors_round_trip_down_to_nothing() -> None:
-    rotvec = np.random.default_rng(0).normal(size=(100, 3)) * np.logspace(-20, 0, 100)[:, None]
-    np.testing.assert_allclose(to_rotvec(from_rotvec(rotvec)), rotvec, rtol=1e-12, atol=1e-16)
-    np.testing.assert_allclose(
-        rotation(from_rotvec(rotvec)).as_matrix(), Rotation.from_rotvec(rotvec).as_matrix(), atol=1e-14
-    )
-
-
-def test_a_machine_reaches_its_rate_and_holds_it() -> None:
-    axis = np.array([0.0, 0.6, 0.8])
-    motion = play([Still(1.0), Spin(4.0, axis, -1.5, ramp_s=0.5), Still(1.0)])
-    steady = (motion.time_s > 1.55) & (motion.time_s < 4.45)
-    np.testing.assert_allclose(motion.rate[steady], np.tile(-1.5 * axis, (steady.sum(), 1)), atol=1e-12)
-    still = (motion.time_s < 1.0) | (motion.time_s > 5.02)
-    np.testing.assert_array_equal(motion.rate[still], 0.0)
-    turned = np.sum(motion.rate @ axis * np.diff(motion.time_s, prepend=0.0))
-    assert turned == pytest.approx(-1.5 * 3.5, abs=1e-9)
-
-
-def test_on_a_machine_the_axis_is_vertical() -> None:
-    mounts = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, -0.8, 0.0]])
-    pieces = machine(mounts, (50.0, -50.0))
-    motion = Motion(pieces).advance(times(sum(piece.duration_s for piece in pieces)))
-    up = motion.force / GRAVITY
-    ends_s = np.cumsum([piece.duration_s for piece in pieces])
-    spins = [i for i, piece in enumerate(pieces) if isinstance(piece, Spin)]
-    assert len(spins) == 8
-    for n, i in enumerate(spins):
-        during = (motion.time_s > ends_s[i - 1]) & (motion.time_s < ends_s[i])
-        np.testing.assert_allclose(up[during], np.tile(mounts[n // 2], (during.sum(), 1)), atol=1e-9)
-
-
-def test_poses_differ_and_repeat_with_the_seed() -> None:
-    pieces = poses(np.random.default_rng(1), 12)
-    rests = [i for i, piece in enumerate(pieces) if isinstance(piece, Still)]
-    assert len(rests) == 13
-    motion = play(pieces)
-    middle_s = np.cumsum([piece.duration_s for piece in pieces])[rests] - 1.0
-    up = motion.force[np.searchsorted(motion.time_s, middle_s)] / GRAVITY
-    np.testing.assert_allclose(np.linalg.norm(up, axis=1), 1.0, atol=1e-9)
-    assert np.linalg.svd(up, compute_uv=False)[-1] > 1.0, "they fill all directions"
-    again = play(poses(np.random.default_rng(1), 12))
-    np.testing.assert_array_equal(motion.rate, again.rate)

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from bridge.sim.paper import PaperPlan, draw_gyro, simulate
-from bridge.sim.quaternion import integrate, to_rotvec
+from bridge.sim.quaternion import to_rotvec
+from tests.sim.attitude import integrate
 
 START = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -40,31 +41,6 @@ def test_noise_is_white_and_of_the_size_asked_for() -> None:
     noise = np.degrees(found.rests - gyro.bias)
     assert noise.std() == pytest.approx(0.15, rel=0.02)
     assert abs(np.mean(noise[:, :, 1:] * noise[:, :, :-1])) < 0.03 * 0.15**2
-
-
-def test_a_turn_starts_and_ends_at_rest_and_lasts_as_planned() -> None:
-    rng = np.random.default_rng(4)
-    found = simulate(draw_gyro(rng), PaperPlan(turn_s=(4.0, 6.0)), 10, rng)
-    lasts = found.dt.sum(axis=-1)
-    assert lasts.min() >= 3.99
-    assert lasts.max() <= 6.01
-    speed = np.linalg.norm(found.rates, axis=-1)
-    assert np.degrees(speed[..., 0].max()) < 5
-    assert np.all(speed[found.dt == 0] == 0)
-    assert np.degrees(speed.max()) < 250
-
-
-def test_the_same_seed_gives_the_same_sessions() -> None:
-    first, again = (simulate(draw_gyro(rng), PaperPlan(), 2, rng) for rng in map(np.random.default_rng, (5, 5)))
-    np.testing.assert_array_equal(first.turns, again.turns)
-
-
-def test_the_axis_of_a_wobbling_turn_swings_as_far_as_asked() -> None:
-    rng = np.random.default_rng(6)
-    gyro = draw_gyro(rng)
-    found = simulate(gyro, PaperPlan(0.0, wobble_deg=3.0), 5, rng)
-    across = found.rates - (found.rates @ gyro.axes[0])[..., None] * gyro.axes[0]
-    assert 0.05 < np.sqrt(np.mean(np.square(across[:, 0]).sum(axis=-1))) < 0.5
 
 
 def test_points_are_the_rate_itself_and_means_its_mean() -> None:

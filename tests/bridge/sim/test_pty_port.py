@@ -9,10 +9,9 @@ import serial
 
 from bridge.framing.deframer import Deframer, frame
 from bridge.framing.packets import Data, Hello, decode, encode_identify
-from bridge.sim.faults import BitErrors
 from bridge.sim.pty_port import PtyPort
-from bridge.sim.source import RecordedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
+from tests.sim.recorded_source import RecordedSource
 
 
 class Reader:
@@ -58,68 +57,6 @@ def test_any_program_opens_it_at_any_speed_and_locks_it(link: Path, baudrate: in
             serial.Serial(str(link), baudrate, exclusive=True)
 
 
-def test_it_answers_and_reboots(link: Path) -> None:
-    device = demo_device("a", 1)
-    with PtyPort(device, link, speed=20), Reader(link) as reader:
-        reader.until(lambda: len(reader.data()) > 10)
-        device.reboot()
-        reader.until(lambda: len(reader.boots()) == 2)
-        reader.until(lambda: reader.said[-1].boot == reader.boots()[1] and len(reader.data()) > 20)
-        reader.ask()
-        count = len(reader.said)
-        reader.until(lambda: any(isinstance(one, Hello) for one in reader.said[count:]))
-
-
-def test_unplugged_the_reader_gets_an_error_and_finds_the_same_boot_under_the_same_name(link: Path) -> None:
-    with PtyPort(demo_device("a", 1), link, speed=5) as port:
-        with Reader(link) as before:
-            before.until(lambda: len(before.data()) > 10)
-            port.unplug()
-            with pytest.raises(OSError, match=r"."):
-                before.until(lambda: False)
-        assert not link.exists()
-        with pytest.raises(serial.SerialException):
-            Reader(link)
-        time.sleep(0.2)
-        port.plug()
-        with Reader(link) as after:
-            after.until(lambda: len(after.data()) > 10)
-        assert after.boots() == before.boots()
-        # It went on while nobody was there.
-        assert after.data()[0].sequence > before.data()[-1].sequence + 50
-        assert port.dropped_bytes > 0
-
-
-def test_plugged_in_and_out_many_times_it_leaks_nothing(link: Path) -> None:
-    def descriptors() -> int:
-        return len(list(Path("/proc/self/fd").iterdir()))
-
-    with PtyPort(demo_device("a", 1), link) as port:
-        held = descriptors()
-        for _ in range(100):
-            port.unplug()
-            port.unplug()
-            port.plug()
-            port.plug()
-        assert descriptors() == held
-        Reader(link).port.close()
-    port.close()
-    assert descriptors() == held - 2
-    assert not link.is_symlink()
-
-
-def test_a_reader_that_does_not_read_loses_bytes_but_never_gets_a_wrong_packet(link: Path) -> None:
-    with PtyPort(demo_device("a", 1), link, speed=50) as port, Reader(link) as reader:
-        reader.until(lambda: len(reader.data()) > 10)
-        time.sleep(1.0)
-        assert port.dropped_bytes > 50_000
-        held = len(reader.data())
-        reader.until(lambda: len(reader.data()) > held + 200)
-        sequences = [one.sequence for one in reader.data()]
-        assert sequences == sorted(set(sequences))
-        assert reader.deframer.faults.as_dict()
-
-
 @pytest.mark.parametrize("speed", [20, 50])
 def test_a_replay_loses_nothing_however_slow_the_reader(link: Path, speed: int) -> None:
     gyro = np.random.default_rng(0).normal(size=(6000, 3)).astype(np.float32)
@@ -135,16 +72,3 @@ def test_a_replay_loses_nothing_however_slow_the_reader(link: Path, speed: int) 
         assert not reader.deframer.faults.as_dict()
         assert port.dropped_bytes == 0
         assert device.finished
-
-
-def test_device_time_runs_as_fast_as_asked(link: Path) -> None:
-    with PtyPort(demo_device("a", 1), link, speed=20) as port, Reader(link) as reader:
-        begin, lived = time.monotonic(), port.device_time_s
-        reader.until(lambda: time.monotonic() > begin + 1)
-        assert port.device_time_s - lived == pytest.approx(20 * (time.monotonic() - begin), rel=0.5)
-
-
-def test_a_bad_cable_costs_frames_only(link: Path) -> None:
-    with PtyPort(demo_device("a", 1), link, speed=20, byte_fault=BitErrors(1e-4)), Reader(link) as reader:
-        reader.until(lambda: len(reader.data()) > 1000 and bool(reader.deframer.faults.as_dict()))
-        assert len(reader.boots()) == 1

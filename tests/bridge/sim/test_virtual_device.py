@@ -5,10 +5,8 @@ import pytest
 
 from bridge.framing.deframer import Deframer, frame
 from bridge.framing.packets import Data, Hello, decode, encode_identify, encode_rate
-from bridge.sim.imperfection import DEMO_SPEC
-from bridge.sim.motion import Motion, Still
-from bridge.sim.source import RecordedSource, SimulatedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
+from tests.sim.recorded_source import RecordedSource
 
 ASK = frame(encode_identify())
 
@@ -85,21 +83,6 @@ def test_samples_come_at_the_rate_in_small_packets_and_in_order() -> None:
     assert set(np.diff(ticks_of(data))) == {9615, 9616}
 
 
-def test_it_answers_identify_at_once() -> None:
-    host = Host(demo_device("a", 1))
-    host.hear(0.5)
-    host.device.receive(ASK[:3])
-    host.device.receive(ASK[3:])
-    assert sum(isinstance(one, Hello) for one in host.hear(0.02)) == 1
-
-
-def test_what_is_not_identify_is_ignored() -> None:
-    host = Host(demo_device("a", 1))
-    host.hear(0.5)
-    host.device.receive(frame(b"\x82") + b"garbage\0" + frame(encode_identify() + b"?"))
-    assert not any(isinstance(one, Hello) for one in host.hear(0.1))
-
-
 def test_each_boot_is_another_with_its_own_scale_and_bias() -> None:
     host = Host(demo_device("a", 1))
     for _ in range(5):
@@ -110,27 +93,6 @@ def test_each_boot_is_another_with_its_own_scale_and_bias() -> None:
     for boot in boots:
         assert host.data(boot)[0].sequence == 0
     assert len({tuple(host.device.truth_of(boot).k) for boot in boots}) == 5
-
-
-def test_boot_numbers_of_ones_own_change_nothing_else() -> None:
-    numbers = iter([5, 6])
-    own, seeded = Host(demo_device("a", 1, draw_boot=lambda: next(numbers))), Host(demo_device("a", 1))
-    for host in (own, seeded):
-        host.hear(1.0)
-        host.device.reboot()
-        host.hear(1.0)
-    assert [hello.boot for hello in own.hellos()] == [5, 6]
-    for mine, theirs in zip(own.data(), seeded.data(), strict=True):
-        assert np.array_equal(mine.gyro, theirs.gyro)
-
-
-def test_the_seed_and_the_name_decide_everything() -> None:
-    def life(name: str, seed: int) -> bytes:
-        return demo_device(name, seed).advance(5.0)
-
-    assert life("a", 1) == life("a", 1)
-    assert demo_device("a", 1).boot != demo_device("b", 1).boot
-    assert demo_device("a", 1).boot != demo_device("a", 2).boot
 
 
 def test_switched_off_it_is_silent_and_deaf() -> None:
@@ -148,35 +110,6 @@ def test_switched_off_it_is_silent_and_deaf() -> None:
     assert host.device.boot == boot
 
 
-def test_ticks_wrap_at_32_bits() -> None:
-    source = SimulatedSource(lambda _: Motion([Still(1.0)]))
-    host = Host(VirtualDevice("a", source, spec=DeviceSpec(first_tick=2**32 - 1_000_000)))
-    host.hear(3.0)
-    ticks = ticks_of(host.data())
-    assert ticks.min() < 10_000
-    assert ticks.max() > 2**32 - 10_000
-    assert set(np.diff(ticks) % 2**32) == {9615, 9616}
-
-
-def test_a_fast_oscillator_gives_more_samples_a_second() -> None:
-    source = SimulatedSource(lambda _: Motion([Still(1.0)]))
-    host = Host(VirtualDevice("a", source, spec=DeviceSpec(skew_ppm=10_000)))
-    host.hear(100.3)
-    assert ticks_of(host.data())[-1] == pytest.approx(100.3e6 * 1.01, rel=1e-3)
-    assert sum(len(one.ticks) for one in host.data()) == pytest.approx(104 * 100 * 1.01, rel=1e-3)
-
-
-def test_another_boot_has_another_scale_and_bias_and_is_of_the_same_part() -> None:
-    source, rng = SimulatedSource(lambda _: Motion([Still(1.0)]), DEMO_SPEC), np.random.default_rng(1)
-    first, second = (source.power_up(boot, 1.0) for boot in rng.spawn(2))
-    other = SimulatedSource(lambda _: Motion([Still(1.0)]), DEMO_SPEC).power_up(rng.spawn(1)[0], 1.0)
-    for name in ("matrix", "turn_on_bias"):
-        assert not np.array_equal(getattr(first, name), getattr(second, name))
-    for name in ("bias_per_kelvin", "accel_bias"):
-        assert np.array_equal(getattr(first, name), getattr(second, name))
-        assert not np.array_equal(getattr(first, name), getattr(other, name))
-
-
 def test_truth_corrects_what_was_sent() -> None:
     imu = replace(demo_device("a", 1)._source.spec, noise_dps=0.0, step_dps=0.0)  # type: ignore[attr-defined]
     host = Host(demo_device("a", 1, imu=imu))
@@ -188,17 +121,6 @@ def test_truth_corrects_what_was_sent() -> None:
     assert truth.attitude.shape == (1000, 4)
     assert np.abs(truth.rate).max() > 1
     np.testing.assert_allclose(corrected, truth.rate, atol=1e-6)  # float32 on the wire
-
-
-def test_truth_is_kept_for_a_while_and_then_refused() -> None:
-    host = Host(demo_device("a", 1, spec=DeviceSpec(truth_s=10.0)), step_s=0.5)
-    host.hear(60.0)
-    boot = host.said[0].boot
-    last = host.data()[-1].sequence
-    assert len(host.device.truth_between(boot, last - 500, last).rate) == 501
-    for first, end, of in [(0, 10, boot), (last, last + 10_000, boot), (last, last, boot + 1), (5, 4, boot)]:
-        with pytest.raises(LookupError):
-            host.device.truth_between(of, first, end)
 
 
 def test_a_recording_arrives_whole_once_the_host_asked() -> None:
@@ -220,33 +142,9 @@ def test_a_recording_arrives_whole_once_the_host_asked() -> None:
     assert host.hellos()[0].has_accel
 
 
-def test_a_recording_without_accelerometer_says_so_and_plays_again_at_each_boot() -> None:
-    gyro = np.arange(30.0).reshape(10, 3)
-    host = Host(VirtualDevice("a", RecordedSource(gyro, rate_hz=100)))
-    host.hear(1.0)
-    host.device.reboot()
-    host.hear(1.0)
-    assert not host.hellos()[0].has_accel
-    assert sum(len(one.ticks) for one in host.data()) == 20
-
-
 def test_however_time_is_cut_it_says_the_same() -> None:
     def life(steps: int) -> bytes:
         device = demo_device("a", 3)
         return b"".join(device.advance((i + 1) * 8.0 / steps) for i in range(steps))
 
     assert life(1) == life(7) == life(1600)
-
-
-def test_at_another_rate_the_noise_is_as_dense_as_it_was() -> None:
-    source = SimulatedSource(lambda _: Motion([Still(1.0)]), rate_hz=50.0)
-    source.power_up(np.random.default_rng(1), 1.0)
-
-    def density() -> list[float]:
-        readings = [source.read() for _ in range(40)]
-        columns = (np.concatenate([getattr(one, name) for one in readings]) for name in ("gyro", "accel"))
-        return [float(np.diff(column, axis=0).std() / np.sqrt(source.sensor.rate_hz)) for column in columns]
-
-    usual = density()
-    source.pace(200.0)
-    assert density() == pytest.approx(usual, rel=0.05)

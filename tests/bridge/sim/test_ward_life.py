@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.drivers.simulated import SimulatedDriver, SimulatedOptions
 from bridge.sim.motion import TrueMotion
 from bridge.sim.ward_life import ward_script
 
@@ -32,30 +31,7 @@ def test_rates_integrate_to_the_attitudes_over_the_change_of_lives() -> None:
     assert ((attitude[:-1] * step).inv() * attitude[1:]).magnitude().max() < 1e-9
 
 
-def test_it_is_calibrated_first_and_lies_and_moves_then() -> None:
-    motion = lived(2, 1800)
-    rate = np.degrees(np.linalg.norm(motion.rate, axis=1))
-    session = motion.time_s < 30
-    assert rate[session].max() > 60
-    assert (rate[session] == 0).mean() > 0.3
-    later = motion.time_s > 100
-    assert 0.05 < np.median(rate[later]) < 5
-    assert rate[later].max() > 20
-
-
 def test_however_it_is_cut_it_is_the_same_life() -> None:
     whole, parts = lived(3, 120), lived(3, 120, (1, 2, 1400, 1401, 1500))
     for name in ("rate", "attitude", "force"):
         np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), atol=1e-9)
-
-
-def test_a_simulated_device_can_live_on_a_ward() -> None:
-    lives = []
-    for life in ("lively", "ward"):
-        driver = SimulatedDriver(SimulatedOptions(seed=4, life=life), None)
-        driver.open()
-        assert driver.device is not None
-        lives.append(driver.device.advance(60.0))
-        driver.close()
-    assert lives[0] != lives[1]
-    assert all(len(said) > 100_000 for said in lives)

@@ -1,12 +1,9 @@
 """The profiles that come with truerate, on what their devices print: the right numbers, boots, and every torn row refused."""
 
-import itertools
 from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bridge.drivers.driver import Event, Identity, Notice, Readings
@@ -14,7 +11,6 @@ from bridge.drivers.text_profile import TextDecoder
 from bridge.text.profile import load_profile, shipped
 from bridge.wire.messages import BootCause
 from tests.bridge.text import printed
-from tests.fuzz.executions import inputs
 
 Prints = Callable[..., bytes]
 # Who prints what; the rate where the profile leaves it to the ward's file; the step of what is printed, °/s.
@@ -106,26 +102,6 @@ def test_the_razor_s_boot_is_its_clock_s() -> None:
     assert faults == {"odd_time": 2}
 
 
-def test_a_clock_that_wraps_is_no_boot() -> None:
-    for data, name in [
-        (printed.razor(60, first_ms=2**32 - 300), "razor-m0"),
-        (printed.artemis(60, first_us=2**32 - 300_000), "openlog-artemis"),
-    ]:
-        events, faults = read(name, data)
-        assert faults == {}
-        assert len(identities(events)) == 1
-        ticks = np.concatenate([event.ticks for event in events if isinstance(event, Readings)])
-        assert np.all(np.diff(ticks.astype(np.int64)) > 0)
-
-
-def test_an_artemis_row_without_news_of_the_imu_is_refused() -> None:
-    events, faults = read("openlog-artemis", printed.artemis(100, ready=10))
-    assert faults == {"row_short": 10}
-    assert len(gyro(events)) == 90
-    last = [event for event in events if isinstance(event, Readings)][-1]
-    assert last.sequence + len(last.ticks) == 99  # the first of all was refused, the others' places are known
-
-
 def test_an_artemis_without_its_header_is_not_guessed_at() -> None:
     events, faults = read("openlog-artemis", printed.artemis(30, start=False))
     assert (events, faults) == ([], {"no_header": 30})
@@ -151,15 +127,6 @@ def test_an_artemis_without_microseconds_says_that_its_time_is_a_count() -> None
     assert identities(later)[-1].has_clock
 
 
-def test_a_header_outlives_a_lost_port() -> None:
-    one = decoder("openlog-artemis")
-    one.feed(b"\n" + printed.artemis(40), 0)
-    one.opened()
-    events = one.feed(b"0.1,\n" + printed.artemis(20, start=False, first_us=5_400_000), 0)
-    assert len(gyro(events)) == 20
-    assert one.faults.as_dict() == {"line_begun": 1}
-
-
 def test_a_known_wrong_sensitivity_is_said_and_not_put_right() -> None:
     events, _ = read("nano-33-ble", printed.nano(3))
     (notice,) = [event for event in events if isinstance(event, Notice)]
@@ -167,27 +134,6 @@ def test_a_known_wrong_sensitivity_is_said_and_not_put_right() -> None:
     assert "reads 12.8 % low" in notice.text
     assert "k near 1.147" in notice.text
     assert gyro(events)[0, 0] == pytest.approx(1.5)
-
-
-def test_the_wrong_sensitivity_goes_by_the_range_that_is_told() -> None:
-    head = "Started\r\nGyroscope Full Scale = ±245.00°/s\r\n".encode()
-    events, _ = read("nano-33-ble", head + printed.nano(3, start=False))
-    (notice,) = [event for event in events if isinstance(event, Notice)]
-    assert "reads 14.5 % low" in notice.text
-    assert np.degrees(identities(events)[0].gyro_range) == pytest.approx(245)
-
-
-@pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=30)
-@given(data=st.data())
-def test_any_chunking_gives_the_same_samples(name: str, data: st.DataObject) -> None:
-    stream = b"\n" + PRINTED[name][0](40)
-    cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=20))
-    one = decoder(name)
-    events = [e for a, b in itertools.pairwise([0, *sorted(cuts), len(stream)]) for e in one.feed(stream[a:b], 0)]
-    whole, faults = read(name, PRINTED[name][0](40))
-    assert np.array_equal(gyro([*events, *one.finish()]), gyro(whole))
-    assert one.faults.as_dict() == faults
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -204,18 +150,3 @@ def test_a_port_opened_anywhere_gives_no_wrong_sample(name: str) -> None:
         rows = gyro(events)
         assert len(rows) == len(gyro(read(name, prints(0) + stream[cut:].partition(b"\n")[2])[0]))
         assert np.allclose(rows, wanted[4 - len(rows) :], atol=1.001 * step)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_no_bytes_raise_and_every_line_is_accounted_for(name: str) -> None:
-    seeds = PRINTED[name][0](10).splitlines(keepends=True)
-    one = decoder(name)
-    rng = np.random.default_rng(5)
-    samples = 0
-    for i, piece in enumerate(inputs(seeds, rng, 20_000)):
-        if i % 97 == 0:
-            one.opened()
-        samples += sum(len(event.ticks) for event in one.feed(piece, i * 10_000_000) if isinstance(event, Readings))
-        assert len(one._lines._partial) <= 1024
-    assert samples > 0
-    assert one.faults.total() > 0

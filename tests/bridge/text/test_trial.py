@@ -38,15 +38,6 @@ def test_a_rate_that_nobody_knows_is_not_made_up(tmp_path: Path, capsys: pytest.
     assert "rate:       unknown: it tells no time" in capsys.readouterr().out
 
 
-def test_a_short_capture_of_a_device_with_a_clock_is_not_kept_back(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    capture = tmp_path / "capture.txt"
-    capture.write_bytes(b"\n" + printed.razor(7))
-    assert main(["bridge", "try", "razor-m0", str(capture)]) == 0
-    assert "understood: 7 samples" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("came", "words"),
     [
@@ -89,10 +80,3 @@ def test_a_pause_in_a_capture_is_no_boot(pause_ms: int, tmp_path: Path, capsys: 
     capture.write_bytes(b"\n" + printed.razor(150) + printed.razor(150, first_ms=2700 + pause_ms))
     assert main(["bridge", "try", "razor-m0", str(capture)]) == 0
     assert "understood: 300 samples in 1 boot\n" in capsys.readouterr().out
-
-
-def test_a_clock_that_begins_anew_in_a_capture_is_a_boot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    capture = tmp_path / "capture.txt"
-    capture.write_bytes(b"\n" + printed.razor(150, first_ms=90_000) + printed.razor(150, first_ms=300))
-    main(["bridge", "try", "razor-m0", str(capture)])
-    assert "in 2 boots" in capsys.readouterr().out

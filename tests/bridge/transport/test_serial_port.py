@@ -69,25 +69,6 @@ def test_a_second_reader_is_told_who_has_the_port(pty: PtyPort) -> None:
     second.close()
 
 
-def test_a_port_that_is_not_there_is_worth_trying_often(tmp_path: Path) -> None:
-    with pytest.raises(DeviceUnavailable, match="missing; plug the device in") as missing:
-        SerialPort(str(tmp_path / "gone"), 9600).open()
-    assert missing.value.soon
-    assert serial_state.settling(PermissionError(13, "no")), "udev sets permissions after the name"
-    assert not serial_state.settling(OSError(22, "no terminal"))
-
-
-def test_a_device_that_takes_nothing_is_lost(pty: PtyPort, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bridge.transport.serial_port._WRITE_TIMEOUT_S", 0.1)
-    pty._stop.set()  # it no longer reads
-    pty._thread.join()
-    port = SerialPort(str(pty.link), 9600)
-    port.open()
-    with pytest.raises(DeviceLost, match="does not take what is sent to it"):
-        port.write(bytes(1 << 20))
-    port.close()
-
-
 def test_closing_while_another_thread_reads_and_opens_leaves_nothing_behind(pty: PtyPort) -> None:
     port = SerialPort(str(pty.link), 9600)
     stop = threading.Event()

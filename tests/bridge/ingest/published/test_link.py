@@ -1,7 +1,5 @@
 """One device's thread: what fails is told once, tried again, and silences nobody."""
 
-from dataclasses import replace
-
 import pytest
 
 from bridge.drivers.driver import DeviceUnavailable, Notice
@@ -22,16 +20,6 @@ def test_a_device_is_back_once_it_says_something_and_not_its_driver_of_it(caplog
     driver = Scripted(DeviceUnavailable("script: missing"), [Notice("settings", "not answered")])
     run(driver, lambda _: driver.opened == 2 and not driver._script)
     assert [record.message for record in caplog.records] == ["d1: script: missing"]
-
-
-def test_a_rate_that_changes_is_a_line_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.ingest.device_thread")
-    driver = Scripted([HELLO, said(0)], [replace(HELLO, rate_hz=50.0), said(10)])
-    run(driver, lambda _: not driver._script)
-    assert [record.message for record in caplog.records] == [
-        "d1: reading script",
-        "d1: its rate changed from 100 to 50 Hz",
-    ]
 
 
 def test_a_drivers_own_fault_does_not_silence_its_device(caplog: pytest.LogCaptureFixture) -> None:

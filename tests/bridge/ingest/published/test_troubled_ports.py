@@ -13,10 +13,10 @@ from bridge.drivers.driver import DriverKind
 from bridge.drivers.stream import StreamOptions
 from bridge.ingest.pump import Pump
 from bridge.sim.pty_port import PtyPort
-from bridge.sim.virtual_device import VirtualDevice, demo_device
+from bridge.sim.virtual_device import VirtualDevice
 from bridge.wire.messages import DeviceInfo
 from tests.bridge.ingest.published.hearing import Listener
-from tests.bridge.scan.protocol import KINDS, LineOptions, Talker, lines
+from tests.bridge.scan.protocol import KINDS, Talker, lines
 
 
 @pytest.fixture(autouse=True)
@@ -71,34 +71,3 @@ def test_a_device_that_says_nothing_is_told_from_one_that_is_not_understood(
 ) -> None:
     with talking(tmp_path / "port", b"") as port:
         trouble(broker, listener, native(port), "open, but nothing comes; is it on, and sending?")
-
-
-def test_a_device_that_changes_its_protocol_is_told_of_and_taken_back(
-    tmp_path: Path, broker: MemoryBroker, listener: Listener
-) -> None:
-    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
-        config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
-        with MemoryBus(broker) as bus, Pump("w", config, bus):
-            listener.until(lambda: listener.count() > 20)
-            own, port.device = port.device, cast("VirtualDevice", Talker(lines(n=3000)))
-            listener.until(told(listener, "they look like driver = 'line'"))
-            assert not listener.alive[-1][1], "a device that nobody understands is not there"
-            port.device, here = own, listener.count()
-            listener.until(lambda: listener.count() > here + 20)
-            listener.until(lambda: not listener.infos["d1"].trouble)
-
-
-def test_a_second_bridge_on_a_port_disturbs_nobody(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:
-    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
-        first = Bridge(id="b1", batch_ms=20, devices=(native(port),))
-        second = Bridge(
-            id="b2", batch_ms=20, devices=(Device("d2", "line", LineOptions(port=str(port.link), baud=9600)),)
-        )
-        with MemoryBus(broker) as bus, Pump("w", first, bus):
-            listener.until(lambda: listener.count() > 20)
-            with MemoryBus(broker) as other, Pump("w", second, other):
-                listener.until(lambda: "d2" in listener.infos and "busy; " in listener.infos["d2"].trouble)
-                here = listener.count()
-                listener.until(lambda: listener.count() > here + 100)
-    ends = [batch.sequence + len(batch) for batch in listener.batches["d1"]]
-    assert all(batch.sequence == end for batch, end in zip(listener.batches["d1"][1:], ends, strict=False))

@@ -1,12 +1,9 @@
 """A bridge end to end: devices on terminals, unplugged, rebooted, over a bus that comes and goes."""
 
-import threading
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +13,7 @@ from bridge.config import Bridge, Device
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
 from bridge.ingest.device_thread import DeviceThread, Taken
-from bridge.ingest.pump import DevicePublisher, Pump, shares
+from bridge.ingest.pump import Pump
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.wire import codec, keys
@@ -111,32 +108,6 @@ def test_a_router_that_goes_away_costs_nothing_within_the_cache(
     assert unbroken(listener.batches["d1"])
 
 
-@pytest.mark.parametrize(("devices", "most"), [(1, 1), (5, 1), (8, 1), (17, 3)])
-def test_devices_are_published_a_few_at_a_time_each_as_often_as_asked(
-    broker: MemoryBroker, devices: int, most: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """All back to back, the last of a hundred waited for the others at whoever reads."""
-    turns: list[list[str]] = []
-    enough = threading.Event()
-
-    def note(_: Pump, some: Sequence[tuple[DeviceThread, DevicePublisher]], *, last: bool = False) -> None:
-        if not last:
-            turns.append([link.device for link, _ in some])
-            if len(turns) == 24:
-                enough.set()
-
-    monkeypatch.setattr(Pump, "_publish", note)
-    names = [f"d{i}" for i in range(devices)]
-    simulated = tuple(Device(id=name, driver="simulated", options=SimulatedOptions()) for name in names)
-    with MemoryBus(broker) as bus, Pump("w", Bridge(id="b1", batch_ms=5.0, devices=simulated), bus):
-        assert enough.wait(10.0)
-    parts = shares(devices)
-    assert [shares(n) for n in (1, 128, 129)] == [8, 8, 1], "of many, all at once costs readers less"
-    assert max(map(len, turns)) == most
-    for begin in range(0, 2 * parts, parts):
-        assert sorted(name for turn in turns[begin : begin + parts] for name in turn) == sorted(names)
-
-
 def test_a_replay_is_published_to_its_last_sample(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:
     gyro = np.random.default_rng(0).normal(size=(1000, 3)).astype(np.float32)
     np.savez(tmp_path / "r.npz", gyro_rad_s=gyro, rate_hz=100.0)
@@ -179,10 +150,10 @@ def test_a_device_of_which_nothing_can_be_taken_stops_no_other(
 ) -> None:
     take = DeviceThread.take
 
-    def fails(link: DeviceThread, *wants: Any) -> Taken:
+    def fails(link: DeviceThread, *, informed: bool) -> Taken:
         if link.device == "d1":
             raise ValueError("no")
-        return take(link, *wants)
+        return take(link, informed=informed)
 
     monkeypatch.setattr(DeviceThread, "take", fails)
     config = Bridge(

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.sim.body import Activity, Body, Stretch
-from bridge.sim.day import Day, anyhow, recorded, worn_spec
 from bridge.sim.imperfection import Imperfection, ImuSpec
 from bridge.sim.life import Wearer
 from bridge.sim.motion import Motion, Still
 from bridge.sim.quaternion import Array
 from bridge.sim.script import SessionPlan, flat, session, worn
-from bridge.sim.warmth import Warmth
+from tests.sim.day import Day, anyhow, recorded, worn_spec
+from tests.sim.warmth import Warmth
 
 #: how seldom the temperature steps, s
 _STEP_EVERY_S = 200.0
@@ -135,6 +135,6 @@ class Steps:
         steps = step_k * rng.normal(size=int(seconds / _STEP_EVERY_S) + 1)
         self._temperature_c = start_c + np.cumsum(np.concatenate([[0.0], steps]))
 
-    def at(self, time_s: Array, worn: NDArray[np.bool_]) -> Array:  # noqa: ARG002
+    def at(self, time_s: Array, worn: NDArray[np.bool_]) -> Array:
         """See Temperature."""
         return np.asarray(self._temperature_c[(time_s / _STEP_EVERY_S).astype(int)])

@@ -13,7 +13,7 @@ from bridge.sim.body import Activity, Body
 from bridge.sim.imperfection import Imperfection, ImuSpec, Truth, draw
 from bridge.sim.life import Wearer
 from bridge.sim.quaternion import Array
-from bridge.sim.warmth import ROOM_C, SKIN_C, Temperature, Warmth
+from tests.sim.warmth import ROOM_C, SKIN_C, Temperature, Warmth
 
 Float32s = NDArray[np.float32]
 
