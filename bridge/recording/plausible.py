@@ -33,7 +33,7 @@ _LEAST_G, _MOST_G, _NEAR = 0.6, 1.7, 0.25
 _QUIETEST, _LOUDEST = 0.001, 0.2
 #: the share of readings that are zero on all axes, and how many in a row, where a device corrects itself
 _ZEROED, _ZEROED_RUN = 0.05, 10
-_FEW_VALUES = 6
+_FEW_VALUES, _WHITE = 6, 0.7
 
 
 def check_time(path: Path, time_s: Floats) -> None:
@@ -141,8 +141,11 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
                 "Then say --gyro-unit rad/s"
             )
         ]
-    loudest = degrees(float(std[0])) / np.sqrt(rate_hz)
-    if loudest > _LOUDEST:
+    rest = gyro[quietest(gyro, rate_hz)]
+    # A movement is smooth beside the noise that it hides.
+    by_steps = np.diff(rest, axis=0).std(axis=0) / np.sqrt(2)
+    loudest = degrees(float(np.median(by_steps))) / np.sqrt(rate_hz)
+    if loudest > _LOUDEST and (by_steps > _WHITE * rest.std(axis=0)).all():
         return [
             (
                 f"where it is quietest it has {loudest:.2g} °/s/√Hz of noise, more than any gyro's: it never rested, or it is in "

@@ -269,13 +269,15 @@ def _numbers(counter: Floats) -> Floats | None:
     if not np.isfinite(counter).all() or (counter != np.rint(counter)).any() or len(counter) < 8:
         return None
     steps = np.diff(counter)
-    if np.median(steps) != 1:
+    one = float(np.median(steps))  # packets of other kinds may be counted, too
+    if not 1 <= one <= 16:
         return None
     back = steps < 0
     if back.any():
         most = max((1 << bits for bits in (8, 16, 24, 32)), key=lambda m: -abs(m - (counter.max() + 1)))
         steps = np.where(back, steps + most, steps)
-    if (steps < 1).any() or steps.max() > 1000:
+    steps = steps / one
+    if (steps < 1).any() or steps.max() > 1000 or (steps != np.rint(steps)).any():
         return None
     return np.concatenate([[0.0], np.cumsum(steps)])
 
