@@ -229,7 +229,7 @@ def _evened(time: Floats, tick: float) -> Floats:
     )
     mean = line + around
     rises = bool((np.diff(mean) > 0).all())
-    return mean if rises and np.abs(mean - time).max() < _GAP * tick else time
+    return mean if rises and np.abs(mean - time).max() < _AROUND * tick else time
 
 
 def _on_a_line(time: Floats) -> Floats:

@@ -77,9 +77,9 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
     gyro = columns["gyro_rad_s"][chosen]
     accel = columns.get("accel_m_s2")
     warm = columns.get("temperature_c")
-    step = float(np.median(np.diff(time)))
-    check_gyro(path, gyro, 1 / step)
-    notes += doubts_of_gyro(gyro, rate_of(time))
+    measured_hz = rate_of(time)
+    check_gyro(path, gyro, measured_hz)
+    notes += doubts_of_gyro(gyro, measured_hz)
     accel, said = believed_accel(None if accel is None else accel[chosen])
     notes += [said] if said else []
     for words in notes:
@@ -89,7 +89,7 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
         gyro=gyro,
         accel=accel,
         temperature_c=None if warm is None else warm[chosen],
-        rate_hz=rate or rate_of(time),
+        rate_hz=rate or measured_hz,
         name=path.stem,
         device=table.device,
         boot=table.boot,
@@ -137,8 +137,10 @@ def _drop_bad_rows(path: Path, table: Table, columns: dict[str, Floats], notes: 
     """Leave out rows without a rate, or with one beyond any; fill holes of the slower columns."""
     gyro = columns["gyro_rad_s"]
     limit = _LIMITS["gyro_rad_s"][0]
-    with np.errstate(invalid="ignore"):
-        good: NDArray[np.bool_] = np.asarray((np.abs(gyro) <= limit).all(axis=1))
+    good = np.ones(len(gyro), bool)
+    if not _within(gyro, limit):
+        with np.errstate(invalid="ignore"):
+            good = np.asarray((np.abs(gyro) <= limit).all(axis=1))
     bad = np.flatnonzero(~good)
     if len(bad) > _MOST_BAD * len(gyro):
         raise RecordingError(f"{path}: {_wrong_values('gyro_rad_s', gyro, table.place)}")
@@ -171,12 +173,17 @@ def _keep(columns: dict[str, Floats], rows: NDArray[np.bool_] | NDArray[np.intp]
             columns[name] = column[rows]
 
 
+def _within(column: Floats, limit: float) -> bool:
+    """Whether all values are finite and within ±limit."""
+    return bool(max(column.max(), -column.min()) <= limit)
+
+
 def _filled(column: Floats, limit: float) -> Floats | None:
     """Holes in (n, c) filled in between; None where too few rows are good."""
+    if _within(column, limit):
+        return column
     with np.errstate(invalid="ignore"):
         good = (np.abs(column) <= limit).all(axis=1)
-    if good.all():
-        return column
     beyond = np.isfinite(column).all(axis=1) & ~good
     if np.count_nonzero(good) < 2 or np.count_nonzero(beyond) > _MOST_BAD * len(column) or np.mean(good) < 0.02:
         return None
@@ -240,7 +247,13 @@ def _time(
 
 def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[str]) -> Floats:
     """Times by a counter of samples, where there is one that counts them, else by the number of the row."""
-    again = repeated_without_time(_values(columns))
+    counter = columns.pop("counter", None)
+    counts = counter is not None and len(np.unique(counter)) > len(counter) / 2
+    again = (
+        repeated(counter, _values(columns))
+        if counts and counter is not None
+        else repeated_without_time(_values(columns))
+    )
     share = float(np.mean(again))
     if share > _MOST_REPEATED:
         raise RecordingError(
@@ -252,7 +265,6 @@ def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[st
     number = columns.pop("row", None)
     rows = np.arange(len(again), dtype=np.float64) if number is None else number
     rows = rows - np.cumsum(again)
-    counter = columns.pop("counter", None)
     if again.any():
         rows = rows[~again]
         counter = None if counter is None else counter[~again]

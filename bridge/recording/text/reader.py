@@ -191,6 +191,10 @@ def _by_gravity(layout: Layout, triple: Triple, accel: Floats) -> tuple[float | 
 
 def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) -> tuple[Floats, float, str]:
     """Times in seconds, the seconds of one count of its column, and what to say. Raises RecordingError."""
+    if len(clocks) == 1:
+        clock, time = clocks[0]
+        factor, said = _unit(path, layout, clock, time)
+        return time * factor if factor != 1.0 else time, factor, said
     scaled = []
     for clock, time in clocks:
         factor, said = _unit(path, layout, clock, time)
@@ -201,10 +205,9 @@ def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) 
     if even and max(even.values()) > _SAME_STEP * min(even.values()):
         rates = "; ".join(f"{name!r} at {1 / step:.4g} Hz" for name, step in even.items())
         raise RecordingError(f"{path}: its times disagree: {rates}. Choose one: --time-column {next(iter(even))!r}")
-    if len(scaled) > 1:
-        name = layout.names[clock.at]
-        said = f"{said}; " if said else ""
-        said += f"the time is {name!r}; others are not used ({shown([layout.names[c[1].at] for c in scaled[1:]])})"
+    name = layout.names[clock.at]
+    said = f"{said}; " if said else ""
+    said += f"the time is {name!r}; others are not used ({shown([layout.names[c[1].at] for c in scaled[1:]])})"
     return time * factor if factor != 1.0 else time, factor, said
 
 
