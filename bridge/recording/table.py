@@ -28,6 +28,7 @@ from bridge.wording import count
 
 _log = logging.getLogger(__name__)
 _MAX_TIME_S = 1e10  # since whatever epoch: 300 years
+_OTHER_RATE = 0.02
 _SAME_RATE = 1e-3  # relative: as precisely as people write a rate
 #: of all rows: more bad ones are no accident
 _MOST_BAD, _MOST_REPEATED = 0.2, 0.1
@@ -139,8 +140,7 @@ def _drop_bad_rows(path: Path, table: Table, columns: dict[str, Floats], notes: 
     limit = _LIMITS["gyro_rad_s"][0]
     good = np.ones(len(gyro), bool)
     if not _within(gyro, limit):
-        with np.errstate(invalid="ignore"):
-            good = np.asarray((np.abs(gyro) <= limit).all(axis=1))
+        good = np.asarray((np.abs(gyro) <= limit).all(axis=1))
     bad = np.flatnonzero(~good)
     if len(bad) > _MOST_BAD * len(gyro):
         raise RecordingError(f"{path}: {_wrong_values('gyro_rad_s', gyro, table.place)}")
@@ -155,8 +155,7 @@ def _drop_bad_rows(path: Path, table: Table, columns: dict[str, Floats], notes: 
             columns[name] = filled.reshape(columns[name].shape)
     if "t_s" in columns:
         time = columns["t_s"]
-        with np.errstate(invalid="ignore"):
-            late = ~(np.abs(time) <= _MAX_TIME_S)
+        late = ~(np.abs(time) <= _MAX_TIME_S)
         if late.any():
             if np.count_nonzero(late) > _MOST_BAD * len(time):
                 raise RecordingError(f"{path}: {_wrong_values('t_s', time, table.place)}")
@@ -182,8 +181,7 @@ def _filled(column: Floats, limit: float) -> Floats | None:
     """Holes in (n, c) filled in between; None where too few rows are good."""
     if _within(column, limit):
         return column
-    with np.errstate(invalid="ignore"):
-        good = (np.abs(column) <= limit).all(axis=1)
+    good = (np.abs(column) <= limit).all(axis=1)
     beyond = np.isfinite(column).all(axis=1) & ~good
     if np.count_nonzero(good) < 2 or np.count_nonzero(beyond) > _MOST_BAD * len(column) or np.mean(good) < 0.02:
         return None
@@ -242,6 +240,9 @@ def _time(
         check_time(path, time[start:end])
         if rate is not None:
             check_rate(path, time[start:end], rate)
+            own = rate_of(time[start:end])
+            if abs(own / rate - 1) > _OTHER_RATE:
+                notes.append(f"its rate is said to be {rate:g} Hz, its times have {own:.4g} Hz: the times are used")
     return time, mended.starts
 
 

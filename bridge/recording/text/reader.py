@@ -114,8 +114,7 @@ class Values(NamedTuple):
         at = [self.columns.index(one) for one in triple.at]
         beside = at == list(range(at[0], at[0] + 3))
         values = self.read.numbers[:, slice(at[0], at[0] + 3) if beside else at]
-        with np.errstate(over="ignore"):  # what becomes infinite is dropped or refused with its sample
-            values *= triple.factor or 1.0
+        values *= triple.factor or 1.0
         return values
 
     def times(self, clock: Clock) -> Floats:
@@ -217,10 +216,9 @@ def _step(time: Floats) -> float:
 
 def _evenness(time: Floats) -> float:
     """The share of steps that are near the median step."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        steps = np.diff(time)
-        middle = float(np.median(steps)) if len(steps) else 0.0
-        return float(np.mean(np.abs(steps - middle) < _EVEN * middle)) if middle > 0 else 0.0
+    steps = np.diff(time)
+    middle = float(np.median(steps)) if len(steps) else 0.0
+    return float(np.mean(np.abs(steps - middle) < _EVEN * middle)) if middle > 0 else 0.0
 
 
 def _unit(path: Path, layout: Layout, clock: Clock, time: Floats) -> tuple[float, str]:
@@ -232,10 +230,9 @@ def _unit(path: Path, layout: Layout, clock: Clock, time: Floats) -> tuple[float
     name = layout.names[clock.at] or f"column {clock.at + 1}"
     finite = time[np.isfinite(time)]
     steps = np.diff(finite)
-    with np.errstate(over="ignore", invalid="ignore"):
-        span = float(np.median(np.abs(steps))) if len(steps) else 0.0
-        if not span and len(steps):
-            span = float(np.ptp(finite)) / len(steps)
+    span = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    if not span and len(steps):
+        span = float(np.ptp(finite)) / len(steps)
     fits = [unit for unit in ("s", "ms", "us", "ns") if span and _SLOW_HZ <= 1 / (span * TIME[unit]) <= _FAST_HZ]
     if fits:
         return TIME[
