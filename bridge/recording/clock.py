@@ -24,6 +24,8 @@ _STALL_S = 1.0
 #: of the longest usual step: times of arrival may be so far from their line, else samples are missing
 _OFF_LINE = 2.5
 _LEAST_PARTS_ROWS = 10
+#: ticks of a coarse clock: a longer step is a gap; nearer to a line than this is on it. Samples on either side of a mean
+_GAP, _ON_LINE, _AROUND = 5.0, 1.5, 16
 _MOST_PARTS = 50
 
 
@@ -208,22 +210,26 @@ def _ticks_spread(time: Floats) -> Floats:
 
 def _smoothed(time: Floats, tick: float) -> Floats:
     """Evenly spaced between gaps: how many samples a tick holds goes up and down, the device's own rate does not."""
-    rate = _line(time)
-    edges = np.flatnonzero(np.diff(time) > 2.5 * max(tick, rate)) + 1
-    parts = []
-    for part in np.split(time, edges):
-        n = len(part)
-        if n < 16:
-            parts.append(part)
-            continue
-        slope, start = np.polyfit(np.arange(n), part, 1)
-        line = start + slope * np.arange(n)
-        parts.append(line if np.abs(line - part).max() < 1.5 * tick else part)
-    return np.concatenate(parts)
+    step = float(np.median(np.diff(time)))
+    edges = np.flatnonzero(np.diff(time) > _GAP * max(tick, step)) + 1
+    return np.concatenate([_evened(part, tick) for part in np.split(time, edges)])
 
 
-def _line(time: Floats) -> float:
-    return float((time[-1] - time[0]) / (len(time) - 1))
+def _evened(time: Floats, tick: float) -> Floats:
+    """Times (n,) without a gap on a line; of a clock that goes unevenly, on a running mean of their distance from it."""
+    n = len(time)
+    if n < 2 * _AROUND:
+        return time
+    slope, start = np.polyfit(np.arange(n), time, 1)
+    line = start + slope * np.arange(n)
+    if np.abs(line - time).max() < _ON_LINE * tick:
+        return np.asarray(line)
+    around = np.convolve(
+        np.pad(time - line, _AROUND, mode="edge"), np.full(2 * _AROUND + 1, 1 / (2 * _AROUND + 1)), "valid"
+    )
+    mean = line + around
+    rises = bool((np.diff(mean) > 0).all())
+    return mean if rises and np.abs(mean - time).max() < _AROUND * tick else time
 
 
 def _on_a_line(time: Floats) -> Floats:

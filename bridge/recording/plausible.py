@@ -33,7 +33,7 @@ _LEAST_G, _MOST_G, _NEAR = 0.6, 1.7, 0.25
 _QUIETEST, _LOUDEST = 0.001, 0.2
 #: the share of readings that are zero on all axes, and how many in a row, where a device corrects itself
 _ZEROED, _ZEROED_RUN = 0.05, 10
-_FEW_VALUES = 6
+_FEW_VALUES, _WHITE, _WINDOWS = 6, 0.7, 1000
 
 
 def check_time(path: Path, time_s: Floats) -> None:
@@ -78,6 +78,8 @@ def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
 
 def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
     """Refuse rates (n, 3), rad/s, that stay beyond any gyro's range; single spikes are mended later."""
+    if max(gyro.max(), -gyro.min()) <= ABSURD:
+        return
     beyond = np.abs(gyro).max(axis=1) > ABSURD
     stays = beyond[:-2] & beyond[1:-1] & beyond[2:]
     if np.count_nonzero(stays) > _ABSURD_S * rate_hz:
@@ -113,7 +115,7 @@ def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
         doubts.append(
             f"{' and '.join(dead)} of the gyro reads the same throughout: that axis is dead or stuck, and nothing is known of it"
         )
-    zero = (gyro == 0).all(axis=1)
+    zero = (gyro[:, 0] == 0) & (gyro[:, 1] == 0) & (gyro[:, 2] == 0)
     if not zero.all() and float(zero.mean()) > _ZEROED and _longest(zero) >= _ZEROED_RUN:
         doubts.append(
             f"{zero.mean():.0%} of its readings are exactly zero on all axes: the device corrects itself at rest, so its bias "
@@ -130,8 +132,9 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
     n = len(gyro) // size
     if n < 3:
         return []
-    windows = gyro[: n * size].reshape(n, size, 3)
-    std = np.sort(np.median(windows.std(axis=1), axis=1))
+    windows = gyro[: n * size].reshape(n, size, 3)[:: n // _WINDOWS + 1]
+    spread = windows.std(axis=1)
+    std = np.sort(np.median(spread, axis=1))
     distinct = np.median([len(np.unique(window[:, axis])) for window in windows[:20] for axis in range(3)])
     density = degrees(float(np.quantile(std, 0.2))) / np.sqrt(rate_hz)
     if density < _QUIETEST and distinct > _FEW_VALUES:
@@ -141,8 +144,11 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
                 "Then say --gyro-unit rad/s"
             )
         ]
-    loudest = degrees(float(std[0])) / np.sqrt(rate_hz)
-    if loudest > _LOUDEST:
+    rest = windows[int(np.argmin(spread.max(axis=1)))]
+    # A movement is smooth beside the noise that it hides.
+    by_steps = np.diff(rest, axis=0).std(axis=0) / np.sqrt(2)
+    loudest = degrees(float(np.median(by_steps))) / np.sqrt(rate_hz)
+    if loudest > _LOUDEST and (by_steps > _WHITE * rest.std(axis=0)).all():
         return [
             (
                 f"where it is quietest it has {loudest:.2g} °/s/√Hz of noise, more than any gyro's: it never rested, or it is in "

@@ -61,7 +61,9 @@ def load(
         return _of_stretch(path, *_chosen(path, reading.device, reading.boot))
     if reading.device is not None:
         raise RecordingError(f"{path}: it is of one device; only a .mcap has several to choose from")
-    return recording_of(path, READERS[kind](path, reading), reading)
+    # What overflows is infinite, and is dropped or refused with its sample.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return recording_of(path, READERS[kind](path, reading), reading)
 
 
 def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, list[Calibration]]:

@@ -28,6 +28,7 @@ from bridge.wording import count
 
 _log = logging.getLogger(__name__)
 _MAX_TIME_S = 1e10  # since whatever epoch: 300 years
+_OTHER_RATE = 0.02
 _SAME_RATE = 1e-3  # relative: as precisely as people write a rate
 #: of all rows: more bad ones are no accident
 _MOST_BAD, _MOST_REPEATED = 0.2, 0.1
@@ -77,9 +78,9 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
     gyro = columns["gyro_rad_s"][chosen]
     accel = columns.get("accel_m_s2")
     warm = columns.get("temperature_c")
-    step = float(np.median(np.diff(time)))
-    check_gyro(path, gyro, 1 / step)
-    notes += doubts_of_gyro(gyro, rate_of(time))
+    measured_hz = rate_of(time)
+    check_gyro(path, gyro, measured_hz)
+    notes += doubts_of_gyro(gyro, measured_hz)
     accel, said = believed_accel(None if accel is None else accel[chosen])
     notes += [said] if said else []
     for words in notes:
@@ -89,7 +90,7 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
         gyro=gyro,
         accel=accel,
         temperature_c=None if warm is None else warm[chosen],
-        rate_hz=rate or rate_of(time),
+        rate_hz=rate or measured_hz,
         name=path.stem,
         device=table.device,
         boot=table.boot,
@@ -137,8 +138,9 @@ def _drop_bad_rows(path: Path, table: Table, columns: dict[str, Floats], notes: 
     """Leave out rows without a rate, or with one beyond any; fill holes of the slower columns."""
     gyro = columns["gyro_rad_s"]
     limit = _LIMITS["gyro_rad_s"][0]
-    with np.errstate(invalid="ignore"):
-        good: NDArray[np.bool_] = np.asarray((np.abs(gyro) <= limit).all(axis=1))
+    good = np.ones(len(gyro), bool)
+    if not _within(gyro, limit):
+        good = np.asarray((np.abs(gyro) <= limit).all(axis=1))
     bad = np.flatnonzero(~good)
     if len(bad) > _MOST_BAD * len(gyro):
         raise RecordingError(f"{path}: {_wrong_values('gyro_rad_s', gyro, table.place)}")
@@ -153,8 +155,7 @@ def _drop_bad_rows(path: Path, table: Table, columns: dict[str, Floats], notes: 
             columns[name] = filled.reshape(columns[name].shape)
     if "t_s" in columns:
         time = columns["t_s"]
-        with np.errstate(invalid="ignore"):
-            late = ~(np.abs(time) <= _MAX_TIME_S)
+        late = ~(np.abs(time) <= _MAX_TIME_S)
         if late.any():
             if np.count_nonzero(late) > _MOST_BAD * len(time):
                 raise RecordingError(f"{path}: {_wrong_values('t_s', time, table.place)}")
@@ -171,12 +172,16 @@ def _keep(columns: dict[str, Floats], rows: NDArray[np.bool_] | NDArray[np.intp]
             columns[name] = column[rows]
 
 
+def _within(column: Floats, limit: float) -> bool:
+    """Whether all values are finite and within ±limit."""
+    return bool(max(column.max(), -column.min()) <= limit)
+
+
 def _filled(column: Floats, limit: float) -> Floats | None:
     """Holes in (n, c) filled in between; None where too few rows are good."""
-    with np.errstate(invalid="ignore"):
-        good = (np.abs(column) <= limit).all(axis=1)
-    if good.all():
+    if _within(column, limit):
         return column
+    good = (np.abs(column) <= limit).all(axis=1)
     beyond = np.isfinite(column).all(axis=1) & ~good
     if np.count_nonzero(good) < 2 or np.count_nonzero(beyond) > _MOST_BAD * len(column) or np.mean(good) < 0.02:
         return None
@@ -235,12 +240,21 @@ def _time(
         check_time(path, time[start:end])
         if rate is not None:
             check_rate(path, time[start:end], rate)
+            own = rate_of(time[start:end])
+            if abs(own / rate - 1) > _OTHER_RATE:
+                notes.append(f"its rate is said to be {rate:g} Hz, its times have {own:.4g} Hz: the times are used")
     return time, mended.starts
 
 
 def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[str]) -> Floats:
     """Times by a counter of samples, where there is one that counts them, else by the number of the row."""
-    again = repeated_without_time(_values(columns))
+    counter = columns.pop("counter", None)
+    counts = counter is not None and len(np.unique(counter)) > len(counter) / 2
+    again = (
+        repeated(counter, _values(columns))
+        if counts and counter is not None
+        else repeated_without_time(_values(columns))
+    )
     share = float(np.mean(again))
     if share > _MOST_REPEATED:
         raise RecordingError(
@@ -252,7 +266,6 @@ def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[st
     number = columns.pop("row", None)
     rows = np.arange(len(again), dtype=np.float64) if number is None else number
     rows = rows - np.cumsum(again)
-    counter = columns.pop("counter", None)
     if again.any():
         rows = rows[~again]
         counter = None if counter is None else counter[~again]
@@ -269,13 +282,15 @@ def _numbers(counter: Floats) -> Floats | None:
     if not np.isfinite(counter).all() or (counter != np.rint(counter)).any() or len(counter) < 8:
         return None
     steps = np.diff(counter)
-    if np.median(steps) != 1:
+    one = float(np.median(steps))  # packets of other kinds may be counted, too
+    if not 1 <= one <= 16:
         return None
     back = steps < 0
     if back.any():
         most = max((1 << bits for bits in (8, 16, 24, 32)), key=lambda m: -abs(m - (counter.max() + 1)))
         steps = np.where(back, steps + most, steps)
-    if (steps < 1).any() or steps.max() > 1000:
+    steps = steps / one
+    if (steps < 1).any() or steps.max() > 1000 or (steps != np.rint(steps)).any():
         return None
     return np.concatenate([[0.0], np.cumsum(steps)])
 

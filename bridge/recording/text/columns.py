@@ -63,7 +63,7 @@ def find(path: Path, layout: Layout, reading: Reading, cells: list[str], *, only
     if not found.gyro and not only_accel:
         found.gyro = _vector(path, layout, names, "gyro", GYRO)
     if not found.accel and len(reading.columns) != 3:
-        found.accel = _vector(path, layout, names, "accel", ACCEL)
+        found.accel = _accel(path, layout, names, found)
     if not found.gyro and not only_accel:
         raise RecordingError(f"{path}: {_no_gyro(layout)}")
     if only_accel:
@@ -129,8 +129,14 @@ def _triple(indices: list[int], names: list[Name]) -> Triple:
 
 def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dict[str, float]) -> list[Triple]:
     """The triples of columns of one kind: one, or the same in several units."""
-    for wanted in ({kind}, {"axis"}):
-        alike = [(name, at) for at, name in enumerate(names) if name.kind in wanted and _fits(name, wanted, units)]
+    # x, y, z alone are those of the sensor that the file is named by.
+    bare = {"gyro": "gyr", "accel": "acc"}[kind] in path.name.lower()
+    for wanted in (kind, "axis"):
+        alike = [
+            (name, at)
+            for at, name in enumerate(names)
+            if name.kind == wanted and (wanted == kind or name.unit in units or (bare and not name.unit))
+        ]
         alike.sort(key=lambda one: (one[0].group, one[0].unit, one[1]))
         whole = dict[tuple[str, ...], list[Triple]]()
         for (group, unit), members in groupby(alike, key=lambda one: (one[0].group, one[0].unit)):
@@ -155,14 +161,21 @@ def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dic
     return []
 
 
+def _accel(path: Path, layout: Layout, names: list[Name], found: Columns) -> list[Triple]:
+    """The accelerometer's columns; none, with a note, where several sensors have such."""
+    try:
+        return _vector(path, layout, names, "accel", ACCEL)
+    except RecordingError as several:
+        found.notes.append(
+            f"no accelerometer is used: {str(several).removeprefix(f'{path}: ')}, after those of the gyro"
+        )
+        return []
+
+
 def _sensor(group: tuple[str, ...]) -> tuple[str, ...]:
     """A sensor's other words: a long and a short name of the same thing are one sensor."""
     same = {"g", "w", "a", "gyr", "gyro", "gyroscope", "acc", "accel", "accelerometer", "acceleration"}
     return tuple(word for word in group if word not in same)
-
-
-def _fits(name: Name, wanted: set[str], units: dict[str, float]) -> bool:
-    return "axis" not in wanted or name.unit in units
 
 
 def _with_options(layout: Layout, reading: Reading, found: Columns) -> None:

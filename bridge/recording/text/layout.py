@@ -14,11 +14,14 @@ _LEAST_NUMBERS = 3
 _COMMENT = re.compile(r"\s*(//|#|%|\*)+\s?")
 _SEP = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _RATE = re.compile(
-    r"(?:rate|frequency|freq|odr|fs)\b[^0-9\n]{0,24}?(\d+(?:[.,]\d+)?)\s*(k?hz|sps|samples)?", re.IGNORECASE
+    r"(?<!baud)(?<!baud[ _])(?<!frame[ _])(?:rate|frequency|freq|odr|fs)\b[^0-9\n]{0,24}?(\d+(?:[.,]\d+)?)\s*(k?hz|sps|samples)?",
+    re.IGNORECASE,
 )
 _GYRO_UNIT = re.compile(
     r"(?:gyr|angular|rate of turn|rotation)[^\n]*?(rad/s(?:ec)?|deg/s(?:ec)?|°/s|m?dps)\b", re.IGNORECASE
 )
+#: what is said of a sensor in a unit, and need not be the unit of its columns
+_NO_UNIT = re.compile(r"range|scale|fsr|noise|bias|density|resolution|sensitivity|threshold", re.IGNORECASE)
 _ACCEL_UNIT = re.compile(r"acc[^\n]*?(m/s\^?2|m/s²|\bmg\b|\bg\b)", re.IGNORECASE)
 
 
@@ -121,8 +124,9 @@ def _header(lines: list[str], separator: str | None, width: int) -> tuple[list[s
                 break
             continue
         cells = [cell.strip().strip('"').strip() for cell in split(line, separator)]
-        whole = abs(len(cells) - width) <= 1
-        gaps = bool(rows) and 2 < len(cells) < width and "" in cells
+        # Words of a sentence above a header are not names above columns.
+        whole = abs(len(cells) - width) <= 1 and (not rows or (separator or " ") != " ")
+        gaps = bool(rows) and (separator or " ") != " " and 2 < len(cells) < width and "" in cells
         if len(rows) == 3 or not (whole or gaps) or sum(bool(cell) for cell in cells) < 2:
             break
         rows.insert(0, [*cells, *[""] * width][: max(width, 1)])
@@ -178,5 +182,7 @@ def _facts(preamble: str) -> tuple[float, str, str]:
     rate = 0.0
     if match := _RATE.search(preamble):
         rate = float(match[1].replace(",", ".")) * (1000 if (match[2] or "").lower() == "khz" else 1)
-    gyro, accel = _GYRO_UNIT.search(preamble), _ACCEL_UNIT.search(preamble)
-    return rate, gyro[1] if gyro else "", accel[1] if accel else ""
+    parts = [part for part in re.split(r"[\n,;]", preamble) if not _NO_UNIT.search(part)]
+    gyro = next((match[1] for part in parts if (match := _GYRO_UNIT.search(part))), "")
+    accel = next((match[1] for part in parts if (match := _ACCEL_UNIT.search(part))), "")
+    return rate, gyro, accel

@@ -30,18 +30,8 @@ _OTHER = {
     *("user", "linear", "lin", "free", "gravity", "grav", "delta", "position", "pos", "filtered", "dir", "direction"),
 }
 _TIME = {
-    "time",
-    "timestamp",
-    "times",
-    "t",
-    "epoch",
-    "elapsed",
-    "clock",
-    "chiptime",
-    "stamp",
-    "datetime",
-    "utc",
-    "timer",
+    *("t", "ts", "tow", "gpst", "epoch", "elapsed", "clock", "stamp", "utc", "date"),
+    *("seconds", "millis", "micros", "nanos", "ms", "us", "ns"),
 }
 _COUNTER = {"counter", "packetcounter", "packet", "sample", "samples", "index", "frame", "seq", "sequence", "n"}
 _OWN_CLOCK = {"sensor", "chip", "chiptime", "device", "micros", "millis", "us", "sampletime", "elapsed"}
@@ -81,7 +71,7 @@ def understood(name: str) -> Name:
     others = set(words)
     if axis:
         return _of_axis(axis, unit, words, others)
-    if unit in TIME or others & (_TIME | {"seconds", "millis", "micros", "nanos", "ms", "us", "ns", "date"}):
+    if unit in TIME or others & _TIME or any(word.startswith("time") or word.endswith("time") for word in words):
         return _time(unit, words, others)
     if others & _COUNTER and not unit:
         return Name("counter", "", "", tuple(words))
@@ -98,7 +88,7 @@ def _of_axis(axis: str, unit: str, words: list[str], others: set[str]) -> Name:
         return Name("accel", axis, unit, rest)
     if words[:1] == ["g"] or (words == ["g"]):
         return Name("gyro", axis, unit, rest)
-    if unit in GYRO or unit in ACCEL:
+    if unit in GYRO or unit in ACCEL or (not rest and not unit):
         return Name("axis", axis, unit, rest)
     return _NOTHING
 
@@ -108,6 +98,7 @@ def _time(unit: str, words: list[str], others: set[str]) -> Name:
         found = next((spelling(word) for word in words if spelling(word) in TIME and word not in {"s", "min"}), "")
         unit = found
     rank = 2 - 2 * bool(others & _OWN_CLOCK) + 2 * bool(others & _ARRIVAL)
+    rank += bool(others & _ACCEL) - bool(others & _GYRO)
     return Name("time", "", unit, tuple(words), rank)
 
 

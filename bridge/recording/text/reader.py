@@ -114,8 +114,7 @@ class Values(NamedTuple):
         at = [self.columns.index(one) for one in triple.at]
         beside = at == list(range(at[0], at[0] + 3))
         values = self.read.numbers[:, slice(at[0], at[0] + 3) if beside else at]
-        with np.errstate(over="ignore"):  # what becomes infinite is dropped or refused with its sample
-            values *= triple.factor or 1.0
+        values *= triple.factor or 1.0
         return values
 
     def times(self, clock: Clock) -> Floats:
@@ -191,6 +190,10 @@ def _by_gravity(layout: Layout, triple: Triple, accel: Floats) -> tuple[float | 
 
 def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) -> tuple[Floats, float, str]:
     """Times in seconds, the seconds of one count of its column, and what to say. Raises RecordingError."""
+    if len(clocks) == 1:
+        clock, time = clocks[0]
+        factor, said = _unit(path, layout, clock, time)
+        return time * factor if factor != 1.0 else time, factor, said
     scaled = []
     for clock, time in clocks:
         factor, said = _unit(path, layout, clock, time)
@@ -201,10 +204,9 @@ def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) 
     if even and max(even.values()) > _SAME_STEP * min(even.values()):
         rates = "; ".join(f"{name!r} at {1 / step:.4g} Hz" for name, step in even.items())
         raise RecordingError(f"{path}: its times disagree: {rates}. Choose one: --time-column {next(iter(even))!r}")
-    if len(scaled) > 1:
-        name = layout.names[clock.at]
-        said = f"{said}; " if said else ""
-        said += f"the time is {name!r}; others are not used ({shown([layout.names[c[1].at] for c in scaled[1:]])})"
+    name = layout.names[clock.at]
+    said = f"{said}; " if said else ""
+    said += f"the time is {name!r}; others are not used ({shown([layout.names[c[1].at] for c in scaled[1:]])})"
     return time * factor if factor != 1.0 else time, factor, said
 
 
@@ -214,10 +216,9 @@ def _step(time: Floats) -> float:
 
 def _evenness(time: Floats) -> float:
     """The share of steps that are near the median step."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        steps = np.diff(time)
-        middle = float(np.median(steps)) if len(steps) else 0.0
-        return float(np.mean(np.abs(steps - middle) < _EVEN * middle)) if middle > 0 else 0.0
+    steps = np.diff(time)
+    middle = float(np.median(steps)) if len(steps) else 0.0
+    return float(np.mean(np.abs(steps - middle) < _EVEN * middle)) if middle > 0 else 0.0
 
 
 def _unit(path: Path, layout: Layout, clock: Clock, time: Floats) -> tuple[float, str]:
@@ -229,10 +230,9 @@ def _unit(path: Path, layout: Layout, clock: Clock, time: Floats) -> tuple[float
     name = layout.names[clock.at] or f"column {clock.at + 1}"
     finite = time[np.isfinite(time)]
     steps = np.diff(finite)
-    with np.errstate(over="ignore", invalid="ignore"):
-        span = float(np.median(np.abs(steps))) if len(steps) else 0.0
-        if not span and len(steps):
-            span = float(np.ptp(finite)) / len(steps)
+    span = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    if not span and len(steps):
+        span = float(np.ptp(finite)) / len(steps)
     fits = [unit for unit in ("s", "ms", "us", "ns") if span and _SLOW_HZ <= 1 / (span * TIME[unit]) <= _FAST_HZ]
     if fits:
         return TIME[

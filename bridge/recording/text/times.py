@@ -19,8 +19,7 @@ def seconds_of(cells: list[str]) -> Floats:
     """(n,) seconds since the midnight before the first; NaN where a cell has no time of day in it."""
     time = np.array([_second(cell) for cell in cells], np.float64)
     steps = np.diff(time)
-    with np.errstate(invalid="ignore"):
-        days = np.cumsum((steps < -DAY_S / 2).astype(float) - (steps > DAY_S / 2))
+    days = np.cumsum((steps < -DAY_S / 2).astype(float) - (steps > DAY_S / 2))
     if days.any():
         time[1:] += days * DAY_S
     return time

@@ -168,7 +168,7 @@ def test_every_real_recording_loads() -> None:
 def test_a_rate_in_a_file_that_contradicts_its_times_is_refused_and_a_told_one_replaces_them(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    times = {"gyro_rad_s": GYRO, "t_s": [0, 0.01, 0.02, 0.03]}
+    times: dict[str, Any] = {"gyro_rad_s": GYRO, "t_s": [0, 0.01, 0.02, 0.03]}
     said = "its times step by 0.01 s, 100 Hz, but its rate is said to be 400 Hz; say the right one, --rate-hz"
     path = saved(tmp_path, **times, rate_hz=400.0)
     assert said in refusal(path)

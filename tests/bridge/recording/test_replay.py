@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -13,8 +14,9 @@ from bridge.drivers.driver import DeviceUnavailable
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.drivers.takes import Take
 from bridge.ingest.pump import Pump
-from bridge.recording import stretches
+from bridge.recording import Reading, stretches
 from bridge.recording.files import Folder
+from bridge.recording.reading import as_table
 from bridge.recording.recorder import WardRecorder
 from bridge.recording.stretches import Stretch, read
 from bridge.wire import keys
@@ -112,3 +114,17 @@ def test_a_file_is_read_once_for_all_its_devices_and_anew_when_it_changed(
     (again,) = recorded(tmp_path, run("three", 0, 20))
     assert again == path
     assert replayed.devices(path) == ["three"]
+
+
+def test_a_table_of_another_tool_is_played_as_its_options_say(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time,x,y,z\n" + "".join(f"{20 * i},131,0,-262\n" for i in range(50)))
+    told = Reading(columns=("x", "y", "z"), gyro_sensitivity=131.0)
+    options = msgspec.convert({"file": str(path), **as_table(told)}, ReplayedOptions)
+    driver = ReplayedDriver(options)
+    driver.open()
+    take = replayed._takes(options)[0]
+    assert np.allclose(np.degrees(take.gyro), [1, 0, -2])
+    assert take.identity.rate_hz == pytest.approx(50)
+    with pytest.raises(DeviceUnavailable, match="--gyro-unit"):
+        ReplayedDriver(ReplayedOptions(file=str(path), columns=("x", "y", "z"))).open()

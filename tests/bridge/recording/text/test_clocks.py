@@ -1,6 +1,7 @@
 # ruff: noqa: E501 - a fault a line
 """Faults of clocks and rows are mended and said, each by its name, or refused with the way out."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -150,7 +151,7 @@ def test_a_packet_counter_shows_what_is_missing(tmp_path: Path) -> None:
     assert "30 samples missing by its counter" in recording.notes
 
 
-ROWS = {
+ROWS: dict[str, Callable[[list[str]], list[str]]] = {
     "cut last line": lambda rows: [*rows[:-1], rows[-1][:20]],
     "header again": lambda rows: [*rows[:400], rows[0], *rows[400:]],
     "NUL tail": lambda rows: [*rows, "\0" * 3000],

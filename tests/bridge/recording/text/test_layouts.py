@@ -49,10 +49,6 @@ SAID = {
             for clock, t, row in zip(CLOCKS, TIME, table([GYRO], ";"), strict=True)
         ],
     ),
-    "two rows of names": (
-        ["Time,Accelerometer,,,Gyroscope,,,Magnetometer,,", "s,m/s^2,m/s^2,m/s^2,rad/s,rad/s,rad/s,uT,uT,uT"],
-        [],
-    ),
     "three rows: sensor, axis, unit": (
         [
             "Time,Accelerometer,,,Gyroscope,,,Magnetometer,,",
@@ -99,7 +95,35 @@ SAID = {
         ),
     ),
 }
-del SAID["two rows of names"]
+SAID["two rows of names"] = (
+    [
+        "Time,Accelerometer,Accelerometer,Accelerometer,Gyroscope,Gyroscope,Gyroscope",
+        "us,X (m/s^2),Y (m/s^2),Z (m/s^2),X (rad/s),Y (rad/s),Z (rad/s)",
+    ],
+    table([TIME * 1e6, M_S2, RAD]),
+)
+SAID["two rows of names, units in brackets"] = (
+    ["Time,Acceleration,,,Angular Velocity,,", "(s),X(g),Y(g),Z(g),X(deg/s),Y(deg/s),Z(deg/s)"],
+    table([TIME, ACCEL, GYRO]),
+)
+SAID["German"] = (
+    ["Zeit (s);Gyroskop x (rad/s);Gyroskop y (rad/s);Gyroskop z (rad/s)"],
+    [row.replace(".", ",") for row in table([TIME, RAD], ";", "%.9E")],
+)
+SAID["camel case"] = (
+    ["timestampMs,accelX(g),accelY(g),accelZ(g),gyroX(dps),gyroY(dps),gyroZ(dps)"],
+    table([1.7e12 + TIME * 1000, ACCEL, GYRO]),
+)
+SAID["per"] = (
+    ["time_ms,angular_rate_x_deg_per_s,angular_rate_y_deg_per_s,angular_rate_z_deg_per_s"],
+    table([TIME * 1000, GYRO]),
+)
+SAID["iOS"] = (
+    [
+        "loggingTime(txt),motionTimestamp_sinceReboot(s),motionRotationRateX(rad/s),motionRotationRateY(rad/s),motionRotationRateZ(rad/s),motionUserAccelerationX(G),motionUserAccelerationY(G),motionUserAccelerationZ(G)"
+    ],
+    [f"2024-05-01 {clock} +0200,{row}" for clock, row in zip(CLOCKS, table([TIME + 1e5, RAD, ACCEL * 0]), strict=True)],
+)
 
 
 @pytest.mark.parametrize("tool", SAID)
