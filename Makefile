@@ -104,6 +104,7 @@ bench-tracking: setup-dev
 # Wildcard, foreign, forged and replayed traffic, and a flood of invented devices: what is accepted, who is delayed.
 bench-hostile: setup-dev
 	$(BIN)/python -m tests.bench.forged $(ARGS)
+	$(BIN)/python -m tests.bench.attacks --after 600
 
 # Regenerates the pins for deployment, each with its hashes: of every platform, and of what builds the package.
 pins: setup-dev

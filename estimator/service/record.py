@@ -65,6 +65,7 @@ class Record:
         self._due: deque[tuple[float, Callable[[], None]]] = deque()
         self._next_backup = self._next_thin = float("-inf")
         self._to_thin: list[str] = []
+        self._known = store.calibrated_devices()
 
     @property
     def trouble(self) -> str:
@@ -102,6 +103,10 @@ class Record:
         if self._to_thin:
             device, now_ns = self._to_thin.pop(), self._now_ns()
             self._write(lambda: self._store.thin(device, now_ns), soon=False)
+
+    def knows(self, device: str) -> bool:
+        """Whether a calibration of a device was kept before this estimator started."""
+        return device in self._known
 
     # ---- calibrations -----------------------------------------------------------------------------------------------
 

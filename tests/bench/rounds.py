@@ -21,10 +21,11 @@ from rich.table import Table
 
 from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.enrolled import Enrolment
 from estimator.config import Estimator
 from estimator.service.shell import Service
 from estimator.service.store import Store
-from tests.bench.load.stream import WARD, Fleet
+from tests.bench.load.stream import WARD, Fleet, name
 
 _NOW_NS = 1_700_000_000_000_000_000
 #: a ward that has just begun is not what is measured
@@ -154,6 +155,7 @@ class Ward:
 
     def __init__(self, devices: int, seconds: float, most: int) -> None:
         fleet = Fleet(devices, rate_hz=104.0, batch=10, seed=1)
+        self._names = tuple(map(name, range(devices)))
         periods = round((_WARM_S + seconds) / fleet.period_s)
         messages = [
             Message(fleet.keys[i], payload)
@@ -176,7 +178,15 @@ class Ward:
                     patch.setattr(pkgutil.resolve_name(owner), name, meter.metered(part, pkgutil.resolve_name(where)))
             patch.setattr("time.monotonic", lambda: raw.now)
             store = Store(":memory:")
-            service = Service(WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9))
+            service = Service(
+                WARD,
+                Estimator(id="e"),
+                bus,
+                control,
+                store,
+                lambda: _NOW_NS + round(raw.now * 1e9),
+                enrolment=Enrolment(enrolled=self._names),
+            )
             service._raw = raw  # type: ignore[assignment]
             begun = 0.0
             for number in range(len(self._rounds)):

@@ -77,8 +77,7 @@ def test_a_device_that_was_forgotten_has_none(ward: Ward, once: Stream) -> None:
     a_second(ward)
     assert vitals._note is not None
     assert list(vitals._note.devices) == [NAME]
-    ward.service._devices[NAME].heard = -ward.service.settings.silence_s
-    assert ward.service._devices._forget(time.monotonic())
+    assert ward.service._devices.forget(ward.service._devices[NAME].heard + 2.0, 1.0)
     a_second(ward)
     assert not vitals._note.devices
     assert not ward.service._stock._seen
