@@ -21,6 +21,8 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
 }
+#: characters of a path and its parameters
+LONGEST = 2048
 _SAFE = ("GET", "HEAD", "OPTIONS")
 #: what the policy's code of a websocket says: this is not taken from there
 _POLICY = 1008
@@ -54,6 +56,9 @@ class Guard:
 
     def _refused(self, scope: Scope) -> Fault | None:
         """Why it is not taken, or None. A name that is not ours may be a foreign page's, led to our address."""
+        if len(scope["path"]) + len(scope["query_string"]) > LONGEST:
+            words = f"An address of more than {LONGEST} characters is not taken."
+            return Fault(HTTPStatus.REQUEST_URI_TOO_LONG, "too_long", words)
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if not self._ours(host):

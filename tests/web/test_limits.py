@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from argon2 import PasswordHasher
+from starlette.requests import Request
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
@@ -406,9 +407,9 @@ def test_who_asks_while_the_store_is_read_gets_all_of_it_too(tmp_path: Path) -> 
     desk.known.take_status(said("chest", boot=5), 0.0)
 
     async def ask_twice() -> list[str]:
-        first = asyncio.create_task(desk.calibrations("chest"))
+        first = asyncio.create_task(desk.calibrations(Request({"type": "http"}), "chest"))
         await asyncio.sleep(0)
-        second = await desk.calibrations("chest")
+        second = await desk.calibrations(Request({"type": "http"}), "chest")
         await first
         return [one.id for one in second]
 
