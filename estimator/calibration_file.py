@@ -134,7 +134,8 @@ def save(calibration: Calibration, path: Path | str) -> None:
     path = Path(path)
     part = path.with_name(f".{path.name}.part")
     try:
-        with part.open("w", encoding="utf-8") as file:
+        part.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+        with part.open("x", encoding="utf-8") as file:
             file.write(json.dumps(as_json(calibration)) + "\n")
             file.flush()
             os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it

@@ -37,6 +37,8 @@ VERBS = {
     "estimator.cli_study": ("study",),
 }
 _LOG_FORMAT = "--log-format"
+#: what is taken from the modes of every file and folder that is made: files show how patients move
+_PRIVATE = 0o027
 EPILOG = """examples:
   truerate demo                                  see it all work, in about a minute
   truerate config check configs/ward.toml        is the ward's file right?
@@ -61,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that cannot show ° or ± shows something else
     words = sys.argv[1:] if arguments is None else arguments
+    os.umask(os.umask(0o077) | _PRIVATE)
     given = argparse.Namespace(log_format=logs.TEXT)
     try:
         try:

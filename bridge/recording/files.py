@@ -118,7 +118,8 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
     unfinished = path.with_name(f".{path.name}.new")
     try:
         try:
-            with unfinished.open("wb") as file:
+            unfinished.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+            with unfinished.open("xb") as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
