@@ -11,6 +11,8 @@ import argparse
 import contextlib
 import http.client
 import multiprocessing
+import random
+import re
 import signal
 import socket
 import sys
@@ -25,9 +27,12 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
+from starlette.routing import Route
+
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import codec, keys
 from estimator.demo.ward import free_port, listens
+from estimator.web.app import routes as application_routes
 from estimator.web.passwords import hashed
 from tests.bench.forged import rss_mb
 from tests.bench.load.stream import WARD, Fleet, name
@@ -68,6 +73,7 @@ class Place:
 
     endpoint: str
     web: int
+    seconds: float
 
 
 def get(port: int, path: str, timeout_s: float = 60.0) -> tuple[int, bytes]:
@@ -133,12 +139,85 @@ def pictures(at: Place) -> None:
             time.sleep(BURST_S / PICTURES)
 
 
+def routes(at: Place) -> None:
+    """Every route and parameter with long, nested and repeated input; raises RuntimeError where an answer takes long."""
+    rng, until, worst, asked = random.Random(1), time.monotonic() + at.seconds, 0.0, 0
+    paths = [route.path for route in application_routes() if isinstance(route, Route)] + ["/static/{device}", "/live"]
+    slow = dict[str, float]()
+    while time.monotonic() < until:
+        path = re.sub(
+            r"\{(\w+)\}",
+            lambda found: name(0) if found[1] == "device" and rng.random() < 0.5 else nasty(rng),
+            rng.choice(paths),
+        )
+        parameters = "&".join(f"{rng.choice(PARAMETERS)}={nasty(rng)}" for _ in range(rng.choice((0, 1, 1, 2, 50))))
+        body = rng.choice(
+            (
+                b"",
+                nasty(rng).encode(),
+                b"words=" + nasty(rng).encode(),
+                b"{" * 15_000,
+                b'{"words":"' + nasty(rng).encode(),
+            )
+        )
+        headers = {
+            "Content-Type": rng.choice(("application/json", "application/x-www-form-urlencoded", nasty(rng)[:200])),
+            rng.choice(("Cookie", "Accept-Language", "Authorization", "X-Csrf-Token", "If-None-Match")): nasty(rng)[
+                :8000
+            ],
+        }
+        connection = http.client.HTTPConnection("127.0.0.1", at.web, timeout=60)
+        began = time.monotonic()
+        with contextlib.closing(connection), contextlib.suppress(OSError, http.client.HTTPException):
+            connection.request(rng.choice(("GET", "GET", "POST", "HEAD")), f"{path}?{parameters}", body, headers)
+            connection.getresponse().read()
+        took, asked = time.monotonic() - began, asked + 1
+        if took > PAGE_S:
+            slow[f"{path[:60]}?{parameters[:60]}"] = took
+        worst = max(worst, took)
+    print(f"routes: {asked} requests, the longest answer took {worst:.2f} s; over {PAGE_S:g} s: {slow}", flush=True)
+    if slow:
+        sys.exit(1)
+
+
+def nasty(rng: random.Random) -> str:
+    """Text of a kind that is dear to somebody, as it stands in an address."""
+    unit = rng.choice(
+        (
+            "[",
+            "*",
+            "*a",
+            "(",
+            "../",
+            "%2e%2e%2f",
+            "%00",
+            "a",
+            "0",
+            "9",
+            "{",
+            "%ff",
+            "?",
+            ";",
+            "=",
+            ",",
+            "%F0%9F%92%A9",
+            "-",
+            ".",
+            "x;q=0.1,",
+            "%0d%0a",
+        )
+    )
+    return unit * rng.choice((1, 2, 30, 64, 300, 1000, 10_000 // len(unit)))
+
+
+PARAMETERS = ("only", "before", "limit", "to", "lang", "words", "x")
 ATTACKS: dict[str, Callable[[Place], None]] = {
     "nobody": lambda _: time.sleep(BURST_S),
     "invented": invented,
     "infos": infos,
     "brackets": brackets,
     "pictures": pictures,
+    "routes": routes,
 }
 
 
@@ -197,7 +276,7 @@ def holes(heard: list[tuple[int, str, bytes]], until_ns: int) -> dict[str, float
     return {device: max(hole, (until_ns - last.get(device, heard[0][0])) / 1e9) for device, hole in found.items()}
 
 
-def run(which: str, after_s: float) -> list[str]:
+def run(which: str, after_s: float, fuzz_s: float) -> list[str]:
     """What was not reached."""
     with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
         folder, endpoint = Path(place), f"tcp/127.0.0.1:{free_port()}"
@@ -233,9 +312,11 @@ def run(which: str, after_s: float) -> list[str]:
         visitor = threading.Thread(target=visit, args=(web, health, seen, over), daemon=True)
         visitor.start()
         began = time.monotonic()
-        attacker = multiprocessing.get_context("spawn").Process(target=ATTACKS[which], args=(Place(endpoint, web),))
+        attacker = multiprocessing.get_context("spawn").Process(
+            target=ATTACKS[which], args=(Place(endpoint, web, fuzz_s),)
+        )
         attacker.start()
-        attacker.join(120)
+        attacker.join(120 + fuzz_s)
         attacker.kill()
         time.sleep(min(after_s, MEMORY_S))
         after = {"estimator": rss_mb(estimator), "dashboard": rss_mb(dashboard)}
@@ -272,6 +353,7 @@ def run(which: str, after_s: float) -> list[str]:
             if after[who] > (1 + GROWN) * before[who]
         ]
         missed += [f"stopped in {stopped_s:.1f} s (goal {STOP_S:g})"] * (stopped_s > STOP_S)
+        missed += ["an answer took longer than 1 s"] * bool(attacker.exitcode)
         missed += seen.failed[:3]
         return missed
 
@@ -288,8 +370,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=ATTACKS, default=list(ATTACKS))
     parser.add_argument("--after", type=float, default=130.0, help="seconds the ward is watched for after each attack")
+    parser.add_argument("--fuzz", type=float, default=600.0, help="seconds of `routes`")
     given: Any = parser.parse_args()
-    missed = {which: found for which in given.only if (found := run(which, given.after))}
+    missed = {which: found for which in given.only if (found := run(which, given.after, given.fuzz))}
     for which, found in missed.items():
         print(f"not reached, {which}: {'; '.join(found)}")
     return int(bool(missed))
