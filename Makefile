@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-cluster bench-network bench-faults bench-hostile pins supply fuzz soak nemesis clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-cluster bench-network bench-faults bench-hostile pins supply fuzz soak nemesis docs test-lowest clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -28,11 +28,24 @@ demo: setup
 test: setup-dev
 	$(BIN)/python -m pytest
 
+# The tests with the lowest allowed version of each dependency; `make test` installs the newest. ARGS='tests/laws' for some.
+test-lowest: setup-dev
+	$(BIN)/uv venv -q --clear --python $(PYTHON) out/lowest
+	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,mavlink]' --group dev
+	out/lowest/bin/python -m estimator.loops
+	out/lowest/bin/python -m pytest $(ARGS)
+
+# The documentation site, in out/docs; a warning is an error.
+docs: setup-dev
+	$(BIN)/python -m pip install --quiet --group docs
+	$(BIN)/sphinx-build -q -W --keep-going -b html docs out/docs
+
 check: lint types contracts
 
 lint: setup-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/codespell
 
 types: setup-dev
 	$(BIN)/mypy

@@ -22,7 +22,18 @@ class Verbs(Protocol[P_co]):
 
 
 class Parser(argparse.ArgumentParser):
-    """Its verbs are of its kind, too."""
+    """A parser whose errors name the nearest word, and that tells its commands."""
+
+    def add_subparsers(self, **how: Any) -> "argparse._SubParsersAction[Any]":
+        """See argparse."""
+        self._verbs = super().add_subparsers(**how)
+        return self._verbs
+
+    @property
+    def commands(self) -> "dict[str, Parser]":
+        """The parser of each command, by the command's name."""
+        verbs = getattr(self, "_verbs", None)
+        return dict(verbs.choices) if verbs else {}
 
     def parse_known_args(  # type: ignore[override] # argparse's overloads say no more
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None

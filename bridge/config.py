@@ -73,12 +73,15 @@ def clash(address: str, other: str) -> bool:
 
 
 class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[bus]: the routers to connect to, as zenoh endpoints; and for `tls/...` who we are, as paths of PEM files."""
+    """The routers to connect to, and the certificate to show them."""
 
+    #: zenoh endpoints of the routers, the nearest first: `tcp/127.0.0.1:7447`, `tls/ward-3.example:7447`
     connect: tuple[str, ...] = (LOCAL,)
-    #: the authority whose word counts; our certificate; its private key, which nobody else may read
+    #: for `tls/...`: PEM file of the authority that signed all certificates
     ca: str = ""
+    #: for `tls/...`: PEM file of this program's certificate
     certificate: str = ""
+    #: for `tls/...`: PEM file of the certificate's private key; mode 0600
     key: str = ""
 
     def __post_init__(self) -> None:
@@ -127,8 +130,9 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[router]: where `truerate router` listens."""
+    """Where `truerate router` listens."""
 
+    #: zenoh endpoints
     listen: tuple[str, ...] = (LOCAL,)
 
     def __post_init__(self) -> None:
@@ -164,12 +168,15 @@ class Device:
 
 
 class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[bridge]: its id, how often it publishes, and its devices."""
+    """The bridge: its id, how often it publishes, and its devices."""
 
+    #: name of the bridge in keys and certificates
     id: str
+    #: milliseconds between two messages of a device, 5 to 1000
     batch_ms: float = 50.0
-    #: where /metrics, /healthz and /readyz are answered, as "127.0.0.1:9465"; nowhere when empty
+    #: address of /metrics, /healthz and /readyz, for example `127.0.0.1:9465`
     health: str = ""
+    #: one table `[[bridge.devices]]` for each device; see below
     devices: tuple[Device, ...] = ()
 
     def __post_init__(self) -> None:

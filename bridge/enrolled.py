@@ -14,10 +14,11 @@ MOST_BYTES = 1_000_000
 
 
 class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[devices]: ids, each alone (`wrist-01`, by any bridge) or with its bridge (`bridge-1/wrist-01`, by no other)."""
+    """The devices that are let in. Without this table every device is."""
 
+    #: device ids: `wrist-01` by any bridge, `bridge-1/wrist-01` by that bridge only
     enrolled: tuple[str, ...] = ()
-    #: a file with more of them, one a line, `#` begins a comment; looked at again when it changes
+    #: file with more device ids, one a line, `#` begins a comment; read again when it changes
     file: str = ""
 
     def __post_init__(self) -> None:

@@ -13,25 +13,27 @@ from estimator.web.settings import Dashboard
 
 
 class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[estimator]: its id, where it keeps what it learns, and how it calibrates."""
+    """The estimator: its id, its store, and how it calibrates."""
 
+    #: name of the estimator in keys and certificates
     id: str
-    #: the SQLite file; relative to the folder the estimator is started in
+    #: SQLite file; relative to the folder the estimator is started in
     store: str = "truerate.sqlite3"
-    #: the folder of its daily backups, best on another disk; when empty `backups` beside the store
+    #: folder of the daily backups, best on another disk; default: `backups` beside the store
     backups: str = ""
+    #: calibration method: `closure`, `turn360`, `transitions` or `accel_aided`
     method: str = DEFAULT
-    #: kind of device, one of configs/devices or the path of such a file; by device id for those that differ
+    #: device model: a name from configs/devices, or the path of such a file
     model: str = GENERIC
+    #: models of devices that differ, by device id: `{ chest = "lsm9ds1" }`
     models: dict[str, str] = {}
-    #: whether each turn by hand must be about a horizontal axis, so that an accelerometer checks its angle
+    #: require turns about horizontal axes, so that an accelerometer can check each angle
     horizontal_turns: bool = False
-    #: seconds after power-up before a device is believed
+    #: seconds after power-up during which readings are ignored
     warming_s: float = 1.0
     #: seconds without a sample after which a device is lost
     silence_s: float = 2.0
-
-    #: where /metrics, /healthz and /readyz are answered, as "127.0.0.1:9464"; nowhere when empty
+    #: address of /metrics, /healthz and /readyz, for example `127.0.0.1:9464`
     health: str = ""
 
     def __post_init__(self) -> None:

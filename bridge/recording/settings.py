@@ -23,18 +23,19 @@ def seconds(text: str, key: str) -> float:
 
 
 class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[recorder]: where recordings go and when a new file begins."""
+    """Where recordings go, and when a new file begins."""
 
-    #: relative to the folder the recorder is started in
+    #: folder of the recordings; relative to the folder the recorder is started in
     folder: str = "recordings"
-    #: a new file after so long, or when it has so many megabytes
+    #: duration after which a new file begins: `30s`, `10min`, `1h` or `never`
     rotate: str = "1h"
+    #: size after which a new file begins, megabytes
     rotate_mb: float = 500.0
-    #: room that is left to the others on the disk
+    #: megabytes of the disk that are left free
     keep_free_mb: float = 200.0
     #: seconds to wait for a router and a device before giving up
     wait_s: float = 10.0
-    #: only these; all when empty
+    #: ids of the devices to record; default: all
     devices: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -24,17 +24,19 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[dashboard]: everybody who reaches it may look; `people` may give commands too."""
+    """The page. Everybody who reaches it may look; people may also give commands."""
 
+    #: address and port
     listen: str = "127.0.0.1:8090"
+    #: one table `[[dashboard.people]]` for each person, with `name` and `password` (a hash)
     people: tuple[Person, ...] = ()
-    #: names it is called by in a browser's address line, beside the address it listens on
+    #: host names of the page in a browser's address line, beside `listen`
     hosts: tuple[str, ...] = ()
-    #: a reverse proxy on this machine stands before it, ends TLS, and says who asks
+    #: a reverse proxy on this machine ends TLS and tells the visitor's address
     behind_proxy: bool = False
-    #: how long a person stays logged in
+    #: hours until a person has to log in again
     session_hours: float = 8.0
-    #: and how long without a page or a command: others may hold the tablet by then
+    #: minutes without a page or command until a person has to log in again
     idle_minutes: float = 30.0
 
     def __post_init__(self) -> None:

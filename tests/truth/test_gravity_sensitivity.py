@@ -14,7 +14,7 @@ _SHEET = 0.1
 
 @pytest.mark.parametrize("name", ["mikoff_mpu9150/imu0.npz", "mikoff_mpu9150/imu3.npz", "imucal/ferraris_session.npz"])
 def test_gravity_moves_a_bias_less_than_a_sheet_says(shared_data: Path, name: str) -> None:
-    """By least squares over seconds of rest in many poses, with a drift evenly in time: README's "as three real ones have"."""
+    """By least squares over seconds of rest in many poses, with a drift evenly in time: the figures of docs/accuracy.md."""
     of = load(shared_data / name)
     assert of.accel is not None
     second = round(of.rate_hz)
