@@ -12,7 +12,7 @@ from typing import Any, Self
 from estimator.database.backups import Backups, make_sound, rescue
 from estimator.database.connections import Connect, checked, to_read, to_write
 from estimator.database.errors import FAULTS, Damaged, StoreError, Unavailable, translated
-from estimator.database.owner import hold
+from estimator.database.owner import check_free, hold
 from estimator.database.schema import create
 
 log = logging.getLogger(__name__)
@@ -181,7 +181,7 @@ class Database:
         if self._moved and not self._within and self._writer is not None:
             with self._telling():
                 if self._alone:
-                    _check_free(Path(self.path))
+                    _see_that_it_is_free(Path(self.path))
                 aside = rescue(self._writer, Path(self.path))
             self.close()
             self._moved, self._file = False, None
@@ -250,13 +250,10 @@ class Database:
         self._damaged |= isinstance(error, Damaged)
 
 
-def _check_free(path: Path) -> None:
-    """Raise Unavailable where another process has the file that is there now."""
+def _see_that_it_is_free(path: Path) -> None:
     try:
-        os.close(hold(path))
-    except FileNotFoundError:
-        return
-    except StoreError as error:
+        check_free(path)
+    except StoreError as error:  # it may end
         raise Unavailable(str(error)) from error
 
 

@@ -49,7 +49,7 @@ def hold(path: Path) -> int:
 
     Raises StoreError where another process has the file, or it is no regular file.
     """
-    lock = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK)
+    lock = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
         check_regular(path, os.fstat(lock).st_mode)
         _lock(lock, str(path))
@@ -57,6 +57,14 @@ def hold(path: Path) -> int:
         os.close(lock)
         raise
     return lock
+
+
+def check_free(path: Path) -> None:
+    """Raise StoreError where another process holds a store's file; there need be none."""
+    try:
+        os.close(hold(path))
+    except FileNotFoundError:
+        return
 
 
 def check_regular(path: Path, mode: int) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from estimator.cli import main
 from estimator.database import Database, StoreError
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS
@@ -75,6 +76,9 @@ def test_a_link_is_no_way_around_the_lock(tmp_path: Path, link: Callable[[Path, 
         assert other.stdout.readline() == "mine\n"
         with pytest.raises(StoreError, match="another estimator has it; each needs one of its own"):
             Database(alias, patient=True, alone=True)
+        (tmp_path / "a.sqlite3.lock").unlink(missing_ok=True)
+        assert main(["store", "backup", str(tmp_path / "b.sqlite3"), "--store", str(path)]) == 0
+        assert main(["store", "restore", str(tmp_path / "b.sqlite3"), "--store", str(path)]) == 1
     Database(alias, patient=True, alone=True).close()
 
 
