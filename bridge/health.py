@@ -6,11 +6,13 @@ Nothing is counted here: families are read when somebody asks.
 import logging
 import socket
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from ipaddress import ip_address
 from typing import Any, Self
+from urllib.parse import urlsplit
 
 from bridge import os_words
 from bridge.bus.routers import Routers
@@ -19,6 +21,8 @@ _log = logging.getLogger(__name__)
 
 #: who does not ask or listen for so long is let go; so many are answered at a time, and the oldest makes room for the next
 PATIENCE_S, AT_ONCE = 5.0, 8
+#: names that this machine is asked by, beside its addresses
+_NAMES = {"localhost", socket.gethostname().lower(), socket.gethostname().partition(".")[0].lower()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +73,27 @@ class Health:
         self._server.shutdown()
         self._thread.join()
         self._server.server_close()
+
+
+def own_host(host: str, names: Container[str]) -> bool:
+    """Whether a Host header names this machine: by an address, or by one of these names, in lower case.
+
+    Any other name may be that of a foreign page which was led to our address (DNS rebinding).
+    """
+    try:
+        parts = urlsplit(f"//{host}")
+        name, _ = parts.hostname or "", parts.port
+    except ValueError:
+        return False
+    if parts.netloc != host or "@" in host:
+        return False
+    if name in names:
+        return True
+    try:
+        ip_address(name)
+    except ValueError:
+        return False
+    return True  # an address cannot be led elsewhere
 
 
 class _Server(ThreadingHTTPServer):
@@ -143,6 +168,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         self.server.asks(self.connection)
+        if not own_host(self.headers.get("Host", "localhost"), _NAMES):
+            self._answer(400, b"ask by this machine's address or name\n", "text/plain; charset=utf-8")
+            return
         path = self.path.partition("?")[0]
         if path == "/metrics":
             self._answer(200, *self.server.rendered(self.connection))

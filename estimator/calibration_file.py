@@ -25,6 +25,8 @@ _MOST_ACROSS = 0.3
 _MOST_BIAS, _MOST_NOISE = 1.0, 0.1
 #: rad/s, nor so little: one that shows no noise rounds it away, which is said by its step
 _LEAST_NOISE = 1e-6
+#: no parameter is known so well, whatever its unit: rad/s, or a share of the scale
+_LEAST_STD = 1e-9
 _ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in permutations(range(3), 2))
 _ADVICE = "`truerate calibrate RECORDING --json > FILE` writes one"
 
@@ -134,7 +136,8 @@ def save(calibration: Calibration, path: Path | str) -> None:
     path = Path(path)
     part = path.with_name(f".{path.name}.part")
     try:
-        with part.open("w", encoding="utf-8") as file:
+        part.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+        with part.open("x", encoding="utf-8") as file:
             file.write(json.dumps(as_json(calibration)) + "\n")
             file.flush()
             os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it
@@ -223,6 +226,10 @@ def _covariance(rows: list[list[float]], n: int) -> Floats:
     if not np.isfinite(covariance).all() or np.any(np.diag(covariance) <= 0):
         raise ValueError("'covariance' has a variance that is not above 0, or not finite")
     std = np.sqrt(np.diag(covariance))
+    if std.min() < _LEAST_STD:
+        raise ValueError(
+            f"'covariance' says that a parameter is sure to {std.min():.3g}; no calibration is sure to {_LEAST_STD:g}"
+        )
     prior = PriorKnobs()
     for name, part, most in (("bias", slice(0, 3), prior.bias_std), ("k", slice(3, 6), prior.scale_std)):
         if std[part].max() > most:

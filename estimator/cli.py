@@ -37,6 +37,10 @@ VERBS = {
     "estimator.cli_study": ("study",),
 }
 _LOG_FORMAT = "--log-format"
+#: what is taken from the modes of every file and folder that is made: files show how patients move
+_PRIVATE = 0o027
+#: Python's words where the system gives no more threads
+_NO_THREAD = "can't start new thread"
 EPILOG = """examples:
   truerate demo                                  see it all work, in about a minute
   truerate config check configs/ward.toml        is the ward's file right?
@@ -61,6 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that cannot show ° or ± shows something else
     words = sys.argv[1:] if arguments is None else arguments
+    os.umask(os.umask(0o077) | _PRIVATE)
     given = argparse.Namespace(log_format=logs.TEXT)
     try:
         try:
@@ -75,7 +80,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         return 1
+    except MemoryError:
+        return _failed(given, "there is not enough memory for this; raise the limit (ulimit -v), or free some", 1)
     except Exception as error:
+        if str(error) == _NO_THREAD:
+            return _failed(given, "no more threads may be started; raise the limit (ulimit -u)", 1)
         if not isinstance(error, _expected()):
             raise
         return _failed(given, os_words.said(error), 1)

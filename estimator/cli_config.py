@@ -33,6 +33,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 def _config_check(given: argparse.Namespace) -> None:
     from estimator.config import Ward  # noqa: PLC0415
+    from estimator.service.privacy import advice, exposed  # noqa: PLC0415
 
     wards, routers, wrong = {}, [], list[str]()
     files = list({os.path.realpath(file): file for file in given.files}.values())  # by two names it is still one
@@ -57,6 +58,10 @@ def _config_check(given: argparse.Namespace) -> None:
             f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",
         ]
         print(f"{file}: right. Ward {ward.ward}: {', '.join(parts)}")
+    for file, ward in wards.items():
+        if found := exposed(file, ward):
+            said, do = advice(found)
+            print(f"{file}: {said}: {do}")
     for words in (*together.soon(wards, routers), *together.unused(wards)):
         print(words)
     for router in routers:

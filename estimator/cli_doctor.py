@@ -92,6 +92,7 @@ def _look(path: Path | None) -> Iterable[Finding]:
         yield from machine.disk(_places(ward))
         if ward.estimator is not None:
             yield from _store(Path(ward.estimator.store))
+        yield from _privacy(path, ward)
         shown = list(certificate(ward.bus.routers))
         yield from shown
         if any(finding.level is Level.TROUBLE for finding in shown):
@@ -127,6 +128,14 @@ def _store(path: Path) -> Iterable[Finding]:
     for aside in set_asides(path):
         yield warning("store", f"{aside} was set aside when it was damaged or replaced", "look at it, then remove it")
     yield ok("store", f"{path} can be read")
+
+
+def _privacy(path: Path | None, ward: Ward) -> Iterable[Finding]:
+    """Whether other users of this machine can read what is kept."""
+    from estimator.service.privacy import advice, exposed  # noqa: PLC0415 - as above
+
+    if path is not None and (found := exposed(path, ward)):
+        yield warning("privacy", *advice(found))
 
 
 def _running(ward: Ward) -> Iterable[Finding]:

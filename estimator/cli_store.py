@@ -178,6 +178,7 @@ def _check(given: argparse.Namespace) -> int:
 
 def _restore(given: argparse.Namespace) -> int:
     from estimator.database import StoreError, inspect, owned, restore  # noqa: PLC0415
+    from estimator.database.owner import check_free  # noqa: PLC0415
 
     backups = _place(given)
     known = [given.backup] if given.backup else backups.newest_first()
@@ -186,6 +187,7 @@ def _restore(given: argparse.Namespace) -> int:
         looked = given.backup or f"{backups.folder}, which has {count(len(known), 'backup')}"
         raise StoreError(f"no sound backup of store {backups.store} is found: looked at {looked}")
     with owned(str(backups.store)):
+        check_free(backups.store)
         aside = restore(backups.store, sound)
     before = f"; the file that was there is kept as {aside}" if aside else ""
     print(f"{sound} is restored as {backups.store}: {_contents(inspect(backups.store))}{before}")

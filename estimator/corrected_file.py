@@ -62,7 +62,8 @@ def save(
     """Write to a file beside it, then rename; progress(done, n) counts rows. See `check` for what is refused."""
     part = out.with_name(f".{out.name}.part")
     try:
-        with part.open("wb") as file:
+        part.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+        with part.open("xb") as file:
             _WRITERS[out.suffix](file, corrected, recording, progress or (lambda _done, _n: None))
             file.flush()
             os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it

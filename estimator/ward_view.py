@@ -4,7 +4,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from fnmatch import fnmatchcase
 from typing import Any
 
 from bridge.ingest import duplicate_bridges
@@ -19,6 +18,8 @@ SILENT, UNKNOWN, TRACKING = "silent", "unknown", "tracking"
 #: what needs a person most comes first
 URGENCY = ("lost", SILENT, UNKNOWN, "awaiting still", "bias only", "degraded", "turning", "warming", TRACKING)
 _LISTED = 20
+#: bridges of which what they say of one device is kept
+_BRIDGES = 8
 WORDS = {state: state.name.lower().replace("_", " ") for state in State}
 
 
@@ -77,6 +78,24 @@ class WardView:
         known = self._infos.setdefault(info.device, {})
         known.pop(info.bridge, None)
         known[info.bridge] = info  # latest last
+        if len(known) > _BRIDGES:
+            status, _ = self._statuses.get(info.device, (None, 0.0))
+            del known[next(one for one in known if status is None or one != status.bridge)]
+
+    def room(self, device: str, most: int) -> bool:
+        """Whether a device has a status or is known, or there are fewer than `most` of which only bridges speak."""
+        known = device in self._statuses or device in self._infos
+        return known or len(self._infos.keys() - self._statuses.keys()) < most
+
+    def silences(self, now: float) -> dict[str, float]:
+        """Of every device with a status the seconds since it came."""
+        return {device: now - heard for device, (_, heard) in self._statuses.items()}
+
+    def forget(self, device: str) -> None:
+        """Drop a device."""
+        self._statuses.pop(device, None)
+        self._infos.pop(device, None)
+        self._anew.discard(device)
 
     def rows(self, now: float) -> list[Row]:
         """Every device, those that need a person first."""
@@ -169,7 +188,26 @@ def chosen(rows: Iterable[Row], only: Iterable[str]) -> list[Row]:
     """The rows whose state is one of these words, or whose id matches one (* and ? stand for anything); all if there is none."""
     words = [word.lower() for word in only]
     states = {word.replace("-", " ").replace("_", " ") for word in words}
-    return [row for row in rows if not words or row.state in states or any(fnmatchcase(row.device, w) for w in words)]
+    return [row for row in rows if not words or row.state in states or any(matches(row.device, w) for w in words)]
+
+
+def matches(text: str, pattern: str) -> bool:
+    """Whether a text is as a pattern says: `*` stands for any characters, `?` for one. Time: the product of both lengths."""
+    at = here = 0
+    star, tried = -1, 0
+    while here < len(text):
+        if at < len(pattern) and pattern[at] == "*":
+            star, tried = at, here
+            at += 1
+        elif at < len(pattern) and pattern[at] in ("?", text[here]):
+            at += 1
+            here += 1
+        elif star >= 0:  # the last star takes one character more
+            tried += 1
+            at, here = star + 1, tried
+        else:
+            return False
+    return not pattern[at:].strip("*")
 
 
 def strangers(rows: Iterable[Row], only: Iterable[str]) -> list[str]:
@@ -180,7 +218,7 @@ def strangers(rows: Iterable[Row], only: Iterable[str]) -> list[str]:
         word
         for word in only
         if word.lower().replace("-", " ").replace("_", " ") not in states
-        and not any(fnmatchcase(device, word.lower()) for device in devices)
+        and not any(matches(device, word.lower()) for device in devices)
     ]
 
 

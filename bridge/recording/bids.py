@@ -232,7 +232,9 @@ def _add_rows(path: Path, known: Sequence[str], rows: Sequence[Sequence[str]]) -
     width = known[0].count("\t") + 1
     new = ["\t".join((*row, *[_NONE] * (width - len(row)))) for row in rows if row[0] not in had]
     unfinished = path.with_name(f".{path.name}.new")
-    unfinished.write_text("".join(line + "\n" for line in (*known, *new)), encoding="utf-8")
+    unfinished.unlink(missing_ok=True)
+    with unfinished.open("x", encoding="utf-8") as file:
+        file.writelines(line + "\n" for line in (*known, *new))
     unfinished.replace(path)
 
 

@@ -23,8 +23,10 @@ class Output:
         self.file: BinaryIO = open_new(with_part(path))
 
     def sync(self) -> None:
-        """Return when the disk has what was written."""
+        """Return when the disk has what was written; OSError where the file was removed meanwhile: nobody would find it."""
         os.fsync(self.file.fileno())
+        if not os.fstat(self.file.fileno()).st_nlink:
+            raise FileNotFoundError(f"{with_part(self.path).name} was removed while it was being written")
 
     def finish(self) -> None:
         """Give the finished file its name."""
@@ -118,7 +120,8 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
     unfinished = path.with_name(f".{path.name}.new")
     try:
         try:
-            with unfinished.open("wb") as file:
+            unfinished.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+            with unfinished.open("xb") as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())

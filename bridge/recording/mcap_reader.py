@@ -16,15 +16,15 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import get_chunk_data_stream
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from bridge.recording.error import RecordingError
 from bridge.wording import count
 
-#: bytes that a chunk may unpack to
-MAX_UNPACKED = 1 << 28
+#: bytes that a chunk may unpack to, and records in it: a few kilobytes can be a bomb; writers make chunks of some megabytes
+MAX_UNPACKED, MAX_RECORDS = 1 << 26, 200_000
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 _FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, start of the summary, of its offsets, its checksum; magic
 _ZSTD = b"\4\0\0\0zstd"
@@ -193,7 +193,7 @@ class McapReader:
 
 
 def _unpacked(chunk: Chunk) -> list[McapRecord]:
-    """Records of a chunk. Raises ValueError where it is too large, or its checksum does not match."""
+    """Records of a chunk. Raises one of _DAMAGED where it is too large, its checksum does not match, or a record is none."""
     size = chunk.uncompressed_size
     if chunk.compression == "zstd" and zstandard.get_frame_parameters(chunk.data).content_size not in (
         size,
@@ -202,4 +202,16 @@ def _unpacked(chunk: Chunk) -> list[McapRecord]:
         raise ValueError
     if size > MAX_UNPACKED or chunk.compression not in ("zstd", ""):
         raise ValueError
-    return breakup_chunk(chunk, validate_crc=True)
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    records = list[McapRecord]()
+    while stream.count < size:
+        opcode, length = stream.read1(), stream.read8()
+        if length > size - stream.count or len(records) >= MAX_RECORDS:
+            raise ValueError
+        if opcode == Opcode.MESSAGE:
+            records.append(Message.read(stream, length))
+        elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
+            records.append((Channel if opcode == Opcode.CHANNEL else Schema).read(stream))
+        else:
+            raise ValueError
+    return records

@@ -210,14 +210,16 @@ class WardRecorder:
         account, file, self._file = self.account, self._file, None
         account.trouble = self.said(error)
         # What stopped a long file need not stop the next one.
-        at_once = error.errno == errno.EFBIG and file is not None and file.writer.messages
+        removed = isinstance(error, FileNotFoundError)
+        again = removed or error.errno == errno.EFBIG
+        at_once = again and file is not None and file.writer.messages
         self._retry_s = now_s if at_once else now_s + self._knobs.retry_s
         words = ""
         if file is not None:
             left = file.left(writable=isinstance(error, NoRoom))
             account.not_recorded += file.writer.pending
             account.closed_bytes += file.writer.size
-            if left is not None:
+            if left is not None and not removed:
                 account.files.append(left)
                 words = f" What was there before is {recorded_in(left)}"
         _log.error("%s. Nothing is recorded now; tried again as soon as it can be.%s", account.trouble, words)

@@ -65,7 +65,7 @@ def back_up(store: Path, to: Path) -> None:
         raise StoreError(f"{to} is there already; choose another name, or remove it")
     part = to.with_name(to.name + ".part")
     try:
-        part.write_bytes(b"")  # the system says why not; SQLite does not
+        begin(part)
         with closing(to_read(store)) as db, closing(sqlite3.connect(part)) as copy:
             db.backup(copy)
             copy.execute("PRAGMA journal_mode = DELETE")
@@ -86,7 +86,7 @@ def restore(store: Path, backup: Path) -> str:
     """
     checked(backup).close()
     aside = set_aside(store)
-    part = store.with_name(store.name + ".part")
+    part = begin(store.with_name(store.name + ".part"))
     shutil.copyfile(backup, part)
     _place(part, store)
     return aside
@@ -122,14 +122,40 @@ def make_sound(store: Path, backups: Backups) -> str:
             made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(backup.stat().st_mtime))
             return "; ".join([*notes, f"backup {backup} of {made} is restored: what was kept later is lost"])
         set_aside(store)  # a log without its store
-        part = store.with_name(store.name + ".part")
-        part.write_bytes(b"")
+        part = begin(store.with_name(store.name + ".part"))
         with closing(sqlite3.connect(part)) as db:
             create(db)
         _place(part, store)
     except FAULTS as error:
         raise translated(str(store), error) from error
     return "; ".join([*notes, "there is no sound backup: a new store is begun"]) if notes else ""
+
+
+def rescue(db: sqlite3.Connection, store: Path) -> str:
+    """Write a store anew from an open connection, because its file is not at its place any more.
+
+    Returns where the file that is there now is kept, empty without one. Close every connection of the process afterwards.
+    Raises Unavailable, or Damaged where what was copied is not whole.
+    """
+    try:
+        store.parent.mkdir(parents=True, exist_ok=True)
+        part = begin(store.with_name(store.name + ".part"))
+        with closing(sqlite3.connect(part)) as copy:
+            db.backup(copy)
+            copy.execute("PRAGMA journal_mode = DELETE")
+            check(copy, store)
+        aside = set_aside(store)
+        _place(part, store)
+    except FAULTS as error:
+        raise translated(str(store), error) from error
+    return aside
+
+
+def begin(part: Path) -> Path:
+    """Make an empty file, not through a link or pipe of that name. The system says why not; SQLite does not."""
+    part.unlink(missing_ok=True)
+    part.open("xb").close()
+    return part
 
 
 def set_aside(store: Path) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from estimator.database.errors import ADVICE, FAULTS, Damaged, StoreError, translated
+from estimator.database.owner import check_regular
 from estimator.database.schema import APPLICATION_ID, check
 
 log = logging.getLogger(__name__)
@@ -51,6 +52,7 @@ def checked(path: Path, *, ours: bool = False) -> sqlite3.Connection:
     try:
         if not path.exists():
             raise StoreError(f"store {path}: there is no such file; {ADVICE}")
+        check_regular(path, path.stat().st_mode)
         megabytes = path.stat().st_size / 1e6
         slow = threading.Timer(SLOW_S, log.info, ("store %s: checking %.0f MB", path, megabytes))
         slow.daemon = True

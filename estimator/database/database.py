@@ -1,6 +1,7 @@
 """One open store: written from one thread, read from any; what fails is told, and tried again by whoever writes next."""
 
 import logging
+import os
 import sqlite3
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,9 +9,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
-from estimator.database.backups import Backups, make_sound
+from estimator.database.backups import Backups, make_sound, rescue
 from estimator.database.connections import Connect, checked, to_read, to_write
 from estimator.database.errors import FAULTS, Damaged, StoreError, Unavailable, translated
+from estimator.database.owner import check_free, hold
 from estimator.database.schema import create
 
 log = logging.getLogger(__name__)
@@ -23,6 +25,7 @@ _MEMORY = ":memory:"
 class Database:
     """A store and its backups.
 
+    alone: whether no other process may have it open to write.
     patient: while the file cannot be opened or read that is no error but `trouble`, and nothing is found in it.
     connect: sqlite3.connect, or what a test puts in its place.
 
@@ -35,6 +38,7 @@ class Database:
         *,
         patient: bool = False,
         backups: Path | str | None = None,
+        alone: bool = False,
         connect: Connect = sqlite3.connect,
     ) -> None:
         self.path = str(path)
@@ -49,6 +53,10 @@ class Database:
         self._writer: sqlite3.Connection | None = None
         self._reader: sqlite3.Connection | None = None
         self._damaged = self._read_only = self._within = False
+        #: the file that is open, by device and inode; whether another one, or none, is at its place; the lock on it
+        self._file: tuple[int, int] | None = None
+        self._moved, self._alone = False, alone
+        self._lock: int | None = None
         try:
             self._writer = self._opened()
         except Unavailable as error:
@@ -71,6 +79,11 @@ class Database:
         for db in (reader, writer):  # the last to close takes the log into the file
             if db is not None:
                 db.close()
+        if (
+            self._lock is not None
+        ):  # after SQLite's: closing any descriptor of a file ends the process's own locks on it
+            os.close(self._lock)
+            self._lock = None
 
     # ---- reading ----------------------------------------------------------------------------------------------------
 
@@ -134,6 +147,20 @@ class Database:
         places = ", ".join("?" * len(row))
         self.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({places}) {conflict}", tuple(row.values()))  # noqa: S608 - our own words
 
+    def look(self) -> None:
+        """Find out whether the file that is open is still the one at its place; on any thread. The next write puts it back."""
+        if self._file is None or self._moved:
+            return
+        try:
+            moved = _identity(Path(self.path)) != self._file
+        except FileNotFoundError:
+            moved = True
+        except OSError:  # a disk that is away: writing tells
+            return
+        if moved:
+            self._moved = True
+            self._failed(Unavailable(f"store {self.path} was removed or replaced while it is in use"))
+
     def back_up_if_due(self) -> None:
         """Make the day's backup, on any thread; a failure is logged, and damage that it finds is dealt with by the next write."""
         if self.path == _MEMORY:
@@ -151,6 +178,18 @@ class Database:
 
     def _to_write(self) -> sqlite3.Connection:
         """The connection to write, opened where there is none."""
+        if self._moved and not self._within and self._writer is not None:
+            with self._telling():
+                if self._alone:
+                    _see_that_it_is_free(Path(self.path))
+                aside = rescue(self._writer, Path(self.path))
+            self.close()
+            self._moved, self._file = False, None
+            kept = f"; what was there instead is kept as {aside}" if aside else ""
+            self.notes.append(
+                f"store {self.path} was removed or replaced while it was in use, and is written anew{kept}"
+            )
+            log.error("%s", self.notes[-1])
         if self._damaged and not self._within:
             self.close()
             self._damaged = False
@@ -176,10 +215,13 @@ class Database:
                 if note := make_sound(path, self._backups):
                     self.notes.append(note)
                     log.error("%s", note)
+                if self._alone and self._lock is None:
+                    self._lock = hold(path)
                 self._reader = to_read(path)
             writer = to_write(path, self._connect)
             before, self._reader = self._reader, to_read(path)  # in step with the writer from now on
             before.close()
+            self._file = _identity(path)
         except FAULTS as error:
             raise translated(self.path, error) from error
         return writer
@@ -206,3 +248,15 @@ class Database:
                 log.error("%s; the estimator goes on from memory and tries again", error)
             self.trouble = str(error)
         self._damaged |= isinstance(error, Damaged)
+
+
+def _see_that_it_is_free(path: Path) -> None:
+    try:
+        check_free(path)
+    except StoreError as error:  # it may end
+        raise Unavailable(str(error)) from error
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_dev, found.st_ino

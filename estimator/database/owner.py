@@ -1,10 +1,16 @@
-"""A store is one estimator's: who has it holds a lock beside it, which the system takes back however that one ends."""
+"""A store is one estimator's: it holds locks, which the system takes back however that estimator ends.
 
+`owned` locks a file beside the store, from before the store is checked, restored or made. `hold` locks the store's file itself,
+so that no other name of it, a symbolic or hard link, is a way around.
+"""
+
+import errno
 import fcntl
 import logging
 import os
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from bridge import os_words
@@ -22,22 +28,53 @@ def owned(path: str) -> Iterator[None]:
     place = Path(f"{path}.lock")
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        lock = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        lock = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise StoreError(
+                f"store {path}: {place} is a symbolic link, a file of its own is needed: remove it"
+            ) from None
         log.warning("%s: %s: whether another estimator has the store is not known", place, os_words.why(error))
         yield
         return
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            who = os.read(lock, 20).decode(errors="replace").strip()
-            raise StoreError(
-                f"store {path}: another estimator{f' (process {who})' if who.isdigit() else ''} has it; each needs one of its own"
-            ) from None
-        with suppress(OSError):  # on a full disk nobody is told who has it
-            os.ftruncate(lock, 0)
-            os.write(lock, str(os.getpid()).encode())
+        _lock(lock, path)
         yield
     finally:
         os.close(lock)
+
+
+def hold(path: Path) -> int:
+    """Lock a store's file; returns its descriptor, to be closed after every connection of SQLite to it.
+
+    Raises StoreError where another process has the file, or it is no regular file.
+    """
+    lock = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    try:
+        check_regular(path, os.fstat(lock).st_mode)
+        _lock(lock, str(path))
+    except BaseException:
+        os.close(lock)
+        raise
+    return lock
+
+
+def check_free(path: Path) -> None:
+    """Raise StoreError where another process holds a store's file; there need be none."""
+    try:
+        os.close(hold(path))
+    except FileNotFoundError:
+        return
+
+
+def check_regular(path: Path, mode: int) -> None:
+    """Raise StoreError where a file is a folder, a pipe or a device."""
+    if not stat.S_ISREG(mode):
+        raise StoreError(f"store {path} is no regular file: give the store a path of its own")
+
+
+def _lock(lock: int, path: str) -> None:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise StoreError(f"store {path}: another estimator has it; each needs one of its own") from None

@@ -65,6 +65,8 @@ class Record:
         self._due: deque[tuple[float, Callable[[], None]]] = deque()
         self._next_backup = self._next_thin = float("-inf")
         self._to_thin: list[str] = []
+        self._known = store.calibrated_devices()
+        self._looked = True
 
     @property
     def trouble(self) -> str:
@@ -89,6 +91,9 @@ class Record:
             if n > self._counted[what]:
                 self._counts.add(what, n - self._counted[what])
                 self._counted[what] = n
+        if self._looked:  # by now
+            self._looked = False
+            self._clerk.look_up(database.look, self._has_looked)
         epoch = self._highest()
         if epoch != self._epoch or (self.trouble and self._clerk.idle):  # whether it works again is seen by writing
             self._epoch = epoch
@@ -102,6 +107,13 @@ class Record:
         if self._to_thin:
             device, now_ns = self._to_thin.pop(), self._now_ns()
             self._write(lambda: self._store.thin(device, now_ns), soon=False)
+
+    def _has_looked(self, _: StoreError | None) -> None:
+        self._looked = True
+
+    def knows(self, device: str) -> bool:
+        """Whether a calibration of a device was kept before this estimator started."""
+        return device in self._known
 
     # ---- calibrations -----------------------------------------------------------------------------------------------
 

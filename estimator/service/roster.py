@@ -28,7 +28,7 @@ class Roster(dict[str, Device]):
 
     def room(self, now: float, samples: int) -> bool:
         """Whether one more device can be had at `now`, monotonic seconds; counts its samples when not."""
-        if len(self) < MAX_DEVICES or (now >= self._full_until_s and self._forget(now)):
+        if len(self) < MAX_DEVICES or (now >= self._full_until_s and self.forget(now, self._silence_s)):
             return True
         self._full_until_s = max(self._full_until_s, now + _LOOK_S) if now >= self._full_until_s else self._full_until_s
         if self._counts.add(TOO_MANY, samples) == samples:
@@ -58,8 +58,13 @@ class Roster(dict[str, Device]):
         bridge, device = name
         return device in self and self[device].admission.source.owner == bridge
 
-    def _forget(self, now: float) -> bool:
-        gone = [d for d in self.values() if d.worthless and now - d.heard > self._silence_s]
+    def proven(self, name: str) -> bool:
+        """Whether a device is here and has a calibration."""
+        return name in self and not self[name].worthless
+
+    def forget(self, now: float, silent_s: float) -> bool:
+        """Forget devices without a calibration that were silent for longer, those heard longest ago first; whether any was."""
+        gone = [d for d in self.values() if d.worthless and now - d.heard > silent_s]
         for device in nsmallest(_AT_ONCE, gone, key=lambda d: d.heard):
             del self[device.name]
             device.close()

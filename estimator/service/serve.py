@@ -51,7 +51,7 @@ def run(ward: Ward) -> None:
         except StoreError:
             _look_for_another(ward, ward.estimator.id, stop)  # which would be why
             stack.enter_context(owned(ward.estimator.store))  # it may just have been ending
-        database = Database(ward.estimator.store, patient=True, backups=ward.estimator.backups)
+        database = Database(ward.estimator.store, patient=True, alone=True, backups=ward.estimator.backups)
         stack.callback(database.close)
         bus = connected(routers, stop, patient=True)
         if bus is None:

@@ -30,6 +30,7 @@ from estimator.service.gate import Gate, Notices
 from estimator.service.intake import Intake
 from estimator.service.isolation import Isolation
 from estimator.service.lost import SILENT, Lost
+from estimator.service.newcomers import FORGET_S, Newcomers
 from estimator.service.orders import Orders
 from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.presence import Presence
@@ -116,6 +117,7 @@ class Service:
         self._presence, self._views = Presence(self.counts), Views(self.counts)
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(bus, ward, self._gate)
+        self._newcomers = None if enrolment is not None else Newcomers(self._is_known, self.counts)
         self._quotas = Quotas(self._flooded, time.monotonic)
         self._overload = Overload(time.monotonic())
         self._lost = Lost(self._presence, self._gate, self._quotas, settings.silence_s)
@@ -175,7 +177,10 @@ class Service:
         self._overload.idle(began - waits)
         for message in self._gate.admit(self._info.drain(512, 0.0), began):
             self._intake.hear(message)
-        self._intake.take(self._quotas.round(self._ours(self._gate.admit(messages, began), began)))
+        messages = self._gate.admit(messages, began)
+        if self._newcomers is not None:
+            messages = self._newcomers.admit(messages, began)
+        self._intake.take(self._quotas.round(self._ours(messages, began)))
         self._commands.work(self._orders.do)
         now = time.monotonic()
         self._record.collect(now)
@@ -322,6 +327,14 @@ class Service:
             self._resume(device)
         return device
 
+    def _is_known(self, name: str) -> bool:
+        return name in self._devices or self._cluster.replicas.of(name) is not None or self._record.knows(name)
+
+    def _forget_strangers(self, now: float) -> None:
+        if self._newcomers is not None:
+            self._devices.forget(now, FORGET_S)
+            self._newcomers.look(now, kept=self._devices.__contains__, proven=self._devices.proven)
+
     def _flooded(self, key: str, messages: int) -> None:
         self.counts.add(FLOODED, messages)
         device = self._devices.get(key.rpartition("/")[2])
@@ -358,6 +371,7 @@ class Service:
     def _every_second(self, now: float) -> None:
         self._stock.check()
         self._gate.look(now)
+        self._forget_strangers(now)
         self._notices.say(self._now_ns(), self._devices)
         while self._left and self._left[0][0] <= now:
             self._left.popleft()[1].close()

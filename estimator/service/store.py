@@ -209,6 +209,10 @@ class Store:
         found = self.database.select(" UNION ".join(f"SELECT device FROM {table}" for table in tables))  # noqa: S608 - our own words
         return sorted(row["device"] for row in found)
 
+    def calibrated_devices(self) -> set[str]:
+        """Every device that has a calibration here."""
+        return {row["device"] for row in self.database.select("SELECT DISTINCT device FROM calibrations")}
+
     def boots(self, device: str, most: int) -> list[int]:
         """Its latest boots, in the order in which they were heard."""
         rows = self.database.rows("boots", "device = ?", (device,), _LATEST_FIRST, most)

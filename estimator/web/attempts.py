@@ -7,6 +7,7 @@ FORGET_S = 30.0
 #: wrong passwords that are taken at once: for a name from one address, from that address for all names (behind it may be a
 #: whole ward), and for a name from everywhere, which no single address uses up: nobody locks others out alone
 FREE, ADDRESS_FREE, NAME_FREE = 5, 20, 50
+#: who had the right one from an address is not kept out there by what strangers try of that name elsewhere
 #: of each, so many are remembered
 REMEMBERED = 4096
 
@@ -19,11 +20,12 @@ class Attempts:
 
     def __init__(self) -> None:
         self._both, self._addresses, self._names = _Owed(FREE), _Owed(ADDRESS_FREE), _Owed(NAME_FREE)
+        self._right = OrderedDict[tuple[str, str], None]()
 
     def wait_s(self, address: str, name: str, now: float) -> float:
         """Seconds until another try is taken; 0 when now."""
-        both = self._both.wait_s((address, name), now)
-        return max(both, self._addresses.wait_s((address,), now), self._names.wait_s((name,), now))
+        here = max(self._both.wait_s((address, name), now), self._addresses.wait_s((address,), now))
+        return here if (address, name) in self._right else max(here, self._names.wait_s((name,), now))
 
     def failed(self, address: str, name: str, now: float) -> None:
         """A wrong password came."""
@@ -34,6 +36,10 @@ class Attempts:
     def succeeded(self, address: str, name: str) -> None:
         """The right one came."""
         self._both.clear((address, name))
+        self._right[address, name] = None
+        self._right.move_to_end((address, name))
+        while len(self._right) > REMEMBERED:
+            self._right.popitem(last=False)
 
 
 class _Owed:

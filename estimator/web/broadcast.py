@@ -60,6 +60,7 @@ class Heard:
             self._known.take_note(note)
         for revision in self._revisions.drain():
             self._known.take_revision(revision)
+        self._known.tidy(now)
 
     def close(self) -> None:
         """Stop listening."""

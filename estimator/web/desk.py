@@ -30,11 +30,14 @@ from estimator.web.known import CALIBRATIONS, Known, Story
 from estimator.web.passwords import Passwords
 from estimator.web.sessions import Session, Sessions
 from estimator.web.settings import Dashboard
+from estimator.web.shared_work import SharedWork
 
 log = logging.getLogger(__name__)
 
 #: how long what a store said of a device is taken for all there is
 PAST_S = 30.0
+#: how long a picture is shown again, s: each costs a third of a second of a core
+DRAWN_S = 5.0
 #: how a program says who it is; no browser asks a person because of it
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="truerate"'}
 VERBS = ("recalibrate", "cancel", "note")
@@ -58,16 +61,11 @@ class Desk:
         self.control: Client | None = None
         self._attempts, self._passwords = Attempts(), Passwords(settings.people)
         self._one_at_a_time = asyncio.Lock()
-        #: a picture takes a moment of a core: one at a time, and whoever asks for more waits
-        self.drawing = asyncio.Lock()
-        #: the picture that was drawn last, and when, by device
-        self.drawn: dict[str, tuple[float, bytes]] = {}
+        #: pictures by device, and all calibrations in the store by device
+        self.pictures, self._listed = SharedWork[bytes](DRAWN_S), SharedWork[list[Calibration]](PAST_S)
         self._store = store
-        #: who reads of a device, its past and all of its calibrations
-        self._reading, self._listing = (
-            defaultdict[str, asyncio.Lock](asyncio.Lock),
-            defaultdict[str, asyncio.Lock](asyncio.Lock),
-        )
+        #: held while the past of a device is read
+        self._reading = defaultdict[str, asyncio.Lock](asyncio.Lock)
         self._past_at: dict[str, float] = {}
 
     @classmethod
@@ -167,15 +165,15 @@ class Desk:
     def _fresh(self, device: str) -> bool:
         return time.monotonic() - self._past_at.get(device, -PAST_S) < PAST_S
 
-    async def calibrations(self, device: str) -> list[Calibration]:
+    async def calibrations(self, request: Request, device: str) -> list[Calibration]:
         """All of a device, oldest first: what was heard, and from the store what is older than is remembered."""
         await self.remember(device)
         heard = self.story(device).calibrations
-        if len(heard) < CALIBRATIONS or self._store is None or not self._store.is_file():
+        store = self._store
+        if len(heard) < CALIBRATIONS or store is None or not store.is_file():
             return list(heard.values())
         try:
-            async with self._listing[device]:
-                stored = await run_in_threadpool(_calibrations, self._store, device)
+            stored = await self._listed.get(request, device, lambda: _calibrations(store, device))
         except (StoreError, OSError) as error:
             log.warning("the store %s cannot be read: %s", self._store, error)
             stored = []

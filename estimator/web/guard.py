@@ -1,14 +1,13 @@
 """What every answer carries and every request is asked, whatever the page: host, origin, and headers that bind the browser."""
 
 from http import HTTPStatus
-from ipaddress import ip_address
-from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
+from bridge.health import own_host
 from estimator.web.api import places
 from estimator.web.fault import Fault
 
@@ -21,6 +20,8 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
 }
+#: characters of a path and its parameters
+LONGEST = 2048
 _SAFE = ("GET", "HEAD", "OPTIONS")
 #: what the policy's code of a websocket says: this is not taken from there
 _POLICY = 1008
@@ -54,9 +55,12 @@ class Guard:
 
     def _refused(self, scope: Scope) -> Fault | None:
         """Why it is not taken, or None. A name that is not ours may be a foreign page's, led to our address."""
+        if len(scope["path"]) + len(scope["query_string"]) > LONGEST:
+            words = f"An address of more than {LONGEST} characters is not taken."
+            return Fault(HTTPStatus.REQUEST_URI_TOO_LONG, "too_long", words)
         headers = Headers(scope=scope)
         host = headers.get("host", "")
-        if not self._ours(host):
+        if not own_host(host, self._hosts):
             words = f"This is not the host {host[:80]!r}; name it in `hosts` of [dashboard]."
             return Fault(HTTPStatus.BAD_REQUEST, "foreign_host", words)
         if scope["type"] == "http" and scope["method"] in _SAFE:
@@ -70,22 +74,6 @@ class Guard:
         if origin is None and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
             return Fault(HTTPStatus.FORBIDDEN, "foreign_origin", "A page of another site asks.")
         return None
-
-    def _ours(self, host: str) -> bool:
-        try:
-            parts = urlsplit(f"//{host}")
-            name, _ = parts.hostname or "", parts.port
-        except ValueError:
-            return False
-        if parts.netloc != host or "@" in host:
-            return False
-        if name in self._hosts:
-            return True
-        try:
-            ip_address(name)
-        except ValueError:
-            return False
-        return True  # an address cannot be led elsewhere
 
 
 def dress(path: str, headers: MutableHeaders) -> None:

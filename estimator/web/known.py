@@ -11,13 +11,17 @@ from estimator.glance import Glance
 from estimator.history import Biases, History
 from estimator.lifecycle import AWAY
 from estimator.texts import LANGUAGES, texts
-from estimator.ward_view import SILENT, UNKNOWN, Row, WardView
+from estimator.ward_view import SILENT, SILENT_S, UNKNOWN, Row, WardView
 from estimator.web.trail import Mark, Trail
 
 #: who is alive shows it within so long of there being a router, s
 LOOKED_S = 2.0
-#: so many devices are remembered; further ones are counted
-DEVICES = 2000
+#: devices that are remembered: as many as an estimator has, and some that only a bridge speaks of, at most so many
+DEVICES, STRANGERS = 4200, 256
+#: a device without a calibration is forgotten after so many seconds without a status, while others have theirs
+FORGET_S = 120.0
+#: bridges that are named where they list too many devices
+_NAMED = 8
 CALIBRATIONS, NOTES, BOOTS = 50, 50, 50
 _CAUSES = {
     BootCause.UNKNOWN: "",
@@ -98,6 +102,8 @@ class Known:
         self._alone_at: float | None = None
         self.left_out = Tally()
         self.stories: dict[str, Story] = {}
+        #: bridges that list more devices than there is room for
+        self.crowding: set[str] = set()
         #: ids of what is alive now, by `bridge` and `estimator`; written by a thread of the bus
         self.alive: dict[str, dict[str, bool]] = {"bridge": {}, "estimator": {}}
         self._view = WardView()
@@ -105,14 +111,34 @@ class Known:
         self._news = 0
         self._glanced: tuple[int, dict[str, list[str]], Glance] | None = None
 
-    def story(self, device: str) -> Story | None:
-        """Of a device that was heard of; None of one that is one too many."""
+    def story(self, device: str, *, status: bool = False) -> Story | None:
+        """Of a device; None where there are too many. A device that has a status takes the place of one that has none."""
         if device not in self.stories:
             if len(self.stories) >= DEVICES:
-                self.left_out.add("devices")
-                return None
+                stranger = next((name for name, story in self.stories.items() if story.status is None), None)
+                if stranger is None or not status:
+                    self.left_out.add("devices")
+                    return None
+                self._forget(stranger)
             self.stories[device] = Story(len(self.stories))
         return self.stories[device]
+
+    def tidy(self, now: float) -> None:
+        """Forget devices without a calibration of which the estimator speaks no more, while it speaks of others."""
+        spoken = self._view.silences(now)
+        if not spoken or min(spoken.values()) > SILENT_S:
+            return
+        for device, silent_s in spoken.items():
+            status = self.stories[device].status
+            if silent_s > FORGET_S and status is not None and not status.calibration:
+                self._forget(device)
+
+    def _forget(self, device: str) -> None:
+        del self.stories[device]
+        for number, story in enumerate(self.stories.values()):
+            story.number = number
+        self._view.forget(device)
+        self._news += 1
 
     def take_router(self, now: float, *, there: bool) -> None:
         """Whether there is a router, at `now` seconds."""
@@ -123,7 +149,7 @@ class Known:
 
     def take_status(self, status: Status, now: float) -> None:
         """The estimator's word on a device, heard at `now` seconds."""
-        if (story := self.story(status.device)) is not None:
+        if (story := self.story(status.device, status=True)) is not None:
             again, story.status = story.status is not None, status
             if again and status.state not in AWAY:  # the first word may be one that the bus remembers
                 story.heard_s = now
@@ -133,6 +159,11 @@ class Known:
 
     def take_info(self, info: DeviceInfo) -> None:
         """A bridge's word on a device; of several bridges that list it, the one that hears it has the last."""
+        if not self._view.room(info.device, STRANGERS):
+            self.left_out.add("devices")
+            if len(self.crowding) < _NAMED:
+                self.crowding.add(info.bridge)
+            return
         if (story := self.story(info.device)) is None:
             return
         hears = story.hears(info.bridge)

@@ -6,8 +6,6 @@ from http import HTTPStatus
 from importlib.metadata import version
 from io import BytesIO
 
-import numpy as np
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -19,9 +17,6 @@ from estimator.web.desk import Desk
 from estimator.web.fault import Fault
 from estimator.web.language import language
 from estimator.web.pages import show
-
-#: seconds for which a picture is shown again: each costs a third of a second of a core
-DRAWN_S = 5.0
 
 
 def routes() -> list[BaseRoute]:
@@ -42,7 +37,7 @@ async def ward(request: Request) -> Response:
 async def certificate(request: Request) -> Response:
     """One calibration, accepted or not."""
     desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
-    known = {calibration.id: calibration for calibration in await desk.calibrations(name)}
+    known = {calibration.id: calibration for calibration in await desk.calibrations(request, name)}
     if (found := known.get(number)) is None:
         raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", f"no calibration {number[:80]} of {name} is known")
     story = desk.story(name)
@@ -56,12 +51,7 @@ async def bias(request: Request) -> Response:
     story = desk.story(name)
     if not reports.past(story, name).biases:
         raise Fault(HTTPStatus.NOT_FOUND, "no_bias", f"nothing is known yet of how the bias of {name} went")
-    async with desk.drawing:
-        at, drawn = desk.drawn.get(name, (-np.inf, b""))
-        if time.monotonic() - at > DRAWN_S:
-            drawn = await run_in_threadpool(_drawn, reports.past(story, name))
-            desk.drawn.clear()  # of one device at a time: a picture is looked at by one person, or asked for by a flood
-            desk.drawn[name] = time.monotonic(), drawn
+    drawn = await desk.pictures.get(request, name, lambda: _drawn(reports.past(story, name)))
     return Response(drawn, media_type="image/png")
 
 

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import logging
-import signal
 import socket
 import threading
 from pathlib import Path
@@ -14,7 +13,7 @@ from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
 from bridge.config import listening
 from bridge.pki.member import Role
-from bridge.process import connected
+from bridge.process import asked_by, connected
 from estimator.client import Client
 from estimator.config import Ward
 from estimator.device_knobs import Treatment, treatment
@@ -122,7 +121,7 @@ async def _serve(server: Server, ward: Ward) -> None:
     routers = routers_of(ward)
     stop = threading.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in asked_by():
         loop.add_signal_handler(number, server.stop)
     buses: list[Bus] = []
 

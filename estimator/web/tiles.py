@@ -112,7 +112,7 @@ def troubles(known: Known, t: Texts) -> list[str]:
     found = [t("ward.trouble", words=f"{said[:1].upper()}{said[1:]}") for said in map(t.said, seen.troubles)]
     found += [t("ward.unaccounted", device=device, words=t.said(words)) for device, words in seen.law.items()]
     if left_out := known.left_out.as_dict().get("devices"):
-        found.append(t("ward.too_many", n=left_out))
+        found.append(t("ward.too_many", n=left_out, bridges=", ".join(sorted(known.crowding)) or "–"))
     return found
 
 

@@ -20,7 +20,7 @@ GROUPS = {
     "cluster": ("cluster",),
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
-    "hostile": ("forged", "access"),
+    "hostile": ("forged", "access", "attacks"),
     "viewers": ("subscribing", "dashboard", "recorder", "kills"),
 }
 OUT = Path("out/bench")

@@ -84,7 +84,7 @@ class Cluster:
         devices: int,
         load: tuple[str, str],
     ) -> None:
-        self.folder, self._stack = folder, stack
+        self.folder, self._stack, self._devices = folder, stack, devices
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         # The router of a ward does not wait for a viewer that is slow: on a busy machine that loss would be counted here.
@@ -106,7 +106,9 @@ class Cluster:
     def start(self, name: str) -> None:
         config = self.folder / f"{name}.toml"
         config.write_text(
-            _CONFIG.format(ward=WARD, endpoint=self.endpoint, name=name, folder=self.folder), encoding="utf-8"
+            _CONFIG.format(ward=WARD, endpoint=self.endpoint, name=name, folder=self.folder)
+            + stream.listed(self._devices),
+            encoding="utf-8",
         )
         process = self._stack.enter_context(_process("estimator.cli", "estimator", "serve", str(config)))
         self.processes[name] = process

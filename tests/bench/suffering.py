@@ -30,7 +30,7 @@ from bridge.wire import columns_pb2 as columns
 from bridge.wire import keys
 from estimator.client import Client
 from estimator.demo.ward import free_port, listens
-from tests.bench.load.stream import WARD, Fleet, name
+from tests.bench.load.stream import WARD, Fleet, listed, name
 
 DEVICES, USUAL, FAST = 100, (104.0, 5), (562.5, 28)
 #: a hole while somebody is frozen, s, and p99 under a flood over that of none
@@ -130,7 +130,9 @@ def run(trouble: str, seconds: float) -> Suffered:
     with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
         folder, endpoint = Path(place), f"tcp/127.0.0.1:{free_port()}"
         config = folder / "ward.toml"
-        config.write_text(_CONFIG.format(ward=WARD, endpoint=endpoint, folder=folder), encoding="utf-8")
+        config.write_text(
+            _CONFIG.format(ward=WARD, endpoint=endpoint, folder=folder) + listed(DEVICES), encoding="utf-8"
+        )
         env = {"LD_PRELOAD": str(_slow_disk(folder))} if trouble == "slow disk" else None
         stack.enter_context(process("estimator.cli", "router", "--config", str(config), log=folder / "router.log"))
         if not listens(endpoint, 20.0):

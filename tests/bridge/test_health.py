@@ -1,9 +1,10 @@
 """The health server as Prometheus and a person ask it, over a real socket."""
 
+import http.client
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from importlib.metadata import version
 
 import pytest
@@ -94,3 +95,21 @@ def test_what_is_no_address_is_refused(address: str) -> None:
 def test_an_address() -> None:
     assert listening("127.0.0.1:9464") == ("127.0.0.1", 9464)
     assert listening("[::1]:9464") == ("::1", 9464)
+
+
+@pytest.mark.parametrize(
+    ("host", "code"),
+    [
+        ("evil.example", 400),
+        ("evil.example:9464", 400),
+        ("127.0.0.1@evil.example", 400),
+        ("localhost:1", 200),
+        ("[::1]:9464", 200),
+        (socket.gethostname(), 200),
+    ],
+)
+def test_a_foreign_name_that_leads_here_is_told_nothing(health: Health, host: str, code: int) -> None:
+    for path in ("/metrics", "/readyz"):
+        with closing(http.client.HTTPConnection("127.0.0.1", health.port, timeout=5)) as connection:
+            connection.request("GET", path, headers={"Host": host})
+            assert connection.getresponse().status == code

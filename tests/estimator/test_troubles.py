@@ -241,7 +241,7 @@ def test_a_store_is_not_opened_where_another_has_it(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(serve, "Database", lambda *words, **_: opened.append(words))
     ward = config.Ward(ward=WARD, estimator=Estimator(id="e1", store=path))
     with owned(path), MemoryBus(broker) as first:
-        with pytest.raises(StoreError, match=r"another estimator .* has it"):
+        with pytest.raises(StoreError, match=r"another estimator has it"):
             serve.run(ward)
         with (
             closing(first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))),

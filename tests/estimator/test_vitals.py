@@ -9,6 +9,7 @@ import pytest
 from bridge.health import Health
 from estimator.cli import main
 from estimator.lifecycle import Event
+from estimator.service.store import Store
 from estimator.service.vitals import STUCK_S, Note, Vitals
 from tests.bridge.asking import get
 from tests.estimator.database.faults import full_disk
@@ -59,6 +60,18 @@ def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> Non
     assert not any(f.name == "latency_seconds" and f.values for f in vitals.families()), (
         "nothing was published meanwhile"
     )
+
+
+def test_a_device_that_was_forgotten_has_none(ward: Ward, once: Stream) -> None:
+    vitals = watched(ward)
+    ward.send(once.batches()[:2], info(1))
+    a_second(ward)
+    assert vitals._note is not None
+    assert list(vitals._note.devices) == [NAME]
+    assert ward.service._devices.forget(ward.service._devices[NAME].heard + 2.0, 1.0)
+    a_second(ward)
+    assert not vitals._note.devices
+    assert not ward.service._stock._seen
 
 
 def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
@@ -123,3 +136,17 @@ def test_a_wrong_address_is_refused_by_config_check(
     )
     assert main(["config", "check", str(path)]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_store_that_is_removed_is_there_again_within_seconds_and_that_is_counted(ward: Ward, once: Stream) -> None:
+    vitals = watched(ward)
+    ward.send(once.batches(), info(1))
+    kept = [c.id for c in ward.store.calibrations(NAME)]
+    ward.path.unlink()
+    a_second(ward)
+    a_second(ward)
+    assert vitals._note is not None
+    assert vitals._note.counts["damage in the store"] == 1
+    reader = Store(ward.path)
+    assert [c.id for c in reader.calibrations(NAME)] == kept
+    reader.close()

@@ -12,7 +12,7 @@ from estimator.ward_view import URGENCY
 from estimator.web import words
 from estimator.web.device_page import device_page
 from estimator.web.heading import Heading
-from estimator.web.known import LOOKED_S, Known
+from estimator.web.known import FORGET_S, LOOKED_S, STRANGERS, Known
 from estimator.web.reports import past
 from estimator.web.strips import Strips
 from estimator.web.tiles import ward_page
@@ -103,6 +103,31 @@ def test_a_ward_where_no_estimator_has_shown_itself_is_deaf() -> None:
     assert ward.broken("a", 101.0 + LOOKED_S)
     ward.alive["estimator"]["e"] = True
     assert not ward.broken("a", 101.0 + LOOKED_S)
+
+
+def test_devices_that_only_a_bridge_speaks_of_hide_nobody_and_are_said() -> None:
+    ward = known(*(about(f"d{i}", bridge="ghost") for i in range(STRANGERS + 3)), said("z"), about("z"))
+    page = ward_page(ward, 100.0, NOW, EN)
+    assert len(page.tiles) == STRANGERS + 1
+    assert "z" in {tile.id for tile in page.tiles}
+    assert any("too many devices: 3" in words and "too many: ghost." in words for words in page.troubles)
+
+
+def test_a_device_with_a_status_takes_the_place_of_one_that_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("estimator.web.known.DEVICES", 3)
+    ward = known(said("a"), about("b"), about("c"), said("d"), said("e"), said("f"))
+    assert [(name, story.number) for name, story in ward.stories.items()] == [("a", 0), ("d", 1), ("e", 2)]
+    assert ward.left_out.as_dict() == {"devices": 1}
+
+
+def test_a_device_without_a_calibration_is_forgotten_once_the_estimator_speaks_of_others_alone() -> None:
+    ward = known(said("a"), said("b", calibration="c"), said("ghost"), about("ghost"))
+    ward.tidy(100.0 + FORGET_S + 1.0)
+    assert len(ward.stories) == 3, "nothing comes of anybody: the estimator is gone, not the devices"
+    ward.take_status(said("a"), 100.0 + FORGET_S)
+    ward.tidy(100.0 + FORGET_S + 1.0)
+    assert {name: story.number for name, story in ward.stories.items()} == {"a": 0, "b": 1}
+    assert {row.device for row in ward.rows(300.0)} == {"a", "b"}
 
 
 def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:

@@ -48,6 +48,19 @@ def test_a_name_is_not_guessed_from_many_addresses_and_one_alone_does_not_lock_i
     assert taken == NAME_FREE - FREE
 
 
+def test_who_had_the_right_password_is_not_locked_out_by_strangers_elsewhere() -> None:
+    attempts = Attempts()
+    attempts.succeeded("ward", "nurse")
+    for address in map(str, range(100)):
+        while attempts.wait_s(address, "nurse", 0.0) == 0.0:
+            attempts.failed(address, "nurse", 0.0)
+    assert attempts.wait_s("home", "nurse", 0.0) > 0.0
+    assert attempts.wait_s("ward", "nurse", 0.0) == 0.0
+    for _ in range(FREE):
+        attempts.failed("ward", "nurse", 0.0)
+    assert attempts.wait_s("ward", "nurse", 0.0) > 0.0, "nobody guesses for ever there either"
+
+
 @pytest.mark.parametrize(
     ("address", "whom"),
     [

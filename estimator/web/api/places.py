@@ -21,6 +21,8 @@ from estimator.web.desk import CHALLENGE, Desk
 from estimator.web.fault import Fault
 
 ROOT = "/api/v1"
+#: words of ?only=, and characters of one: an id has at most 32
+MOST_WORDS, LONGEST = 16, 64
 _JSON = "application/json"
 
 
@@ -55,6 +57,9 @@ async def devices(request: Request) -> Response:
     """All of them, or with ?only= those in a state, or whose id matches."""
     desk = Desk.of(request)
     only = _asked(request, "only").getlist("only")
+    if len(only) > MOST_WORDS:
+        words = f"'only' is there {len(only)} times; at most {MOST_WORDS} are taken."
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
     rows = desk.known.rows(time.monotonic())
     for word in only:
         _nothing_like(word, rows)
@@ -72,7 +77,7 @@ async def calibrations(request: Request) -> Response:
     """Those of one: the latest, or with ?before= those before one; at most ?limit= of them."""
     asked = _asked(request, "before", "limit")
     desk, name = Desk.of(request), _named(request)
-    found = await desk.calibrations(name)
+    found = await desk.calibrations(request, name)
     before = asked.get("before")
     if before is not None:
         ids = [calibration.id for calibration in found]
@@ -95,10 +100,13 @@ def _asked(request: Request, *names: str) -> QueryParams:
 
 def _nothing_like(word: str, rows: list[Row]) -> None:
     """Fault where a word of ?only= is probably mistyped."""
+    if len(word) > LONGEST:
+        words = f"'only' has a word of {len(word)} characters; at most {LONGEST} are taken."
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
     if not word:
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", "'only' is empty; a state or an id is taken.")
     state = word.lower().replace("-", " ").replace("_", " ") in URGENCY
-    if not (state or set(word) & set("*?[") or chosen(rows, [word])):
+    if not (state or set(word) & set("*?") or chosen(rows, [word])):
         heard = f"; heard are: {listed(row.device for row in rows)}" if rows else ""
         words = f"{word[:40]!r} is no state and no device; states are: {', '.join(URGENCY)}{heard}."
         raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", words)

@@ -16,7 +16,7 @@ import numpy as np
 
 from estimator.demo.ward import free_port, listens
 from tests.bench.load.receiver import Receiver
-from tests.bench.load.stream import WARD
+from tests.bench.load.stream import WARD, listed
 
 _CONFIG = """ward = "{ward}"
 [bus]
@@ -85,7 +85,9 @@ def run(load: Load, middle: Middle, wait_s: float = 120.0) -> Took:
     with tempfile.TemporaryDirectory() as folder:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
         config = Path(folder) / "ward.toml"
-        config.write_text(_CONFIG.format(ward=WARD, endpoint=endpoint, folder=folder), encoding="utf-8")
+        config.write_text(
+            _CONFIG.format(ward=WARD, endpoint=endpoint, folder=folder) + listed(load.devices), encoding="utf-8"
+        )
         command = {
             Middle.RELAY: ["tests.bench.load.relay", endpoint],
             Middle.RECODE: ["tests.bench.load.relay", endpoint, "recode"],

@@ -35,6 +35,11 @@ def lives(rate_hz: float) -> Iterator[Day]:
         yield replace(life, temperature_c=steady_c.astype(np.float32))
 
 
+def listed(n: int) -> str:
+    """The [devices] table of a ward of n devices: one bridge has more than are admitted without it."""
+    return f"[devices]\nenrolled = [{', '.join(f'{chr(34)}{name(i)}{chr(34)}' for i in range(n))}]\n"
+
+
 class Fleet:
     """n devices at rate_hz, `batch` samples a message; device i lives the life i mod 5 of those.
 

@@ -2,15 +2,21 @@
 
 import errno
 import functools
+import struct
+import time
+import zlib
 from io import BytesIO
 
 import pytest
+import zstandard
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.writer import MCAP0_MAGIC
 
 from bridge.recording import kinds
 from bridge.recording.error import RecordingError
-from bridge.recording.mcap_reader import Entry, McapReader
+from bridge.recording.mcap_reader import MAX_UNPACKED, Entry, McapReader
 from bridge.recording.mcap_writer import McapWriter
 from bridge.wire import codec
 from tests.bridge.recording.crowd import samples
@@ -185,3 +191,31 @@ def test_a_full_disk_keeps_whole_chunks_only() -> None:
             write(file)
         held = max(place for place in safe if place <= room)
         assert file.getvalue() == whole.getvalue()[:held]
+
+
+def bomb(inside: bytes) -> bytes:
+    """A chunk that unpacks to this, which its checksum fits."""
+    packed = zstandard.compress(inside, 3)
+    chunk = struct.pack("<QQQII", 0, 0, len(inside), zlib.crc32(inside), 4) + b"zstd" + struct.pack("<Q", len(packed))
+    return MCAP0_MAGIC + struct.pack("<BQ", Opcode.CHUNK, len(chunk) + len(packed)) + chunk + packed
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        bytes(MAX_UNPACKED),
+        bytes(MAX_UNPACKED + 1),
+        struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 0, 0) * 1_000_000,
+        struct.pack("<BQ", Opcode.MESSAGE, 1 << 62) * 1000,
+    ],
+    ids=["no records", "too large", "a million messages", "a length beyond the end"],
+)
+def test_a_small_file_that_unpacks_to_a_large_one_costs_a_moment(inside: bytes) -> None:
+    data = bomb(inside)
+    assert len(data) < 100_000
+    began = time.process_time()
+    entries, reader = read(data)
+    assert time.process_time() - began < 5.0
+    assert entries == []
+    assert not reader.whole
+    assert "torn" in reader.trouble[0]

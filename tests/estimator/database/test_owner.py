@@ -1,6 +1,5 @@
 """Two estimators on one store: the second is told, and who was killed has nothing any more."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -30,14 +29,14 @@ def test_a_store_is_one_estimators_until_it_ends_however_it_ends(tmp_path: Path)
     assert other.stdout is not None
     assert other.stdout.readline() == "mine\n"
     with (
-        pytest.raises(StoreError, match=rf"another estimator \(process {other.pid}\) has it; each needs one"),
+        pytest.raises(StoreError, match="another estimator has it; each needs one"),
         owned(store),
     ):
         pass
     other.send_signal(signal.SIGKILL)
     other.communicate()
     with owned(store):
-        assert (tmp_path / "a.sqlite3.lock").read_text() == str(os.getpid())
+        pass
     with owned(store):
         pass
 

@@ -1,0 +1,50 @@
+"""Files of a ward that other users of the machine can read: they show how patients move, and who may command."""
+
+import stat
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from estimator.config import Ward
+
+_READ, _ENTER = stat.S_IROTH, stat.S_IXOTH
+
+
+def exposed(file: Path, ward: Ward) -> list[Path]:
+    """A ward's file with password hashes, its store, backups and recordings, as far as others can read them."""
+    folders, files = list[Path](), list[Path]()
+    if ward.dashboard.people:
+        files.append(file)
+    if ward.estimator is not None:
+        store = Path(ward.estimator.store)
+        files += [store, store.with_name(f"{store.name}-wal")]
+        files += _below(store.parent, f"{store.name}.aside-*")
+        folders.append(Path(ward.estimator.backups or store.parent / "backups"))
+    if folder := getattr(getattr(ward, "recorder", None), "folder", ""):
+        folders.append(Path(folder))
+    return [
+        one for one in (*files, *(one for folder in folders for one in _below(folder, "*"))) if _open_to_others(one)
+    ]
+
+
+def advice(paths: Iterable[Path]) -> tuple[str, str]:
+    """What is wrong, and what to do."""
+    first, *more = paths
+    others = f" and {len(more)} more" if more else ""
+    return f"every user of this machine can read {first}{others}", f"chmod o-rwx {first.parent}, or the files in it"
+
+
+def _below(folder: Path, pattern: str) -> Iterator[Path]:
+    try:
+        yield from sorted(folder.glob(pattern))
+    except OSError:
+        return
+
+
+def _open_to_others(path: Path) -> bool:
+    """Whether others may read a file, and enter every folder on the way to it."""
+    try:
+        real = path.resolve(strict=True)
+        modes = [folder.stat().st_mode for folder in real.parents]
+        return bool(real.is_file() and real.stat().st_mode & _READ and all(mode & _ENTER for mode in modes))
+    except OSError:
+        return False

@@ -1,0 +1,81 @@
+"""Answers that take a moment of a core: made once for all who ask for the same, and not at all once nobody waits."""
+
+import asyncio
+import time
+from collections import Counter, OrderedDict
+from collections.abc import Callable
+from http import HTTPStatus
+from typing import Generic, TypeVar
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+
+from estimator.web.fault import Fault
+
+T = TypeVar("T")
+
+#: different answers that wait or are made at a time, and answers that are kept
+WAITING, KEPT = 8, 16
+#: how long a request waits for a place among those, s
+PATIENCE_S = 1.0
+
+
+class SharedWork(Generic[T]):
+    """Makes answers one at a time on a thread; an answer serves equal requests until it is keep_s seconds old."""
+
+    def __init__(self, keep_s: float) -> None:
+        self._keep_s = keep_s
+        self._one_at_a_time = asyncio.Lock()
+        self._made: OrderedDict[str, tuple[float, T]] = OrderedDict()
+        self._tasks: dict[str, asyncio.Task[T | None]] = {}
+        self._askers = Counter[str]()
+
+    async def get(self, request: Request, key: str, make: Callable[[], T]) -> T:
+        """The answer under a key, as make() returns it. Raises Fault when too many others wait, or the client has left."""
+        made_s, answer = self._made.get(key, (float("-inf"), None))
+        if answer is not None and time.monotonic() - made_s < self._keep_s:
+            return answer
+        refuse_s = time.monotonic() + PATIENCE_S
+        while key not in self._askers and len(self._askers) >= WAITING:
+            if time.monotonic() > refuse_s:
+                words = "Too many others ask for the like at this moment; try again."
+                raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "busy", words, {"Retry-After": "5"})
+            await asyncio.sleep(0.05)
+        if key not in self._tasks:
+            self._tasks[key] = asyncio.create_task(self._make(key, make))
+            self._tasks[key].add_done_callback(
+                lambda made: made.cancelled() or made.exception()
+            )  # nobody may be left to see it
+        task = self._tasks[key]
+        self._askers[key] += 1
+        leaves = asyncio.create_task(_left(request))
+        try:
+            await asyncio.wait({task, leaves}, return_when=asyncio.FIRST_COMPLETED)
+            if not task.done() or (answer := task.result()) is None:
+                raise Fault(HTTPStatus.REQUEST_TIMEOUT, "incomplete", "The client has left.", {"Connection": "close"})
+            return answer
+        finally:
+            leaves.cancel()
+            self._askers[key] -= 1
+            if not self._askers[key]:
+                del self._askers[key]
+
+    async def _make(self, key: str, make: Callable[[], T]) -> T | None:
+        try:
+            async with self._one_at_a_time:
+                if key not in self._askers:
+                    return None
+                answer = await run_in_threadpool(make)
+            self._made[key] = time.monotonic(), answer
+            self._made.move_to_end(key)
+            while len(self._made) > KEPT:
+                self._made.popitem(last=False)
+            return answer
+        finally:
+            del self._tasks[key]
+
+
+async def _left(request: Request) -> None:
+    """Return when the client has closed its connection."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass

@@ -1,0 +1,101 @@
+"""Invented devices, where no list says which devices there are: a bounded number is admitted, and real devices notice nothing."""
+
+from dataclasses import replace
+
+import pytest
+
+from bridge.bus.contract import Message
+from bridge.sim.motion import Still
+from bridge.wire import codec, keys
+from bridge.wire.refusal import Tally
+from estimator.service.newcomers import AT_ONCE, FORGET_S, OF_ALL, OF_ONE_BRIDGE, PER_S, REFUSED, Newcomers
+from tests.estimator.served import WARD, Served
+from tests.estimator.stream import calibration
+
+GHOSTS = 1000
+
+
+def sent(bridge: str, device: str) -> Message:
+    return Message(keys.build("w", "raw", bridge=bridge, device=device), b"")
+
+
+@pytest.fixture
+def counts() -> Tally:
+    return Tally()
+
+
+@pytest.fixture
+def newcomers(counts: Tally) -> Newcomers:
+    return Newcomers(lambda name: name == "known", counts)
+
+
+def test_a_burst_is_admitted_at_a_bounded_rate(newcomers: Newcomers, counts: Tally) -> None:
+    burst = [sent("b1", f"ghost{n}") for n in range(6000)]
+    first = newcomers.admit(burst, 0.0)
+    assert len(first) == AT_ONCE
+    assert counts.as_dict() == {REFUSED: 6000 - AT_ONCE}
+    later = newcomers.admit(burst, 1.0)
+    assert later[: len(first)] == first, "who was admitted stays so"
+    assert len(later) == AT_ONCE + PER_S
+
+
+def test_one_bridge_leaves_room_for_another_and_there_is_a_most_of_all(newcomers: Newcomers) -> None:
+    for second in range(60):
+        newcomers.admit([sent("b1", f"ghost{n}") for n in range(1000)], second)
+    assert len(newcomers.admit([sent("b1", f"ghost{n}") for n in range(1000)], 60.0)) == OF_ONE_BRIDGE
+    assert newcomers.admit([sent("b2", "wrist")], 60.0)
+    for second in range(61, 120):
+        newcomers.admit([sent(f"c{n}", f"spectre{n}") for n in range(1000)], second)
+    assert (
+        len(newcomers.admit([sent(f"c{n}", f"spectre{n}") for n in range(1000)], 120.0)) == OF_ALL - OF_ONE_BRIDGE - 1
+    )
+
+
+def test_a_device_that_is_known_is_admitted_in_any_burst(newcomers: Newcomers) -> None:
+    newcomers.admit([sent("b1", f"ghost{n}") for n in range(6000)], 0.0)
+    assert newcomers.admit([sent("b1", "known")], 0.0)
+
+
+def test_a_device_that_is_not_kept_makes_room(newcomers: Newcomers) -> None:
+    burst = [sent("b1", f"ghost{n}") for n in range(1000)]
+    for second in range(60):
+        newcomers.admit(burst, second)
+    assert not newcomers.admit([sent("b1", "wrist")], 60.0)
+    newcomers.look(60.0 + FORGET_S, kept=lambda _: False, proven=lambda _: False)
+    assert newcomers.admit([sent("b1", "wrist")], 60.0 + FORGET_S)
+
+
+def test_a_device_that_is_calibrated_makes_room_and_stays(newcomers: Newcomers) -> None:
+    burst = [sent("b1", f"ghost{n}") for n in range(OF_ONE_BRIDGE)]
+    for second in range(60):
+        newcomers.admit(burst, second)
+    newcomers.look(61.0, kept=lambda _: True, proven=lambda name: name == "ghost0")
+    assert len(newcomers.admit([*burst, sent("b1", "wrist")], 61.0)) == OF_ONE_BRIDGE + 1
+
+
+def test_keys_that_are_none_are_left_to_the_decoder(newcomers: Newcomers) -> None:
+    strange = [Message(key, b"") for key in ("", "x", "truerate/@v1/w/raw/*/ghost", "truerate/@v1/w/raw/b1/GHOST")]
+    assert newcomers.admit(strange, 0.0) == strange
+
+
+def test_a_burst_of_invented_devices_costs_a_real_one_no_sample_and_leaves_nothing_behind() -> None:
+    real = calibration(after=[Still(60.0)]).batches()
+    template = codec.encode_samples(replace(real[0], device="ghost0000"))
+    with Served() as served:
+        said = []
+        for second in range(5):
+            for batch in real[second * 10 : second * 10 + 10]:
+                served.put(batch)
+            for n in range(GHOSTS):
+                name = f"ghost{n:04d}"
+                key = keys.build(WARD, "raw", bridge="ghost", device=name)
+                served.raw.messages.append(Message(key, template.replace(b"ghost0000", name.encode())))
+            said += served.round(1.0)
+        assert sum(len(batch) for batch in said if batch.device == "chest") == sum(map(len, real[:50]))
+        assert len(served.service._devices) <= 1 + AT_ONCE + 5 * PER_S
+        for second in range(5, 5 + int(FORGET_S) + 3):  # the real one goes on, the invented ones do not
+            for batch in real[second * 10 : second * 10 + 10]:
+                served.put(batch)
+            served.round(1.0)
+            served.service.work()
+        assert list(served.service._devices) == ["chest"]

@@ -1,0 +1,153 @@
+"""Requests that cost a lot to answer: nobody else waits for them, and nothing is done that nobody waits for."""
+
+import asyncio
+import socket
+import threading
+import time
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import replace
+from http import HTTPStatus
+from pathlib import Path
+
+import pytest
+from starlette.requests import Request
+
+from bridge.wire.messages import Calibration
+from estimator.service.store import Store
+from estimator.ward_view import matches
+from estimator.web import report_pages
+from estimator.web.fault import Fault
+from estimator.web.known import CALIBRATIONS
+from estimator.web.shared_work import WAITING, SharedWork
+from tests.estimator.test_correction import CALIBRATION
+from tests.web.conftest import Site, served
+from tests.web.talk import about, said
+from tests.web.test_http import Asking, error
+
+
+@pytest.fixture
+def asking() -> Iterator[Asking]:
+    made = Asking()
+    with made.client:
+        made.hear(about("chest", boot=5), said("chest", boot=5, time_ns=time.time_ns()))
+        yield made
+    made.talk.hush()
+
+
+def test_a_pattern_as_long_as_a_request_may_be_is_refused_at_once(asking: Asking) -> None:
+    for only in ("[" * 15_000, "*a" * 15_000):
+        began = time.process_time()
+        assert error(asking.client.get("/api/v1/devices", params={"only": only})) == (414, "too_long")
+        assert time.process_time() - began < 1.0
+    assert error(asking.client.get("/api/v1/devices", params={"only": "*" * 65})) == (400, "bad_parameter")
+    assert error(asking.client.get("/api/v1/devices", params={"only": ["lost"] * 17})) == (400, "bad_parameter")
+    assert asking.client.get(f"/{'x' * 3000}").status_code == 414
+
+
+@pytest.mark.parametrize(
+    ("pattern", "matched"),
+    [
+        *((pattern, True) for pattern in ("chest", "ch*", "*st", "c*e*t", "ch?st", "*", "**")),
+        *((pattern, False) for pattern in ("ches", "chest?", "?", "", "c*x*t", "[c]hest")),
+    ],
+)
+def test_what_a_pattern_matches(pattern: str, *, matched: bool) -> None:
+    assert matches("chest", pattern) is matched
+
+
+class Left:
+    """A client of a request: it is there until it leaves."""
+
+    def __init__(self) -> None:
+        self.left = asyncio.Event()
+        self.request = Request({"type": "http"}, self._receive)
+
+    async def _receive(self) -> dict[str, str]:
+        await self.left.wait()
+        return {"type": "http.disconnect"}
+
+
+def test_equal_requests_share_an_answer_and_what_nobody_waits_for_is_not_made() -> None:
+    made, may_end = list[str](), threading.Event()
+
+    def make(key: str) -> str:
+        may_end.wait(5)
+        made.append(key)
+        return key
+
+    async def ask() -> None:
+        work = SharedWork[str](60.0)
+        clients = [Left() for _ in range(WAITING)]
+        asked = [
+            asyncio.create_task(work.get(one.request, f"{n}", lambda n=n: make(f"{n}")))  # type: ignore[misc]
+            for n, one in enumerate(clients)
+        ]
+        same = asyncio.create_task(work.get(Left().request, "0", lambda: make("0 again")))
+        await asyncio.sleep(0.05)
+        with pytest.raises(Fault) as full:
+            await work.get(Left().request, "more", lambda: make("more"))
+        assert full.value.status is HTTPStatus.SERVICE_UNAVAILABLE
+        for one in clients[1:]:
+            one.left.set()
+        await asyncio.sleep(0.05)
+        more = asyncio.create_task(work.get(Left().request, "more", lambda: make("more")))
+        await asyncio.sleep(0.05)
+        may_end.set()
+        assert list(await asyncio.gather(asked[0], same, more)) == ["0", "0", "more"]
+        assert {type(one) for one in await asyncio.gather(*asked[1:], return_exceptions=True)} == {Fault}
+        assert await work.get(Left().request, "0", lambda: make("late")) == "0"
+
+    asyncio.run(ask())
+    assert made == ["0", "more"]
+
+
+def test_abandoned_pictures_are_not_drawn(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = list[str]()
+
+    def slowly(of: object) -> bytes:
+        time.sleep(0.2)
+        drawn.append(of.device)  # type: ignore[attr-defined]
+        return b"png"
+
+    monkeypatch.setattr(report_pages, "_drawn", slowly)
+    now_ns = time.time_ns()
+    for n in range(30):
+        for second in (0, 1):
+            site.talk(said(f"d{n:02d}", boot=5, time_ns=now_ns + second * 10**9))
+    stories = site.server.desk.known.stories
+    while not (len(stories) == 30 and all(len(story.trail) == 2 for story in stories.values())):
+        time.sleep(0.05)
+    port = int(site.url.rpartition(":")[2])
+    for n in range(120):
+        with socket.create_connection(("127.0.0.1", port), 5) as asks:
+            asks.sendall(f"GET /devices/d{n % 30:02d}/bias.png HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+    began = time.monotonic()
+    with urllib.request.urlopen(f"{site.url}/devices/d29/bias.png", timeout=10) as answer:
+        assert answer.read() == b"png"
+    assert time.monotonic() - began < 3.0
+    assert len(drawn) <= WAITING
+
+
+def test_a_stored_list_is_read_once_for_many_requests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path / "ward.sqlite3")
+    for n in range(CALIBRATIONS + 5):
+        store.add_calibration(replace(CALIBRATION, device="chest", boot=5, id=f"c{n:03}", time_ns=10**18 + n))
+    store.close()
+    read = list[str]()
+    calibrations = Store.calibrations
+
+    def counted(own: Store, name: str) -> list[Calibration]:
+        read.append(name)
+        return calibrations(own, name)
+
+    monkeypatch.setattr(Store, "calibrations", counted)
+    site = served(store=tmp_path / "ward.sqlite3")
+    site.talk(said("chest", boot=5))
+    while "chest" not in site.server.desk.known.stories:
+        time.sleep(0.02)
+    for _ in range(10):
+        with urllib.request.urlopen(f"{site.url}/api/v1/devices/chest/calibrations", timeout=10) as answer:
+            assert answer.status == 200
+    site.stop()
+    assert len(read) == 2, "once what a page shows, once all of it"
