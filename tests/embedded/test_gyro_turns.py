@@ -76,7 +76,9 @@ def counted(gyro: NDArray[np.float64], sensitivity: float = SENSITIVITY) -> Coun
 
 
 def in_python(counts: Counts, rate_hz: float, sensitivity: float = SENSITIVITY) -> Found:
-    recording = Recording(np.arange(len(counts)) / rate_hz, counts * sensitivity, None, None, rate_hz, "session")
+    recording = Recording(
+        np.arange(len(counts)) / rate_hz, np.asarray(counts * sensitivity, float), None, None, rate_hz, "session"
+    )
     result, _ = calibrate(recording, "turn360")
     assert result.scale is not None
     assert result.bias is not None
@@ -100,7 +102,7 @@ def test_it_agrees_on_a_real_session(program: Path, shared_data: Path) -> None:
     real = load(shared_data / "imucal" / "ferraris_session.npz")
     sensitivity = float(np.float32(np.radians(0.061)))
     counts = counted(real.gyro, sensitivity)
-    result, _ = calibrate(replace(real, gyro=counts * sensitivity), "turn360")
+    result, _ = calibrate(replace(real, gyro=np.asarray(counts * sensitivity, float)), "turn360")
     found = run(program, counts, real.rate_hz, sensitivity)
     assert found.status == OK
     np.testing.assert_allclose(found.k, result.scale, atol=1e-4)
