@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, Quality
 from estimator.gyro import AXES, GyroModel, PriorKnobs, uncalibrated
+from estimator.state import shaped
 
 Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
@@ -48,6 +49,14 @@ class Correction:
     def parameters(self) -> Floats:
         """(12,) matrix and bias, one after the other."""
         return np.concatenate([self.model.matrix.ravel(), self.model.bias])
+
+    def check(self) -> None:
+        """Raises ValueError where no reading can be corrected by it."""
+        model = self.model
+        shaped(model.matrix, 3, 3, finite=True)
+        shaped(model.bias, 3, finite=True)
+        for std in (model.scale_std, model.cross_std, model.noise_std, self.bias_std):
+            shaped(std, 3)
 
     def same(self, other: "Correction") -> bool:
         """Whether both correct alike, to the last bit."""

@@ -11,7 +11,7 @@ from weakref import proxy
 
 import numpy as np
 
-from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, SampleBatch, State, Status
+from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, Quality, SampleBatch, State, Status
 from bridge.wire.refusal import Reason
 from estimator.batch.result import Result
 from estimator.correction import Correction
@@ -230,8 +230,14 @@ class DeviceSession:
         saved = decode(state, SessionState)
         if (saved.version, saved.device) != (VERSION, device):
             raise ValueError(f"a state of {saved.device!r}, version {saved.version}: expected {device!r}, {VERSION}")
+        if saved.length_s not in (BLOCK_S, SHORT_S):
+            raise ValueError(f"damaged state: a block is {saved.length_s} s long")
         session = cls(device, knobs, saved.learnt.began, sequence)
         buffer = session.learnt.go_on(saved.learnt, calibration, saved.boot)
+        for correction in (saved.applied, saved.ready):
+            correction.check()
+            if correction.quality is Quality.GOOD and session.calibration is None:
+                raise ValueError("damaged state: GOOD, without a calibration of this boot")
         session.life.resume(saved.life)
         session._blocks = Blocks(saved.latest_s)
         session._blocks.length_s = saved.length_s

@@ -82,7 +82,7 @@ class ReorderBuffer:
         self.repeated += known
         if known == n:
             return
-        same = boot.next is None or batch.epoch == boot.latest.epoch
+        same = batch.epoch == boot.latest.epoch or (boot.next is None and batch.epoch > boot.latest.epoch)
         due_s = now + (self._wait_s if same else max(self._wait_s, HANDOVER_S))
         self._hold(boot, batch.after(known) if known else batch, due_s)
         self._advance(boot)

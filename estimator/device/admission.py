@@ -95,6 +95,11 @@ class Admission:
         """The boot of this device is known to begin with this number here: nothing before it is waited for."""
         self.waiting = ReorderBuffer(sequence)
 
+    def go_on(self, sequence: int, heard_ns: int) -> None:
+        """A boot goes on with this number here; what was received before heard_ns of other boots is of earlier ones."""
+        self.begin_at(sequence)
+        self.source.go_on(heard_ns)
+
     def judge(self, batch: Samples, now: float) -> tuple[Ruling, list[Samples]]:
         """What to do with a batch, counted where it is refused; and held batches whose turn it is before it."""
         sequence = self.sequence

@@ -91,6 +91,10 @@ class Source:
         """Nobody can be heard now: the owner stays the owner."""
         self._heard_s = heard_s
 
+    def go_on(self, heard_ns: int) -> None:
+        """The boot that goes on was heard at this host time."""
+        self._booted_ns = heard_ns
+
     def label(self, bridge: str, heard_s: float) -> str:
         """Under what another bridge's samples, that came now, are counted; a bounded number of names."""
         if bridge in self._others or len(self._others) < NAMED_BRIDGES:

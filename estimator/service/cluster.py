@@ -11,6 +11,7 @@ from bridge.wire.messages import Checkpoint, Holding, Move, Owned
 from bridge.wire.refusal import Refusal, Tally
 from estimator.client.decoder import Decoder
 from estimator.service.device import Device
+from estimator.service.epochs import BEYOND
 from estimator.service.membership import LEASE_S, Membership
 from estimator.service.replay import ReplayLog
 from estimator.service.replicas import Replicas, checkpoint_of
@@ -85,7 +86,7 @@ class Cluster:
         membership = self.membership
         said = self._heard.drain(512, 0.0)
         self._excuse(now, heard=heard or any(message.key != self._own_key for message in said))
-        if self._tokens and not self._bus.connected:
+        if self._tokens and self.company and not self._bus.connected:
             membership.hold_off(now)  # all tokens died with the router
         while self._tokens:
             self._changed(*self._tokens.popleft(), now)
@@ -110,7 +111,7 @@ class Cluster:
     def look_round(self, now: float, devices: Collection[str]) -> None:
         """Once a second: forget devices that are gone, and look for some that nobody has."""
         self.membership.keep(devices)
-        if not self._bus.connected:
+        if self.company and not self._bus.connected:  # alone, nobody keeps what is not taken
             self.membership.hold_off(now)
         self._scan = True
 
@@ -125,6 +126,9 @@ class Cluster:
         return found
 
     def _note(self, checkpoint: Checkpoint) -> None:
+        if checkpoint.epoch >= BEYOND:  # no later one could ever take its place
+            self._counts.add("checkpoint messages refused, epoch")
+            return
         self.membership.hear(checkpoint.epoch)
         self.replicas.note(checkpoint)
         if checkpoint.calibration is not None and checkpoint.epoch < self.membership.held.get(checkpoint.device, 0):
@@ -201,7 +205,7 @@ class Cluster:
             self.membership.take(device, self._now_ns())
         again = any(self.replicas.of(device) is not None for device in taken)
         self._moved(len(taken), self._why or ("shared out anew" if again else "heard for the first time"))
-        return ours, self._replay.of(taken) if self.company else {device: others[device] for device in taken}
+        return ours, self._replay.of(taken) if self.company else {device: others.get(device, []) for device in taken}
 
     def epoch(self, device: str) -> int:
         """Under which a device is held; from now on it is, if it was not."""

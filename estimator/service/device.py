@@ -222,7 +222,7 @@ class Device:
             known.state, known.calibration, self.name, self._knobs, self.admission.sequence
         )
         self.repeated = known.boot if known.boot_repeated else None
-        self.admission.begin_at(self.session.sequence.next or 0)
+        self.admission.go_on(self.session.sequence.next or 0, self.session.last_heard_ns)
 
     def leave(self) -> list[Publisher]:
         """It is another estimator's: take back what is said of it now; some may still be asked for."""

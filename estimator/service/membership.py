@@ -88,7 +88,9 @@ class Membership:
             for part in [part for part in peer.parts if part >= max(1, owned.parts)]:
                 del peer.parts[part]
         self.hear(owned.epoch, *(holding.epoch for holding in owned.holdings))
-        return [h.device for h in owned.holdings if BEYOND > h.epoch > self.held.get(h.device, h.epoch)]
+        others = [h for h in owned.holdings if h.device in self.held and h.epoch < BEYOND]
+        # Of equal epochs, which two ids can have, the one of the later id counts.
+        return [h.device for h in others if (h.epoch, owned.estimator) > (self.held[h.device], self.own)]
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
         """Update the members; returns who has come and who is gone since the last look."""
@@ -125,6 +127,7 @@ class Membership:
     def lose(self, device: str, taker: str, now: float) -> None:
         """Another estimator has taken a device; it is not taken back from that one at once, or it would go to and fro."""
         self.held.pop(device, None)
+        self._epoch = 0  # what is taken next is taken under another one, also where both were equal
         self._lost = {name: lost for name, lost in self._lost.items() if lost[0] > now}
         self._lost[device] = now + HOLD_OFF_S, taker
 

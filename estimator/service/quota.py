@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from bridge.bus.contract import Message
 
@@ -89,10 +89,17 @@ class Quotas:
                 self._queues[key] = queue
         return taken
 
-    def drop(self, key: str) -> list[Message]:
-        """Take out all messages of a key."""
-        queue = self._queues.pop(key, None)
-        return [] if queue is None else [message for _, message in queue.waiting]
+    def devices(self) -> set[str]:
+        """Devices of which messages wait."""
+        return {_device(key) for key in self._queues}
+
+    def drop(self, devices: Collection[str]) -> None:
+        """Take out all messages of some devices, by whichever bridges."""
+        self._queues = {key: queue for key, queue in self._queues.items() if _device(key) not in devices}
+
+
+def _device(key: str) -> str:
+    return key.rpartition("/")[2]
 
 
 def _ordinary(messages: Sequence[Message]) -> bool:

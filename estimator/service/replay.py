@@ -1,6 +1,6 @@
 """Samples that are received again: the backlog of a device that is taken over, and what was corrected before a restart. Pure."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Collection, Mapping, Sequence
 
 from google.protobuf.message import DecodeError
@@ -13,8 +13,8 @@ from estimator.device.samples import Samples
 REPLAY_S = 10.0
 #: samples of one message of a backlog
 MERGED = 512
-#: bytes of all messages
-REPLAY_BYTES = 64 * 2**20
+#: bytes of all messages, and of one device's: one that floods leaves room for the others
+REPLAY_BYTES, DEVICE_BYTES = 64 * 2**20, 4 * 2**20
 #: samples corrected before the restart are counted under this name
 DONE = "samples corrected before the restart"
 #: longer than a bridge's cache goes back, and than it takes to come, s
@@ -30,32 +30,40 @@ class ReplayLog:
     """The last messages of all devices, with their devices, in the order in which they came; `now` is monotonic seconds."""
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[float, str, Message]] = deque()
+        self._order: deque[tuple[float, str]] = deque()  # when each message came, and of which device
+        self._kept: dict[str, deque[Message]] = {}
+        self._sizes = Counter[str]()
         self._size = 0
 
     def add(self, device: str, message: Message, now: float) -> None:
-        """Keep a message."""
-        self._kept.append((now, device, message))
-        self._size += len(message.payload)
+        """Keep a message, unless its device has more than its share already."""
+        size = len(message.payload)
+        if self._sizes[device] + size > DEVICE_BYTES:
+            return
+        self._order.append((now, device))
+        self._kept.setdefault(device, deque()).append(message)
+        self._sizes[device] += size
+        self._size += size
         self.tidy(now)
 
     def tidy(self, now: float) -> None:
         """Forget what is too old or too much, oldest first."""
-        kept = self._kept
-        while kept and (kept[0][0] < now - REPLAY_S or self._size > REPLAY_BYTES):
-            self._size -= len(kept.popleft()[2].payload)
+        order = self._order
+        while order and (order[0][0] < now - REPLAY_S or self._size > REPLAY_BYTES):
+            _, device = order.popleft()
+            size = len(self._kept[device].popleft().payload)
+            self._size -= size
+            self._sizes[device] -= size
+            if not self._kept[device]:
+                del self._kept[device], self._sizes[device]
 
     def devices(self) -> set[str]:
         """Devices of which anything is kept."""
-        return {device for _, device, _ in self._kept}
+        return set(self._kept)
 
     def of(self, devices: Collection[str]) -> dict[str, list[Message]]:
         """The messages of some devices, each in its order."""
-        found: dict[str, list[Message]] = {device: [] for device in devices}
-        for _, device, message in self._kept:
-            if device in found:
-                found[device].append(message)
-        return found
+        return {device: list(self._kept.get(device, ())) for device in devices}
 
 
 class Resumed:
@@ -85,8 +93,10 @@ class Resumed:
 def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:
     """What is left to be corrected of a device whose session has come to this number of a boot, in few large messages."""
     left = [(message, _read(message)) for message in messages]
-    ends = [n for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot and _end(raw) <= following]
-    return _merged(left[ends[-1] + 1 :] if ends else left)
+    ends = {n: _end(raw) for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot}
+    last = max((n for n, end in ends.items() if end <= following), default=-1)
+    # A second bridge may repeat later what the first one said: what is new before that is kept.
+    return _merged([one for n, one in enumerate(left) if n > last or ends.get(n, 0) > following])
 
 
 _Left = tuple[Message, columns.SampleBatch | None]

@@ -234,10 +234,10 @@ class Service:
 
     def _give_away(self, names: list[str], now: float) -> None:
         """Devices that another estimator has: it goes on from where we were."""
+        self._quotas.drop(names)  # they are in the replay log of whoever has the device
         leaving = [device for name in names if (device := self._devices.get(name)) is not None]
         for device in leaving:
             self._missed.pop(device.name, None)
-            self._quotas.drop(device.key)  # they are in the replay log of whoever has the device
             self._intake.leave(device)
             self._learn(device)
             self._guarded(device, partial(self._record.checkpoint, device, now, force=True))
@@ -264,7 +264,7 @@ class Service:
         """Whether a device goes on from a checkpoint; a damaged one changes nothing, and is counted."""
         try:
             device.take_over(known)
-        except ValueError as error:
+        except Exception as error:  # noqa: BLE001 - whoever made it may have said anything, and all devices are at stake
             log.warning("%s: its checkpoint is not used: %s", device.name, error)
             self.counts.add("checkpoint messages refused, damaged")
             return False
@@ -395,7 +395,7 @@ class Service:
         for device in self._devices.values():
             device.overloaded_s, device.unkept = over_s, bool(self._record.trouble)
         self._to_look |= dict.fromkeys(self._devices)
-        self._cluster.look_round(now, self._devices)
+        self._cluster.look_round(now, self._devices.keys() | self._quotas.devices())
         self._record.tend(now)
         counts = self._count_all()
         self._totals.tell(now, counts)

@@ -60,6 +60,8 @@ def _unpacked(_: type, packed: Any) -> Floats:
     if any(n < 0 for n in shape) or np.prod([*shape], dtype=float) > _MOST_VALUES:
         raise ValueError(f"an array of shape {shape}")
     if kind == "s":
+        if len(shape) != 2 or shape[0] != shape[1]:
+            raise ValueError(f"a symmetric matrix of shape {shape}")
         array, upper = np.empty(shape), np.triu_indices(shape[0])
         array[upper] = array.T[upper] = np.frombuffer(data, np.float64)
         return array

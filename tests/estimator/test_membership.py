@@ -126,3 +126,14 @@ def test_epochs_rise_whoever_takes(takers: list[str]) -> None:
         assert epoch > last
         other.said(claims(name, {DEVICES[0]: epoch}), HOLD_OFF_S)
         last, who = epoch, name
+
+
+def test_of_two_that_took_a_device_under_one_epoch_exactly_one_gives_it_up_and_takes_it_under_another_later() -> None:
+    # The last bits of their epochs are alike.
+    one, other = Membership("e770", now=0.0), Membership("e3000", now=0.0)
+    epoch = one.take("wrist", NS)
+    assert other.take("wrist", NS) == epoch
+    assert one.said(claims("e3000", other.held), 1.0) == []
+    assert other.said(claims("e770", one.held), 1.0) == ["wrist"]
+    other.lose("wrist", "e770", 1.0)
+    assert other.take("wrist", NS) > epoch

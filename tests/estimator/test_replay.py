@@ -7,7 +7,7 @@ import numpy as np
 from bridge.bus.contract import Message
 from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch
-from estimator.service.replay import MERGED, REPLAY_S, ReplayLog, since
+from estimator.service.replay import DEVICE_BYTES, MERGED, REPLAY_BYTES, REPLAY_S, ReplayLog, since
 from tests.estimator.stream import NAME, calibration
 
 KEY = keys.build("w", "raw", bridge="bridge", device=NAME)
@@ -39,6 +39,14 @@ def test_it_begins_after_the_last_message_that_was_corrected() -> None:
     assert read(since([message(batch) for batch in BATCHES], BATCHES[0].boot + 1, following))[0].sequence == 0
 
 
+def test_what_a_second_bridge_repeats_late_takes_nothing_away() -> None:
+    sent = [message(batch) for batch in BATCHES[:6]]
+    late = Message(keys.build("w", "raw", bridge="other", device=NAME), sent[1].payload)
+    found = read(since([*sent[:4], late, *sent[4:]], BATCHES[0].boot, BATCHES[2].sequence))
+    assert [batch.sequence for batch in found] == [BATCHES[2].sequence]
+    assert len(found[0]) == sum(map(len, BATCHES[2:6]))
+
+
 def test_a_gap_another_boot_and_rubbish_are_left_as_they_came() -> None:
     again = [replace(batch, boot=BATCHES[0].boot + 1) for batch in BATCHES[:3]]
     rubbish = Message(KEY, b"\xff\xff")
@@ -60,3 +68,16 @@ def test_the_log_keeps_the_last_seconds() -> None:
     kept = log.of({"a"})["a"]
     assert [one.payload[0] for one in kept] == [n for n in range(0, 100, 2) if 0.5 * n >= 49.5 - REPLAY_S]
     assert log.devices() == {"a", "b"}
+
+
+def test_a_device_that_floods_leaves_the_log_to_the_others() -> None:
+    log = ReplayLog()
+    log.add("calm", Message(KEY, b"calm"), 0.0)
+    for _ in range(2 * REPLAY_BYTES // 2**20):
+        log.add("flood", Message(KEY, bytes(2**20)), 1.0)
+    assert log.of({"calm"})["calm"] == [Message(KEY, b"calm")]
+    assert sum(len(one.payload) for one in log.of({"flood"})["flood"]) == DEVICE_BYTES
+    log.tidy(REPLAY_S + 1.1)
+    assert log.devices() == set()
+    log.add("flood", Message(KEY, bytes(2**20)), REPLAY_S + 1.2)
+    assert log.devices() == {"flood"}

@@ -46,6 +46,15 @@ def fed(*spans: tuple[int, int], wait_s: float = WAIT_S, epoch: int = 0, now: fl
     return buffer
 
 
+def test_who_joins_does_not_listen_to_an_older_epoch_that_is_ahead() -> None:
+    buffer = fed((900, 910), epoch=6)
+    buffer.feed(numbered(1000, 10, 5), 0.01)
+    buffer.overdue(WAIT_S + 0.02)
+    for first in range(910, 1100, 10):
+        buffer.feed(numbered(first, 10, 6), 0.2)
+    assert said(buffer) == [(900, 1100, 6)]
+
+
 def test_a_batch_before_its_turn_waits_for_the_samples_before_it() -> None:
     buffer = fed((0, 5), (9, 12), (7, 9))
     assert said(buffer) == [(0, 5, 0)]
