@@ -11,8 +11,8 @@ from bridge.wire.messages import Checkpoint, Holding, Move, Owned
 from bridge.wire.refusal import Refusal, Tally
 from estimator.client.decoder import Decoder
 from estimator.service.device import Device
-from estimator.service.epochs import BEYOND
 from estimator.service.membership import LEASE_S, Membership
+from estimator.service.ownership import BEYOND
 from estimator.service.replay import ReplayLog
 from estimator.service.replicas import Replicas, checkpoint_of
 from estimator.service.roster import MAX_DEVICES
