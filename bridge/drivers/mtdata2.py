@@ -10,6 +10,7 @@ from bridge.drivers.timed import Timed
 from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Data, Message, Messages
 from bridge.framing.packets import BadPacket
+from bridge.reasons.codes import Code
 from bridge.wire.refusal import Tally
 
 UNSETTLED, UNTIMED = "samples_before_settled", "time_missing"
@@ -117,8 +118,8 @@ class MtData2Decoder:
         if data.gyro is None:
             self._without_rate += 1
             lacking = self._without_rate == _NO_RATE
-            return [Notice("output", "it sends no rate of turn: give it a rate_hz, or set it so")] if lacking else []
-        notices = [Notice("output", "")] if self._without_rate >= _NO_RATE else []
+            return [Notice("output", Code.NO_RATE_OF_TURN())] if lacking else []
+        notices = [Notice("output", None)] if self._without_rate >= _NO_RATE else []
         self._without_rate = 0
         if data.gyro_clipped:
             self.faults.add(CLIPPED)

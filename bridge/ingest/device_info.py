@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from bridge.drivers.driver import Battery, Identity, Notice
 from bridge.ingest.timeline import Timeline
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo
 
@@ -26,7 +27,7 @@ class News(NamedTuple):
 
     dropped: dict[str, int]
     events: dict[str, int]
-    trouble: str
+    trouble: Sentences
 
 
 class Account:
@@ -35,7 +36,7 @@ class Account:
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self._names = (device, bridge, driver, place)
         self._battery = Battery(math.nan)
-        self._notices: dict[str, str] = {}
+        self._notices: dict[str, Sentence] = {}
 
     def note(self, event: Battery | Notice) -> None:
         """Keep the latest battery state, and the latest notice of each name; at most as many names as the wire takes."""
@@ -43,15 +44,17 @@ class Account:
             self._battery = event
             return
         self._notices.pop(event.name, None)
-        if event.text:
-            self._notices[event.name] = event.text
+        if event.said is not None:
+            self._notices[event.name] = event.said
         while len(self._notices) > MAX_TEXTS:
             self._notices.pop(next(iter(self._notices)))
 
-    def news(self, identity: Identity | None, dropped: dict[str, int], events: dict[str, int], trouble: str) -> News:
+    def news(
+        self, identity: Identity | None, dropped: dict[str, int], events: dict[str, int], trouble: Sentences
+    ) -> News:
         """The news of these counts; a device that has not identified itself yet (identity None) is a trouble."""
         if identity is None and not trouble:
-            trouble = f"{self._names[-1]}: nothing was heard of it yet"
+            trouble = (Code.NOTHING_HEARD(place=self._names[-1]),)
         return News(dropped, events, trouble)
 
     def info(
@@ -82,10 +85,10 @@ class Account:
             battery_percent=self._battery.percent,
             charging=self._battery.charging,
             # The device's own, and what is to be said of its time.
-            notices=dict([*self._notices.items(), *_of_time(timeline, identity)][-MAX_TEXTS:]),
+            notices=(*self._notices.values(), *_of_time(timeline, identity))[-MAX_TEXTS:],
             has_clock=known.has_clock,
         )
 
 
-def _of_time(timeline: Timeline, identity: Identity | None) -> list[tuple[str, str]]:
-    return [] if identity is None else list(timeline.notices(identity).items())
+def _of_time(timeline: Timeline, identity: Identity | None) -> Sentences:
+    return () if identity is None else timeline.notices(identity)

@@ -15,6 +15,8 @@ from bridge.ingest.counters import Counters, Counts
 from bridge.ingest.device_info import Account, News
 from bridge.ingest.sensor_faults import SensorFaults
 from bridge.ingest.timeline import Stamps, Timeline
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Sentence, Sentences
 from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
@@ -89,20 +91,20 @@ class Intake:
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
-    def news(self, faults: dict[str, int], trouble: str = "") -> News:
+    def news(self, faults: dict[str, int], trouble: Sentences = ()) -> News:
         """What is counted of the device by now, its driver's faults among the events, and what troubles it."""
         events = self.events.as_dict()
         # A driver may have seen the same change.
         counts = {**events, **{label: max(n, events.get(label, 0)) for label, n in faults.items()}}
         return self._account.news(self._identity, self.dropped.as_dict(), counts, trouble)
 
-    def info(self, time_ns: int, faults: dict[str, int], trouble: str = "") -> DeviceInfo:
+    def info(self, time_ns: int, faults: dict[str, int], trouble: Sentences = ()) -> DeviceInfo:
         """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
         news = self.news(faults, trouble)
         info = self._account.info(self._identity, self.boot or 0, self.timeline, self.samples, time_ns, news)
         bad = {label: n for label, n in news.events.items() if label in _BAD}
         if said := self._shares.notable(time_ns, self.samples_in, {**bad, **news.dropped}):
-            info = replace(info, notices=dict([*info.notices.items(), ("refused", said)][-MAX_TEXTS:]))
+            info = replace(info, notices=(*info.notices, *said)[-MAX_TEXTS:])
         return info
 
     def _greet(self, identity: Identity) -> list[SampleBatch]:
@@ -185,9 +187,10 @@ class Intake:
             self._rate_changed(self.timeline.changed)
         return self.timeline.stamps(ticks, receive_time_ns, identity)
 
-    def _rate_changed(self, words: str) -> None:
+    def _rate_changed(self, change: Sentence | None) -> None:
         self.events.add(_RATE_CHANGED)
-        self.said.append(words)
+        if change is not None:
+            self.said.append(english(change))
 
     def _count_silent(self) -> None:
         if missing := self.timeline.missing - self._silent:

@@ -10,6 +10,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from bridge.reasons.codes import Code, Sentence
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply
 from bridge.wire.refusal import Refusal
@@ -61,17 +62,19 @@ class Commands:
             asked = _Asked(keys.parse(key), codec.decode_command(key, payload))
         except Refusal as refusal:
             self._refused.append(refusal.reason)
-            return codec.encode_reply(CommandReply("", accepted=False, message=str(refusal)))
+            return codec.encode_reply(
+                CommandReply("", accepted=False, message=(Code.COMMAND_MALFORMED(detail=refusal),))
+            )
         if not self._ours(asked.key.device):
             return b""  # another estimator answers
         try:
             self._waiting.put_nowait(asked)
         except queue.Full:
-            return self._late(asked, "too many commands are waiting; nothing was done, try again")
+            return self._late(asked, Code.TOO_MANY_COMMANDS())
         if not asked.done.wait(ANSWER_S) and asked.decide():
-            return self._late(asked, "the estimator is too busy to answer; nothing was done, try again")
+            return self._late(asked, Code.ESTIMATOR_BUSY())
         if not asked.done.wait(FINISH_S) or asked.reply is None:
-            return self._late(asked, "it was begun, but how it ended is not known yet: look at the status")
+            return self._late(asked, Code.OUTCOME_UNKNOWN())
         return codec.encode_reply(asked.reply)
 
     def work(self, do: Do) -> None:
@@ -108,5 +111,5 @@ class Commands:
         else:
             waiting.append(asked)
 
-    def _late(self, asked: _Asked, message: str) -> bytes:
-        return codec.encode_reply(CommandReply(asked.command.request_id, accepted=False, message=message))
+    def _late(self, asked: _Asked, why: Sentence) -> bytes:
+        return codec.encode_reply(CommandReply(asked.command.request_id, accepted=False, message=(why,)))

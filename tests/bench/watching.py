@@ -16,6 +16,7 @@ from estimator.client import Client
 from estimator.session import DeviceSession
 from estimator.watch_ward import watch_ward
 from tests.estimator.stream import info
+from tests.sentences import free
 
 WARD, DEVICES, SECONDS, HEIGHT, WIDTH = "w", 1000, 20.0, 50, 160
 
@@ -29,7 +30,7 @@ def talk(broker: MemoryBroker, stop: threading.Event, spent: list[float]) -> Non
         state = State.LOST if n % 100 == 0 else State.DEGRADED if n % 37 == 0 else State.TRACKING
         words = "at rest 12 s ago; calibrated this morning by three turns"
         status = replace(
-            DeviceSession(name).status(7), state=state, reason=words, rate_hz=104.2, events={"gaps": n % 5}
+            DeviceSession(name).status(7), state=state, reason=free(words), rate_hz=104.2, events={"gaps": n % 5}
         )
         put_status = bus.publisher(keys.build(WARD, "status", device=name), cache=1).put
         put_info = bus.publisher(keys.build(WARD, "info", bridge="bridge", device=name), cache=1).put

@@ -15,6 +15,8 @@ from bridge.framing.mtdata2 import Messages, decode, encode
 from bridge.framing.packets import BadPacket
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_readings import joined
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause, SampleFlag
 from bridge.wire.refusal import Tally
 from tests.bridge.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, real, reals
@@ -47,7 +49,7 @@ class Bench:
 
     @property
     def notices(self) -> list[str]:
-        return [event.text for event in self.events if isinstance(event, Notice)]
+        return [english(event.said) for event in self.events if isinstance(event, Notice) and event.said]
 
     @property
     def counts(self) -> list[int]:
@@ -129,7 +131,7 @@ def test_a_device_is_told_what_to_send() -> None:
 
 def test_a_device_that_is_deaf_is_read_all_the_same_and_that_is_said() -> None:
     bench = Bench(MtDevice(deaf=True), MtData2Decoder(options(rate_hz=400))).run(5)
-    assert bench.notices == ["to request 30 it does not answer: what it sends was not changed"]
+    assert bench.notices == [english(Code.REQUEST_UNANSWERED(request="30"))]
     assert bench.identities[-1].rate_hz == 100.0
     received = len(bench.device.received)
     bench.run(3)
@@ -162,7 +164,7 @@ def test_every_lost_message_is_counted_by_clock_and_by_count(timed: bool) -> Non
 def test_a_device_that_sends_no_rate_of_turn_is_told_of() -> None:
     decoder = MtData2Decoder(None)
     events = [event for _ in range(300) for event in decoder.feed(message(0x36, item(0x1020, b"\0\1")), 1)]
-    assert events == [Notice("output", "it sends no rate of turn: give it a rate_hz, or set it so")]
+    assert events == [Notice("output", Code.NO_RATE_OF_TURN())]
 
 
 def test_the_device_s_own_word_of_clipping_is_counted() -> None:

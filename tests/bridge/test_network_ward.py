@@ -11,10 +11,12 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.stream import StreamOptions
 from bridge.ingest.pump import Pump
+from bridge.reasons.codes import Code
 from bridge.sim.virtual_device import VirtualDevice, demo_device
 from bridge.transport import udp_listener
 from tests.bridge.ingest.published.hearing import Listener, unbroken
 from tests.bridge.transport.test_network import free_port
+from tests.sentences import codes
 
 
 class Living:
@@ -180,7 +182,7 @@ def test_a_device_that_falls_silent_on_the_network_is_told_of(
     with MemoryBus(broker) as bus, ward(devices, bus):
         listener.until(lambda: all(listener.count(name) > 20 for name in devices))
         devices["u1"].device.power_off()
-        listener.until(lambda: "nothing comes; is it on" in listener.infos["u1"].trouble)
+        listener.until(lambda: Code.NOTHING_COMES in codes(listener.infos["u1"].trouble))
         listener.until(lambda: alive(listener) == {"t1": True, "t2": True, "u1": False, "u2": True})
         devices["u1"].device.power_on()
         listener.until(lambda: not listener.infos["u1"].trouble)

@@ -15,6 +15,7 @@ from bridge.drivers.witmotion import WitMotionDecoder, WitMotionOptions, Word
 from bridge.drivers.witmotion_cycle import Cycles
 from bridge.framing.witmotion import WitFrames
 from bridge.ingest.intake import Intake
+from bridge.reasons.catalogue import english
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 from tests.bridge.witmotion_device import WitDevice, checked, motion, time, unchecked
@@ -54,7 +55,7 @@ class Bench:
 
     @property
     def notices(self) -> list[str]:
-        return [event.text for event in self.events if isinstance(event, Notice)]
+        return [english(event.said) for event in self.events if isinstance(event, Notice) and event.said]
 
 
 def options(**more: object) -> WitMotionOptions:

@@ -13,6 +13,8 @@ from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
 from bridge.drivers.ximu3 import Ximu3Decoder, Ximu3Options
 from bridge.framing import ximu3_encode
 from bridge.framing.ximu3 import plain
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.sim.script import demo_script
 from bridge.sim.source import SimulatedSource
 from bridge.sim.ximu3 import ximu3_bytes
@@ -105,7 +107,7 @@ class Run:
 
     @property
     def notices(self) -> dict[str, str]:
-        return {event.name: event.text for event in self.events if isinstance(event, Notice) and event.text}
+        return {event.name: english(event.said) for event in self.events if isinstance(event, Notice) and event.said}
 
 
 def sequences(events: list[Event]) -> list[int]:
@@ -161,7 +163,10 @@ def test_battery_and_messages_are_passed_on() -> None:
     events = decoder.feed(said, 1)
     assert [event for event in events if isinstance(event, Battery)] == [Battery(55.5, charging=True), Battery(54.0)]
     notices = [event for event in events if isinstance(event, Notice)]
-    assert notices[-2:] == [Notice("notification", "note 2 | note 3 | note 4"), Notice("error", "Battery empty.")]
+    assert notices[-2:] == [
+        Notice("notification", Code.DEVICE_SAYS(words="note 2 | note 3 | note 4")),
+        Notice("error", Code.DEVICE_REPORTS_ERROR(words="Battery empty.")),
+    ]
 
 
 STREAM = b"".join(
@@ -245,11 +250,11 @@ def test_a_device_that_boots_is_asked_anew() -> None:
 def test_a_device_that_refuses_is_said_to_disturb_until_it_no_longer_does() -> None:
     run = Run(Device(refuses=True))
     run.pass_s(3.0)
-    assert "turn" in run.notices["on-device correction"]
+    assert "Turn" in run.notices["on-device correction"]
     run.device.settings[CORRECTION] = False
     run.decoder.opened()
     last = [event for event in run.pass_s(2.0) if isinstance(event, Notice)]
-    assert last == [Notice("on-device correction", "")]
+    assert last == [Notice("on-device correction", None)]
 
 
 def test_settings_may_be_left_alone() -> None:
@@ -285,7 +290,7 @@ def test_nothing_is_needed_of_a_device_that_only_sends() -> None:
     run = Run(device)
     run.pass_s(20.0)
     assert sequences(run.events) == list(range(1000))
-    assert "not known" in run.notices["on-device correction"]
+    assert "nobody knows" in run.notices["on-device correction"]
     (identity,) = run.identities
     assert (identity.model, identity.rate_hz) == ("x-IMU3", 50.0)
     device.deaf = False

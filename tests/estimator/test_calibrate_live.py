@@ -13,8 +13,7 @@ from bridge.sim.motion import Piece, Still
 from estimator.calibrate_live import MISNAMED_S, calibrate, panel
 from estimator.cli import main
 from estimator.client import Client
-from estimator.guide.reasons import Words
-from estimator.guide.steps import Picture, Step, Told
+from estimator.guide.steps import Picture, Step, Told, Words
 from estimator.texts import texts
 from estimator.ward_view import SILENT_S
 from tests.estimator.stream import NAME
@@ -55,7 +54,7 @@ def test_it_follows_the_hand_to_the_verdict() -> None:
     assert code == 0
     for words in (
         "Put it at the edge of the table, and let go",
-        "Turn it all the way round, once.",
+        "Turn the device once all the way round.",
         "Done: it is calibrated",
     ):
         assert words in printed
@@ -73,7 +72,7 @@ def test_of_a_calibrated_device_it_asks_for_a_new_one() -> None:
     turns = [turn(2), turn(0), turn(1)]
     code, printed = guided([*rests_between(*turns), Still(3.0), *rests_between(*turns)], skip=6)
     assert code == 0
-    assert "recalibration asked for by nurse" in printed
+    assert "nurse asked for a new calibration." in printed
     assert printed.count("Done: it is calibrated") >= 1
     assert "scale before" in printed
 
@@ -127,7 +126,7 @@ def test_a_name_that_is_mistyped_is_answered_by_those_there_are() -> None:
         assert calibrate(console, client, "chset", "nurse", texts("en"), seconds=MISNAMED_S + 0.5) == 1
     talk.close()
     assert isinstance(console.file, io.StringIO)
-    assert console.file.getvalue().count("no device chset was heard; there are: ankle, chest") == 1
+    assert console.file.getvalue().count("No device chset was heard; there are: ankle, chest.") == 1
 
 
 def test_on_a_terminal_it_is_a_picture_of_a_few_lines() -> None:

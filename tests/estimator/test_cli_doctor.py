@@ -117,7 +117,7 @@ def test_two_bridges_with_one_device_are_found(tmp_path: Path, capsys: pytest.Ca
             said.put(encode_status(status))
             found = look(capsys, str(config))
             assert (found[0], found[1]["bridges of the ward"][0]) == (code, level)
-    assert "b2's samples are refused; stop one" in found[1]["bridges of the ward"][1]
+    assert "samples of b2 are refused" in found[1]["bridges of the ward"][1]
 
 
 def test_an_estimator_that_does_not_keep_up_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -131,7 +131,7 @@ def test_an_estimator_that_does_not_keep_up_is_found(tmp_path: Path, capsys: pyt
             assert code == (1 if events else 0)
             assert found.get("estimator of the ward", ("", ""))[0] == ("trouble" if events else "")
             if UNKEPT in events:
-                assert "the store of 1 device cannot be written" in found["estimator of the ward"][1]
+                assert "The store cannot be written; devices concerned: 1." in found["estimator of the ward"][1]
             if OVERLOADED in events:
                 assert "has not kept up with its devices for 7 s" in found["estimator of the ward"][1]
 

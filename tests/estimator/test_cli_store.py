@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from bridge.reasons.codes import Code
 from estimator import figures
 from estimator.cli import main
 from estimator.database import owned
@@ -17,6 +18,7 @@ from estimator.history import Biases, History, read, since
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS, fill, loaded
 from tests.estimator.stream import NAME
+from tests.sentences import free
 
 NOW = datetime(2026, 3, 8, 12, 0, tzinfo=UTC)
 
@@ -26,7 +28,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
     """As an estimator that is running has it: much is in the log only."""
     opened = Store(tmp_path / "a.sqlite3")
     fill(opened)
-    opened.add_audit(7, NAME, "calibrate", "c9", "nurse", "", "repeat: the turn about y is missing", accepted=False)
+    opened.add_audit(7, NAME, "calibrate", "c9", "nurse", "repeat", free("the turn about y is missing"), accepted=False)
     yield opened
     opened.close()
 
@@ -54,7 +56,7 @@ def test_history_in_tables(store: Store, capsys: pytest.CaptureFixture[str], mon
 
 
 def test_history_prints_what_people_wrote_as_it_is(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
-    store.add_audit(8, NAME, "note", "c10", "nurse", "[/foo] :x: [red]left[/red]", "noted", accepted=True)
+    store.add_audit(8, NAME, "note", "c10", "nurse", "[/foo] :x: [red]left[/red]", (Code.NOTED(),), accepted=True)
     assert history(store) == 0
     assert "[/foo] :x: [red]left[/red]" in capsys.readouterr().out
 
@@ -62,7 +64,7 @@ def test_history_prints_what_people_wrote_as_it_is(store: Store, capsys: pytest.
 def test_history_says_that_a_clock_was_wrong(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
     assert history(store) == 0
     assert "ahead of now" not in capsys.readouterr().out
-    store.add_audit(4_070_908_800 * 10**9, NAME, "note", "c10", "nurse", "sat up", "noted", accepted=True)
+    store.add_audit(4_070_908_800 * 10**9, NAME, "note", "c10", "nurse", "sat up", (Code.NOTED(),), accepted=True)
     assert history(store) == 0
     said = capsys.readouterr().out
     assert "2099-01-01" in said
@@ -186,7 +188,7 @@ def test_a_backup_of_a_store_in_use_has_everything(
 
 
 def test_no_file_moves_the_terminal(store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    store.add_audit(8, NAME, "note", "n1", "nur\x1b[2Jse", "a\nb", "\x1b]0;title\x07", accepted=True)
+    store.add_audit(8, NAME, "note", "n1", "nur\x1b[2Jse", "a\nb", free("\x1b]0;title\x07"), accepted=True)
     assert history(store) == 0
     said = capsys.readouterr().out
     assert "\x1b" not in said
@@ -231,7 +233,7 @@ def test_restore_puts_a_backup_in_its_place(store: Store, tmp_path: Path, capsys
     with owned(str(path)):
         assert main(["store", "restore", "--store", str(path)]) == 1
         assert "another estimator" in capsys.readouterr().err
-    store.add_audit(8, NAME, "note", "later", "nurse", "", "noted", accepted=True)
+    store.add_audit(8, NAME, "note", "later", "nurse", "", (Code.NOTED(),), accepted=True)
     store.close()
     now = path.read_bytes()
     assert main(["store", "restore", "--store", str(path)]) == 0

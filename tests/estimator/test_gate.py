@@ -11,6 +11,8 @@ import pytest
 from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.enrolled import Enrolment
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, State, Status
 from bridge.wire.refusal import Tally
@@ -24,6 +26,7 @@ from estimator.service.shell import Service
 from estimator.service.store import Store
 from estimator.ward_view import WardView
 from tests.estimator.stream import calibration, info
+from tests.sentences import codes
 
 ASKED = Command("r", "nurse", "")
 ENROLLED = Enrolment(enrolled=("chest", "b1/wrist"))
@@ -46,7 +49,7 @@ def gate(counts: Tally) -> Gate:
 def test_without_an_enrolment_all_are_let_in(counts: Tally) -> None:
     gate, messages = Gate(None, counts), [sent("b1", "x"), sent("b2", "y")]
     assert gate.admit(messages, 0.0) is messages
-    assert gate.words("x") == ""
+    assert gate.why("x") == ()
 
 
 def test_only_enrolled_devices_from_their_own_bridges_are_let_in(gate: Gate, counts: Tally) -> None:
@@ -114,7 +117,7 @@ def test_a_list_that_is_suddenly_empty_throws_nobody_out(
     assert caplog.text.count("no device of its own stands in it any more; what was enrolled before stays so") == 2
     file.write_bytes(b"\xef\xbb\xbfwrist\r\n")  # as some editors write it
     gate.look(2.0)
-    assert gate.words("wrist") == ""
+    assert gate.why("wrist") == ()
     file.unlink()
     os.mkfifo(file)
     gate.look(3.0)
@@ -127,11 +130,11 @@ def test_of_an_enrolled_device_that_another_bridge_sends_it_is_said(gate: Gate) 
 
     def said() -> list[str]:
         notices.say(5, ())
-        return [codec.decode_status(*message).reason for message in heard.drain(9, 0.0)]
+        return [english(*codec.decode_status(*message).reason) for message in heard.drain(9, 0.0)]
 
     gate.admit([sent("b2", "wrist")], 0.0)
     (reason,) = said()
-    assert reason.startswith("enrolled by b1 and sent by b2: ")
+    assert reason.startswith("The device is enrolled by b1 and sent by b2: ")
     gate.admit([sent("b1", "wrist"), sent("b2", "wrist")], 1.0)
     gate.look(1.0)
     assert said() == [], "its own bridge is heard: somebody has it, and speaks of it"
@@ -156,7 +159,7 @@ def test_a_file_that_changes_while_it_is_read_is_read_again(
         patch.setattr(Enrolment, "read", just_then)
         gate = Gate(enrolment, counts)
     gate.look(1.0)
-    assert gate.words("wrist") == ""
+    assert gate.why("wrist") == ()
 
 
 @pytest.fixture
@@ -181,7 +184,7 @@ def test_a_stranger_stands_in_every_list_as_not_enrolled(status: tuple[Notices, 
     notices.say(5, {"listed"})
     (one,) = said
     assert (one.device, one.bridge, one.events, one.samples_in) == ("ghost", "b9", {STRANGER: 1}, 0)
-    assert one.reason.startswith("not enrolled: ")
+    assert one.reason == (Code.NOT_ENROLLED(),)
     seen = glance.glance("w", {"ghost": one}, {}, ["b9"], ["e"])
     assert (seen.needs[0].device, seen.needs[0].reason, seen.well) == ("ghost", one.reason, False)
     view = WardView()
@@ -217,7 +220,7 @@ def test_a_device_that_is_enrolled_no_more_is_lost_for_that_reason(
         service.work()
     said = Client(ward="w", bus=MemoryBus(broker)).statuses(0.05)["chest"]
     assert said.state is State.LOST
-    assert "not enrolled: what it sends is not used" in said.reason
+    assert Code.NOT_ENROLLED in codes(said.reason)
     for bus in (*buses, bridge):
         bus.close()
     store.close()
@@ -244,12 +247,8 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     assert (said.state, said.events) == (State.UNKNOWN, {STRANGER: 11})
     assert service._devices == {}
     assert service._devices.info("b1", "chest") is None
-    assert (
-        "not enrolled"
-        in service._orders.do(
-            keys.parse(keys.build("w", "rpc", device="chest", verb="cancel")), ASKED, lambda: None
-        ).message
-    )
+    key = keys.parse(keys.build("w", "rpc", device="chest", verb="cancel"))
+    assert service._orders.do(key, ASKED, lambda: None).message == (Code.NOT_ENROLLED(),)
     assert client.corrected(idle_s=0.05).receive(0.05) is None
     file.write_text("wrist\nb1/chest\n")
     service._every_second(time.monotonic())

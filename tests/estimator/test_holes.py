@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Code
 from bridge.recording import Recording
 from bridge.sim.script import TurnPlan
 from bridge.sim.session import simulate_session
@@ -13,6 +14,7 @@ from bridge.wire.messages import Quality, SampleBatch, State, Verdict
 from estimator import offline
 from estimator.session import DeviceSession
 from estimator.track.bias_filter import BiasKnobs
+from tests.sentences import codes
 
 
 @pytest.mark.parametrize("hole_s", [1.0, 60.0, 119.0, 121.0, 3600.0])
@@ -83,7 +85,7 @@ def test_a_turn_that_no_longer_counts_is_asked_for_again() -> None:
     status = device.status(0)
     assert status.state is State.TURNING
     assert len(status.axes_done) == 2
-    assert "still needed" in status.reason
+    assert Code.TURNS_NEEDED in codes(status.reason)
 
 
 def test_a_dead_accelerometer_is_no_witness() -> None:
@@ -110,7 +112,7 @@ def test_one_axis_is_repeated_without_starting_over() -> None:
         heard += [(made, device.status(0)) for made in outcome.calibrations]
     (first, then), (second, _) = heard
     assert first.verdict is Verdict.REPEAT
-    assert "Repeat axis x" in first.reason
+    assert Code.TURNS_OPEN in codes(first.reason)
     assert (then.state, then.axes_done) == (State.TURNING, (1, 2))
     assert second.verdict is Verdict.ACCEPTED
     assert np.diag(second.matrix) == pytest.approx(session.truth.k, abs=1e-3)

@@ -4,6 +4,7 @@ import pytest
 
 from bridge.wire.messages import State
 from estimator.lifecycle import AWAY, CAUSES, TABLE, Event, Life
+from tests.sentences import free
 
 CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 DOC = Path(__file__).parents[2] / "docs" / "life.md"
@@ -68,11 +69,11 @@ def test_a_device_that_was_away_goes_on_where_it_was(state: State, gone: Event) 
 def test_what_its_last_samples_teach_while_it_is_away_holds_when_it_is_back(gone: Event) -> None:
     life = at(State.TURNING)
     assert life.on(gone)
-    assert life.on(Event.TURNED, "the third")
-    assert life.on(Event.CALIBRATED, "calibrated")
+    assert life.on(Event.TURNED, free("the third"))
+    assert life.on(Event.CALIBRATED, free("calibrated"))
     assert life.away
     assert life.on(Event.HEARD)
-    assert (life.state, life.reason) == (State.TRACKING, "calibrated")
+    assert (life.state, life.reason) == (State.TRACKING, free("calibrated"))
 
 
 @pytest.mark.parametrize("state", THERE)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentences
 from bridge.sim.motion import Still
 from bridge.wire.messages import Calibration, Quality, SampleBatch, State
 from estimator import history
@@ -18,12 +20,13 @@ from estimator.session import DeviceSession
 from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, calibration, feed, info
+from tests.sentences import codes, free
 
 OTHERS: list[tuple[dict[str, Any], str]] = [
-    ({"firmware": "2.0"}, "its firmware is 2.0, was 1.0"),
-    ({"model": "n"}, "its model is n, was m"),
-    ({"gyro_range": 4.36}, "its range is 4.36 rad/s, was 8.7 rad/s"),
-    ({"rate_hz": 208.0, "has_clock": False}, "its rate is 208 Hz, was 104 Hz"),
+    ({"firmware": "2.0"}, "The firmware is 2.0; it was 1.0"),
+    ({"model": "n"}, "The model is n; it was m"),
+    ({"gyro_range": 4.36}, "The range is 4.36 rad/s; it was 8.7 rad/s"),
+    ({"rate_hz": 208.0, "has_clock": False}, "The rate is 208 Hz; it was 104 Hz"),
 ]
 
 
@@ -52,7 +55,7 @@ def restart(ward: Ward) -> None:
 
 
 def scratched(ward: Ward) -> list[str]:
-    return [row["message"] for row in history.read(ward.store, NAME).commands if row["verb"] == SCRATCH]
+    return [english(*row["message"]) for row in history.read(ward.store, NAME).commands if row["verb"] == SCRATCH]
 
 
 @pytest.mark.parametrize(("other", "words"), OTHERS)
@@ -65,17 +68,17 @@ def test_another_device_under_the_name_begins_from_scratch_and_it_is_said(
     ward.send(second(once)[:30], replace(info(2), **other))
     assert {b.quality for b in ward.subscriber} == {Quality.NONE}
     status = ward.latest()
-    assert words in status.reason
-    assert "from scratch" in status.reason
-    assert "hold the device still" in status.reason, "and what to do"
+    assert words in english(*status.reason)
+    assert Code.CALIBRATE_FROM_SCRATCH in codes(status.reason)
+    assert Code.HOLD_STILL in codes(status.reason), "and what to do"
     assert words in caplog.text
     assert [words in said for said in scratched(ward)] == [True]
     restart(ward)
     ward.send(second(once)[30:60])
-    assert words in ward.latest().reason
+    assert words in english(*ward.latest().reason)
     ward.send(second(once)[60:])
     assert (ward.latest().quality, scratched(ward)) == (Quality.GOOD, scratched(ward)[:1]), "told once a boot"
-    assert "from scratch" not in ward.latest().reason
+    assert Code.CALIBRATE_FROM_SCRATCH not in codes(ward.latest().reason)
 
 
 @pytest.mark.parametrize(("other", "words"), OTHERS)
@@ -93,12 +96,12 @@ def test_a_device_that_changes_within_a_boot_begins_from_scratch(
     assert sum(map(len, after)) == 400, "its samples go on"
     status = ward.latest()
     assert status.state in (State.AWAITING_STILL, State.BIAS_ONLY)
-    assert words in status.reason
+    assert words in english(*status.reason)
     assert len(scratched(ward)) == 1
     restart(ward)
     ward.send(batches[-40:])
     assert ward.latest().quality in (Quality.NONE, Quality.BIAS_ONLY)
-    assert words in ward.latest().reason
+    assert words in english(*ward.latest().reason)
 
 
 def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_either(
@@ -181,7 +184,7 @@ def test_a_device_with_a_clock_may_be_told_another_rate(ward: Ward, once: Stream
     list(ward.subscriber)
     ward.send(second(once)[:30], replace(info(2), rate_hz=208.0))
     assert {b.quality for b in ward.subscriber} <= {Quality.PRIOR, Quality.BIAS_ONLY}
-    assert "scratch" not in ward.latest().reason
+    assert Code.CALIBRATE_FROM_SCRATCH not in codes(ward.latest().reason)
     assert scratched(ward) == []
 
 
@@ -191,9 +194,9 @@ def test_what_was_not_known_has_not_changed() -> None:
     feed(session, calibration(seed=1).batches())
     made = session.calibration
     assert made is not None
-    assert changed(replace(made, firmware=""), info(1), within_boot=True) == ""
-    assert changed(made, replace(info(1), firmware="", gyro_range=0.0), within_boot=True) == ""
-    assert "its firmware is 1.0, was not known" in changed(replace(made, firmware=""), info(1))
+    assert changed(replace(made, firmware=""), info(1), within_boot=True) == ()
+    assert changed(made, replace(info(1), firmware="", gyro_range=0.0), within_boot=True) == ()
+    assert changed(replace(made, firmware=""), info(1))[0] == Code.FIRMWARE_CHANGED(now="1.0", then="?")
 
 
 def test_after_a_reboot_the_scale_is_a_prior_and_the_bias_as_wide_as_from_power_up_to_power_up(
@@ -265,7 +268,7 @@ def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
     ward.send(once.batches()[:-20], info(1))
     device = ward.service._devices[NAME]
     for doubted in (False, True):
-        device.session.tracker.doubt.why = "a jump" if doubted else ""
+        device.session.tracker.doubt.why = free("a jump") if doubted else ()
         ward.service._record.checkpoint(device, 0.0, force=True)
         remembered = ward.store.recall(NAME, 1, 1_700_000_000_000_000_000)
         assert remembered is not None
@@ -274,11 +277,11 @@ def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
         status = resumed.status(1)
         assert first.quality is (Quality.DEGRADED if doubted else Quality.GOOD)
         assert status.state is (State.DEGRADED if doubted else State.TRACKING)
-        assert ("in doubt when the estimator was restarted" in status.reason) is doubted
+        assert (Code.BIAS_WAS_DOUBTED in codes(status.reason)) is doubted
 
 
-@pytest.mark.parametrize("doubt", ["", "a jump"])
-def test_the_bias_of_a_boot_without_a_calibration_goes_on(ward: Ward, once: Stream, doubt: str) -> None:
+@pytest.mark.parametrize("doubt", [(), free("a jump")], ids=["sure", "doubted"])
+def test_the_bias_of_a_boot_without_a_calibration_goes_on(ward: Ward, once: Stream, doubt: Sentences) -> None:
     batches = once.batches()
     upto = once.at(6.0) // 10
     ward.send(batches[:upto], info(1))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire import keys
 from estimator import history
@@ -92,10 +93,10 @@ def test_a_device_that_starts_anew_every_minute_fills_no_store(store: Store) -> 
 
 
 def test_an_audit_keeps_the_latest_of_each_device(store: Store) -> None:
-    store.add_audit(1, "other", "note", "o", "nurse", "", "noted", accepted=True)
+    store.add_audit(1, "other", "note", "o", "nurse", "", (Code.NOTED(),), accepted=True)
     with store.database.transaction():
         for n in range(KEPT_AUDIT + 50):
-            store.add_audit(n, NAME, "note", f"r{n}", "nurse", "", "noted", accepted=True)
+            store.add_audit(n, NAME, "note", f"r{n}", "nurse", "", (Code.NOTED(),), accepted=True)
     store.thin(NAME, NOW_NS)
     assert [row["time_ns"] for row in store.database.rows("audit", "device = ?", (NAME,))] == [
         *range(50, KEPT_AUDIT + 50)

@@ -14,6 +14,8 @@ import pytest
 from bridge import process
 from bridge.bus.contract import BusError
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, SampleBatch, State
@@ -30,6 +32,7 @@ from estimator.session import DeviceSession
 from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
+from tests.sentences import codes
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +115,7 @@ def test_a_second_bridge_silences_nobody(
     events = {name: n for name, n in status.events.items() if name != OVERLOADED}  # this clock never passes in a wait
     assert events == {"also from second": sum(len(b) for b in batches[::3])}
     assert (status.bridge, status.refused_bridges) == ("bridge", ("second",))
-    said = f"device {NAME} is sent by two bridges, bridge and second: second's samples are refused; stop one"
+    said = english(Code.TWO_BRIDGES(devices=NAME, owner="bridge", refused="second"))
     assert caplog.text.count(said) == 1
     clock[0] += 4.0  # the second is silent
     ward.service.step(0.0)
@@ -290,12 +293,12 @@ def test_a_recalibration_is_cancelled_though_the_device_is_lost(ward: Ward, once
     clock[0] += 10.0
     assert ward.latest().state is State.LOST
     reply = ward.command(lambda: ward.client.cancel(NAME, "nurse"))
-    assert (reply.accepted, "the old one stays" in reply.message) == (True, True)
+    assert (reply.accepted, Code.OLD_CALIBRATION_STAYS in codes(reply.message)) == (True, True)
     assert ward.latest().state is State.LOST
     ward.send(once.batches()[-5:])
     status = ward.latest()
     assert (status.state, status.quality) == (State.TRACKING, Quality.GOOD)
-    assert "cancelled by nurse" in status.reason
+    assert Code.CALIBRATION_CANCELLED in codes(status.reason)
 
 
 def look(broker: MemoryBroker, own: str, monkeypatch: pytest.MonkeyPatch) -> set[str]:

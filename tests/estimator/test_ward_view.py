@@ -13,6 +13,8 @@ from rich.console import Console
 
 from bridge.bus.contract import Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.reasons.catalogue import sentences_as_json
+from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 from estimator import listening, watch, watch_ward
@@ -20,13 +22,14 @@ from estimator.client import Client, Corrected
 from estimator.session import DeviceSession
 from estimator.ward_view import SILENT_S, WardView, age, chosen, head_line
 from tests.estimator.stream import info
+from tests.sentences import codes, free
 
 WARD = "w"
 
 
 def status(device: str, state: State = State.TRACKING, **changes: Any) -> Status:
     plain = DeviceSession(device).status(7)
-    return replace(plain, state=state, quality=Quality.GOOD, **{"reason": "all is well", **changes})
+    return replace(plain, state=state, quality=Quality.GOOD, **{"reason": free("all is well"), **changes})
 
 
 def about(device: str, **changes: Any) -> DeviceInfo:
@@ -47,9 +50,9 @@ MANY = view(
     status("ok"),
     status("empty"), about("empty", battery_percent=9.0),
     status("charging"), about("charging", battery_percent=9.0, charging=True),
-    status("noticed"), about("noticed", notices={"led": "blinks red"}),
+    status("noticed"), about("noticed", notices=free("blinks red")),
     *(status(state.name.lower(), state) for state in State if state not in (State.TRACKING, State.UNKNOWN)),
-    about("unheard", boot=0, trouble="the port is missing"),
+    about("unheard", boot=0, trouble=free("the port is missing")),
 )  # fmt: skip
 
 
@@ -69,11 +72,12 @@ def test_the_head_line_counts_them() -> None:
 def test_a_row_has_all_that_is_known() -> None:
     [row] = view(
         status("a", rate_hz=103.9, evidence_age_s=65.0, events={"gaps": 2, "missing_samples": 31}),
-        about("a", battery_percent=80.0, notices={"led": "blinks"}),
+        about("a", battery_percent=80.0, notices=free("blinks")),
     ).rows(10.0)
+    reason, notices = sentences_as_json(free("all is well")), sentences_as_json(free("blinks"))
     assert row.as_dict() == {
-        "device": "a", "state": "tracking", "reason": "all is well", "quality": "good", "rate_hz": 103.9, "gaps": 2,
-        "missing_samples": 31, "evidence_age_s": 65.0, "battery_percent": 80.0, "charging": False, "notices": {"led": "blinks"},
+        "device": "a", "state": "tracking", "reason": reason, "quality": "good", "rate_hz": 103.9, "gaps": 2,
+        "missing_samples": 31, "evidence_age_s": 65.0, "battery_percent": 80.0, "charging": False, "notices": notices,
     }  # fmt: skip
     [bare] = view(status("a", evidence_age_s=1e12), about("a", battery_percent=math.nan)).rows(10.0)
     assert (bare.evidence_age_s, bare.battery_percent) == (None, None)
@@ -87,23 +91,23 @@ def test_a_device_of_which_no_word_comes_is_not_what_it_was() -> None:
     assert [row.state for row in seen.rows(10.0 + SILENT_S)] == ["tracking"]
     [row] = seen.rows(25.0)
     assert row.state == "silent"
-    assert "15 s" in row.reason
+    assert row.reason == (Code.SILENT_ESTIMATOR(duration_s="15"),)
 
 
 def test_what_keeps_a_device_from_being_read_is_said() -> None:
-    [row] = view(status("a", State.LOST), about("a", trouble="the port is missing")).rows(10.0)
-    assert row.reason == "the port is missing; all is well"
+    [row] = view(status("a", State.LOST), about("a", trouble=free("the port is missing"))).rows(10.0)
+    assert row.reason == (*free("the port is missing"), *free("all is well"))
     [row] = view(about("a")).rows(10.0)
-    assert (row.state, "no estimator" in row.reason) == ("unknown", True)
+    assert (row.state, row.reason) == ("unknown", (Code.NO_ESTIMATOR_SPOKE(),))
 
 
 def test_of_several_bridges_that_list_a_device_the_one_that_hears_it_has_the_last_word() -> None:
     seen = view(
-        about("a", bridge="deaf", boot=0, trouble="no"),
+        about("a", bridge="deaf", boot=0, trouble=free("no")),
         about("a", bridge="hears"),
-        about("a", bridge="deaf", boot=0, trouble="no"),
+        about("a", bridge="deaf", boot=0, trouble=free("no")),
     )
-    assert "no estimator" in seen.rows(0.0)[0].reason
+    assert Code.NO_ESTIMATOR_SPOKE in codes(seen.rows(0.0)[0].reason)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +148,7 @@ def test_a_column_without_room_is_left_out_whole(width: int) -> None:
 
 
 def test_once_nothing_is_cut() -> None:
-    rows = view(status("wrist", reason="no samples for " + "1" * 80)).rows(10.0)
+    rows = view(status("wrist", reason=free("no samples for " + "1" * 80))).rows(10.0)
     assert "1" * 80 in watch_ward.lines(rows, "head", 60, cut=False)[2].plain
 
 
@@ -156,11 +160,11 @@ def test_of_two_bridges_the_one_whose_samples_are_taken_has_the_word() -> None:
     )
     (row,) = seen.rows(10.0)
     assert row.battery_percent == 50.0
-    assert row.notices["bridges"].endswith("b2's samples are refused; stop one")
+    assert Code.TWO_BRIDGES in codes(row.notices)
 
 
 def test_where_there_is_no_width_nothing_is_cut() -> None:
-    rows = view(status("a" * 32, rate_hz=100.0, events={"gaps": 3}), about("a" * 32, notices={"n": "x" * 400})).rows(
+    rows = view(status("a" * 32, rate_hz=100.0, events={"gaps": 3}), about("a" * 32, notices=free("x" * 400))).rows(
         10.0
     )
     _, headings, line = watch_ward.lines(rows, "head")
@@ -252,10 +256,10 @@ def test_of_whom_only_a_memory_is_left_it_is_said_at_once(speaking: Speaking, cl
     statuses, infos = watch._said(client)
     assert speaking.now - began == pytest.approx(SILENT_S + 1.6 if hangs else 1.5), "no longer than it takes to know"
     assert (len(statuses), list(infos)) == (120, ["d5"])
-    assert (statuses["d4"].state, statuses["d4"].reason) == (State.TRACKING, "all is well")
+    assert (statuses["d4"].state, statuses["d4"].reason) == (State.TRACKING, free("all is well"))
     assert (statuses["d3"].state is State.UNKNOWN) is hangs
     assert (statuses["d3"].quality is Quality.DEGRADED) is hangs
-    assert ("is the estimator running?" in statuses["d3"].reason) is hangs
+    assert (Code.SILENT_ESTIMATOR in codes(statuses["d3"].reason)) is hangs
     assert watch_ward.watch_ward(console, client, once=True) == 0
     assert ("1 silent" in file.getvalue()) is hangs
 
@@ -269,7 +273,7 @@ def test_one_device_that_is_watched_is_not_what_it_was_either(
     monkeypatch.setattr(watch, "Client", lambda *_, ward: Client(ward=ward, bus=bus))
     monkeypatch.setattr(Corrected, "receive", lambda *_: speaking.sleep(0.2))
     assert watch.watch(console, WARD, (), "d0", 5.0) == 1
-    assert "it is unknown: no word of it for 5 s" in file.getvalue()
+    assert "it is unknown: No word of the device has come for 5 s" in file.getvalue()
 
 
 @pytest.mark.usefixtures("client")

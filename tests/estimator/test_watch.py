@@ -8,12 +8,14 @@ import pytest
 from rich.console import Console, RenderableType
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause, DeviceInfo, State
 from estimator import screen, watch
 from estimator.client import Client
 from estimator.glance import glance
 from tests.estimator.client.test_revision import revision
 from tests.estimator.test_ward_view import status
+from tests.sentences import free
 from tests.web.talk import WARD, Talk, said
 from tests.web.test_views import corrected
 
@@ -97,14 +99,16 @@ def printed(table: RenderableType, width: int) -> str:
 
 
 def test_a_device_that_cannot_be_opened_is_shown_with_its_trouble() -> None:
-    row = hardware(replace(INFO, boot=0, trouble="the port is missing"))
+    row = hardware(replace(INFO, boot=0, trouble=free("the port is missing")))
     assert row["what it is"] == "not heard yet"
     assert row["not published or in trouble"] == "the port is missing"
 
 
 def test_a_revision_says_how_far_back_and_why() -> None:
-    said = watch._revision_line(revision(reason="at rest again after 95 s"))
-    assert said == "the bias of 2 s is known better now, to ± 28.0749 °/s (95 %): at rest again after 95 s"
+    said = watch._revision_line(revision(reason=(Code.AT_REST_AGAIN(gap_s=95),)))
+    assert (
+        said == "the bias of 2 s is known better now, to ± 28.0749 °/s (95 %): The device is at rest again after 95 s."
+    )
 
 
 def test_what_comes_now_and_then_stays_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,6 +125,6 @@ def test_what_comes_now_and_then_stays_meanwhile(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_device_that_is_lost_is_said_to_be_lost_and_why() -> None:
-    lost = replace(status("a", State.LOST), reason="its port is missing")
+    lost = replace(status("a", State.LOST), reason=free("its port is missing"))
     assert watch._unheard("a", "w", lost) == "no sample of a came in ward w: it is lost: its port is missing"
     assert watch._unheard("a", "w", None).startswith("nothing was heard of a")

@@ -14,8 +14,3 @@ def test_a_long_line_is_wrapped_and_loses_no_word() -> None:
     shown = watch_ward._wrapped(console, Text(words, no_wrap=True, overflow="ellipsis"), 80).plain
     assert max(map(len, shown.splitlines())) <= 80
     assert shown.split() == words.split()
-
-
-def test_what_is_said_already_is_not_said_again() -> None:
-    parts = ["not heard: its port is missing", "its port is missing", "cold", "cold"]
-    assert watch_ward._once(parts) == ["not heard: its port is missing", "cold"]

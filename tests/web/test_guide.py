@@ -15,6 +15,7 @@ from estimator.session_knobs import SessionKnobs
 from tests.estimator.batch.sessions import in_poses
 from tests.estimator.guide.scripted import BATCH
 from tests.estimator.stream import NAME, feed
+from tests.sentences import free
 from tests.web.conftest import PASSWORD, Site
 from tests.web.played import Played
 from tests.web.talk import about
@@ -161,7 +162,7 @@ def test_a_refusal_stays_until_the_next_step(page: Page, site: Site, played: Pla
     log_in(page)
     played.play_piece(6)
     expect(page.locator("#do")).to_have_text(DONE)
-    site.talk.answer = lambda verb, device: CommandReply("", accepted=False, message="too busy: try again")
+    site.talk.answer = lambda verb, device: CommandReply("", accepted=False, message=free("too busy: try again"))
     page.get_by_role("button", name="Begin").click()
     expect(page.locator("#said")).to_contain_text("too busy")
     # The guide that has followed knows how it came there, and tells it after the page was written by one that does not.
@@ -212,7 +213,7 @@ def test_two_tablets_and_two_languages(page: Page, site: Site, browser: Browser,
 def test_a_device_that_is_gone_is_said(page: Page, played: Played, shot: Shot) -> None:
     played.switch_on(rests_between(turn(2)))
     open_guide(page)
-    played.session.silence("no samples for 3 s")
+    played.session.silence(free("no samples for 3 s"))
     played._say()
     expect(page.locator("#do")).to_have_text("Nothing is heard of it")
     shot("guide-away")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from bridge.drivers.driver import Identity, Readings
 from bridge.ingest.clockless import MadeTime
 from bridge.ingest.intake import Intake
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
 
@@ -72,7 +73,7 @@ class Host:
     def sequence(self) -> NDArray[np.int64]:
         return np.concatenate([batch.sequence + np.arange(len(batch)) for batch in self.published])
 
-    def notices(self) -> dict[str, str]:
+    def notices(self) -> Sentences:
         return self.intake.info(NOW, {}).notices
 
     def events(self) -> dict[str, int]:
@@ -104,17 +105,18 @@ def test_the_period_goes_over_without_a_jump() -> None:
 def test_what_is_measured_and_how_well_is_said_from_the_first_second() -> None:
     host = Host(100.0, 98.3)
     host.live(1)
-    assert host.notices() == {"clock": "the device tells no time; its rate is taken to be 100 Hz at first"}
+    assert host.notices() == (Code.RATE_PRESUMED(rate_hz="100"),)
     host.live(30)
-    assert host.notices()["clock"].startswith("the device tells no time; its rate is measured: 98.3 Hz ± 0.0")
-    assert "rate" not in host.notices()
+    [measured] = host.notices()
+    assert (measured.code, measured.params["rate_hz"]) == (Code.RATE_MEASURED, "98.3")
+    assert float(measured.params["percent"]) < 0.1
     assert host.events() == {}
 
 
 def test_a_rate_that_is_not_the_promised_one_is_told_once() -> None:
     host = Host(102.4, 204.8)
     host.live(30)
-    assert host.notices()["rate"] == "measured 204.8 Hz, told 102.4 Hz"
+    assert host.notices()[1] == Code.RATE_DIFFERS(measured_hz="204.8", told_hz="102.4")
     assert host.events() == {"rate_differs": 1}
     assert host.intake.info(NOW, {}).measured_rate_hz == pytest.approx(204.8, rel=1e-3)
 

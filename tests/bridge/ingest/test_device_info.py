@@ -7,15 +7,17 @@ from bridge.ingest.device_info import News
 from bridge.ingest.device_thread import Taken
 from bridge.ingest.intake import Intake
 from bridge.ingest.pump import DevicePublisher
+from bridge.reasons.codes import Sentences
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo
+from tests.sentences import free
 
 START_S = 100.0
 
 
-def info(time_s: float, boot: int, gaps: int, trouble: str = "") -> DeviceInfo:
+def info(time_s: float, boot: int, gaps: int, trouble: Sentences = ()) -> DeviceInfo:
     intake = Intake("d1", "b1", "scripted", "script")
-    told = intake.info(round(time_s * 1e9), {"gaps": gaps}, trouble or "none")
+    told = intake.info(round(time_s * 1e9), {"gaps": gaps}, trouble or free("none"))
     return DeviceInfo(**{name: getattr(told, name) for name in told.__slots__} | {"boot": boot})
 
 

@@ -60,17 +60,17 @@ def test_a_second_reader_is_told_who_has_the_port(pty: PtyPort) -> None:
     assert (serial_state.state(str(pty.link)), locked(str(pty.link))) == ("present", False)
     first.open()
     assert locked(os.path.realpath(pty.link))
-    with pytest.raises(DeviceUnavailable, match=rf"busy; \S+ \(process {os.getpid()}\) has it open") as busy:
+    with pytest.raises(DeviceUnavailable, match=rf"is busy: \S+ \(process {os.getpid()}\) has it open") as busy:
         second.open()
     assert not busy.value.soon
-    assert serial_state.state(str(pty.link)).startswith("busy; ")
+    assert serial_state.state(str(pty.link)).startswith(f"{pty.link} is busy: ")
     first.close()
     second.open()
     second.close()
 
 
 def test_a_port_that_is_not_there_is_worth_trying_often(tmp_path: Path) -> None:
-    with pytest.raises(DeviceUnavailable, match="missing; plug the device in") as missing:
+    with pytest.raises(DeviceUnavailable, match=r"is missing\. Plug the device in") as missing:
         SerialPort(str(tmp_path / "gone"), 9600).open()
     assert missing.value.soon
     assert serial_state.settling(PermissionError(13, "no")), "udev sets permissions after the name"

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.sim.imperfection import ImuSpec
 from bridge.wire.messages import Verdict
 from estimator import offline
@@ -10,6 +11,7 @@ from estimator.batch.result import PARAMETERS
 from estimator.batch.servomotor import ServoKnobs, by_servomotor
 from tests.estimator.batch.machines import SERVO_DPS, on_a_servo, samples, turned
 from tests.estimator.batch.sessions import true_parameters
+from tests.sentences import codes
 
 RATE = tuple(np.radians(SERVO_DPS))
 
@@ -48,23 +50,23 @@ def test_mountings_that_do_not_differ_are_not_enough() -> None:
     of = turned(np.eye(3)[[0, 0, 1]], SERVO_DPS, 2, ImuSpec())
     result = by_servomotor(samples(of), RATE)
     assert result.verdict is Verdict.REPEAT
-    assert "three mountings" in result.reason
+    assert Code.SERVO_TOO_FEW in codes(result.reason)
 
 
 def test_what_it_needs_is_said() -> None:
     of = samples(on_a_servo(3))
-    assert "one known rate" in by_servomotor(of, (0.5, 1.0)).reason
+    assert Code.SERVO_RATES in codes(by_servomotor(of, (0.5, 1.0)).reason)
     nothing = by_servomotor(of.between(0.0, 1.0), RATE)
     assert (nothing.verdict, nothing.repeat) == (Verdict.REPEAT, (0, 1, 2))
-    assert "no rest" in nothing.reason
+    assert Code.SERVO_NO_REST in codes(nothing.reason)
 
 
 def test_another_rate_is_left_out_and_said() -> None:
     of = samples(turned(np.eye(3), (*SERVO_DPS, 6.0), 5, ImuSpec()))
     result = by_servomotor(of, RATE)
     assert result.verdict is Verdict.ACCEPTED
-    assert "6 spins" in result.reason
-    assert "6 others at neither rest nor a rate that was given" in result.reason
+    assert Code.SERVO_DIAGONAL in codes(result.reason)
+    assert Code.STRETCHES_LEFT_OUT in codes(result.reason)
 
 
 def test_a_wrong_rate_is_refused() -> None:
@@ -75,7 +77,7 @@ def test_a_wrong_rate_is_refused() -> None:
 def test_spins_that_contradict_one_rate_are_refused() -> None:
     result = by_servomotor(samples(turned(np.eye(3), (*SERVO_DPS, 32.0), 5, ImuSpec())), RATE)
     assert result.verdict is Verdict.REFUSED
-    assert "is it the one rate of all of them?" in result.reason
+    assert Code.SERVO_MISFIT in codes(result.reason)
 
 
 def test_what_one_rate_leaves_over_makes_its_scale_less_sure() -> None:

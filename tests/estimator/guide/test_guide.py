@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.enrolled import Enrolment
+from bridge.reasons.codes import Code, Sentence
 from bridge.sim.motion import Piece, Turn
 from bridge.sim.script import SessionPlan, TurnPlan, session
 from bridge.wire.messages import State, Verdict
@@ -20,12 +21,13 @@ from estimator.stillness import StillnessKnobs
 from tests.estimator.batch.sessions import in_poses
 from tests.estimator.guide.scripted import BATCH, batches, follow, steps, turned
 from tests.estimator.stream import NAME, calibration, feed
+from tests.sentences import codes, free
 
 ONE_TURN = ["turn", "turning", "settle"]
 
 
 def keys(told: list[Told]) -> set[str]:
-    return {words.key for one in told for words in one.wrong}
+    return {words.code for one in told for words in one.wrong}
 
 
 def test_a_good_one_needs_no_click() -> None:
@@ -57,8 +59,8 @@ def test_the_easiest_turn_is_asked_for_first() -> None:
 @pytest.mark.parametrize(
     ("bad", "key", "value"),
     [
-        (TurnPlan(0, 180.0), "short", "angle"),
-        (TurnPlan(0, 720.0, 8.0), "long", "angle"),
+        (TurnPlan(0, 180.0), Code.TURN_TOO_SHORT, "angle_deg"),
+        (TurnPlan(0, 720.0, 8.0), Code.TURN_TOO_LONG, "angle_deg"),
     ],
 )
 def test_a_failed_turn_is_explained_and_asked_for_again(bad: TurnPlan, key: str, value: str) -> None:
@@ -67,8 +69,8 @@ def test_a_failed_turn_is_explained_and_asked_for_again(bad: TurnPlan, key: str,
     again = next(one for one in told if one.wrong)
     assert (again.step, again.axis, again.done) == (Step.TURN, 0, (2,))
     assert again.head.key.startswith("again_")
-    assert again.wrong[0].key == key
-    assert value in again.wrong[0].values
+    assert again.wrong[0].code == key
+    assert value in again.wrong[0].params
     assert told[-1].step is Step.DONE
 
 
@@ -80,7 +82,7 @@ def test_turns_that_do_not_fit_are_repeated() -> None:
     told = follow(Guide(), device, batches(calibration(seed=13, plan=missed, after=mended)))
     wrong = next(one for one in told if one.wrong)
     assert (wrong.step, wrong.axis, wrong.needed, wrong.done) == (Step.TURN, 0, (0,), (1, 2))
-    assert [(words.key, words.values) for words in wrong.wrong] == [("open", {"axes": "x"})]
+    assert [(one.code, one.params["axes"]) for one in wrong.wrong] == [(Code.TURNS_OPEN, "x")]
     assert steps(told) == ["warm", "place", *ONE_TURN, *ONE_TURN, *ONE_TURN, *ONE_TURN, "done"]
     assert device.calibration is not None
     assert device.calibration.verdict is Verdict.ACCEPTED
@@ -100,7 +102,7 @@ def test_a_cancel_keeps_the_old_one() -> None:
     told = follow(guide, device, batches(plan), meanwhile)
     assert all(done.values())
     assert steps(told)[-5:] == ["place", *ONE_TURN, "cancelled"]
-    assert [(words.key, words.values) for words in told[-1].wrong] == [("cancelled", {"who": "nurse"})]
+    assert told[-1].wrong == (Code.CALIBRATION_CANCELLED(who="nurse"),)
     # What it rested before it was asked does not count.
     assert next(one.ring for one in told[::-1] if one.step is Step.PLACE) > 0.9
     begin = next(
@@ -111,7 +113,7 @@ def test_a_cancel_keeps_the_old_one() -> None:
 
 def test_a_cancel_before_anything_is_there_begins_again() -> None:
     device, guide = DeviceSession(NAME), Guide()
-    cancelled: list[str | None] = []
+    cancelled: list[Sentence | None] = []
     turns = (TurnPlan(2), TurnPlan(0), TurnPlan(1), TurnPlan(2))
 
     def meanwhile(_: float) -> None:
@@ -120,7 +122,7 @@ def test_a_cancel_before_anything_is_there_begins_again() -> None:
 
     told = follow(guide, device, batches(turned(*turns, rests_s=5.0)), meanwhile)
     assert cancelled == [None]
-    assert "cancelled" in keys(told)
+    assert Code.CALIBRATION_CANCELLED in keys(told)
     assert told[-1].step is Step.DONE
 
 
@@ -138,7 +140,7 @@ def test_turns_lost_by_a_reboot_are_said_until_there_is_a_new_one() -> None:
 def test_turns_are_lost_by_a_reboot_also_where_it_is_long_off() -> None:
     device, guide = DeviceSession(NAME), Guide()
     follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0))))
-    device.silence("no samples for 3 s")
+    device.silence(free("no samples for 3 s"))
     guide.take_status(device.status(1))
     assert guide.told().step is Step.AWAY
     first, *_ = follow(guide, device, batches(turned(TurnPlan(2), seed=2), boot=2))
@@ -205,7 +207,7 @@ def test_a_calibrated_device_is_idle_and_a_lost_one_away() -> None:
     assert guide.told().step is Step.AWAY
     guide.take_status(device.status(1))
     assert guide.told().step is Step.IDLE
-    device.silence("no samples for 3 s")
+    device.silence(free("no samples for 3 s"))
     guide.take_status(device.status(2))
     assert guide.told().step is Step.AWAY
 
@@ -214,30 +216,28 @@ def test_what_is_less_exact_is_said_to_be_so_and_why() -> None:
     device, guide = DeviceSession(NAME), Guide()
     told = follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
     assert (told[-1].picture, told[-1].wrong) == (Picture.WELL, ())
-    jumped = replace(device.status(1), state=State.DEGRADED, reason="at rest it reads 1.20 °/s off")
+    jumped = replace(device.status(1), state=State.DEGRADED, reason=free("at rest it reads 1.20 °/s off"))
     for one, step in ((Guide(), Step.IDLE), (guide, Step.DONE)):
         one.take_status(jumped)
         said = one.told()
         assert (said.step, said.head.key, said.picture) == (step, "degraded", Picture.EDGE)
-        assert [words.values for words in said.wrong] == [{"words": jumped.reason}]
+        assert said.wrong == jumped.reason
 
 
 def test_whose_samples_are_not_used_is_not_asked_to_be_switched_on() -> None:
     guide, never = Guide(), DeviceSession(NAME).status(1)
     guide.take_status(never)
     assert guide.told().step is Step.AWAY
-    guide.take_status(replace(never, state=State.UNKNOWN, reason="not enrolled"))
+    guide.take_status(replace(never, state=State.UNKNOWN, reason=(Code.NOT_ENROLLED(),)))
     said = guide.told()
-    assert (said.step, [words.values for words in said.wrong]) == (Step.REFUSED, [{"words": "not enrolled"}])
+    assert (said.step, said.wrong) == (Step.REFUSED, (Code.NOT_ENROLLED(),))
     gate = Gate(Enrolment(enrolled=("other",)), Tally())
-    struck = replace(never, state=State.LOST, reason=f"no samples for 9.0 s: {gate.words(NAME)}")
+    struck = replace(never, state=State.LOST, reason=(Code.NO_SAMPLES(duration="9.0 s"), *gate.why(NAME)))
     guide.take_status(struck)
     assert guide.told().step is Step.REFUSED
-    guide.take_status(replace(struck, reason="no samples for 9.0 s"))
+    guide.take_status(replace(struck, reason=free("no samples for 9.0 s")))
     assert guide.told().step is Step.AWAY
-    guide.take_status(
-        replace(never, state=State.UNKNOWN, reason="the router is gone: whether it still sends is not known")
-    )
+    guide.take_status(replace(never, state=State.UNKNOWN, reason=(Code.ROUTER_GONE(),)))
     assert guide.told().step is Step.BROKEN
 
 
@@ -268,7 +268,7 @@ def test_where_turns_must_be_level_it_is_stood_on_its_side_for_the_third() -> No
     assert keys(told) == set(), "standing it on its side is no turn that went wrong"
     assert told[-1].step is Step.DONE
     assert device.calibration is not None
-    assert "was exactly 360°" not in device.calibration.reason
+    assert Code.TURNS_ASSUMED not in codes(device.calibration.reason)
 
 
 def test_a_level_turn_of_a_wrong_angle_is_measured_by_gravity() -> None:
@@ -283,5 +283,5 @@ def test_a_level_turn_of_a_wrong_angle_is_measured_by_gravity() -> None:
 def test_a_turn_about_the_vertical_is_refused_where_turns_must_be_level() -> None:
     device = DeviceSession(NAME, SessionKnobs(horizontal_turns=True))
     told = follow(Guide(horizontal=True), device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
-    assert "vertical" in keys(told)
+    assert Code.VERTICAL_TURN in keys(told)
     assert device.calibration is None

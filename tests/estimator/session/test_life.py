@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import TurnPlan
@@ -20,6 +22,7 @@ from estimator.noise_model import load_model
 from estimator.session import DeviceSession
 from tests.estimator.session.lives import state
 from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates
+from tests.sentences import codes, free
 
 
 def test_from_power_up_to_good(once: Stream) -> None:
@@ -90,9 +93,9 @@ def test_samples_that_come_too_seldom_are_no_fault_of_who_holds_it(rate_hz: floa
     device = DeviceSession(NAME)
     device.info = replace(info(), rate_hz=rate_hz, measured_rate_hz=rate_hz)
     feed(device, of.batches())
-    words = "4.0 samples a second do not show whether it is still: set it to 50 or more, 4 never do"
-    assert (device.status(1).reason == words) is seldom
-    assert (words in offline.calibrate(of.recording())[0].reason) is seldom
+    low = Code.RATE_TOO_LOW(rate_hz="4.0", least_hz="4")
+    assert (device.status(1).reason == (low,)) is seldom
+    assert (low in offline.calibrate(of.recording())[0].reason) is seldom
 
 
 def test_the_words_say_what_is_missing() -> None:
@@ -100,8 +103,8 @@ def test_the_words_say_what_is_missing() -> None:
     device = DeviceSession(NAME)
     outcome = feed(device, of.batches())
     assert state(device) is State.TURNING
-    assert any("turn about y taken; still needed: x, z" in words for words in outcome.said)
-    assert "still needed: x, z" in device.life.reason
+    assert any("turn about y was taken. Turns still needed: x, z." in words for words in outcome.said)
+    assert Code.TURNS_NEEDED in codes(device.life.reason)
     assert device.status(1).axes_done == (1,)
 
 
@@ -112,19 +115,19 @@ def test_a_turn_that_is_too_old_is_not_waited_with() -> None:
     assert (device.learnt.turned, device.learnt.awaited) == ((0,), True)
     outcome = feed(device, of.part(of.at(STALE_S), len(of)).batches(first=of.at(STALE_S)))
     assert (device.learnt.turned, device.learnt.awaited) == ((), False)
-    assert device.life.reason == "the turn about x is too old; still needed: x, y, z"
-    assert outcome.said == [device.life.reason]
+    assert codes(device.life.reason) == [Code.TURN_TOO_OLD, Code.TURNS_NEEDED]
+    assert outcome.said == [english(*device.life.reason)]
 
 
 def test_turns_that_are_to_be_repeated_are_not_said_to_be_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
     def open_about_y(capture: Capture) -> Result:
-        return nothing("closure", Verdict.REPEAT, "the turn about y did not end where it began", (1,))
+        return nothing("closure", Verdict.REPEAT, free("the turn about y did not end where it began"), (1,))
 
     monkeypatch.setitem(METHODS, "closure", open_about_y)
     device = DeviceSession(NAME)
     outcome = feed(device, calibration(seed=4).batches())
     assert outcome.said[-2:] == [
-        "TURNING -> TURNING: turn about z taken",
+        "TURNING -> TURNING: The turn about z was taken.",
         "TURNING -> TURNING: the turn about y did not end where it began",
     ]
     assert device.status(1).axes_done == (0, 2)
@@ -138,7 +141,7 @@ def test_a_turn_that_was_not_once_around_is_asked_for_again(angle: float, kind: 
     device = DeviceSession(NAME, knobs_of(load_model(kind)))
     first, second = feed(device, of.batches()).calibrations
     assert first.verdict is Verdict.REPEAT
-    assert first.reason.startswith(f"no turn of 360° if the gyro is what its maker says: z {angle:.0f}°")
+    assert first.reason == (Code.NOT_ONE_TURN(turns=f"z {angle:.0f}°", axes="z"),)
     assert second.verdict is Verdict.ACCEPTED
     np.testing.assert_allclose(np.diag(second.matrix), of.truth.k, atol=1e-3)
 
@@ -164,7 +167,7 @@ def test_a_calibration_that_fails_is_told_and_fits_the_wire(monkeypatch: pytest.
     from estimator.batch import closure
 
     def never(*_: object) -> None:
-        raise closure.NotConverged("no scale factors close the three turns")
+        raise closure.NotConverged(Code.TURNS_UNDETERMINED())
 
     monkeypatch.setattr(closure, "estimate", never)
     device = DeviceSession(NAME)

@@ -3,6 +3,7 @@
 import pytest
 
 from bridge.bus.memory_bus import MemoryBus
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch, State
@@ -13,6 +14,7 @@ from estimator.service.shell import Service
 from estimator.service.store import Store
 from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
 from tests.estimator.stream import NAME, calibration
+from tests.sentences import codes
 
 
 def silent(both: Both) -> list[SampleBatch]:
@@ -35,7 +37,7 @@ def test_of_a_silent_device_whoever_takes_over_goes_on_to_speak(both: Both) -> N
     after = both.client.statuses(0.1)[NAME]
     assert (after.state, after.boot, after.calibration) == (State.LOST, before.boot, before.calibration)
     assert after.epoch > before.epoch
-    assert "no samples" in after.reason
+    assert Code.NO_SAMPLES in codes(after.reason)
     # It is heard again: by who speaks of it, and as it was.
     both.send(batches[-20:])
     both.pass_(1.2)  # all say their status once a second
@@ -53,7 +55,7 @@ def test_what_moved_is_not_put_down_to_who_went_long_before(both: Both) -> None:
     both.send(batches[-60:])
     assert both.has() == [SECOND]
     reasons = [move.reason for move in both.services[SECOND]._cluster._moves]
-    assert reasons == ["shared out anew"], "another had it, so it was not heard for the first time"
+    assert reasons == [(Code.SHARED_ANEW(),)], "another had it, so it was not heard for the first time"
     third = MemoryBus(both.broker)
     token = third.declare_alive(keys.build(WARD, "alive/estimator", estimator="e9"))
     both.told()
@@ -62,7 +64,7 @@ def test_what_moved_is_not_put_down_to_who_went_long_before(both: Both) -> None:
     both.told()
     both.pass_(5.0)
     for service in both.services.values():
-        assert service._cluster._why == ""
+        assert service._cluster._why == ()
     third.close()
 
 

@@ -5,11 +5,11 @@ from unittest.mock import Mock
 
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire.messages import Calibration, Quality, SampleBatch, State
 from bridge.wire.refusal import Tally
 from estimator.database import Unavailable
-from estimator.guide.reasons import Words, said
 from estimator.service.record import Record
 from estimator.service.replicas import Replicas, checkpoint_of
 from tests.estimator.shared.conftest import FIRST, SECOND, Both
@@ -50,7 +50,7 @@ def test_turns_that_were_taken_by_another_are_said_to_be_lost(both: Both) -> Non
     assert both.has() == [FIRST]
     assert status.events["turns lost with an estimator"] == len(done)
     axes = ", ".join("xyz"[axis] for axis in done)
-    assert said(status.reason)[-1] == Words("moved", {"axes": axes})
+    assert status.reason[-1] == Code.TURNS_LOST(axes=axes)
 
 
 def in_the_middle_of_turns(both: Both) -> list[SampleBatch]:

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code, Sentences
 from estimator.track.doubt import Doubt
 from estimator.track.evidence import Receipt
 from estimator.track.zaru import UNPROVEN
+from tests.sentences import free
 
 LEVEL, VERTICAL = "zaru level", "zaru vertical"
 
@@ -16,7 +18,7 @@ def receipt(kind: str, off_dps: float = 0.0, reason: str = "") -> Receipt:
     return Receipt(1.0, kind, off, 1e-8 * np.eye(1), 99.0 * (not accepted), accepted, reason, 1.0)
 
 
-def said(doubt: Doubt, *seconds: list[Receipt]) -> str | None:
+def said(doubt: Doubt, *seconds: list[Receipt]) -> Sentences:
     for receipts in seconds:
         doubt.take(receipts, [])
     return doubt.news(1.0, gravity=False)
@@ -56,7 +58,7 @@ def test_without_an_accelerometer_a_rest_tells_of_all(turning: Doubt, kind: str)
 def test_a_doubt_that_was_restored_is_ended_by_all_of_a_rest() -> None:
     """Nobody knows any more what had raised it."""
     doubt = Doubt()
-    doubt.why = "it was in doubt"
+    doubt.why = free("it was in doubt")
     assert not settled(doubt, receipt(LEVEL))
     assert not settled(doubt, receipt(VERTICAL, 0.25, "outside the gate"))
     assert settled(doubt, receipt(VERTICAL))
@@ -66,20 +68,20 @@ def test_rests_too_short_to_prove_anything_end_no_row_of_those_that_contradict()
     doubt, short = Doubt(), [receipt(LEVEL, reason=UNPROVEN), receipt(VERTICAL, reason=UNPROVEN)]
     long = [receipt(LEVEL), receipt(VERTICAL, 0.25, "outside the gate")]
     rests = [short, long] * doubt.knobs.contradictions
-    assert said(doubt, *rests[:-1]) is None
-    assert said(doubt, rests[-1]) == "at rest it reads 0.25 °/s off: turning slowly, or the bias jumped"
+    assert not said(doubt, *rests[:-1])
+    assert said(doubt, rests[-1]) == (Code.REST_CONTRADICTS_BIAS(rate_dps="0.25"),)
 
 
 def test_what_is_said_to_be_off_is_what_was_refused() -> None:
     """It was what came last: "0.00 °/s off"."""
     doubt = Doubt()
     off = [receipt(LEVEL, 0.25, "outside the gate"), receipt(VERTICAL)]
-    assert "at rest it reads 0.25 °/s off" in str(said(doubt, *[off] * doubt.knobs.contradictions))
+    assert said(doubt, *[off] * doubt.knobs.contradictions) == (Code.REST_CONTRADICTS_BIAS(rate_dps="0.25"),)
 
 
 def test_who_does_not_rest_is_not_said_to() -> None:
     off = receipt("bounded vertical", 0.25, "outside the gate")
-    assert str(said(Doubt(), [off])).startswith("quiet, it reads 0.25 °/s off")
+    assert said(Doubt(), [off]) == (Code.QUIET_CONTRADICTS_BIAS(rate_dps="0.25"),)
 
 
 @pytest.mark.parametrize(("nis", "doubted"), [(0.03, False), (3.0, True)])
