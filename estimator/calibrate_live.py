@@ -11,6 +11,7 @@ from rich.text import Text
 
 from bridge.bus.contract import BusError
 from bridge.columns import Column, Columns
+from bridge.reasons.catalogue import english
 from estimator.client import Client
 from estimator.device_knobs import Treatment
 from estimator.guide.compare import compared, differing, last_before
@@ -52,11 +53,11 @@ def calibrate(
             told, passed = heard.told(LOOK_S), time.monotonic() - begin
             if passed > MISNAMED_S and not misnamed and (there := heard.others()):
                 misnamed = True
-                console.print(t.said(f"no device {device} was heard; there are: {listed(there)}"))
+                console.print(t("guide.not_heard", device=device, names=listed(there)))
             if told.step is Step.IDLE and not asked:
                 asked = True
                 reply = client.recalibrate(device, who)
-                console.print(Text(f"{device}: {reply.message}", "dim"))
+                console.print(Text(f"{device}: {t.text(reply.message)}", "dim"))
                 if not reply.accepted:
                     return 1
                 continue
@@ -119,7 +120,7 @@ class Heard:
 def _given_up(client: Client, device: str, who: str) -> str:
     """Take back what was asked for: the device would wait for ever."""
     try:
-        said = client.cancel(device, who).message
+        said = english(*client.cancel(device, who).message)
     except BusError as error:
         said = f"the calibration is still under way: {error}"
     return f"{device}: {said}"
@@ -157,7 +158,7 @@ class Screen:
 
 def sentences(told: Told, t: Texts) -> list[str]:
     """What is said: what was wrong, what to do, how."""
-    wrong = [t.say("wrong", one) for one in told.wrong]
+    wrong = [t.text((one,)) for one in told.wrong]
     again = [t("guide.rebooted")] if told.rebooted else []
     return [*again, *wrong, t.say("head", told.head), f"  {t(f'how.{told.step}')}"]
 

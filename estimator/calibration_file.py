@@ -10,6 +10,8 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from bridge.reasons.catalogue import english, sentences_as_json
+from bridge.reasons.codes import Sentence, Sentences
 from bridge.recording import Recording
 from bridge.wire import keys
 from bridge.wire.codec import MAX_CELSIUS, MAX_RATE
@@ -45,6 +47,13 @@ class _Turn(msgspec.Struct, frozen=True):
     duration_s: float
 
 
+class _Sentence(msgspec.Struct, frozen=True):
+    """A code with its parameters; the text beside them is for people."""
+
+    code: str
+    params: dict[str, str] = {}
+
+
 class _File(msgspec.Struct, frozen=True):
     """What is taken of a file; other keys are passed over. None where there is no estimate, or it is not known."""
 
@@ -60,7 +69,7 @@ class _File(msgspec.Struct, frozen=True):
     id: _Name = ""
     device: _Name = ""
     boot: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{16})?$")] = ""
-    reason: str = ""
+    reason: list[_Sentence] = []
     turns: tuple[_Turn, ...] = ()
     model: _Name = ""
     firmware: _Name = ""
@@ -108,7 +117,7 @@ def as_json(calibration: Calibration) -> dict[str, Any]:
         "boot": keys.boot_id(c.boot) if c.boot else "",
         "method": c.method,
         "verdict": c.verdict.name.lower(),
-        "reason": c.reason,
+        "reason": sentences_as_json(c.reason),
         "matrix": c.matrix.tolist() if known else None,
         "bias_rad_s": c.bias.tolist() if known else None,
         "parameters": list(c.parameters),
@@ -156,7 +165,7 @@ def load(path: Path | str) -> Calibration:
         )
     if file.verdict != "accepted":
         raise CalibrationFileError(
-            f"{path}: its verdict is {file.verdict[:64]!r}, not 'accepted' ({file.reason[:200]}): calibrate again"
+            f"{path}: its verdict is {file.verdict[:64]!r}, not 'accepted' ({english(*_reason(file))[:200]}): calibrate again"
         )
     if file.matrix is None or file.bias_rad_s is None or file.covariance is None or file.noise_std_rad_s is None:
         raise CalibrationFileError(f"{path}: it holds no estimate (null): calibrate again; {_ADVICE}")
@@ -168,7 +177,7 @@ def load(path: Path | str) -> Calibration:
             time_ns=0,
             method=file.method,
             verdict=Verdict.ACCEPTED,
-            reason=file.reason,
+            reason=_reason(file),
             matrix=_matrix(np.array(file.matrix)),
             bias=_bias(np.array(file.bias_rad_s), file.gyro_range_rad_s),
             parameters=(names := _parameters(tuple(file.parameters))),
@@ -184,6 +193,10 @@ def load(path: Path | str) -> Calibration:
         )
     except ValueError as error:
         raise CalibrationFileError(f"{path}: {error}; {_ADVICE}") from None
+
+
+def _reason(file: _File) -> Sentences:
+    return tuple(Sentence(one.code, one.params) for one in file.reason)
 
 
 def _read(path: Path) -> _File:

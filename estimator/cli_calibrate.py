@@ -11,6 +11,7 @@ from rich.console import Console
 from bridge.cli_parser import Verbs, add_verb
 from bridge.config import ConfigError
 from bridge.console import plain_console
+from bridge.reasons.catalogue import english
 from bridge.wire.messages import Calibration, Verdict
 from estimator.cli_live import add_live, live
 from estimator.cli_recorded import HOLDS, add_choice, check_range, gyro_range, recorded
@@ -120,7 +121,9 @@ def _calibrate(given: argparse.Namespace) -> int:
         if isfinite(result.covariance.sum()):
             _show_parameters(console, result)
         console.print(
-            f"{result.verdict.name.lower()} ({result.method}): {result.reason}", highlight=False, soft_wrap=True
+            f"{result.verdict.name.lower()} ({result.method}): {english(*result.reason)}",
+            highlight=False,
+            soft_wrap=True,
         )
     return 0 if result.verdict is Verdict.ACCEPTED else 1
 
@@ -134,7 +137,7 @@ def _show_made(calibration: Calibration, *, as_json: bool) -> int:
         return 0
     console = plain_console()
     _show_parameters(console, calibration)
-    console.print(f"accepted ({calibration.method}): {calibration.reason}", highlight=False, soft_wrap=True)
+    console.print(f"accepted ({calibration.method}): {english(*calibration.reason)}", highlight=False, soft_wrap=True)
     console.print(
         f"made of this boot while the ward ran, as {calibration.id}, which is in the recording; --method or --model NAME "
         "calibrates from the samples instead",

@@ -9,6 +9,7 @@ from bridge.cli_parser import Verbs, add_verb
 from bridge.cli_ward import add_ward
 from bridge.columns import Column, Columns
 from bridge.console import plain_console
+from bridge.reasons.catalogue import english
 from bridge.wording import count
 from estimator.cli_ward import ward_of
 from estimator.cluster_view import ClusterView, as_json, cluster_view
@@ -54,7 +55,7 @@ def _words(view: ClusterView, *, devices: bool) -> list[Text | Columns]:
     )
     for share in view.shares:
         last = share.moves[-1] if share.moves else None
-        moved = f"{_clock(last.time_ns)} {_moved(last.came, last.left)}: {last.reason}" if last else ""
+        moved = f"{_clock(last.time_ns)} {_moved(last.came, last.left)}: {english(*last.reason)}" if last else ""
         shares.add(
             share.estimator if share.alive else f"{share.estimator} (gone)",
             str(len(share.holdings)),
@@ -64,7 +65,7 @@ def _words(view: ClusterView, *, devices: bool) -> list[Text | Columns]:
     alive = sum(share.alive for share in view.shares)
     title = f"{view.ward}: {count(len(view.devices), 'device')}, {count(alive, 'estimator')}"
     shown: list[Text | Columns] = [Text(title, "bold"), shares]
-    shown += [Text(trouble, "bold red") for trouble in view.troubles]
+    shown += [Text(english(trouble), "bold red") for trouble in view.troubles]
     if devices:
         table = Columns(
             [Column("device", least=20), Column("estimator", least=16), Column("epoch", number=True, spare=1)]

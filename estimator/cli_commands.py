@@ -7,6 +7,7 @@ from bridge.cli_parser import Verbs, add_verb
 from bridge.cli_ward import add_ward
 from bridge.config import ConfigError
 from bridge.pki.member import Role
+from bridge.reasons.catalogue import english
 from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
 from bridge.wire.messages import CommandReply
@@ -58,7 +59,6 @@ def _note(given: argparse.Namespace) -> int:
 
 
 def _answered(device: str, reply: CommandReply) -> int:
-    """Print what the estimator answered, with the device where it does not begin with it; the exit code."""
-    named = device in reply.message.split()[:2]
-    print(reply.message if named else f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
+    """Print what the estimator answered; the exit code."""
+    print(f"{device}: {english(*reply.message)}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1

@@ -18,6 +18,7 @@ from bridge.doctor.finding import Finding, Level, ok, trouble, warning
 from bridge.doctor.router import answers, certificate, router
 from bridge.drivers import capture_files
 from bridge.ingest import duplicate_bridges
+from bridge.reasons.catalogue import english
 from bridge.scan.ports import find
 from bridge.transport import serial_state
 from estimator.client import Client
@@ -147,11 +148,10 @@ def _running(ward: Ward) -> Iterable[Finding]:
         said, _, do = words.partition("; ")
         yield trouble("rights", said, do)
     clashes = duplicate_bridges.found(statuses.values())
-    for words in clashes:
-        yield trouble("bridges of the ward", words, "stop one of them, or take the device out of its file")
-    for words in (*overload.found(statuses.values()), *overload.unkept(statuses.values())):
-        said, _, do = words.partition(": ")
-        yield trouble("estimator of the ward", said, do)
+    for clash in clashes:
+        yield trouble("bridges of the ward", english(clash), "stop one of them, or take the device out of its file")
+    for found in (*overload.found(statuses.values()), *overload.unkept(statuses.values())):
+        yield trouble("estimator of the ward", english(found), "look at the estimator's log")
     if statuses and not clashes:
         yield ok("bridges of the ward", "each device is sent by one bridge")
 

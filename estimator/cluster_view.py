@@ -4,8 +4,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bridge.reasons.catalogue import sentences_as_json
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import Holding, Move, Owned
-from bridge.wording import count
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +22,11 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class ClusterView:
-    """All of them, by name; `troubles` in words."""
+    """All of them, by name; `troubles` most urgent first."""
 
     ward: str
     shares: Sequence[Share]
-    troubles: Sequence[str]
+    troubles: Sentences
 
     @property
     def devices(self) -> Mapping[str, tuple[str, Holding]]:
@@ -48,18 +49,17 @@ def cluster_view(ward: str, alive: Sequence[str], said: Iterable[Owned]) -> Clus
         for part in [part for part in heard if part >= max(1, owned.parts)]:
             del heard[part]
     shares = [_share(name, parts.get(name, {}), alive=name in alive) for name in sorted({*alive, *parts})]
-    troubles = [] if alive else ["no estimator is alive: nothing is corrected"]
+    troubles = [] if alive else [Code.NO_ESTIMATOR()]
     troubles += [
-        f"{share.estimator} is alive and says nothing of its devices: it hangs, or is of an earlier version"
+        Code.ESTIMATOR_SILENT(estimator=share.estimator)
         for share in shares
         if share.alive and share.estimator not in parts
     ]
     twice = _twice(shares)
     if twice:
         shown = ", ".join(twice[:3]) + (" …" if len(twice) > 3 else "")
-        both = f"{count(len(twice), 'device')} with two estimators ({shown})"
-        troubles.append(f"{both}: on the move, or estimators do not hear each other")
-    return ClusterView(ward, shares, troubles)
+        troubles.append(Code.TWO_ESTIMATORS(devices=len(twice), names=shown))
+    return ClusterView(ward, shares, tuple(troubles))
 
 
 def as_json(view: ClusterView) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def as_json(view: ClusterView) -> dict[str, Any]:
     return {
         "ward": view.ward,
         "well": not view.troubles,
-        "troubles": list(view.troubles),
+        "troubles": sentences_as_json(view.troubles),
         "estimators": [
             {
                 "id": share.estimator,
@@ -77,7 +77,8 @@ def as_json(view: ClusterView) -> dict[str, Any]:
                     h.device: {"epoch": h.epoch, "boot": f"{h.boot:016x}", "next": h.next} for h in share.holdings
                 },
                 "moves": [
-                    {"time_ns": m.time_ns, "came": m.came, "left": m.left, "reason": m.reason} for m in share.moves
+                    {"time_ns": m.time_ns, "came": m.came, "left": m.left, "reason": sentences_as_json(m.reason)}
+                    for m in share.moves
                 ],
             }
             for share in view.shares

@@ -7,8 +7,9 @@ from math import isnan
 from typing import Any
 
 from bridge.ingest import duplicate_bridges
+from bridge.reasons.catalogue import english, in_words, sentences_as_json
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import DeviceInfo, State, Status
-from bridge.wire.refusal import in_words
 from estimator.device.source import ELSEWHERE
 from estimator.service import overload
 from estimator.service.law import EVENT
@@ -16,6 +17,8 @@ from estimator.service.quota import FLOODED
 from estimator.ward_view import LOW_BATTERY_PERCENT, charge_it
 
 _MOST = 3  # reasons
+#: notices that a device's rate is another
+_OF_RATE = (Code.RATE_CHANGED, Code.RATE_DIFFERS, Code.CLOCK_DIFFERS)
 _URGENT = (
     State.UNKNOWN,
     State.LOST,
@@ -34,7 +37,7 @@ class Need:
 
     device: str
     state: State
-    reason: str
+    reason: Sentences
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,7 @@ class Glance:
     """All of it; `needs` with the most urgent first, `law` what is broken of it by device, `troubles` of the ward itself.
 
     unused: samples that were not used, by device and reason, most first; those of which there are none are not in it.
-    told: what its bridge counted of a device beside that, and that its rate is another, in words.
+    told: what its bridge counted of a device beside that, and that its rate is another, in English.
     """
 
     ward: str
@@ -54,10 +57,10 @@ class Glance:
     dropped: int
     unused: Mapping[str, Mapping[str, int]]
     told: Mapping[str, str]
-    law: Mapping[str, str]
+    law: Mapping[str, Sentence]
     bridges: Sequence[str]
     estimators: Sequence[str]
-    troubles: Sequence[str]
+    troubles: Sentences
 
     @property
     def well(self) -> bool:
@@ -75,8 +78,8 @@ def glance(
     """Put together what was heard of a ward."""
     names = sorted({*statuses, *infos})
     needs = [need for name in names if (need := _need(name, statuses.get(name), infos.get(name))) is not None]
-    troubles = [] if estimators else ["no estimator is alive: nothing is corrected"]
-    troubles += [] if bridges else ["no bridge is alive: no device is read"]
+    troubles = [] if estimators else [Code.NO_ESTIMATOR()]
+    troubles += [] if bridges else [Code.NO_BRIDGE()]
     troubles += [
         *duplicate_bridges.found(statuses.values()),
         *overload.found(statuses.values()),
@@ -92,15 +95,15 @@ def glance(
         dropped=sum(sum(s.dropped.values()) for s in statuses.values()),
         unused=_unused(names, statuses, infos),
         told={name: words for name in names if name in infos and (words := told(infos[name]))},
-        law={name: words for name, status in sorted(statuses.items()) if (words := _law(status))},
+        law={name: broken for name, status in sorted(statuses.items()) if (broken := _law(name, status))},
         bridges=sorted(bridges),
         estimators=sorted(estimators),
-        troubles=troubles if names else [*troubles, "no device is heard", *_misnamed(ward, bridges, estimators)],
+        troubles=tuple(troubles) if names else (*troubles, Code.NO_DEVICE(), *_misnamed(ward, bridges, estimators)),
     )
 
 
-def _misnamed(ward: str, bridges: Sequence[str], estimators: Sequence[str]) -> list[str]:
-    return [] if bridges or estimators else [f"nobody is in ward {ward}: is its name right?"]
+def _misnamed(ward: str, bridges: Sequence[str], estimators: Sequence[str]) -> Sentences:
+    return () if bridges or estimators else (Code.WARD_EMPTY(ward=ward),)
 
 
 def as_json(seen: Glance) -> dict[str, Any]:
@@ -110,19 +113,22 @@ def as_json(seen: Glance) -> dict[str, Any]:
         "well": seen.well,
         "devices": seen.devices,
         "tracking": seen.tracking,
-        "needs": [{"device": n.device, "state": n.state.name.lower(), "reason": n.reason} for n in seen.needs],
+        "needs": [
+            {"device": n.device, "state": n.state.name.lower(), "reason": sentences_as_json(n.reason)}
+            for n in seen.needs
+        ],
         "law": {
             "holds": not seen.law,
             "samples_in": seen.samples_in,
             "samples_out": seen.samples_out,
             "dropped": seen.dropped,
-            "broken": dict(seen.law),
+            "broken": {name: sentences_as_json((broken,)) for name, broken in seen.law.items()},
         },
         "unused": {"all": dict(total(seen.unused)), "devices": {name: dict(why) for name, why in seen.unused.items()}},
         "told": dict(seen.told),
         "bridges": list(seen.bridges),
         "estimators": list(seen.estimators),
-        "troubles": list(seen.troubles),
+        "troubles": sentences_as_json(seen.troubles),
     }
 
 
@@ -142,9 +148,8 @@ def most(reasons: Mapping[str, int]) -> str:
 def told(info: DeviceInfo) -> str:
     """The largest counts of what happened to a device, and that its rate is another; empty where there is nothing."""
     counts = most({in_words(label): n for label, n in info.events.items() if n})
-    return "; ".join(
-        words for words in (info.notices.get("rate changed", ""), info.notices.get("rate", ""), counts) if words
-    )
+    rate = english(*(notice for notice in info.notices if notice.code in _OF_RATE))
+    return " ".join(filter(None, (rate, counts)))
 
 
 def _unused(
@@ -170,11 +175,11 @@ def _reasons(status: Status | None, info: DeviceInfo | None) -> dict[str, int]:
 
 
 def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | None:
-    trouble = info.trouble if info else ""
+    trouble = info.trouble if info else ()
     if status is None or (trouble and status.state is State.LOST):
-        return Need(name, State.UNKNOWN if status is None else State.LOST, trouble or "not heard yet")
+        return Need(name, State.UNKNOWN if status is None else State.LOST, trouble or (Code.NEVER_HEARD(),))
     if status.state is not State.TRACKING:
-        return Need(name, status.state, "; ".join(filter(None, (status.reason, _refused(info)))))
+        return Need(name, status.state, status.reason + _refused(info))
     if refused := _refused(info):
         return Need(name, status.state, refused)
     if (
@@ -183,19 +188,20 @@ def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | N
         and info.battery_percent < LOW_BATTERY_PERCENT
         and not info.charging
     ):
-        return Need(name, status.state, charge_it(info.battery_percent))
+        return Need(name, status.state, (charge_it(info.battery_percent),))
     return None
 
 
-def _refused(info: DeviceInfo | None) -> str:
-    return info.notices.get("refused", "") if info is not None else ""
+def _refused(info: DeviceInfo | None) -> Sentences:
+    return () if info is None else tuple(one for one in info.notices if one.code == Code.SAMPLES_BAD)
 
 
-def _law(status: Status) -> str:
+def _law(name: str, status: Status) -> Sentence | None:
     lost = status.samples_in - status.samples_out - sum(status.dropped.values())
     if lost:
-        return (
-            f"{status.samples_in} in, {status.samples_out} out, {sum(status.dropped.values())} dropped: {lost} nowhere"
+        dropped = sum(status.dropped.values())
+        return Code.SAMPLES_UNACCOUNTED(
+            device=name, taken=status.samples_in, out=status.samples_out, dropped=dropped, lost=lost
         )
     times = status.events.get(EVENT, 0)
-    return f"samples were nowhere {times} times; see the estimator's log" if times else ""
+    return Code.SAMPLES_WERE_UNACCOUNTED(device=name, times=times) if times else None

@@ -1,6 +1,6 @@
 """The model of a gyro: corrected = matrix (reading - bias), with the bias the reading at zero rate."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import radians, sqrt
@@ -14,6 +14,11 @@ AXES = "xyz"
 SIGMAS = 1.96
 #: least step, rad/s, taken for a gyro whose readings never differ: 2000 °/s in 16 bits
 COARSE_STEP = radians(0.061)
+
+
+def axis_names(axes: Iterable[int]) -> str:
+    """Axes by name: `x, z`."""
+    return ", ".join(AXES[axis] for axis in axes)
 
 
 def spread(reading: Floats) -> tuple[Floats, Floats]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, Floats
 from estimator.database import Row
-from estimator.service.store import Store
+from estimator.service.store import Store, read_sentences
 
 _SPAN = re.compile(r"(\d+(?:\.\d+)?)\s*([smhdw])\Z")
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
@@ -29,7 +29,10 @@ class Biases:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """The history of one device, oldest first. `boots` and `commands` are rows of the store's tables `boots` and `audit`."""
+    """The history of one device, oldest first. `boots` and `commands` are rows of the store's tables `boots` and `audit`.
+
+    The `message` of a command is Sentences.
+    """
 
     device: str
     calibrations: Sequence[Calibration]
@@ -51,7 +54,10 @@ def read(store: Store, device: str, since_ns: int = 0) -> History:
         device,
         [c for c in store.calibrations(device) if c.time_ns >= since_ns],
         store.database.rows("boots", where, values, order),
-        store.database.rows("audit", where, values, order),
+        [
+            row | {"message": read_sentences(row["message"])}
+            for row in store.database.rows("audit", where, values, order)
+        ],
         [_biases(boot, rows) for boot, rows in points.items()],
     )
 

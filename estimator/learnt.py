@@ -6,6 +6,8 @@ from math import isnan
 
 import numpy as np
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import Calibration, State, Verdict
 from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
@@ -32,9 +34,10 @@ from estimator.under_way import UnderWay
 AsMessage = Callable[[Result, str, int], Calibration]
 #: for so many seconds it is said that a calibration was cancelled; then again how it is
 CANCELLED_S = 60.0
-_GOES_ON = "calibrated; the calibration of this boot goes on"
-_WAS_DOUBTED = "the bias was in doubt when the estimator was restarted, a rest has to confirm it"
-_CONFIRMED = "the bias was confirmed at rest"
+_GOES_ON = (Code.CALIBRATION_GOES_ON(),)
+_HOLD_STILL = (Code.HOLD_STILL(),)
+_WAS_DOUBTED = (Code.BIAS_WAS_DOUBTED(),)
+_CONFIRMED = (Code.BIAS_CONFIRMED(),)
 
 
 class Taken(StateStruct):
@@ -88,11 +91,11 @@ class LearntState(StateStruct):
     turned: tuple[int, ...]
     began: float
     now: float
-    scratch: str
+    scratch: Sentences
     moves: float | None
     silent_until: float
     silent_c: float | None
-    cancelled: str
+    cancelled: Sentences
     cancelled_until: float
     slope_learnt: bool
     reached: tuple[int, int] | None
@@ -115,7 +118,7 @@ class Learnt:
         self.calibration: Calibration | None = None
         self.prior: Calibration | None = None
         #: why nothing known of earlier holds, said until it is calibrated
-        self.scratch = ""
+        self.scratch: Sentences = ()
         self.under_way: UnderWay | None = UnderWay(knobs)
         self._moves: float | None = None
         self._silent_until = float("-inf")  # device time of the first sample after the latest silence
@@ -123,7 +126,8 @@ class Learnt:
         #: device time of the last window that was judged
         self.now = began
         #: what is said of a calibration that was cancelled, and the device time until which it is
-        self._cancelled, self._cancelled_until = "", float("inf")
+        self._cancelled: Sentences = ()
+        self._cancelled_until = float("inf")
         self._slope_learnt = False  # under a law, of a calibrated bias
         self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
         self._stillness = Stillness(knobs.stillness)
@@ -197,7 +201,7 @@ class Learnt:
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
         self._life.on(Event.RESTORED, _GOES_ON)
         if remembered.doubted:
-            self.tracker.doubt.why = f"calibrated; {_WAS_DOUBTED}"
+            self.tracker.doubt.why = (Code.CALIBRATED(), *_WAS_DOUBTED)
             self._life.on(Event.DOUBTED, self.tracker.doubt.why)
 
     def resume(self, remembered: Remembered, temperature_c: float | None) -> bool:
@@ -286,7 +290,7 @@ class Learnt:
         if self.under_way is not None:
             self.under_way.add(windows)
         if self.now - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
-            self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
+            self._happens(Event.WARM, _HOLD_STILL, outcome)
         self.tracker.skip(windows)
 
     def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
@@ -299,19 +303,19 @@ class Learnt:
         if self.tracker.law_refuted and self._law is not None:
             self._law = None
             self._events.add("temperature law disagrees")
-            outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
-        if (why := self.tracker.doubts(self.now)) is not None and not self._happens(Event.DOUBTED, why, outcome):
+            outcome.said.append(english(Code.TEMPERATURE_LAW_REFUTED()))
+        if (why := self.tracker.doubts(self.now)) and not self._happens(Event.DOUBTED, why, outcome):
             self._say_beside(why, outcome)
 
     def _confirm(self, outcome: Outcome) -> None:
         """End a doubt, if what was heard of rests does."""
-        if self.tracker.trusts() and not self._happens(Event.CONFIRMED, f"calibrated; {_CONFIRMED}", outcome):
+        if self.tracker.trusts() and not self._happens(Event.CONFIRMED, (Code.CALIBRATED(), *_CONFIRMED), outcome):
             self._say_beside(_CONFIRMED, outcome)
 
-    def _say_beside(self, news: str, outcome: Outcome) -> None:
+    def _say_beside(self, news: Sentences, outcome: Outcome) -> None:
         """What is no event of a device that is being calibrated: its reason is what is to be done now."""
         outcome.changed = True
-        outcome.said.append(news)
+        outcome.said.append(english(*news))
 
     @property
     def _doubted(self) -> bool:
@@ -324,7 +328,7 @@ class Learnt:
         """What a window completes of a calibration under way; now_ns: host time of the window's last sample."""
         match progress:
             case RestFound():
-                self._happens(Event.RESTED, f"still: now turn it once about {under_way.missing}", outcome)
+                self._happens(Event.RESTED, (Code.TURN_NOW(axes=under_way.missing),), outcome)
             case TurnFound():
                 self._happens(Event.TURNED, under_way.said(progress), outcome)
             case Expired() | Ignored():
@@ -333,7 +337,7 @@ class Learnt:
                 needed = under_way.said(progress)
                 self._life.say(needed)
                 outcome.changed = True
-                outcome.said.append(needed)
+                outcome.said.append(english(*needed))
             case Finished(result, rest):
                 self._finish(result, rest, under_way, outcome, now_ns)
 
@@ -343,20 +347,20 @@ class Learnt:
         if result.verdict is not Verdict.ACCEPTED:
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
-        self.calibration, self.prior, self.under_way, self.scratch = made, None, None, ""
+        self.calibration, self.prior, self.under_way, self.scratch = made, None, None, ()
         self._belief = believed(self.calibration, None, self._knobs.prior)
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
         self._slope_learnt = self._law is not None
-        self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
+        self._happens(Event.CALIBRATED, (Code.CALIBRATED(), *result.reason), outcome)
 
     def cancel(self, who: str) -> None:
         """Stop one that is under way; an old one stays, else it begins anew."""
         if self.calibration is None:
             self.under_way = UnderWay(self._knobs)
-            self._life.say(f"calibration cancelled by {who}; hold the device still for 3 seconds to begin again")
+            self._life.say((Code.CALIBRATION_CANCELLED(who=who), *_HOLD_STILL))
             return
-        self.scratch, self.under_way = "", None
-        self._cancelled = f"calibration cancelled by {who}; the old one stays"
+        self.scratch, self.under_way = (), None
+        self._cancelled = (Code.CALIBRATION_CANCELLED(who=who), Code.OLD_CALIBRATION_STAYS())
         self._cancelled_until = self.now + CANCELLED_S
         self._life.say(self._cancelled)
 
@@ -367,12 +371,12 @@ class Learnt:
             outcome.changed = True
         self._cancelled_until = float("inf")
 
-    def _happens(self, event: Event, reason: str, outcome: Outcome) -> bool:
+    def _happens(self, event: Event, reason: Sentences, outcome: Outcome) -> bool:
         before = self._life.state
         if not self._life.on(event, reason):
             return False
         outcome.changed = True
-        outcome.said.append(f"{before.name} -> {self._life.state.name}: {reason}")
+        outcome.said.append(f"{before.name} -> {self._life.state.name}: {english(*reason)}")
         return True
 
     # ---- what is known now ----------------------------------------------------------------------------------------

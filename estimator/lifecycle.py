@@ -5,6 +5,7 @@ docs/life.md is the same table for people; a test holds the two together.
 
 from enum import StrEnum
 
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import State
 
 
@@ -96,18 +97,19 @@ TABLE: dict[tuple[State, Event], State | type[Back]] = {
 
 
 class Life:
-    """Where one device is, and why, in words. One that was away goes on where it was."""
+    """Where one device is, and why. One that was away goes on where it was."""
 
     def __init__(self) -> None:
         self.state = self._before = State.UNKNOWN
-        self.reason = self._reason_before = "never seen"
+        self.reason: Sentences = (Code.NEVER_HEARD(),)
+        self._reason_before: Sentences = self.reason
 
     @property
-    def saved(self) -> tuple[str, str, str, str]:
+    def saved(self) -> tuple[str, str, Sentences, Sentences]:
         """State, the one before it went away, and the reasons of both."""
         return self.state.name, self._before.name, self.reason, self._reason_before
 
-    def resume(self, saved: tuple[str, str, str, str]) -> None:
+    def resume(self, saved: tuple[str, str, Sentences, Sentences]) -> None:
         """Go on from what was saved. Raises ValueError."""
         state, before, self.reason, self._reason_before = saved
         try:
@@ -121,18 +123,18 @@ class Life:
         return self.state in AWAY
 
     @property
-    def goes_on(self) -> str:
+    def goes_on(self) -> Sentences:
         """The reason as it is, or will be when the device is heard again."""
         return self._reason_before if self.away else self.reason
 
-    def say(self, reason: str) -> None:
+    def say(self, reason: Sentences) -> None:
         """Why it is where it is; of one that is away, where it will go on."""
         if self.away:
             self._reason_before = reason
         else:
             self.reason = reason
 
-    def on(self, event: Event, reason: str = "") -> bool:
+    def on(self, event: Event, reason: Sentences = ()) -> bool:
         """Apply an event, for a reason; False means it is not possible in this state and nothing changed."""
         meanwhile = self.away and event in _MEANWHILE
         following = TABLE.get((self._before if meanwhile else self.state, event))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.ingest.plausibility import PLAUSIBLE
 from bridge.ingest.sensor_faults import SensorFaults
+from bridge.reasons.catalogue import english
 from bridge.recording import TICK_S, Recording, RecordingError, Told
 from bridge.wire import keys
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
@@ -74,9 +75,9 @@ def calibrate(
     for window in windows:
         for progress in session.window(window):
             if isinstance(progress, Ignored):
-                passed_over.append(f"{window.end_time:.1f} s: {progress.no_turn.reason}")
+                passed_over.append(f"{window.end_time:.1f} s: {english(*progress.no_turn.reason)}")
             elif isinstance(progress, TurnFound):
-                passed_over += [f"{window.end_time:.1f} s: {why}" for why in progress.dropped.values()]
+                passed_over += [f"{window.end_time:.1f} s: {english(why)}" for why in progress.dropped.values()]
             elif isinstance(progress, Finished):
                 last = progress.result
                 if not last.repeat:
@@ -246,7 +247,7 @@ class _Pass:
 def _known(calibration: Calibration | Result) -> Calibration:
     if calibration.verdict is not Verdict.ACCEPTED:
         raise ValueError(
-            f"a calibration with verdict {calibration.verdict.name} corrects nothing: {calibration.reason}"
+            f"a calibration with verdict {calibration.verdict.name} corrects nothing: {english(*calibration.reason)}"
         )
     known = of_result(calibration) if isinstance(calibration, Result) else calibration
     return known if known.id else replace(known, id="given")

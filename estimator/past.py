@@ -5,6 +5,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Code
 from bridge.wire.messages import BiasRevision
 from estimator.track.smoother import Smoothed
 
@@ -55,5 +56,5 @@ class Past:
             times_ns=np.array(times_ns, np.int64),
             bias=smoothed.bias[kept].astype(np.float32),
             bias_std=smoothed.std[kept].astype(np.float32),
-            reason=f"at rest again after {gap_s:.0f} s",
+            reason=(Code.AT_REST_AGAIN(gap_s=f"{gap_s:.0f}"),),
         )

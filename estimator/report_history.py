@@ -10,6 +10,7 @@ from rich.console import RenderableType
 
 from bridge.columns import Column, Columns
 from bridge.logs import printable
+from bridge.reasons.catalogue import english, sentences_as_json
 from bridge.wire.messages import Calibration
 from estimator.gyro import AXES, SIGMAS
 from estimator.history import Biases, History
@@ -19,7 +20,7 @@ def as_tables(history: History) -> Iterator[RenderableType]:
     """Tables of calibrations (accepted and refused), boots, commands, and the bias of each boot; empty tables are left out."""
     refused = [row for row in history.commands if row["verb"] == "calibrate"]
     tried = [(c.time_ns, _calibration(c)) for c in history.calibrations]
-    tried += [(row["time_ns"], ("", row["who"], "", row["message"])) for row in refused]
+    tried += [(row["time_ns"], ("", row["who"], "", f"{row['reason']}: {english(*row['message'])}")) for row in refused]
     yield from _table(
         "calibrations",
         ("when", "boot", "by", "scale x, y, z ± 95 %", "verdict"),
@@ -37,7 +38,7 @@ def as_tables(history: History) -> Iterator[RenderableType]:
         "commands",
         ("when", "asked for", "by", "reason", "answer"),
         [
-            (_when(row["time_ns"]), row["verb"], row["who"], row["reason"], row["message"])
+            (_when(row["time_ns"]), row["verb"], row["who"], row["reason"], english(*row["message"]))
             for row in history.commands
             if row["verb"] != "calibrate"
         ],
@@ -60,7 +61,7 @@ def as_json(history: History) -> dict[str, Any]:
                 "boot": f"{c.boot:016x}",
                 "method": c.method,
                 "verdict": c.verdict.name.lower(),
-                "reason": c.reason,
+                "reason": sentences_as_json(c.reason),
                 "who": c.who,
                 "matrix": c.matrix.tolist(),
                 "bias_rad_s": c.bias.tolist(),
@@ -71,7 +72,10 @@ def as_json(history: History) -> dict[str, Any]:
             for c in history.calibrations
         ],
         "boots": [{**row, "time": _iso(row["time_ns"])} for row in history.boots],
-        "commands": [{**row, "time": _iso(row["time_ns"])} for row in history.commands],
+        "commands": [
+            {**row, "message": sentences_as_json(row["message"]), "time": _iso(row["time_ns"])}
+            for row in history.commands
+        ],
         "bias": [
             {
                 "boot": of.boot,
@@ -114,7 +118,7 @@ def _calibration(c: Calibration) -> tuple[str, ...]:
     scale = " ".join(
         f"{c.matrix[axis, axis]:.4f}±{SIGMAS * known.get(f'k_{name}', np.nan):.4f}" for axis, name in enumerate(AXES)
     )
-    return f"{c.boot:016x}", c.who, scale, f"{c.verdict.name.lower()} ({c.method}): {c.reason}"
+    return f"{c.boot:016x}", c.who, scale, f"{c.verdict.name.lower()} ({c.method}): {english(*c.reason)}"
 
 
 def _bias(of: Biases) -> tuple[str, ...]:

@@ -1,13 +1,11 @@
-"""Restore with a key: under what a calibration of an earlier boot, or of this one, still holds; and in words, why not."""
+"""Restore with a key: under what a calibration of an earlier boot, or of this one, still holds; and why not."""
 
 from collections.abc import Mapping
 from typing import Any
 
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import Calibration, DeviceInfo
 from estimator.same_rate import same_rate
-
-_UNITS = {"gyro_range": " rad/s", "rate_hz": " Hz"}
-_WORDS = {"gyro_range": "range", "rate_hz": "rate"}
 
 
 def restore_key(of: Calibration | DeviceInfo) -> dict[str, str | float]:
@@ -26,8 +24,8 @@ def differing(then: Mapping[str, Any], info: DeviceInfo) -> dict[str, str | floa
     return {name: value for name, value in now.items() if value != then[name]}
 
 
-def changed(calibration: Calibration, info: DeviceInfo, *, within_boot: bool = False) -> str:
-    """Why the calibration does not hold for what the device is now, for a person; empty when it does.
+def changed(calibration: Calibration, info: DeviceInfo, *, within_boot: bool = False) -> Sentences:
+    """Why the calibration does not hold for what the device is now; empty when it does.
 
     within_boot: what was not known then, or is not now, has not changed.
     """
@@ -35,13 +33,22 @@ def changed(calibration: Calibration, info: DeviceInfo, *, within_boot: bool = F
     other = differing(then, info)
     if within_boot:
         other = {name: now for name, now in other.items() if now and then[name]}
-    said = [
-        f"{_WORDS.get(name, name)} is {_said(name, now)}, was {_said(name, then[name])}" for name, now in other.items()
-    ]
-    return f"its {', its '.join(said)} when it was calibrated: from scratch" if said else ""
+    said = tuple(_changed(name, _said(now), _said(then[name])) for name, now in other.items())
+    return (*said, Code.CALIBRATE_FROM_SCRATCH()) if said else ()
 
 
-def _said(name: str, value: str | float) -> str:
-    if isinstance(value, str):
-        return value or "not known"
-    return f"{value:.5g}{_UNITS[name]}" if value else "not known"
+def _changed(name: str, now: str, then: str) -> Sentence:
+    match name:
+        case "model":
+            return Code.MODEL_CHANGED(now=now, then=then)
+        case "firmware":
+            return Code.FIRMWARE_CHANGED(now=now, then=then)
+        case "gyro_range":
+            return Code.RANGE_CHANGED(now_rad_s=now, then_rad_s=then)
+        case _:
+            return Code.RATE_CHANGED_SINCE(now_hz=now, then_hz=then)
+
+
+def _said(value: str | float) -> str:
+    """A value, or a question mark for one that is not known."""
+    return "?" if not value else value if isinstance(value, str) else f"{value:.5g}"

@@ -9,6 +9,7 @@ from rich.live import Live
 from rich.text import Text
 
 from bridge.columns import Column, Columns
+from bridge.reasons.catalogue import english
 from bridge.wire.messages import State, Status
 from estimator.gyro import AXES, SIGMAS
 
@@ -51,7 +52,7 @@ def table(statuses: dict[str, Status], title: str = "") -> Columns:
             status.quality.name.lower().replace("_", " "),
             turns if status.progress < 1 else "done",
             f"{SIGMAS * degrees(max(status.bias_std)):.3f}",
-            status.reason,
+            english(*status.reason),
         )
     return shown
 
@@ -69,7 +70,9 @@ class Screen:
             self._live.update(table(statuses, f"{elapsed_s:4.0f} s  {note}"))
             return
         for status in changes:
-            self.say(elapsed_s, f"{status.device}: {status.state.name.lower().replace('_', ' ')}: {status.reason}")
+            self.say(
+                elapsed_s, f"{status.device}: {status.state.name.lower().replace('_', ' ')}: {english(*status.reason)}"
+            )
 
     def say(self, elapsed_s: float, words: str) -> None:
         """A line that stays."""

@@ -11,6 +11,8 @@ from weakref import proxy
 
 import numpy as np
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, Quality, SampleBatch, State, Status
 from bridge.wire.refusal import Reason
 from estimator.batch.result import Result
@@ -20,7 +22,7 @@ from estimator.device.correct import Cut, batch_of, correct
 from estimator.device.samples import CELSIUS, TIME, Samples, known
 from estimator.device.sequence import Sequence
 from estimator.finite import runs
-from estimator.gyro import AXES
+from estimator.gyro import axis_names
 from estimator.learnt import Learnt, LearntState
 from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
@@ -63,7 +65,7 @@ class SessionState(StateStruct):
     clock: tuple[float | None, float]
     applied: Correction
     ready: Correction
-    life: tuple[str, str, str, str]
+    life: tuple[str, str, Sentences, Sentences]
     learnt: LearntState
 
 
@@ -108,8 +110,8 @@ class DeviceSession:
         if not self._unused or device_time != self.learnt.began or law is not None:
             self._begin(device_time, law)
         self._unused = False
-        why = "warming up" if first else "the device was restarted: hold it still, then turn it about x, y and z"
-        self.life.on(Event.BOOTED, "" if again else why)  # again: nothing was taken of it yet
+        why = Code.WARMING_UP() if first else Code.RESTARTED()
+        self.life.on(Event.BOOTED, () if again else (why,))  # again: nothing was taken of it yet
         outcome.changed = True
         outcome.said.append(f"boot {boot:016x}" + ("" if first else ", recalibration needed"))
         calibration = None if remembered is None else remembered.calibration
@@ -138,20 +140,19 @@ class DeviceSession:
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
         if self.learnt.under_way is None:
             return
-        names = ", ".join(AXES[axis] for axis in axes)
-        lost = f"the turns about {names} were taken by an estimator that does not have it now: turn it about all three"
-        self.learnt.scratch = lost
+        lost = Code.TURNS_LOST(axes=axis_names(axes))
+        self.learnt.scratch = (lost,)
         self.sequence.events.add(TURNS_LOST, len(axes))
-        outcome.said.append(lost)
+        outcome.said.append(english(lost))
 
-    def start_over(self, why: str) -> Outcome:
+    def start_over(self, why: Sentences) -> Outcome:
         """It is not what it was: nothing known of it holds any more. Its samples go on."""
         blocks = self._blocks.anew()
         self._begin(blocks.latest)
         self._blocks = blocks
         self.learnt.scratch = why
-        self.life.on(Event.CHANGED, "hold the device still for 3 seconds")
-        return Outcome(changed=True, said=[why])
+        self.life.on(Event.CHANGED, (Code.HOLD_STILL(),))
+        return Outcome(changed=True, said=[english(*why)])
 
     def _restore(self, remembered: Remembered, calibration: Calibration, temperature_c: float | None) -> None:
         self.learnt.restore(remembered, calibration, temperature_c)
@@ -173,7 +174,7 @@ class DeviceSession:
     def adopt(self, remembered: Remembered, calibration: Calibration) -> None:
         """What was known with a calibration of this very boot, by who had the device meanwhile; it ends one that is under way."""
         self._restore(remembered, calibration, self.tracker.thermometer.reading)
-        self.learnt.scratch = ""
+        self.learnt.scratch = ()
 
     # ---- whole, as bytes --------------------------------------------------------------------------------------------
 
@@ -246,7 +247,7 @@ class DeviceSession:
         session.sequence.resume(saved.boot, saved.first, saved.next)
         session.last_heard_ns, session._unused = saved.last_heard_ns, False
         if saved.learnt.under_way:
-            session.life.on(Event.CANCEL_TO_START, "hold the device still for 3 seconds")
+            session.life.on(Event.CANCEL_TO_START, (Code.HOLD_STILL(),))
         if saved.learnt.turned:
             session._lost_turns(saved.learnt.turned, Outcome())
         return session
@@ -377,31 +378,27 @@ class DeviceSession:
 
     # ---- people and time ------------------------------------------------------------------------------------------
 
-    def recalibrate(self, who: str, reason: str) -> str | None:
+    def recalibrate(self, who: str, reason: str) -> Sentence | None:
         """Ask for three new turns; the present calibration stays in use until they are taken. None, or why not."""
         if not self.life.on(Event.RECALIBRATE):
-            so = (
-                "it will be calibrated anyway"
-                if self.life.state is State.WARMING
-                else "nothing to do until it is heard"
-            )
-            return f"{self.device} is {self.life.state.name.lower()}: {so}"
+            code = Code.ALREADY_DUE if self.life.state is State.WARMING else Code.NOT_HEARD
+            return code(device=self.device)
         self.learnt.under_way = UnderWay(self.knobs, who, reason)
-        why = f": {reason}" if reason else ""
-        self.life.say(f"recalibration asked for by {who}{why}; hold it still for 3 seconds")
+        why = (Code.REQUEST_REASON(words=reason),) if reason else ()
+        self.life.say((Code.RECALIBRATION_ASKED(who=who), *why, Code.HOLD_STILL()))
         return None
 
-    def cancel(self, who: str) -> str | None:
+    def cancel(self, who: str) -> Sentence | None:
         """Stop a calibration under way; the old one stays. None, or why not."""
         event = Event.CANCEL_TO_START if self.calibration is None else Event.CANCEL_TO_TRACKING
         if not self.life.on(event):
-            return f"{self.device} is {self.life.state.name.lower()}: no calibration is under way"
+            return Code.NOTHING_TO_CANCEL(device=self.device)
         if self.tracker.doubt.stands:
             self.life.on(Event.DOUBTED)
         self.learnt.cancel(who)
         return None
 
-    def silence(self, reason: str, event: Event = Event.SILENT) -> bool:
+    def silence(self, reason: Sentences, event: Event = Event.SILENT) -> bool:
         """No samples come any more that can be used, as the event says, for this reason as it is now; True when that is news."""
         if not self.life.on(event, reason):
             unknown = (Event.OUTDATED, Event.UNREACHABLE) if self.life.state is State.UNKNOWN else ()
@@ -426,10 +423,10 @@ class DeviceSession:
     ) -> Status:
         """All of it, for the bus, with what is known of it outside the core: since when nothing came, events counted there."""
         known, learnt = self._ready, self.learnt
-        seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ""
+        seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()
         reason = seldom or self.life.reason
-        if (doubted := self.tracker.doubt.why) and doubted not in reason and not self.life.away:
-            reason = f"{reason}; {doubted}"  # whatever else is said of it
+        if not self.life.away:  # whatever else is said of it
+            reason += tuple(one for one in self.tracker.doubt.why if one not in reason)
         events = self.sequence.events.as_dict() | self.tracker.events
         events.update(more)
         return Status(
@@ -438,7 +435,7 @@ class DeviceSession:
             time_ns=time_ns,
             state=self.life.state,
             quality=known.quality,
-            reason=f"{reason} ({learnt.scratch})" if learnt.scratch else reason,
+            reason=reason + learnt.scratch,
             progress=learnt.progress,
             axes_done=learnt.turned,
             bias=tuple(known.model.bias.tolist()),
@@ -470,7 +467,7 @@ class DeviceSession:
         """Use all that is known at once: it does not come from samples."""
         self._applied = self._ready = self.learnt.correction()
 
-    def _too_seldom(self) -> str:
+    def _too_seldom(self) -> Sentences:
         told = self.info
         rate_hz = max(told.rate_hz, told.measured_rate_hz) if told is not None else 0.0
         return too_seldom(rate_hz, self.knobs.stillness)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Code, Sentences
 from estimator.device.samples import ACCEL, CELSIUS, CLIPPED, GYRO, TIME, WIDTH, SampleBuffer
 from estimator.loops.windows import NOISE, SUMMED, TOLD, judged, nothing_known
 from estimator.state import StateStruct, shaped
@@ -56,12 +57,12 @@ class StillnessKnobs:
     spike: SpikeKnobs = field(default_factory=SpikeKnobs)
 
 
-def too_seldom(rate_hz: float, knobs: StillnessKnobs) -> str:
-    """Why nothing of so many samples a second is ever still: between any two something may have happened; "" of more."""
+def too_seldom(rate_hz: float, knobs: StillnessKnobs) -> Sentences:
+    """Why nothing of so many samples a second is ever still: between any two something may have happened; () of more."""
     least = 1 / knobs.gap_s
     if not 0 < rate_hz < 1.05 * least:  # of just as many one or the other comes late
-        return ""
-    return f"{rate_hz:.1f} samples a second do not show whether it is still: set it to 50 or more, {least:g} never do"
+        return ()
+    return (Code.RATE_TOO_LOW(rate_hz=f"{rate_hz:.1f}", least_hz=f"{least:g}"),)
 
 
 class Window(NamedTuple):

@@ -1,17 +1,16 @@
-"""What people read, in each language: one file each under web/texts, with the same keys."""
+"""What people read, in each language: one file each under web/texts, with the same keys; and the catalogue."""
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
 
-from estimator.guide.reasons import Words
-from estimator.sayings import Sayings
+from bridge.reasons.catalogue import LANGUAGES, catalogue
+from bridge.reasons.codes import Sentence
+from estimator.guide.steps import Words
 
-#: the first is taken where none of them is asked for
-LANGUAGES = ("en", "zh")
-#: what stands between two sentences of estimator and bridge, by language
-_BETWEEN = {"zh": {"; ": "；", ": ": "：", ". ": "。", ", ": "，"}}
+__all__ = ["LANGUAGES", "Texts", "chosen", "texts"]
+
 _FOLDER = Path(__file__).parent / "web" / "texts"
 
 
@@ -22,9 +21,7 @@ class Texts:
         self.language = language
         with (_FOLDER / f"{language}.toml").open("rb") as file:
             self._texts = tomllib.load(file)
-        said = self._texts.get("said")
-        #: in other languages than their own, what estimator and bridge say
-        self.sayings = None if said is None else Sayings(said, _BETWEEN[language], self._texts["frame"]["foreign"])
+        self._catalogue = catalogue(language)
 
     @property
     def name(self) -> str:
@@ -36,14 +33,17 @@ class Texts:
         section, _, name = key.partition(".")
         return str(self._texts[section][name]).format(**values)
 
-    def said(self, text: str) -> str:
-        """What estimator or bridge has said, in English."""
-        return text if self.sayings is None else self.sayings(text)
+    def text(self, sentences: Iterable[Sentence]) -> str:
+        """What estimator and bridge have said."""
+        return self._catalogue.text(sentences)
+
+    def label(self, label: str) -> str:
+        """What is counted under a label."""
+        return self._catalogue.label(label)
 
     def say(self, section: str, words: Words) -> str:
         """A sentence of the guide."""
-        values = {name: self.said(value) for name, value in words.values.items()}
-        return self(f"{section}.{words.key}", **values)
+        return self(f"{section}.{words.key}", **words.values)
 
 
 @cache

@@ -1,9 +1,10 @@
-"""A calibration under way: who asked for it, which turns are taken, and what is still to be done, in words."""
+"""A calibration under way: who asked for it, which turns are taken, and what is still to be done."""
 
+from bridge.reasons.codes import Code, Sentences
 from estimator.batch.clipping import ClippingKnobs
 from estimator.batch.recognise import TurnKnobs
-from estimator.batch.session import CalibrationSession, Expired, Ignored, Progress, TurnFound
-from estimator.gyro import AXES
+from estimator.batch.session import CalibrationSession, Expired, Ignored, Progress, TurnFound, too_old
+from estimator.gyro import AXES, axis_names
 from estimator.session_knobs import SessionKnobs
 from estimator.stillness import Windows
 
@@ -44,7 +45,7 @@ class UnderWay:
     @property
     def missing(self) -> str:
         """Axes whose turns are still needed."""
-        return _names(self._capture.missing())
+        return axis_names(self._capture.missing())
 
     def add(self, windows: Windows) -> None:
         """Take the samples of the next windows, and nothing more."""
@@ -57,19 +58,14 @@ class UnderWay:
         progress = self._capture.judge(begun, ended, still=still)
         return [Expired(old), *progress] if old else progress
 
-    def said(self, progress: TurnFound | Expired | Ignored) -> str:
+    def said(self, progress: TurnFound | Expired | Ignored) -> Sentences:
         """What is said of it, and of what is still to be done."""
         missing = self._capture.missing()
         match progress:
             case TurnFound(turn, dropped, missing):
-                what = f"turn about {AXES[turn.axis]} taken"
-                what = "; ".join([what, *dropped.values()])
+                what: Sentences = (Code.TURN_TAKEN(axis=AXES[turn.axis]), *dropped.values())
             case Expired(axes):
-                what = f"the turn about {_names(axes)} is too old"
+                what = (too_old(axes),)
             case Ignored(no_turn):
                 what = no_turn.reason
-        return f"{what}; still needed: {_names(missing)}" if missing else what
-
-
-def _names(axes: tuple[int, ...]) -> str:
-    return ", ".join(AXES[axis] for axis in axes)
+        return (*what, Code.TURNS_NEEDED(axes=axis_names(missing))) if missing else what

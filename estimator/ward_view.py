@@ -3,10 +3,12 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from bridge.ingest import duplicate_bridges
+from bridge.reasons.catalogue import sentences_as_json
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 
 #: every device's status comes once a second; after so long it is news that none does
@@ -29,7 +31,7 @@ class Row:
 
     device: str
     state: str
-    reason: str
+    reason: Sentences
     quality: str = ""
     rate_hz: float = 0.0
     gaps: int = 0
@@ -37,7 +39,7 @@ class Row:
     evidence_age_s: float | None = None
     battery_percent: float | None = None
     charging: bool = False
-    notices: dict[str, str] = field(default_factory=dict)
+    notices: Sentences = ()
 
     @property
     def low_battery(self) -> bool:
@@ -54,7 +56,8 @@ class Row:
 
     def as_dict(self) -> dict[str, Any]:
         """For programs."""
-        return asdict(self)
+        said = {"reason": sentences_as_json(self.reason), "notices": sentences_as_json(self.notices)}
+        return asdict(self) | said
 
 
 class WardView:
@@ -130,17 +133,17 @@ class WardView:
         if info is not None:
             battery = None if math.isnan(info.battery_percent) else info.battery_percent
             about = {"battery_percent": battery, "charging": info.charging, "notices": info.notices}
-        trouble = "" if info is None else info.trouble
+        trouble = () if info is None else info.trouble
         if status is None:
-            reason = trouble or "a bridge lists it, but no estimator has said anything of it"
+            reason = trouble or (Code.NO_ESTIMATOR_SPOKE(),)
             return Row(name, UNKNOWN, reason, **about)
         state, reason = WORDS[status.state], status.reason
         if silence := _silence(now - heard):
             state, reason = SILENT, silence
-        elif trouble:
-            reason = f"{trouble}; {reason}" if reason else trouble
+        else:
+            reason = trouble + reason
         if clash := duplicate_bridges.found([status]):
-            about["notices"] = {"bridges": clash[0], **about.get("notices", {})}
+            about["notices"] = (clash[0], *about.get("notices", ()))
         return Row(
             name,
             state,
@@ -154,9 +157,9 @@ class WardView:
         )
 
 
-def _silence(for_s: float) -> str:
+def _silence(for_s: float) -> Sentences:
     """What to say where no word came for so long; nothing where that is no news."""
-    return f"no word of it for {for_s:.0f} s: is the estimator running?" if for_s > SILENT_S else ""
+    return (Code.SILENT_ESTIMATOR(duration_s=f"{for_s:.0f}"),) if for_s > SILENT_S else ()
 
 
 def _unless_silent(status: Status, for_s: float) -> Status:
@@ -166,9 +169,9 @@ def _unless_silent(status: Status, for_s: float) -> Status:
     return replace(status, state=State.UNKNOWN, quality=quality, reason=silence)
 
 
-def charge_it(percent: float) -> str:
+def charge_it(percent: float) -> Sentence:
     """What to say of a battery that is low."""
-    return f"its battery is at {percent:.0f} %: charge it"
+    return Code.LOW_BATTERY(percent=f"{percent:.0f}")
 
 
 def counted(rows: Iterable[Row]) -> str:

@@ -13,8 +13,9 @@ from rich.text import Text
 
 from bridge.columns import Column, Columns
 from bridge.ingest import duplicate_bridges
+from bridge.reasons.catalogue import english, in_words
+from bridge.reasons.codes import Code
 from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, Status
-from bridge.wire.refusal import in_words
 from estimator import glance
 from estimator.client.client import NONE_S, Client
 from estimator.glance import Glance
@@ -34,8 +35,8 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
     console.print(_hardware(infos))
     console.print()
     console.print(table(statuses) if statuses else "no estimator has said anything of them: is one running?")
-    for words in duplicate_bridges.found(statuses.values()):
-        console.print(Text(f"\n{words}", "bold red"))
+    for clash in duplicate_bridges.found(statuses.values()):
+        console.print(Text(f"\n{english(clash)}", "bold red"))
     return 0
 
 
@@ -62,14 +63,12 @@ def _said(client: Client) -> tuple[dict[str, Status], dict[str, DeviceInfo]]:
 def _glance(seen: Glance) -> Group:
     needs = Columns([Column("device", least=20), Column("state"), Column("why", least=20)], headings=False)
     for need in seen.needs:
-        needs.add(need.device, word(need.state), need.reason)
+        needs.add(need.device, word(need.state), english(*need.reason))
     law = f"in = out + dropped: {seen.samples_in} = {seen.samples_out} + {seen.dropped}"
     rows: list[RenderableType] = [Text(f"{seen.ward}: {seen.tracking} of {seen.devices} tracking", "bold")]
     rows += [needs] if seen.needs else []
-    rows += [Text(trouble, "bold red") for trouble in seen.troubles]
-    rows += [
-        Text(f"{device}: in = out + dropped does not hold: {words}", "bold red") for device, words in seen.law.items()
-    ]
+    rows += [Text(english(trouble), "bold red") for trouble in seen.troubles]
+    rows += [Text(english(broken), "bold red") for broken in seen.law.values()]
     rows += [] if seen.law else [Text(law)]
     rows += _unused(seen)
     if seen.told:
@@ -118,7 +117,7 @@ def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
     dropped = glance.most({in_words(reason): n for reason, n in info.dropped.items()})
     wrong = "; ".join(filter(None, (dropped, glance.told(info)))) or "0"
     what = f"{info.model} {info.firmware}" if info.boot else "not heard yet"
-    return info.device, what, info.bridge, measured, str(info.samples), info.trouble or wrong
+    return info.device, what, info.bridge, measured, str(info.samples), english(*info.trouble) or wrong
 
 
 def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
@@ -183,7 +182,7 @@ def _who_is_there(client: Client, device: str) -> str:
         infos = ears.view.infos()
         names = {*ears.view.statuses(time.monotonic()), *(name for name, info in infos.items() if info.boot)}
     if (info := infos.get(device)) is not None:
-        return info.trouble or "its bridge hears it, and no estimator has said anything of it: is one running?"
+        return english(*(info.trouble or (Code.NO_ESTIMATOR_SPOKE(),)))
     if not names:
         return f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
     return f"heard in ward {client.ward}: {listed(names)}"
@@ -193,7 +192,7 @@ def _unheard(device: str, ward: str, status: Status | None) -> str:
     if status is None:
         return f"nothing was heard of {device} in ward {ward}; see `truerate devices`"
     state = status.state.name.lower().replace("_", " ")
-    return f"no sample of {device} came in ward {ward}: it is {state}: {status.reason}"
+    return f"no sample of {device} came in ward {ward}: it is {state}: {english(*status.reason)}"
 
 
 def _line(batch: CorrectedBatch, status: Status | None) -> str:
@@ -207,7 +206,7 @@ def _line(batch: CorrectedBatch, status: Status | None) -> str:
 
 def _revision_line(revision: BiasRevision) -> str:
     seconds, wide = np.ptp(revision.times_ns) / 1e9, SIGMAS * degrees(float(revision.bias_std.max()))
-    return f"the bias of {seconds:.0f} s is known better now, to ± {wide:.4f} °/s (95 %): {revision.reason}"
+    return f"the bias of {seconds:.0f} s is known better now, to ± {wide:.4f} °/s (95 %): {english(*revision.reason)}"
 
 
 #: and what is left out first where there is no room; the bar has no heading
@@ -231,7 +230,7 @@ def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> 
     if status is None:
         return Group(Text(device, "bold"), rows)
     head = Text.assemble((device, "bold"), "  ", word(status.state), f"  quality {status.quality.name.lower()}")
-    parts: list[RenderableType] = [head, Text(status.reason), rows]
+    parts: list[RenderableType] = [head, Text(english(*status.reason)), rows]
     if status.progress < 1:
         parts.append(ProgressBar(total=1.0, completed=status.progress, width=40))
     temperature = "" if np.isnan(status.temperature_c) else f"   {status.temperature_c:.1f} °C"

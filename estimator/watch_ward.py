@@ -10,6 +10,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from bridge.reasons.catalogue import english
 from estimator.client import Client
 from estimator.listening import FIRST_S, Ears, interrupted
 from estimator.screen import STYLES
@@ -113,8 +114,7 @@ def _text(words: str, style: str = "", *, cut: bool = True) -> Text:
 
 def _cells(row: Row) -> tuple[str, ...]:
     battery = "" if row.battery_percent is None else f"{row.battery_percent:.0f} %{'+' if row.charging else ''}"
-    notices = [f"{name}: {words}" for name, words in row.notices.items()]
-    first, then = (notices, [row.reason]) if row.state == TRACKING else ([row.reason], notices)
+    said = (*row.notices, *row.reason) if row.state == TRACKING else (*row.reason, *row.notices)
     return (
         row.device,
         row.state,
@@ -123,14 +123,8 @@ def _cells(row: Row) -> tuple[str, ...]:
         f"{row.gaps}" if row.quality else "",
         age(row.evidence_age_s) if row.evidence_age_s is not None else "none" if row.quality else "",
         battery,
-        "; ".join(_once([part for words in (*first, *then) for part in words.split("; ")])),
+        english(*(one for i, one in enumerate(said) if one not in said[:i])),
     )
-
-
-def _once(parts: Sequence[str]) -> list[str]:
-    """In their order, without what is said already, or within a longer one."""
-    parts = list(dict.fromkeys(parts))
-    return [part for part in parts if not any(part != other and part in other for other in parts)]
 
 
 def _print_json(ward: str, everything: Sequence[Row], rows: Sequence[Row]) -> None:
@@ -144,4 +138,6 @@ def _print_changes(console: Console, rows: Sequence[Row], said: dict[str, str]) 
     for row in rows:
         if said.get(row.device) != row.state:
             said[row.device] = row.state
-            console.print(f"{row.device}: {row.state}: {row.reason}", highlight=False, soft_wrap=True, markup=False)
+            console.print(
+                f"{row.device}: {row.state}: {english(*row.reason)}", highlight=False, soft_wrap=True, markup=False
+            )

@@ -98,7 +98,7 @@ def present(devices: dict[str, str]) -> list[Finding]:
     return [
         warning(f"device {device}", f"{port} is not there", f"plug it in; or {advice}")
         for device, port in missing.items()
-    ] + [trouble(f"device {device}", f"{port} is {serial_state.NO_PORT}", advice) for device, port in wrong.items()]
+    ] + [trouble(f"device {device}", f"{port} is not a serial port", advice) for device, port in wrong.items()]
 
 
 def doubled(devices: dict[str, str]) -> list[Finding]:

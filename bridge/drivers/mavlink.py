@@ -11,6 +11,7 @@ from typing import Any, Final
 from bridge.drivers.assembly import About, Assembly
 from bridge.drivers.driver import Event, Notice
 from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.reasons.codes import Code, Sentence
 from bridge.wire.refusal import Tally
 
 NEEDS: Final = "needs pip install 'truerate[mavlink]'"
@@ -56,7 +57,7 @@ class MavlinkDecoder:
         self._system = system
         self._component: int | None = None
         self._heard: dict[int, None] = {}  # systems that send inertial messages, in the order of their first
-        self._said = ""
+        self._said: Sentence | None = None
         self._autopilot = 0
         self._message = ""
         self._about = About(model="MAVLink")
@@ -173,13 +174,11 @@ class MavlinkDecoder:
 
     def _notices(self) -> list[Event]:
         others = sorted(self._heard.keys() - {self._system})
-        text = ""
-        if others:
-            named = ", ".join(map(str, others))
-            text = f"system {self._system} is read; on the same port others are heard too: {named}. Option `system` chooses"
-        news = text != self._said
-        self._said = text
-        return [Notice(SEVERAL, text)] if news else []
+        named = ", ".join(map(str, others))
+        said = Code.SEVERAL_SYSTEMS(system=self._system, others=named) if others else None
+        news = said != self._said
+        self._said = said
+        return [Notice(SEVERAL, said)] if news else []
 
 
 KIND = stream_kind(

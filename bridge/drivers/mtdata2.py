@@ -10,6 +10,7 @@ from bridge.drivers.timed import Timed
 from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Data, Message, Messages
 from bridge.framing.packets import BadPacket
+from bridge.reasons.codes import Code
 from bridge.wire.refusal import Tally
 
 UNSETTLED, UNTIMED = "samples_before_settled", "time_missing"
@@ -94,11 +95,7 @@ class MtData2Decoder:
                 self.faults.add(bad.label)
                 return []
         if message.kind == mtdata2.MTDATA:
-            return [
-                Notice(
-                    "output", "it sends legacy MTData, without MTData2: set its output to MTData2, or give it a rate_hz"
-                )
-            ]
+            return [Notice("output", Code.LEGACY_MTDATA())]
         if message.kind == mtdata2.WAKE_UP:
             self._woke()
             return []
@@ -126,8 +123,8 @@ class MtData2Decoder:
         if data.gyro is None:
             self._without_rate += 1
             lacking = self._without_rate == _NO_RATE
-            return [Notice("output", "it sends no rate of turn: give it a rate_hz, or set it so")] if lacking else []
-        notices = [Notice("output", "")] if self._without_rate >= _NO_RATE else []
+            return [Notice("output", Code.NO_RATE_OF_TURN())] if lacking else []
+        notices = [Notice("output", None)] if self._without_rate >= _NO_RATE else []
         self._without_rate = 0
         if data.gyro_clipped:
             self.faults.add(CLIPPED)

@@ -7,6 +7,7 @@ from bridge.drivers.driver import Notice
 from bridge.drivers.requests import Requests
 from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Message, encode
+from bridge.reasons.codes import Code
 
 _ASKED = (mtdata2.REQ_PRODUCT, mtdata2.REQ_DEVICE, mtdata2.REQ_FIRMWARE)
 _AGAIN_S, _TIMES = 0.5, 5
@@ -49,13 +50,13 @@ class Settings:
 
     def passed(self, now_ns: int) -> list[Notice]:
         """Ask what is open, for the first time or again; what is not answered is given up, but never the way back."""
-        return self._failed("does not answer") if self._requests.passed(now_ns) else []
+        return self._failed(Code.REQUEST_UNANSWERED) if self._requests.passed(now_ns) else []
 
     def answered(self, message: Message) -> list[Notice]:
         """A message that is no data."""
         kind = self._requests.key
         if kind is not None and message.kind == mtdata2.ERROR:
-            return self._failed(f"answers error {message.data.hex()}")
+            return self._failed(Code.REQUEST_REFUSED, error=message.data.hex())
         if not isinstance(kind, int) or message.kind != kind + 1:
             return []
         match kind:
@@ -78,13 +79,12 @@ class Settings:
     def _back(self) -> None:
         self._requests.add(mtdata2.GOTO_MEASUREMENT, encode(mtdata2.GOTO_MEASUREMENT))
 
-    def _failed(self, how: str) -> list[Notice]:
+    def _failed(self, code: Code, **params: str) -> list[Notice]:
         kind = self._requests.key
         self._requests.clear()
         self._back()
         self._given_up = True
-        what = "what it sends was not changed" if self._wanted_hz else "who it is was not learnt"
-        return [Notice("settings", f"to request {kind:02X} it {how}: {what}")]
+        return [Notice("settings", code(request=f"{kind:02X}", **params))]
 
     def _output(self) -> bytes:
         """All that is of use, and nothing else."""

@@ -20,6 +20,7 @@ from msgspec import Struct
 from bridge import os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Readings
 from bridge.drivers.takes import Take
+from bridge.reasons.codes import Code
 from bridge.recording import MAX_BYTES, Reading, RecordingError, load, stretches
 from bridge.recording.stretches import Recorded
 from bridge.transport import host_time
@@ -171,7 +172,7 @@ class ReplayedDriver:
         try:
             takes = _takes(self._options)
         except RecordingError as error:
-            raise DeviceUnavailable(str(error)) from None
+            raise DeviceUnavailable(Code.PLACE_FAILED(place=self.place, error=error)) from None
         self._playback = Playback(takes, self._options.speed)
         self._start_s = time.monotonic()
         self._closed.clear()
@@ -180,9 +181,9 @@ class ReplayedDriver:
         """What is due; at the end DeviceLost, for good."""
         playback = self._playback
         if playback is None:
-            raise DeviceLost(f"{self.place}: closed")
+            raise DeviceLost(Code.CLOSED(place=self.place))
         if playback.over:
-            raise DeviceLost(f"{self.place}: the recording is over", over=True)
+            raise DeviceLost(Code.RECORDING_OVER(place=self.place), over=True)
         self._closed.wait(min(timeout_s, playback.wait_s(time.monotonic() - self._start_s)))
         return playback.due(time.monotonic() - self._start_s, host_time.now_ns())
 

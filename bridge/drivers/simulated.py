@@ -9,6 +9,7 @@ from msgspec import Struct
 from bridge.drivers.boots import draw_boot
 from bridge.drivers.driver import DeviceLost, DriverKind, Event
 from bridge.drivers.native import NativeDecoder
+from bridge.reasons.codes import Code
 from bridge.transport import host_time
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class SimulatedDriver:
     def read(self, timeout_s: float) -> list[Event]:
         """What the device said meanwhile; DeviceLost after close."""
         if self.device is None or self._closed.wait(min(timeout_s, _TURN_S)):
-            raise DeviceLost(f"{self.place}: closed")
+            raise DeviceLost(Code.CLOSED(place=self.place))
         if ask := self._decoder.to_send():
             self.device.receive(ask)
         data = self.device.advance((time.monotonic() - self._born_s) * self._options.speed)

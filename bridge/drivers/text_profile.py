@@ -12,6 +12,7 @@ from bridge.drivers.assembly import About, Assembly
 from bridge.drivers.driver import Event, Notice
 from bridge.drivers.stream import StreamOptions, stream_kind
 from bridge.framing.lines import ANY_END, Line, Lines
+from bridge.reasons.codes import Code, Sentence
 from bridge.text.profile import Profile, load_profile, shipped
 from bridge.text.rows import DECIMAL_TICK_S, CsvReader, Header, Reader, Refused, RegexReader, Row
 from bridge.text.units import TIMES
@@ -67,7 +68,7 @@ class TextDecoder:
         self._booting = False  # it said so, and no sample has come since
         self._clock = self._reader.has_clock is not False
         self._assembly = self._assemble()
-        self._said: dict[str, str] = {}
+        self._said: dict[str, Sentence] = {}
 
     def opened(self) -> None:
         """The port was opened (again)."""
@@ -182,19 +183,18 @@ class TextDecoder:
 
     def _notices(self) -> list[Event]:
         """What is to be said of the device and was not said yet, or is no longer so."""
-        notices = dict(self._profile.notices)
+        notices = {name: Code.PROFILE_NOTICE(words=text) for name, text in self._profile.notices.items()}
         range_dps = math.degrees(self._about.gyro_range)
         known = self._profile.known_scale_faults
         faults = [fault for fault in known if abs(fault.gyro_range_dps - range_dps) < 1 or not fault.gyro_range_dps]
         for number, fault in enumerate(faults, 1):
-            notices[SCALE_FAULT if number == 1 else f"{SCALE_FAULT}_{number}"] = str(fault)
+            notices[SCALE_FAULT if number == 1 else f"{SCALE_FAULT}_{number}"] = fault.said
         if self._profile.time is not None and not self._clock:
-            notices[NO_CLOCK] = (
-                f"its rows have no column {self._profile.time.column!r}: time is counted as {self._about.rate_hz:g} "
-                "samples a second, and is as wrong as that number. Have the device send its time"
+            notices[NO_CLOCK] = Code.NO_TIME_COLUMN(
+                column=repr(self._profile.time.column), rate_hz=f"{self._about.rate_hz:g}"
             )
-        news = [*notices.items(), *((name, "") for name in self._said.keys() - notices.keys())]
-        said = [Notice(name, text) for name, text in news if self._said.get(name, "") != text]
+        news = [*notices.items(), *((name, None) for name in self._said.keys() - notices.keys())]
+        said = [Notice(name, one) for name, one in news if self._said.get(name) != one]
         self._said = notices
         return list[Event](said)
 

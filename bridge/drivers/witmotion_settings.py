@@ -8,6 +8,7 @@ import struct
 
 from bridge.drivers.driver import Notice
 from bridge.drivers.requests import Requests
+from bridge.reasons.codes import Code, Sentence
 
 CONTENT, RATE, VERSION, STILL_TIME = 0x02, 0x03, 0x2E, 0x63
 RATES_HZ = {1: 0.2, 2: 0.5, 3: 1.0, 4: 2.0, 5: 5.0, 6: 10.0, 7: 20.0, 8: 50.0, 9: 100.0, 11: 200.0}
@@ -19,7 +20,6 @@ _SPACING_S, _AGAIN_S = 0.1, 0.5
 _TIMES = 3  # a question, and a setting that is found to be other than told
 _OFF_OLD, _LONGEST = 1, 0xFFFF
 _CALIBRATES = "gyro auto-calibration"
-_DISTURBS = "which disturbs the calibration: turn it off with WitMotion's own program"
 
 
 class Settings:
@@ -32,7 +32,7 @@ class Settings:
         self.firmware, self.sends_hz = "", 0.0
         self._wanted_hz = rate_hz
         self._writes = writes
-        self._noticed = ""
+        self._noticed: Sentence | None = None
         self._requests = Requests(_AGAIN_S, _TIMES, _SPACING_S)
 
     def begin(self, *, checked: bool) -> None:
@@ -57,7 +57,7 @@ class Settings:
         if not self._requests.passed(now_ns):
             return []
         self._requests.clear()
-        return self._notice(f"it does not say whether it calibrates its gyro by itself, {_DISTURBS}")
+        return self._notice(Code.MAY_CALIBRATE_ITSELF())
 
     def answered(self, data: bytes) -> list[Notice]:
         """Registers came: of the open question, or where the form tells it, of the register it tells."""
@@ -99,18 +99,19 @@ class Settings:
             self._ask(STILL_TIME)
             return []
         if still_time == _OFF_OLD:
-            return self._notice("")
-        when = f"after {1e-3 * still_time:.3g} s at rest, " if still_time else ""
-        return self._notice(f"it calibrates its gyro by itself {when}{_DISTURBS}")
+            return self._notice(None)
+        if not still_time:
+            return self._notice(Code.CALIBRATES_ITSELF())
+        return self._notice(Code.CALIBRATES_ITSELF_AT_REST(duration_s=f"{1e-3 * still_time:.3g}"))
 
     def _ask(self, register: int) -> None:
         self._requests.add(register, _UNLOCK, _command(_READ, register))
 
-    def _notice(self, text: str) -> list[Notice]:
-        if text == self._noticed:
+    def _notice(self, said: Sentence | None) -> list[Notice]:
+        if said == self._noticed:
             return []
-        self._noticed = text
-        return [Notice(_CALIBRATES, text)]
+        self._noticed = said
+        return [Notice(_CALIBRATES, said)]
 
 
 def _command(register: int, value: int) -> bytes:

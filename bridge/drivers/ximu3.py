@@ -11,6 +11,7 @@ from bridge.drivers.ximu3_settings import SAMPLES_HZ, Settings
 from bridge.framing.lines import Line, Lines
 from bridge.framing.packets import BadPacket
 from bridge.framing.ximu3 import LONGEST, Charge, Inertial, Message, Reply, Said, Temperature, decode
+from bridge.reasons.codes import Code
 from bridge.wire.refusal import Tally
 
 _G = 9.80665
@@ -105,7 +106,10 @@ class Ximu3Decoder:
             case Said():
                 said = self._said[message.error]
                 said.append(message.text)
-                return [Notice("error" if message.error else "notification", " | ".join(said))]
+                words = " | ".join(said)
+                if message.error:
+                    return [Notice("error", Code.DEVICE_REPORTS_ERROR(words=words))]
+                return [Notice("notification", Code.DEVICE_SAYS(words=words))]
             case Reply():
                 notices = self._settings.took(message)
                 self._assembly.about = self._about()

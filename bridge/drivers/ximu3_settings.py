@@ -10,6 +10,7 @@ from typing import Any
 from bridge.drivers.driver import Notice
 from bridge.drivers.requests import Requests
 from bridge.framing.ximu3 import Reply, plain
+from bridge.reasons.codes import Code, Sentence
 
 SAMPLES_HZ = 400.0  # a message is the mean of `divisor` samples
 PING, FIRMWARE, HARDWARE = "ping", "firmware_version", "hardware_version"
@@ -32,7 +33,7 @@ class Settings:
         self.name = self.serial = self.firmware = self.hardware = ""
         self._divisor = None if chosen_hz is None else divisor_of(chosen_hz)
         self._may_write = writes
-        self._noticed = ""
+        self._noticed: Sentence | None = None
         self._requests = Requests(_AGAIN_S, _TIMES)
         self.ask()
 
@@ -58,7 +59,7 @@ class Settings:
         if not self._requests.passed(now_ns):
             return []
         self._requests.clear()
-        return self._notice("it does not answer, so whether it corrects its gyroscope's bias by itself is not known")
+        return self._notice(Code.MAY_CORRECT_ITSELF())
 
     def took(self, reply: Reply) -> list[Notice]:
         """An answer came."""
@@ -81,15 +82,12 @@ class Settings:
     def _corrects(self, value: object, *, asked: bool) -> list[Notice]:
         """It follows its own bias, which would be a bias that leaps: for those who calibrate it, or it is turned off."""
         if value is False:
-            return self._notice("")
+            return self._notice(None)
         if not asked or (value is not True and not self._written[CORRECTION]):
             return []
         if value is True and self._write(CORRECTION, value=False):
             return []
-        return self._notice(
-            "it corrects its gyroscope's bias by itself, which disturbs the calibration: "
-            "turn “Gyroscope offset correction enabled” off in its settings"
-        )
+        return self._notice(Code.CORRECTS_ITSELF())
 
     def _divides(self, value: object) -> None:
         wanted = self._divisor
@@ -106,11 +104,11 @@ class Settings:
         self._requests.add(plain(key), _command(key, value), _command("apply", None))
         return True
 
-    def _notice(self, text: str) -> list[Notice]:
-        if text == self._noticed:
+    def _notice(self, said: Sentence | None) -> list[Notice]:
+        if said == self._noticed:
             return []
-        self._noticed = text
-        return [Notice("on-device correction", text)]
+        self._noticed = said
+        return [Notice("on-device correction", said)]
 
 
 def divisor_of(rate_hz: float) -> int:

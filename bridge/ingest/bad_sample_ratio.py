@@ -1,9 +1,9 @@
-"""The ratio of clipped and refused samples of one device over the last minute, in words. Pure: time is an argument."""
+"""The ratio of clipped and refused samples of one device over the last minute. Pure: time is an argument."""
 
 from collections import deque
 from collections.abc import Mapping
 
-from bridge.wire.refusal import in_words
+from bridge.reasons.codes import Code, Sentences
 
 _WINDOW_NS = 60_000_000_000
 _NOTABLE = 0.01
@@ -16,7 +16,7 @@ class BadSampleRatio:
     def __init__(self) -> None:
         self._past: deque[tuple[int, int, dict[str, int]]] = deque()  # when, samples, counts
 
-    def notable(self, time_ns: int, samples: int, counts: Mapping[str, int]) -> str:
+    def notable(self, time_ns: int, samples: int, counts: Mapping[str, int]) -> Sentences:
         """The reasons that concern more than 1 % of the received samples, largest first; empty if there are none."""
         while len(self._past) > 1 and self._past[1][0] <= time_ns - _WINDOW_NS:
             self._past.popleft()
@@ -24,8 +24,7 @@ class BadSampleRatio:
         _, before, counted = self._past[0]
         came = samples - before
         if came < _LEAST_SAMPLES:
-            return ""
+            return ()
         shares = {label: (n - counted.get(label, 0)) / came for label, n in counts.items()}
         found = sorted(((share, label) for label, share in shares.items() if share > _NOTABLE), reverse=True)
-        said = ", ".join(f"{min(100, 100 * share):.0f} % {in_words(label)}" for share, label in found)
-        return f"of its samples of the last minute {said}" if said else ""
+        return tuple(Code.SAMPLES_BAD(percent=f"{min(100, 100 * share):.0f}", label=label) for share, label in found)

@@ -4,6 +4,7 @@ import math
 
 from bridge.drivers.driver import Battery, Identity, Notice
 from bridge.ingest.timeline import Timeline
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo
 
@@ -26,7 +27,7 @@ class Account:
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self._names = (device, bridge, driver, place)
         self._battery = Battery(math.nan)
-        self._notices: dict[str, str] = {}
+        self._notices: dict[str, Sentence] = {}
 
     def note(self, event: Battery | Notice) -> None:
         """Keep the latest battery state, and the latest notice of each name; at most as many names as the wire takes."""
@@ -34,8 +35,8 @@ class Account:
             self._battery = event
             return
         self._notices.pop(event.name, None)
-        if event.text:
-            self._notices[event.name] = event.text
+        if event.said is not None:
+            self._notices[event.name] = event.said
         while len(self._notices) > MAX_TEXTS:
             self._notices.pop(next(iter(self._notices)))
 
@@ -48,13 +49,13 @@ class Account:
         time_ns: int,
         dropped: dict[str, int],
         events: dict[str, int],
-        trouble: str,
+        trouble: Sentences,
     ) -> DeviceInfo:
         """The whole message; before the device has identified itself (identity None) boot is 0, and that is a trouble."""
         device, bridge, driver, place = self._names
         known, of_time = identity or _NOBODY, timeline.notices(identity) if identity else {}
         if identity is None:
-            trouble = trouble or f"{place}: nothing was heard of it yet"
+            trouble = trouble or (Code.NOTHING_HEARD(place=place),)
         return DeviceInfo(
             device=device,
             bridge=bridge,
@@ -77,6 +78,6 @@ class Account:
             battery_percent=self._battery.percent,
             charging=self._battery.charging,
             # The device's own, and what is to be said of its time.
-            notices=dict([*self._notices.items(), *of_time.items()][-MAX_TEXTS:]),
+            notices=(*self._notices.values(), *of_time)[-MAX_TEXTS:],
             has_clock=known.has_clock,
         )

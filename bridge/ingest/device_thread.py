@@ -11,6 +11,8 @@ from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, 
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_readings import joined
 from bridge.ingest.no_data_reason import ended, why
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentences
 from bridge.transport import host_time
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
@@ -57,7 +59,7 @@ class DeviceThread:
         self._queued = 0
         self._there = False
         self._faults: dict[str, int] = {}  # a copy, for other threads
-        self._complaint = ""
+        self._complaint: Sentences = ()
         self._informed_boot = -1  # of the latest DeviceInfo
         self._thread = threading.Thread(target=self._run, name=f"device {device}", daemon=True)
 
@@ -107,15 +109,15 @@ class DeviceThread:
             except DeviceUnavailable as error:
                 if error.soon:
                     wait_s = _FIRST_WAIT_S
-                self._complain(str(error))
+                self._complain(error.reason)
             except DeviceLost as error:
                 if self._there:  # it had been read from, so try again soon
                     wait_s = _FIRST_WAIT_S
                 self.over = error.over
-                said = ended(self._driver, self._intake.driver) if error.over else ""
-                self._complain(said or str(error), wrong=bool(said))
+                said = ended(self._driver, self._intake.driver) if error.over else ()
+                self._complain(said or error.reason, wrong=bool(said))
             except Exception as error:  # noqa: BLE001 - a fault of one driver must not silence its device, or the others
-                self._complain(f"its driver failed: {error!r}", trace=True)
+                self._complain((Code.DRIVER_FAILED(error=repr(error)),), trace=True)
             finally:
                 self._there = False
                 self._driver.close()
@@ -166,7 +168,7 @@ class DeviceThread:
         if self._complaint:
             self._intake.events.add("reconnections")
         _log.info("%s: %s %s", self.device, "back on" if self._complaint else "reading", self._driver.place)
-        self._complaint = ""
+        self._complaint = ()
 
     def _keep(self, batches: list[SampleBatch]) -> None:
         for batch in batches:
@@ -177,11 +179,11 @@ class DeviceThread:
             self._queued -= len(lost)
             self._intake.overflowed(lost)
 
-    def _complain(self, complaint: str, *, trace: bool = False, wrong: bool = False) -> None:
+    def _complain(self, complaint: Sentences, *, trace: bool = False, wrong: bool = False) -> None:
         """Say a new trouble aloud, a known one quietly; an end is none, unless something is wrong with it."""
         if self._stop.is_set():
             return
         known = complaint == self._complaint
         level = logging.DEBUG if known else logging.INFO if self.over and not wrong else logging.WARNING
-        _log.log(level, "%s: %s", self.device, complaint, exc_info=trace and not known)
+        _log.log(level, "%s: %s", self.device, english(*complaint), exc_info=trace and not known)
         self._complaint = complaint

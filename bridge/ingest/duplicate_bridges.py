@@ -1,10 +1,12 @@
-"""Words for a device that two bridges send: the estimator takes one bridge's samples and refuses the other's."""
+"""A device that two bridges send: the estimator takes one bridge's samples and refuses the other's."""
 
 import contextlib
 import logging
 from collections.abc import Iterable, Sequence
 
 from bridge.bus.contract import Bus
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentence
 from bridge.wire import keys
 from bridge.wire.codec import decode_status
 from bridge.wire.messages import Status
@@ -15,29 +17,21 @@ _AT_ONCE = 1000  # messages
 _log = logging.getLogger(__name__)
 
 
-def words(devices: Sequence[str], owner: str, refused: Sequence[str]) -> str:
-    """One sentence: the devices, both bridges, whose samples are refused, and what to do."""
-    whose = ", ".join(f"{bridge}'s" for bridge in refused)
-    bridges = f"{'two' if len(refused) == 1 else len(refused) + 1} bridges, {', '.join([owner, *refused[:-1]])} and {refused[-1]}"
-    what = "stop one" if len(refused) == 1 else "stop all but one"
-    return f"{named(devices)} sent by {bridges}: {whose} samples are refused; {what}"
+def said(devices: Sequence[str], owner: str, refused: Sequence[str]) -> Sentence:
+    """The devices, or the first few; whose samples are taken, whose are refused, and what to do."""
+    params = {"devices": ", ".join(devices[:_MOST]), "owner": owner, "refused": ", ".join(refused)}
+    if (left := len(devices) - _MOST) > 0:
+        return Code.TWO_BRIDGES_AND_MORE(more=left, **params)
+    return Code.TWO_BRIDGES(**params)
 
 
-def named(devices: Sequence[str]) -> str:
-    """The first few device names, with the verb."""
-    if len(devices) == 1:
-        return f"device {devices[0]} is"
-    left = len(devices) - _MOST
-    return f"devices {', '.join(devices[:_MOST])}{f' and {left} more' if left > 0 else ''} are"
-
-
-def found(statuses: Iterable[Status]) -> list[str]:
+def found(statuses: Iterable[Status]) -> list[Sentence]:
     """A sentence for each set of bridges that send the same devices now."""
     sets: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for status in statuses:
         if status.refused_bridges:
             sets.setdefault((status.bridge, tuple(sorted(status.refused_bridges))), []).append(status.device)
-    return [words(sorted(devices), owner, refused) for (owner, refused), devices in sorted(sets.items())]
+    return [said(sorted(devices), owner, refused) for (owner, refused), devices in sorted(sets.items())]
 
 
 class DuplicateBridges:
@@ -70,4 +64,4 @@ class DuplicateBridges:
         self.refused.add(device)
         if device not in self._told:
             self._told.add(device)
-            _log.warning("%s (said once)", words([device], status.bridge, status.refused_bridges))
+            _log.warning("%s (said once)", english(said([device], status.bridge, status.refused_bridges)))

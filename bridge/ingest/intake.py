@@ -15,6 +15,8 @@ from bridge.ingest.counters import Counters, Counts, Followed
 from bridge.ingest.device_info import Account
 from bridge.ingest.sensor_faults import SensorFaults
 from bridge.ingest.timeline import Stamps, Timeline
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Sentence, Sentences
 from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
@@ -89,7 +91,7 @@ class Intake:
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
-    def info(self, time_ns: int, faults: dict[str, int], trouble: str = "") -> DeviceInfo:
+    def info(self, time_ns: int, faults: dict[str, int], trouble: Sentences = ()) -> DeviceInfo:
         """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
         events, dropped = self.events.as_dict(), self.dropped.as_dict()
         # A driver may have seen the same change.
@@ -98,7 +100,7 @@ class Intake:
         info = self._account.info(self._identity, self.boot or 0, self.timeline, *counted)
         bad = {label: n for label, n in events.items() if label in _BAD}
         if said := self._shares.notable(time_ns, self.samples_in, {**bad, **dropped}):
-            info = replace(info, notices=dict([*info.notices.items(), ("refused", said)][-MAX_TEXTS:]))
+            info = replace(info, notices=(*info.notices, *said)[-MAX_TEXTS:])
         return info
 
     def _greet(self, identity: Identity) -> list[SampleBatch]:
@@ -172,9 +174,10 @@ class Intake:
             self._rate_changed(self.timeline.changed)
         return self.timeline.stamps(ticks, receive_time_ns, identity)
 
-    def _rate_changed(self, words: str) -> None:
+    def _rate_changed(self, change: Sentence | None) -> None:
         self.events.add(_RATE_CHANGED)
-        self.said.append(words)
+        if change is not None:
+            self.said.append(english(change))
 
     def _count_silent(self) -> None:
         if missing := self.timeline.missing - self._silent:

@@ -1,41 +1,39 @@
-"""Why an open device gives no samples: no bytes, or bytes of another protocol; in words, with what to do."""
+"""Why an open device gives no samples: no bytes, or bytes of another protocol; with what to do."""
 
 from collections.abc import Sequence
 
 from bridge.drivers import registry
 from bridge.drivers.driver import Driver
 from bridge.drivers.stream import StreamDriver
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.scan.guess import candidates, guesses
 from bridge.transport.transport import Chunk
-from bridge.wording import count
 
 
-def why(driver: Driver, name: str) -> str:
-    """One sentence, the same while nothing changes. name: the driver's, as in the ward's file."""
+def why(driver: Driver, name: str) -> Sentences:
+    """The same while nothing changes. name: the driver's, as in the ward's file."""
     if not isinstance(driver, StreamDriver):
-        return f"{driver.place}: open, but nothing that is understood comes"
+        return (Code.NOTHING_UNDERSTOOD(place=driver.place),)
     chunks = driver.unread()
     if not chunks:
-        return f"{driver.place}: open, but nothing comes; is it on, and sending?"
-    return f"{driver.place}: bytes come, but not {name}'s; {_advice(chunks, driver.place, name)}"
+        return (Code.NOTHING_COMES(place=driver.place),)
+    return Code.BYTES_OF_ANOTHER(place=driver.place, driver=name), _advice(chunks, driver.place, name)
 
 
-def ended(driver: Driver, name: str) -> str:
+def ended(driver: Driver, name: str) -> Sentences:
     """Why a capture that has ended gave no sample; empty if it gave some."""
     if not isinstance(driver, StreamDriver) or driver.samples_in:
-        return ""
+        return ()
     if not driver.bytes_in:
-        return f"{driver.place}: it is over, and there was nothing in it: 0 bytes"
-    came = f"{count(driver.bytes_in, 'byte')} came, and no sample of {name}'s is in them"
-    return f"{driver.place}: it is over: {came}; {_advice(driver.unread(), driver.place, name)}"
+        return (Code.CAPTURE_EMPTY(place=driver.place),)
+    over = Code.CAPTURE_WITHOUT_SAMPLES(place=driver.place, bytes=driver.bytes_in, driver=name)
+    return over, _advice(driver.unread(), driver.place, name)
 
 
-def _advice(chunks: Sequence[Chunk], place: str, name: str) -> str:
+def _advice(chunks: Sequence[Chunk], place: str, name: str) -> Sentence:
     others = [candidate for candidate in candidates(registry.kinds().values()) if candidate.kind.name != name]
     best = next(iter(guesses(others, chunks)), None)
     if best is not None and best.understood:
         keys = {"driver": best.candidate.kind.name, **best.candidate.table}
-        return f"they look like {', '.join(f'{key} = {value!r}' for key, value in keys.items())}: put that into the ward's file"
-    speed = "another speed, or another protocol" if "://" not in place else "another protocol"
-    first = "" if place.startswith("file://") else "Stop the bridge, and "
-    return f"{speed}? {first}`truerate bridge scan --port {place}` finds out"
+        return Code.LOOKS_LIKE(settings=", ".join(f"{key} = {value!r}" for key, value in keys.items()))
+    return Code.TRY_SCAN(place=place)

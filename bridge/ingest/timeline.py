@@ -13,6 +13,7 @@ from bridge.ingest.clock import ClockFit
 from bridge.ingest.clockless import TICK_S, MadeTime, Silences
 from bridge.ingest.counters import Counts
 from bridge.ingest.sample_rate import SendingRate
+from bridge.reasons.codes import Code, Sentence, Sentences
 
 _LATE_NS = 1_000_000_000
 _ODD_CLOCK = 0.02  # from the host's
@@ -52,12 +53,12 @@ class Stamps(NamedTuple):
 
 
 class Timeline:
-    """Fed in the order of arrival; pure. changed: how the rate changed last, in words."""
+    """Fed in the order of arrival; pure. changed: how the rate changed last, if it did."""
 
     def __init__(self) -> None:
         self.clock = ClockFit()
         self.rate = SendingRate()
-        self.changed = ""
+        self.changed: Sentence | None = None
         self._sent_hz = self._first_hz = 0.0  # at which it is known to have sent; what it said first
         self._silences, self._made = Silences(), MadeTime()
 
@@ -82,12 +83,12 @@ class Timeline:
         self.clock.observe(device_s, receive_time_ns)
         return self.rate.observe(sequence, device_s, self.clock.rate, identity.rate_hz)
 
-    def told(self, before_hz: float, rate_hz: float) -> str:
-        """The device says another rate within its boot: it is measured anew. In words; that it is as at first is no news."""
+    def told(self, before_hz: float, rate_hz: float) -> Sentence:
+        """The device says another rate within its boot: it is measured anew. That it is as at first is no news."""
         self.rate, self._sent_hz = SendingRate(), 0.0
         self._first_hz = self._first_hz or before_hz
         said = _changed(before_hz, rate_hz)
-        self.changed = said if rate_hz != self._first_hz else ""
+        self.changed = said if rate_hz != self._first_hz else None
         return said
 
     def changes(self, identity: Identity) -> bool:
@@ -113,25 +114,20 @@ class Timeline:
             shown = self._made.ticks(ticks, identity.tick_period_s * rate), TICK_S, 1.0
         return Stamps(*shown, device_s, last_ns, rate * 1e9, receive_time_ns, self.clock.sure)
 
-    def notices(self, identity: Identity) -> dict[str, str]:
-        """What a person should know of it, by name."""
-        notices: dict[str, str] = {}
-        if self.changed:
-            notices["rate changed"] = self.changed
-        if identity.has_clock and not self.rate.differs:
-            return notices
-        clock, told = self.clock, f"{identity.rate_hz:.4g} Hz"
-        measured = f"{self.rate.hz:.4g} Hz"
-        if not identity.has_clock:
-            error = f"{measured} ± {100 * clock.rate_error / clock.rate:.2g} %"
-            rate = f"its rate is measured: {error}" if clock.measured else f"its rate is taken to be {told} at first"
-            notices["clock"] = f"the device tells no time; {rate}"
+    def notices(self, identity: Identity) -> Sentences:
+        """What a person should know of it."""
+        notices = [] if self.changed is None else [self.changed]
+        clock, told, measured = self.clock, f"{identity.rate_hz:.4g}", f"{self.rate.hz:.4g}"
+        if not identity.has_clock and clock.measured:
+            notices.append(Code.RATE_MEASURED(rate_hz=measured, percent=f"{100 * clock.rate_error / clock.rate:.2g}"))
+        elif not identity.has_clock:
+            notices.append(Code.RATE_PRESUMED(rate_hz=told))
         if self.rate.differs:
-            notices["rate"] = f"measured {measured}, told {told}"
+            notices.append(Code.RATE_DIFFERS(measured_hz=measured, told_hz=told))
             if identity.has_clock and abs(clock.rate - 1) > _ODD_CLOCK:
-                notices["rate"] += f"; its clock runs {1 / clock.rate:.4g} times as fast as the host's"
-        return notices
+                notices.append(Code.CLOCK_DIFFERS(times=f"{1 / clock.rate:.4g}"))
+        return tuple(notices)
 
 
-def _changed(before_hz: float, now_hz: float) -> str:
-    return f"its rate changed from {before_hz:.3g} to {now_hz:.3g} Hz"
+def _changed(before_hz: float, now_hz: float) -> Sentence:
+    return Code.RATE_CHANGED(then_hz=f"{before_hz:.3g}", now_hz=f"{now_hz:.3g}")

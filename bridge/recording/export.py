@@ -16,6 +16,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.catalogue import english
 from bridge.recording.error import RecordingError
 from bridge.recording.files import check_new, new_file
 from bridge.recording.stretches import Recorded, Stretch
@@ -97,7 +98,7 @@ def events(recorded: Recorded) -> list[Event]:
         for s in stretches
     ]
     calibrations = [
-        Event(c.time_ns, c.device, c.boot, f"calibration {c.verdict.name.lower()}", c.reason)
+        Event(c.time_ns, c.device, c.boot, f"calibration {c.verdict.name.lower()}", english(*c.reason))
         for c in recorded.calibrations
     ]
     notes = [Event(n.time_ns, n.device, n.boot, f"note by {n.who}", n.text) for n in recorded.notes]

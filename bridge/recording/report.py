@@ -6,6 +6,7 @@ from typing import Any
 from rich.console import Console
 
 from bridge.columns import Column, Columns
+from bridge.reasons.catalogue import english, sentences_as_json
 from bridge.recording.survey import Boot, Device, Survey
 from bridge.wire.keys import boot_id
 from bridge.wording import count
@@ -85,7 +86,7 @@ def _device(device: Device) -> dict[str, Any]:
                 "time_ns": c.time_ns,
                 "method": c.method,
                 "verdict": c.verdict.name.lower(),
-                "reason": c.reason,
+                "reason": sentences_as_json(c.reason),
                 "matrix": c.matrix.tolist(),
                 "bias_rad_s": c.bias.tolist(),
                 "who": c.who,
@@ -112,7 +113,7 @@ def _row(boot: Boot) -> tuple[str, ...]:
 
 def _told(device: Device) -> list[str]:
     moments = [
-        (c.time_ns, f"calibration {c.verdict.name.lower()} ({c.method}): {c.reason}")
+        (c.time_ns, f"calibration {c.verdict.name.lower()} ({c.method}): {english(*c.reason)}")
         for c in device.calibrations.values()
     ]
     moments += [(note.time_ns, f"note by {note.who}: {note.text}") for note in device.notes.values()]

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.catalogue import in_words
 from bridge.recording.contents import Tell
 from bridge.recording.error import RecordingError
 from bridge.recording.survey import Boot, Device, survey
 from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, SampleBatch, Verdict
-from bridge.wire.refusal import in_words
 from bridge.wording import count
 
 Singles = NDArray[np.float32]

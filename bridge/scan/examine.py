@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.scan.guess import Candidate, Guess, booted_by, guesses
 from bridge.scan.ports import Found
 from bridge.transport import address, host_time, serial_state
@@ -44,9 +46,9 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
     """Find out; `say` is told what goes on. Opens the port once a speed, and sends nothing."""
     is_serial = "://" not in found.port
     if is_serial and serial_state.no_port(found.port):
-        return Verdict(found, None, 0, serial_state.NO_PORT)
+        return Verdict(found, None, 0, english(Code.NOT_A_SERIAL_PORT(place=found.port)))
     if is_serial and any(holder.pid != os.getpid() for holder in holders(found.port)):
-        return Verdict(found, None, 0, serial_state.busy(found.port))
+        return Verdict(found, None, 0, english(serial_state.busy(found.port)))
     opened_ns = host_time.now_ns()
     heard: dict[int, list[Chunk]] = {}
     try:
@@ -61,7 +63,7 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
             if _as_text(_joined(heard[baud])) or (len(heard) >= _SILENT_SPEEDS and not any(heard.values())):
                 break
     except DeviceUnavailable as error:
-        return Verdict(found, None, 0, str(error).removeprefix(f"{found.port}: "))
+        return Verdict(found, None, 0, str(error))
     return Verdict(found, None, 0, _puzzled(heard, is_serial=is_serial))
 
 

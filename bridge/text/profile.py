@@ -36,6 +36,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Code, Sentence
 from bridge.shipped import file_of
 from bridge.shipped import shipped as in_folders
 from bridge.text.units import ACCELERATIONS, RATES, STANDARD_GRAVITY, TIMES, in_si
@@ -172,12 +173,11 @@ class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def __post_init__(self) -> None:
         _within("factor", self.factor, 0.1, 10)
 
-    def __str__(self) -> str:
-        off = f"{100 * abs(1 - 1 / self.factor):.1f} % {'low' if self.factor > 1 else 'high'}"
-        return (
-            f"this device's gyro reads {off}: {self.cause}. Its readings stay as sent; "
-            f"expect a scale factor k near {self.factor:g}, which a calibration finds"
-        )
+    @property
+    def said(self) -> Sentence:
+        """What a person should know of it."""
+        code = Code.READS_LOW if self.factor > 1 else Code.READS_HIGH
+        return code(percent=f"{100 * abs(1 - 1 / self.factor):.1f}", cause=self.cause, scale=f"{self.factor:g}")
 
 
 class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

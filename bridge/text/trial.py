@@ -8,6 +8,8 @@ import numpy as np
 
 from bridge.drivers.driver import Event, Identity, Notice, Readings
 from bridge.drivers.text_profile import TextDecoder
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Sentence
 from bridge.text.profile import Profile
 from bridge.text.rows import Refused
 from bridge.wording import count
@@ -28,7 +30,7 @@ class Trial:
     rate_known: bool
     samples: int = 0
     identities: list[Identity] = field(default_factory=list)
-    notices: dict[str, str] = field(default_factory=dict)
+    notices: dict[str, Sentence | None] = field(default_factory=dict)
     faults: dict[str, int] = field(default_factory=dict)
     first: list[str] = field(default_factory=list)
     lines: dict[str, list[str]] = field(default_factory=dict)
@@ -38,7 +40,7 @@ class Trial:
         if isinstance(event, Identity):
             self.identities.append(event)
         elif isinstance(event, Notice):
-            self.notices[event.name] = event.text
+            self.notices[event.name] = event.said
         elif isinstance(event, Readings):
             self.samples += len(event.ticks)
             room = SHOWN_SAMPLES - len(self.first)
@@ -82,7 +84,7 @@ def report(trial: Trial, seconds: float = 0.0) -> list[str]:
         ]
     if seconds > 0:
         lines.append(f"counted:    {trial.samples / seconds:.4g} samples a second in {seconds:g} s")
-    lines += [f"notice:     {text}" for text in trial.notices.values() if text]
+    lines += [f"notice:     {english(said)}" for said in trial.notices.values() if said]
     if trial.first:
         lines += ["", "first samples: time s | rates °/s | accelerations m/s² | °C", *trial.first]
     if trial.faults:

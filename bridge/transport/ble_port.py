@@ -10,6 +10,7 @@ from concurrent.futures import CancelledError, Future
 from typing import Final, NamedTuple
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.reasons.codes import Code
 from bridge.transport import ble_loop, ble_radio, host_time, url
 from bridge.transport.ble_radio import BleakRadio, Connection, Radio, RadioFault
 from bridge.transport.transport import Chunk
@@ -60,34 +61,33 @@ class BlePort:
         try:
             connection = opening.result()
         except RadioFault as fault:
-            raise DeviceUnavailable(f"{self.place}: {fault}") from None
+            raise DeviceUnavailable(fault.at(self.place)) from None
         except CancelledError:
-            raise DeviceUnavailable(f"{self.place}: closed") from None
+            raise DeviceUnavailable(Code.CLOSED(place=self.place)) from None
         with self._lock:
             if self._inbox is inbox:
                 self._connection = connection
                 return
         ble_loop.run(connection.close())
-        raise DeviceUnavailable(f"{self.place}: closed")
+        raise DeviceUnavailable(Code.CLOSED(place=self.place))
 
     def read(self, timeout_s: float) -> Chunk:
         """The notifications that came, in one piece; raises DeviceLost, when all have been read."""
         inbox = self._inbox
         if inbox is None:
-            raise DeviceLost(f"{self.place}: closed")
+            raise DeviceLost(Code.CLOSED(place=self.place))
         chunk = inbox.take(timeout_s)
         if lost := inbox.lost_bytes():
             self.faults.add(OVERFLOW, lost)
         if chunk is None and inbox.over:
-            what = "closed" if self._inbox is not inbox else "lost; powered off, out of reach, or it hung up"
-            raise DeviceLost(f"{self.place}: {what}")
+            raise DeviceLost((Code.CLOSED if self._inbox is not inbox else Code.BLE_LOST)(place=self.place))
         return chunk or Chunk(b"", host_time.now_ns())
 
     def write(self, data: bytes) -> None:
         """Send, if the address says where to; else it is counted. Raises DeviceLost, also when it takes over a second."""
         connection = self._connection
         if connection is None:
-            raise DeviceLost(f"{self.place}: closed")
+            raise DeviceLost(Code.CLOSED(place=self.place))
         if not self._at.write:
             self.faults.add(NOT_SENT, len(data))
             return
@@ -95,10 +95,10 @@ class BlePort:
         try:
             writing.result(_ACT_S)
         except RadioFault as fault:
-            raise DeviceLost(f"{self.place}: {fault}") from None
+            raise DeviceLost(fault.at(self.place)) from None
         except (TimeoutError, CancelledError):
             writing.cancel()
-            raise DeviceLost(f"{self.place}: the device does not take what is sent to it") from None
+            raise DeviceLost(Code.NOT_TAKEN(place=self.place)) from None
 
     def close(self) -> None:
         """Disconnect, ending an open or a read in another thread."""
@@ -195,4 +195,4 @@ async def _connected(at: Place, inbox: Inbox) -> Connection:
                     raise
                 return connection
         except TimeoutError:
-            raise RadioFault(f"no connection within {_PATIENCE_S:g} s; is it on, and within reach?") from None
+            raise RadioFault(Code.BLE_NO_CONNECTION, duration_s=f"{_PATIENCE_S:g}") from None

@@ -8,17 +8,25 @@ import importlib.util
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Final, Protocol
 
+from bridge.reasons.codes import Code, Sentence
+
 if TYPE_CHECKING:
     from bleak import BleakClient
 
 NEEDS: Final = "needs pip install 'truerate[ble]'"
 CONNECT_S: Final = 10.0
-_NO_BLUEZ = "this machine's Bluetooth service does not answer; is it running (systemctl status bluetooth)?"
-_NOT_HEARD = "not heard; is it on, within reach, and not connected to a phone or another machine?"
 
 
 class RadioFault(Exception):
-    """It could not be done; the message says why, and what to do."""
+    """It could not be done, for the reason of this code."""
+
+    def __init__(self, code: Code, **params: object) -> None:
+        super().__init__(code)
+        self.code, self.params = code, params
+
+    def at(self, place: str) -> Sentence:
+        """The reason, of the device at this place."""
+        return self.code(place=place, **self.params)
 
 
 class Connection(Protocol):
@@ -85,7 +93,7 @@ class _BleakConnection:
     def _check(self, characteristic: str) -> None:
         there = {each.uuid: each.properties for each in self._client.services.characteristics.values()}
         if characteristic not in there:
-            raise RadioFault(no_characteristic(characteristic, there))
+            raise no_characteristic(characteristic, there)
 
 
 @contextlib.contextmanager
@@ -96,16 +104,16 @@ def _told() -> Iterator[None]:
     try:
         yield
     except (BleakError, OSError, EOFError) as error:
-        raise RadioFault(words(error)) from None
+        raise fault(error) from None
 
 
-def no_characteristic(wanted: str, there: Mapping[str, Sequence[str]]) -> str:
+def no_characteristic(wanted: str, there: Mapping[str, Sequence[str]]) -> RadioFault:
     """What to say when a device has not what was configured."""
     listed = ", ".join(f"{uuid} ({' '.join(properties)})" for uuid, properties in there.items())
-    return f"it has no characteristic {wanted}; it has {listed or 'none'}"
+    return RadioFault(Code.BLE_NO_CHARACTERISTIC, wanted=wanted, listed=listed or "none")
 
 
-def words(error: Exception) -> str:
+def fault(error: Exception) -> RadioFault:
     """What a fault of bleak, or of the system under it, means, and what to do."""
     from bleak.exc import (  # noqa: PLC0415
         BleakBluetoothNotAvailableError,
@@ -114,11 +122,11 @@ def words(error: Exception) -> str:
     )
 
     if isinstance(error, BleakDeviceNotFoundError | TimeoutError):
-        return _NOT_HEARD
+        return RadioFault(Code.BLE_NOT_HEARD)
     if isinstance(error, BleakBluetoothNotAvailableError):
         if error.reason is BleakBluetoothNotAvailableReason.POWERED_OFF:
-            return "Bluetooth is off; turn it on (bluetoothctl power on)"
-        return f"this machine has no Bluetooth that can be used: {error.args[0]}"
+            return RadioFault(Code.BLE_OFF)
+        return RadioFault(Code.BLE_UNUSABLE, error=error.args[0])
     if isinstance(error, FileNotFoundError | ConnectionRefusedError):
-        return _NO_BLUEZ
-    return str(error) or type(error).__name__
+        return RadioFault(Code.BLE_SERVICE_SILENT)
+    return RadioFault(Code.PLACE_FAILED, error=str(error) or type(error).__name__)

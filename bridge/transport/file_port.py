@@ -8,6 +8,7 @@ from urllib.parse import unquote
 
 from bridge import os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.reasons.codes import Code
 from bridge.transport import host_time, url
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
@@ -37,11 +38,11 @@ class FilePort:
         """Open at its beginning; raises DeviceUnavailable."""
         self.close()
         if (said := _state(self._path)) != "present":
-            raise DeviceUnavailable(f"{self.place}: {said}")
+            raise DeviceUnavailable(Code.PLACE_FAILED(place=self.place, error=said))
         try:
             self._file = self._path.open("rb")
         except OSError as error:
-            raise DeviceUnavailable(f"{self.place}: {os_words.why(error)}") from None
+            raise DeviceUnavailable(Code.PLACE_FAILED(place=self.place, error=os_words.why(error))) from None
         self._closed.clear()
         self._due, self._then_s = 0.0, time.monotonic()
 
@@ -54,12 +55,14 @@ class FilePort:
         most = int(self._due)
         try:
             if self._file is None:
-                raise DeviceLost(f"{self.place}: closed")
+                raise DeviceLost(Code.CLOSED(place=self.place))
             data = self._file.read(most)
         except (OSError, ValueError) as error:  # a ValueError when another thread closes it meanwhile
-            raise DeviceLost(f"{self.place}: {'closed' if self._closed.is_set() else error}") from None
+            if self._closed.is_set():
+                raise DeviceLost(Code.CLOSED(place=self.place)) from None
+            raise DeviceLost(Code.PLACE_FAILED(place=self.place, error=error)) from None
         if most and not data:
-            raise DeviceLost(f"{self.place}: the capture is over", over=True)
+            raise DeviceLost(Code.CAPTURE_OVER(place=self.place), over=True)
         self._due -= len(data)
         return Chunk(data, host_time.now_ns())
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import serial
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.reasons.codes import Code, Sentence
 from bridge.transport import host_time, serial_state
 from bridge.transport.holders import holders
 from bridge.transport.transport import Chunk
@@ -51,9 +52,9 @@ class SerialPort:
         """Open and lock; raises DeviceUnavailable with the cause and what to do."""
         self.close()
         if not os.path.exists(self.place):  # noqa: PTH110 - asked often, of many missing ports: half the cost of Path
-            raise DeviceUnavailable(f"{self.place}: {serial_state.MISSING}", soon=True)
+            raise DeviceUnavailable(Code.PORT_MISSING(place=self.place), soon=True)
         if serial_state.no_port(self.place):
-            raise DeviceUnavailable(f"{self.place}: {serial_state.NO_PORT}")
+            raise DeviceUnavailable(Code.NOT_A_SERIAL_PORT(place=self.place))
         opened = serial.Serial(exclusive=True, write_timeout=_WRITE_TIMEOUT_S, timeout=0.2)
         try:
             opened.port, opened.baudrate = self.place, self.baud
@@ -61,7 +62,7 @@ class SerialPort:
             _stay_powered(opened.fileno())
         except (*_FAULTS, ValueError) as error:
             _close(opened)
-            said = f"{self.place}: {serial_state.cause(error, self.place)}"
+            said = serial_state.cause(error, self.place)
             raise DeviceUnavailable(said, soon=serial_state.settling(error)) from None
         wake = os.eventfd(0)
         poll = select.poll()
@@ -80,12 +81,12 @@ class SerialPort:
             if not opened.poll.poll(timeout_s * 1e3):
                 return Chunk(b"", host_time.now_ns())
             if self._open is not opened:  # closed meanwhile: the number may be of another file
-                raise DeviceLost(f"{self.place}: closed")
+                raise DeviceLost(Code.CLOSED(place=self.place))
             data = os.read(fd, _MOST_BYTES)
         except (*_FAULTS, TypeError) as error:  # a TypeError when another thread closes it meanwhile
-            raise DeviceLost(f"{self.place}: {self._loss(error)}") from None
+            raise DeviceLost(self._loss(error)) from None
         if not data:  # ready, but nothing comes
-            raise DeviceLost(f"{self.place}: {self._loss(OSError())}")
+            raise DeviceLost(self._loss(OSError()))
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
@@ -94,7 +95,7 @@ class SerialPort:
         try:
             opened.port.write(data)
         except (*_FAULTS, TypeError) as error:
-            raise DeviceLost(f"{self.place}: {self._loss(error)}") from None
+            raise DeviceLost(self._loss(error)) from None
 
     def close(self) -> None:
         """Close, ending a read in another thread; never raises."""
@@ -108,18 +109,18 @@ class SerialPort:
     def _opened(self) -> _Open:
         opened = self._open
         if opened is None:
-            raise DeviceLost(f"{self.place}: closed")
+            raise DeviceLost(Code.CLOSED(place=self.place))
         return opened
 
-    def _loss(self, error: Exception) -> str:
+    def _loss(self, error: Exception) -> Sentence:
         if isinstance(error, serial.SerialTimeoutException):
-            return "the device does not take what is sent to it"
+            return Code.NOT_TAKEN(place=self.place)
         if self._open is None:
-            return "closed"
+            return Code.CLOSED(place=self.place)
         others = [holder for holder in holders(self.place) if holder.pid != os.getpid()]
         if others:
-            return f"lost; {', '.join(map(str, others))} has it open too, and takes bytes away: close that one"
-        return "lost; unplugged or powered off"
+            return Code.PORT_SHARED(place=self.place, holders=", ".join(map(str, others)))
+        return Code.PORT_LOST(place=self.place)
 
 
 def _stay_powered(fd: int) -> None:

@@ -1,14 +1,13 @@
-"""Whether a serial port can be opened, and why it could not be: in words, with what to do."""
+"""Whether a serial port can be opened, and why it could not be, with what to do."""
 
 import errno
 import os
 import stat
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentence
 from bridge.transport.holders import holders, is_bridge, locked
 
-MISSING = "missing; plug the device in, or look for the name of its port with `truerate bridge scan`"
-FORBIDDEN = "no permission; add the user to group dialout (sudo usermod -aG dialout $USER) and log in again"
-NO_PORT = "not a serial port"
 _MISSING = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
 _FORBIDDEN = frozenset({errno.EACCES, errno.EPERM})
 _BUSY = frozenset({errno.EBUSY, errno.EAGAIN})
@@ -21,12 +20,12 @@ def state(port: str) -> str:
     try:
         status = os.stat(port)  # noqa: PTH116 - a name, as everywhere here
     except OSError as error:
-        return cause(error, port)
+        return english(cause(error, port))
     if _no_port(status):
-        return NO_PORT
+        return english(Code.NOT_A_SERIAL_PORT(place=port))
     if not os.access(port, os.R_OK | os.W_OK):
-        return FORBIDDEN
-    return busy(port) if locked(port) else "present"
+        return english(Code.PORT_FORBIDDEN(place=port))
+    return english(busy(port)) if locked(port) else "present"
 
 
 def no_port(port: str) -> bool:
@@ -37,18 +36,18 @@ def no_port(port: str) -> bool:
         return False
 
 
-def cause(error: Exception, port: str) -> str:
+def cause(error: Exception, port: str) -> Sentence:
     """Why a port cannot be opened, by what opening it said."""
     number = _number(error)
     if number in _MISSING:
-        return MISSING
+        return Code.PORT_MISSING(place=port)
     if number in _FORBIDDEN:
-        return FORBIDDEN
+        return Code.PORT_FORBIDDEN(place=port)
     if number in _BUSY:
         return busy(port)
     if number in _NO_PORT or "configure port" in str(error):
-        return NO_PORT
-    return str(error)
+        return Code.NOT_A_SERIAL_PORT(place=port)
+    return Code.PLACE_FAILED(place=port, error=error)
 
 
 def settling(error: Exception) -> bool:
@@ -56,14 +55,13 @@ def settling(error: Exception) -> bool:
     return _number(error) in _MISSING | _FORBIDDEN | {errno.EIO}
 
 
-def busy(port: str) -> str:
+def busy(port: str) -> Sentence:
     """Who has it open, as far as we may know."""
     having = holders(port)
-    if having and all(is_bridge(holder.pid) for holder in having):
-        bridges = ", ".join(f"process {holder.pid}" for holder in having)
-        return f"busy; a bridge ({bridges}) reads it" if len(having) == 1 else f"busy; bridges ({bridges}) read it"
-    who = ", ".join(map(str, having)) or "another program"
-    return f"busy; {who} " + ("have it open: close those" if len(having) > 1 else "has it open: close that one")
+    if not having:
+        return Code.PORT_BUSY(place=port)
+    bridges = all(is_bridge(holder.pid) for holder in having)
+    return (Code.PORT_READ_BY_BRIDGE if bridges else Code.PORT_HELD)(place=port, holders=", ".join(map(str, having)))
 
 
 def _no_port(status: os.stat_result) -> bool:

@@ -5,6 +5,8 @@ import select
 import socket
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.transport import host_time, net_fault, url
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
@@ -47,7 +49,7 @@ class TcpPort:
             return Chunk(b"", host_time.now_ns())
         if not data:
             self._opened()
-            raise DeviceLost(f"{self.place}: the device closed the connection")
+            raise DeviceLost(Code.CONNECTION_CLOSED(place=self.place))
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
@@ -60,7 +62,7 @@ class TcpPort:
             finally:
                 opened.settimeout(0.0)
         except TimeoutError:
-            raise DeviceLost(f"{self.place}: the device does not take what is sent to it") from None
+            raise DeviceLost(Code.NOT_TAKEN(place=self.place)) from None
         except ConnectionError:
             pass
         except OSError as error:
@@ -77,7 +79,7 @@ class TcpPort:
     def _opened(self) -> socket.socket:
         opened = self._socket
         if opened is None:
-            raise DeviceLost(f"{self.place}: closed")
+            raise DeviceLost(Code.CLOSED(place=self.place))
         return opened
 
 
@@ -107,7 +109,7 @@ def state(address: str) -> str:
     try:
         _connected(parsed(address)).close()
     except OSError as error:
-        return net_fault.cause(error, "").removeprefix(": ")
+        return english(net_fault.cause(error, f"tcp://{address}"))
     return "present"
 
 

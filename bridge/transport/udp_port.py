@@ -6,6 +6,8 @@ import threading
 import time
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.transport import host_time, net_fault, udp_listener, url
 from bridge.transport.transport import Chunk
 from bridge.transport.udp_listener import Channel, Heard, Listener, Peer, Taken
@@ -42,10 +44,7 @@ class UdpPort:
         except OSError as error:
             raise DeviceUnavailable(net_fault.cause(error, self.place)) from None
         except Taken as taken:
-            raise DeviceUnavailable(
-                f"{self.place}: busy; another device of this bridge takes datagrams of {taken} there: "
-                f"tell them apart by their hosts, as in {EXAMPLE}"
-            ) from None
+            raise DeviceUnavailable(Code.PORT_TAKEN(place=self.place, taken=taken, example=EXAMPLE)) from None
         self._closed.clear()
 
     def read(self, timeout_s: float) -> Chunk:
@@ -90,7 +89,7 @@ class UdpPort:
     def _opened(self) -> tuple[Listener, Channel]:
         joined = self._joined
         if joined is None:
-            raise DeviceLost(f"{self.place}: closed")
+            raise DeviceLost(Code.CLOSED(place=self.place))
         return joined
 
 
@@ -107,7 +106,7 @@ def state(address: str) -> str:
     try:
         udp_listener.bound(host, port).close()
     except OSError as error:
-        return net_fault.cause(error, "").removeprefix(": ")
+        return english(net_fault.cause(error, f"udp://{address}"))
     return "free to be listened on"
 
 

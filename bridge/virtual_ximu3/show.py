@@ -8,10 +8,11 @@ import time
 from dataclasses import dataclass
 
 from bridge.bus.contract import Bus, BusError, Message, Subscription
+from bridge.reasons.catalogue import in_words
 from bridge.virtual_ximu3.device import VirtualXimu3
 from bridge.virtual_ximu3.ports import Address, Port, local
 from bridge.wire import codec, keys
-from bridge.wire.refusal import Refusal, Tally, in_words
+from bridge.wire.refusal import Refusal, Tally
 
 _TURN_S = 0.02
 _AT_ONCE = 4096

@@ -100,10 +100,3 @@ def counts(values: Mapping[str, int], name: str) -> dict[str, int]:
     if len(values) > MAX_COUNTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(values)} labels; at most {MAX_COUNTS} are taken")
     return {text(label, f"a label of {name}"): n for label, n in values.items()}
-
-
-def texts(values: Mapping[str, str], name: str) -> dict[str, str]:
-    """Sentences by name: at most MAX_TEXTS of them, printable."""
-    if len(values) > MAX_TEXTS:
-        raise Refusal(Reason.LENGTH, f"{name} has {len(values)} texts; at most {MAX_TEXTS} are taken")
-    return {text(label, f"a name of {name}"): text(words, name, MAX_SENTENCE) for label, words in values.items()}

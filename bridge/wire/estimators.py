@@ -3,11 +3,12 @@
 from bridge.wire import checks, keys
 from bridge.wire import truerate_pb2 as pb
 from bridge.wire.batches import MAX_SEQUENCE
-from bridge.wire.checks import MAX_EPOCH, MAX_SENTENCE, clean
+from bridge.wire.checks import MAX_EPOCH
 from bridge.wire.envelope import parse_key, read, same_id
 from bridge.wire.messages import VERSION, Calibration, Checkpoint, CommandReply, Holding, Move, Owned, Verdict
 from bridge.wire.records import calibration_in, calibration_message
 from bridge.wire.refusal import Reason, Refusal
+from bridge.wire.sentences import decoded, encoded
 
 MAX_HOLDINGS, MAX_MOVES, MAX_PARTS, MAX_ANSWERS = 512, 8, 64, 8
 #: bytes of a session's state; of more a device is gone on with by its calibration alone
@@ -30,10 +31,7 @@ def encode_owned(owned: Owned) -> bytes:
         holdings=[
             pb.Holding(device=h.device, epoch=h.epoch, boot=h.boot, next=h.next, busy=h.busy) for h in owned.holdings
         ],
-        moves=[
-            pb.Move(time_ns=m.time_ns, came=m.came, left=m.left, reason=clean(m.reason, MAX_SENTENCE))
-            for m in owned.moves
-        ],
+        moves=[pb.Move(time_ns=m.time_ns, came=m.came, left=m.left, reason=encoded(m.reason)) for m in owned.moves],
     ).SerializeToString()
 
 
@@ -95,12 +93,12 @@ def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
 
 
 def _answer_of(verb: str, reply: CommandReply) -> pb.Answer:
-    message = clean(reply.message, MAX_SENTENCE)
+    message = encoded(reply.message)
     return pb.Answer(verb=verb, request_id=reply.request_id, accepted=reply.accepted, message=message)
 
 
 def _answer(raw: pb.Answer) -> tuple[str, CommandReply]:
-    request_id, message = checks.text(raw.request_id, "request_id"), checks.text(raw.message, "message", MAX_SENTENCE)
+    request_id, message = checks.text(raw.request_id, "request_id"), decoded(raw.message, "message")
     return checks.text(raw.verb, "verb"), CommandReply(request_id, raw.accepted, message)
 
 
@@ -129,5 +127,5 @@ def _move(raw: pb.Move) -> Move:
         time_ns=checks.time_ns(raw.time_ns, "time_ns"),
         came=raw.came,
         left=raw.left,
-        reason=checks.text(raw.reason, "reason", MAX_SENTENCE),
+        reason=decoded(raw.reason, "reason"),
     )

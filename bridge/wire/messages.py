@@ -13,6 +13,8 @@ from typing import NamedTuple, TypeVar, dataclass_transform
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Sentences
+
 VERSION = 1
 Floats = NDArray[np.float64]
 T = TypeVar("T")
@@ -224,10 +226,10 @@ class DeviceInfo:
     samples: int = 0
     dropped: dict[str, int] = field(default_factory=dict)
     events: dict[str, int] = field(default_factory=dict)
-    trouble: str = ""  # what keeps it from being read, for a person; empty when all is well
+    trouble: Sentences = ()  # what keeps it from being read; empty when all is well
     battery_percent: float = math.nan  # NaN when unknown
     charging: bool = False
-    notices: dict[str, str] = field(default_factory=dict)  # what a person should know of the device, by name
+    notices: Sentences = ()  # what a person should know of the device
     has_clock: bool = True  # its ticks are its own time, not made by the bridge of the count of its samples
 
 
@@ -244,7 +246,7 @@ class Status:
     time_ns: int
     state: State
     quality: Quality
-    reason: str
+    reason: Sentences
     progress: float
     axes_done: tuple[int, ...]
     bias: tuple[float, ...]
@@ -284,7 +286,7 @@ class Calibration:
     time_ns: int
     method: str
     verdict: Verdict
-    reason: str
+    reason: Sentences
     matrix: Floats
     bias: Floats
     parameters: tuple[str, ...]
@@ -317,7 +319,7 @@ class BiasRevision:
     times_ns: NDArray[np.int64]
     bias: NDArray[np.float32]
     bias_std: NDArray[np.float32]
-    reason: str
+    reason: Sentences
 
     def __len__(self) -> int:
         return len(self.sequences)
@@ -381,12 +383,12 @@ class Holding(NamedTuple):  # by the hundred, five times a second
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """When so many devices came to an estimator or left it, and why, for a person."""
+    """When so many devices came to an estimator or left it, and why."""
 
     time_ns: int
     came: int
     left: int
-    reason: str
+    reason: Sentences
 
 
 @dataclass(frozen=True, slots=True)
@@ -440,8 +442,8 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class CommandReply:
-    """What became of a command; `message` says why in words."""
+    """What became of a command; `message` says why."""
 
     request_id: str
     accepted: bool
-    message: str
+    message: Sentences

@@ -22,6 +22,7 @@ from bridge.wire.messages import (
     Verdict,
 )
 from bridge.wire.refusal import Reason, Refusal
+from bridge.wire.sentences import decoded, encoded
 
 _MAX_STD = 1e6
 _MAX_TURNS = 32
@@ -50,10 +51,10 @@ def encode_info(info: DeviceInfo) -> bytes:
         samples=info.samples,
         dropped=_clean_counts(info.dropped),
         events=_clean_counts(info.events),
-        trouble=clean(info.trouble, MAX_SENTENCE),
+        trouble=encoded(info.trouble),
         battery_percent=info.battery_percent,
         charging=info.charging,
-        notices={clean(name, checks.MAX_NAME): clean(text, MAX_SENTENCE) for name, text in info.notices.items()},
+        notices=encoded(info.notices),
         has_clock=info.has_clock,
     ).SerializeToString()
 
@@ -82,10 +83,10 @@ def decode_info(key: str, payload: bytes) -> DeviceInfo:
         samples=raw.samples,
         dropped=checks.counts(raw.dropped, "dropped"),
         events=checks.counts(raw.events, "events"),
-        trouble=checks.text(raw.trouble, "trouble", MAX_SENTENCE),
+        trouble=decoded(raw.trouble, "trouble"),
         battery_percent=checks.number_or_nan(raw.battery_percent, "battery_percent", 0.0, 100.0),
         charging=raw.charging,
-        notices=checks.texts(raw.notices, "notices"),
+        notices=decoded(raw.notices, "notices"),
         has_clock=raw.has_clock,
     )
 
@@ -97,7 +98,8 @@ def encode_status(status: Status) -> bytes:
     said.device, said.boot, said.time_ns = status.device, status.boot, status.time_ns
     said.state = status.state  # type: ignore[assignment] # an int, whatever the stub says
     said.quality = status.quality  # type: ignore[assignment] # an int, whatever the stub says
-    said.reason, said.progress = clean(status.reason, MAX_SENTENCE), status.progress
+    said.reason.extend(encoded(status.reason))
+    said.progress = status.progress
     said.axes_done.extend(status.axes_done)
     said.bias.extend(status.bias)
     said.bias_std.extend(status.bias_std)
@@ -127,7 +129,7 @@ def decode_status(key: str, payload: bytes) -> Status:
         time_ns=checks.time_ns(raw.time_ns, "time_ns"),
         state=checks.member(State, raw.state, "state"),
         quality=checks.member(Quality, raw.quality, "quality"),
-        reason=checks.text(raw.reason, "reason", MAX_SENTENCE),
+        reason=decoded(raw.reason, "reason"),
         progress=checks.number(raw.progress, "progress", 0.0, 1.0),
         axes_done=axes_done,
         bias=tuple(checks.vector(raw.bias, "bias", 3, -MAX_RATE, MAX_RATE).tolist()),
@@ -163,7 +165,7 @@ def calibration_message(calibration: Calibration) -> pb.Calibration:
         time_ns=calibration.time_ns,
         method=clean(calibration.method, checks.MAX_NAME),
         verdict=calibration.verdict,  # type: ignore[arg-type] # an int, whatever the stub says
-        reason=clean(calibration.reason, MAX_SENTENCE),
+        reason=encoded(calibration.reason),
         matrix=calibration.matrix.ravel().tolist(),
         bias=calibration.bias.tolist(),
         parameters=[clean(name, checks.MAX_NAME) for name in calibration.parameters],
@@ -203,7 +205,7 @@ def calibration_in(raw: pb.Calibration) -> Calibration:
         time_ns=checks.time_ns(raw.time_ns, "time_ns"),
         method=checks.text(raw.method, "method"),
         verdict=checks.member(Verdict, raw.verdict, "verdict"),
-        reason=checks.text(raw.reason, "reason", MAX_SENTENCE),
+        reason=decoded(raw.reason, "reason"),
         matrix=checks.vector(raw.matrix, "matrix", 9, -10.0, 10.0).reshape(3, 3),
         bias=checks.vector(raw.bias, "bias", 3, -MAX_RATE, MAX_RATE),
         parameters=tuple(checks.text(name, "a parameter") for name in raw.parameters),
@@ -277,7 +279,7 @@ def encode_reply(reply: CommandReply) -> bytes:
         version=VERSION,
         request_id=clean(reply.request_id, checks.MAX_NAME),
         accepted=reply.accepted,
-        message=clean(reply.message, MAX_SENTENCE),
+        message=encoded(reply.message),
     ).SerializeToString()
 
 
@@ -287,7 +289,7 @@ def decode_reply(payload: bytes) -> CommandReply:
     return CommandReply(
         request_id=checks.text(raw.request_id, "request_id"),
         accepted=raw.accepted,
-        message=checks.text(raw.message, "message", MAX_SENTENCE),
+        message=decoded(raw.message, "message"),
     )
 
 

@@ -24,28 +24,6 @@ class Reason(StrEnum):
     OVERFLOW = "overflow"
 
 
-_WORDS: dict[str, str] = {
-    Reason.BAD_KEY: "under a key that is none of ours",
-    Reason.WILDCARD_KEY: "under a key with a wildcard",
-    Reason.BAD_ID: "with a bad id",
-    Reason.FOREIGN_ID: "with another device's or bridge's id in them",
-    Reason.VERSION: "of another version",
-    Reason.LENGTH: "with a wrong length",
-    Reason.NON_FINITE: "not finite",
-    Reason.RANGE: "out of range",
-    Reason.DUPLICATE: "repeated",
-    Reason.REORDERED: "overtaken by later ones",
-    Reason.BACKWARD: "with time going backwards",
-    Reason.OLD_BOOT: "of an earlier boot",
-    Reason.OVERFLOW: "more than there was room for",
-}
-
-
-def in_words(label: str) -> str:
-    """What is counted under a label, as a person says it after a number."""
-    return _WORDS.get(label, label.replace("_", " "))
-
-
 class Refusal(Exception):
     """A door said no. `reason` is counted, `detail` says what came and what was expected."""
 

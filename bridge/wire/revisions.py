@@ -5,10 +5,11 @@ import numpy as np
 from bridge.wire import checks
 from bridge.wire import truerate_pb2 as pb
 from bridge.wire.batches import MAX_RATE, MAX_SEQUENCE, MAX_STD
-from bridge.wire.checks import MAX_SENTENCE, MAX_TIME_NS, clean
+from bridge.wire.checks import MAX_TIME_NS, clean
 from bridge.wire.envelope import parse_key, read, same_id
 from bridge.wire.messages import VERSION, BiasRevision
 from bridge.wire.refusal import Reason, Refusal
+from bridge.wire.sentences import decoded, encoded
 
 MIN_POINTS, MAX_POINTS = 2, 1536  # the most that fit the size limit with every text
 MAX_ELEMENT = 10.0  # of a matrix
@@ -27,7 +28,7 @@ def encode_revision(revision: BiasRevision) -> bytes:
         times_ns=revision.times_ns.tolist(),
         bias=revision.bias.ravel().tolist(),
         bias_std=revision.bias_std.ravel().tolist(),
-        reason=clean(revision.reason, MAX_SENTENCE),
+        reason=encoded(revision.reason),
     ).SerializeToString()
 
 
@@ -53,5 +54,5 @@ def decode_revision(key: str, payload: bytes) -> BiasRevision:
         times_ns=np.array(checks.rising(raw.times_ns, "times_ns", MAX_TIME_NS), np.int64),
         bias=bias.astype(np.float32).reshape(n, 3),
         bias_std=bias_std.astype(np.float32).reshape(n, 3),
-        reason=checks.text(raw.reason, "reason", MAX_SENTENCE),
+        reason=decoded(raw.reason, "reason"),
     )

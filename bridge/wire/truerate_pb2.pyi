@@ -74,6 +74,21 @@ VERDICT_ACCEPTED: Verdict
 VERDICT_REPEAT: Verdict
 VERDICT_REFUSED: Verdict
 
+class Sentence(_message.Message):
+    __slots__ = ("code", "params")
+    class ParamsEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: str
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
+    CODE_FIELD_NUMBER: _ClassVar[int]
+    PARAMS_FIELD_NUMBER: _ClassVar[int]
+    code: str
+    params: _containers.ScalarMap[str, str]
+    def __init__(self, code: _Optional[str] = ..., params: _Optional[_Mapping[str, str]] = ...) -> None: ...
+
 class SampleBatch(_message.Message):
     __slots__ = ("version", "device", "boot", "sequence", "receive_time_ns", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "gyro", "accel", "temperature_c", "flags")
     VERSION_FIELD_NUMBER: _ClassVar[int]
@@ -120,13 +135,6 @@ class DeviceInfo(_message.Message):
         key: str
         value: int
         def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
-    class NoticesEntry(_message.Message):
-        __slots__ = ("key", "value")
-        KEY_FIELD_NUMBER: _ClassVar[int]
-        VALUE_FIELD_NUMBER: _ClassVar[int]
-        key: str
-        value: str
-        def __init__(self, key: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BRIDGE_FIELD_NUMBER: _ClassVar[int]
@@ -168,12 +176,12 @@ class DeviceInfo(_message.Message):
     samples: int
     dropped: _containers.ScalarMap[str, int]
     events: _containers.ScalarMap[str, int]
-    trouble: str
+    trouble: _containers.RepeatedCompositeFieldContainer[Sentence]
     battery_percent: float
     charging: bool
-    notices: _containers.ScalarMap[str, str]
+    notices: _containers.RepeatedCompositeFieldContainer[Sentence]
     has_clock: bool
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., trouble: _Optional[str] = ..., battery_percent: _Optional[float] = ..., charging: _Optional[bool] = ..., notices: _Optional[_Mapping[str, str]] = ..., has_clock: _Optional[bool] = ...) -> None: ...
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., trouble: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., battery_percent: _Optional[float] = ..., charging: _Optional[bool] = ..., notices: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., has_clock: _Optional[bool] = ...) -> None: ...
 
 class CorrectedBatch(_message.Message):
     __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration", "cross_std", "epoch", "flicker_std")
@@ -263,7 +271,7 @@ class Status(_message.Message):
     time_ns: int
     state: State
     quality: Quality
-    reason: str
+    reason: _containers.RepeatedCompositeFieldContainer[Sentence]
     progress: float
     axes_done: _containers.RepeatedScalarFieldContainer[int]
     bias: _containers.RepeatedScalarFieldContainer[float]
@@ -281,7 +289,7 @@ class Status(_message.Message):
     bridge: str
     refused_bridges: _containers.RepeatedScalarFieldContainer[str]
     epoch: int
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., state: _Optional[_Union[State, str]] = ..., quality: _Optional[_Union[Quality, str]] = ..., reason: _Optional[str] = ..., progress: _Optional[float] = ..., axes_done: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., calibrated_time_ns: _Optional[int] = ..., evidence_age_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., rate_hz: _Optional[float] = ..., samples_in: _Optional[int] = ..., samples_out: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., bridge: _Optional[str] = ..., refused_bridges: _Optional[_Iterable[str]] = ..., epoch: _Optional[int] = ...) -> None: ...
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., state: _Optional[_Union[State, str]] = ..., quality: _Optional[_Union[Quality, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., progress: _Optional[float] = ..., axes_done: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., calibrated_time_ns: _Optional[int] = ..., evidence_age_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., rate_hz: _Optional[float] = ..., samples_in: _Optional[int] = ..., samples_out: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., bridge: _Optional[str] = ..., refused_bridges: _Optional[_Iterable[str]] = ..., epoch: _Optional[int] = ...) -> None: ...
 
 class Turn(_message.Message):
     __slots__ = ("axis", "angle", "closure_error", "duration_s")
@@ -325,7 +333,7 @@ class Calibration(_message.Message):
     time_ns: int
     method: str
     verdict: Verdict
-    reason: str
+    reason: _containers.RepeatedCompositeFieldContainer[Sentence]
     matrix: _containers.RepeatedScalarFieldContainer[float]
     bias: _containers.RepeatedScalarFieldContainer[float]
     parameters: _containers.RepeatedScalarFieldContainer[str]
@@ -339,7 +347,7 @@ class Calibration(_message.Message):
     temperature_c: float
     who: str
     epoch: int
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., id: _Optional[str] = ..., time_ns: _Optional[int] = ..., method: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., matrix: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., parameters: _Optional[_Iterable[str]] = ..., covariance: _Optional[_Iterable[float]] = ..., turns: _Optional[_Iterable[_Union[Turn, _Mapping]]] = ..., noise_std: _Optional[_Iterable[float]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., gyro_range: _Optional[float] = ..., rate_hz: _Optional[float] = ..., temperature_c: _Optional[float] = ..., who: _Optional[str] = ..., epoch: _Optional[int] = ...) -> None: ...
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., id: _Optional[str] = ..., time_ns: _Optional[int] = ..., method: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., matrix: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., parameters: _Optional[_Iterable[str]] = ..., covariance: _Optional[_Iterable[float]] = ..., turns: _Optional[_Iterable[_Union[Turn, _Mapping]]] = ..., noise_std: _Optional[_Iterable[float]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., gyro_range: _Optional[float] = ..., rate_hz: _Optional[float] = ..., temperature_c: _Optional[float] = ..., who: _Optional[str] = ..., epoch: _Optional[int] = ...) -> None: ...
 
 class BiasRevision(_message.Message):
     __slots__ = ("version", "device", "boot", "calibration", "time_ns", "matrix", "sequences", "times_ns", "bias", "bias_std", "reason")
@@ -364,8 +372,8 @@ class BiasRevision(_message.Message):
     times_ns: _containers.RepeatedScalarFieldContainer[int]
     bias: _containers.RepeatedScalarFieldContainer[float]
     bias_std: _containers.RepeatedScalarFieldContainer[float]
-    reason: str
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., calibration: _Optional[str] = ..., time_ns: _Optional[int] = ..., matrix: _Optional[_Iterable[float]] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., reason: _Optional[str] = ...) -> None: ...
+    reason: _containers.RepeatedCompositeFieldContainer[Sentence]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., calibration: _Optional[str] = ..., time_ns: _Optional[int] = ..., matrix: _Optional[_Iterable[float]] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ...) -> None: ...
 
 class WindowBatch(_message.Message):
     __slots__ = ("version", "device", "boot", "window_s", "sequences", "times_ns", "samples", "flags", "reading_mean", "reading_std", "reading_min", "reading_max", "rate_mean", "rate_std", "rate_min", "rate_max", "quality", "noise_std", "bias_std", "scale_std", "cross_std", "bias", "calibration", "flicker_std")
@@ -464,8 +472,8 @@ class Move(_message.Message):
     time_ns: int
     came: int
     left: int
-    reason: str
-    def __init__(self, time_ns: _Optional[int] = ..., came: _Optional[int] = ..., left: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
+    reason: _containers.RepeatedCompositeFieldContainer[Sentence]
+    def __init__(self, time_ns: _Optional[int] = ..., came: _Optional[int] = ..., left: _Optional[int] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ...) -> None: ...
 
 class Checkpoint(_message.Message):
     __slots__ = ("version", "device", "boot", "epoch", "time_ns", "bridge", "calibration", "answers", "boot_repeated", "state")
@@ -500,8 +508,8 @@ class Answer(_message.Message):
     verb: str
     request_id: str
     accepted: bool
-    message: str
-    def __init__(self, verb: _Optional[str] = ..., request_id: _Optional[str] = ..., accepted: _Optional[bool] = ..., message: _Optional[str] = ...) -> None: ...
+    message: _containers.RepeatedCompositeFieldContainer[Sentence]
+    def __init__(self, verb: _Optional[str] = ..., request_id: _Optional[str] = ..., accepted: _Optional[bool] = ..., message: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ...) -> None: ...
 
 class Note(_message.Message):
     __slots__ = ("version", "device", "boot", "time_ns", "who", "text")
@@ -540,5 +548,5 @@ class CommandReply(_message.Message):
     version: int
     request_id: str
     accepted: bool
-    message: str
-    def __init__(self, version: _Optional[int] = ..., request_id: _Optional[str] = ..., accepted: _Optional[bool] = ..., message: _Optional[str] = ...) -> None: ...
+    message: _containers.RepeatedCompositeFieldContainer[Sentence]
+    def __init__(self, version: _Optional[int] = ..., request_id: _Optional[str] = ..., accepted: _Optional[bool] = ..., message: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ...) -> None: ...

@@ -19,8 +19,8 @@ from math import degrees, radians
 import numpy as np
 import scipy
 
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import Verdict
-from bridge.wording import count
 from estimator import rotation
 from estimator.batch import gravity
 from estimator.batch.capture import Capture, Floats, Movement
@@ -43,8 +43,8 @@ def by_accel_aided(capture: Capture) -> Result:
     accel = np.array([rest.accel for rest in data.rests])
     differ = _that_differ(accel)
     if differ < FEWEST_POSES:
-        reason = f"{count(differ, 'different pose')}; {FEWEST_POSES} are needed for the accelerometer's own errors"
-        return nothing("accel_aided", Verdict.REPEAT, reason, (0, 1, 2))
+        few = Code.TOO_FEW_POSES(poses=differ, least=FEWEST_POSES)
+        return nothing("accel_aided", Verdict.REPEAT, (few,), (0, 1, 2))
     x, u = _accelerometer(accel)
     problem = Problem(data, TransitionKnobs())
     off = problem.biases
@@ -65,8 +65,7 @@ def by_accel_aided(capture: Capture) -> Result:
     found = scipy.optimize.least_squares(lambda x: residuals(x)[0], start, jac=lambda x: residuals(x)[1], method="lm")
     r, J = residuals(found.x)
     if np.linalg.cond(J.T @ J) > 1e8:
-        reason = "the poses do not determine the matrix: rest it on all its sides, turning between about every axis"
-        return nothing("accel_aided", Verdict.REPEAT, reason, (0, 1, 2))
+        return nothing("accel_aided", Verdict.REPEAT, (Code.POSES_UNDETERMINED(),), (0, 1, 2))
     M = _matrix(found.x)
     paths = [integrate(samples, M, b_m, noise_std) for samples, _, _, b_m in steps]
     factors = problem.factors(problem.solve(np.concatenate([off.mean, found.x, np.zeros(gravity.N)])))
@@ -158,7 +157,8 @@ def _judge(
 ) -> Result:
     limits = VerdictKnobs()
     missed = degrees(float(np.sqrt(np.mean(np.sum(r.reshape(-1, 3) ** 2, axis=1)))))
-    reason = f"full matrix: gravity carried through {count(len(movements), 'movement')} to {missed:.2f}° rms"
+    carried = Code.GRAVITY_CARRIED(movements=len(movements), angle_deg=f"{missed:.2f}")
+    reason: Sentences = (Code.FULL_MATRIX(), carried)
     verdict = Verdict.ACCEPTED
     repeat: tuple[int, ...] = ()
     bad = unbelievable(np.diag(M), limits)
@@ -167,9 +167,7 @@ def _judge(
         verdict, repeat, reason = Verdict.REFUSED, *bad
     elif std.max() > limits.scale_std:
         verdict, repeat = Verdict.REPEAT, (0, 1, 2)
-        reason = (
-            f"the movements leave the matrix uncertain by {100 * std.max():.1f} %: more poses that differ are needed"
-        )
+        reason = (Code.MATRIX_UNCERTAIN(percent=f"{100 * std.max():.1f}"),)
     rests = [m.before for m in movements]
     noise_std = np.median([reading_std(rest.std) for rest in rests], axis=0)
     turns = tuple(turn_report(turn, M, b) for turn in capture.turns)

@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Code, Sentence
 from estimator import rotation
 from estimator.batch.capture import Rest, Samples
 from estimator.gyro import AXES
@@ -40,8 +41,8 @@ _FLOOR = 3e-4
 _LEAD = 1.0
 
 
-def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> str | None:
-    """What is wrong with the axes in words, or None when nothing is, or nothing can be said.
+def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> Sentence | None:
+    """What is wrong with the axes, or None when nothing is, or nothing can be said.
 
     movements: the rest before each and its samples; matrix (3, 3) takes readings to rates in the gyro's own axes.
     """
@@ -52,7 +53,7 @@ def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> s
     best = int(np.argmin(score))
     if score[0] - score[best] < _LEAD:
         return None
-    return f"the gyro's axes are not the accelerometer's: {in_words(MAPPINGS[best])}"
+    return Code.AXES_DIFFER(mapping=in_words(MAPPINGS[best]))
 
 
 def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
@@ -93,6 +94,6 @@ def in_words(mapping: Floats) -> str:
     rows = [int(np.argmax(np.abs(row))) for row in mapping]
     signs = ["−" if mapping[axis, row] < 0 else "" for axis, row in enumerate(rows)]
     changed = [
-        f"{AXES[axis]} is {signs[axis]}{AXES[row]}" for axis, row in enumerate(rows) if row != axis or signs[axis]
+        f"{AXES[axis]} = {signs[axis]}{AXES[row]}" for axis, row in enumerate(rows) if row != axis or signs[axis]
     ]
-    return ", ".join(changed) + " of what the gyro reports"
+    return ", ".join(changed)

@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Code, Sentence
 from estimator import rotation
 from estimator.batch import misalignment, replacement
 from estimator.batch.capture import Capture, Rest, TurnCapture
@@ -42,7 +43,11 @@ class ClosureKnobs:
 
 
 class NotConverged(Exception):
-    """No bias and scale close the three turns."""
+    """No bias and scale close the three turns, for this reason."""
+
+    def __init__(self, reason: Sentence) -> None:
+        super().__init__(reason)
+        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,13 +80,9 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
     try:
         found = fit(told)
     except np.linalg.LinAlgError:
-        raise NotConverged(
-            "the turns do not determine the three scale factors: one about each axis is needed"
-        ) from None
+        raise NotConverged(Code.TURNS_UNDETERMINED()) from None
     if not found.converged[0] or np.any(found.k[0] > 100):
-        raise NotConverged(
-            f"no scale factors close the three turns (after {found.iterations} steps k = {np.round(found.k[0], 3)})"
-        )
+        raise NotConverged(Code.NOT_CONVERGED(steps=found.iterations, scale=np.round(found.k[0], 3)))
     placed = knobs.replacement or replacement.estimate(ends, found.f_turn[0], found.f_cov[0] - told.end_cov[0])
     askew = knobs.misalignment_std
     if askew is None:

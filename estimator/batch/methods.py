@@ -22,7 +22,7 @@ def by_turn360(capture: Capture) -> Result:
     try:
         found = turn360.estimate(capture)
     except turn360.NotConverged as error:
-        return nothing("turn360", Verdict.REFUSED, str(error), repeat=(0, 1, 2))
+        return nothing("turn360", Verdict.REFUSED, (error.reason,), repeat=(0, 1, 2))
     return judge("turn360", capture, found.k, found.bias, found.covariance)
 
 
@@ -31,7 +31,7 @@ def by_closure(capture: Capture) -> Result:
     try:
         found = closure.estimate(capture)
     except closure.NotConverged as error:
-        return nothing("closure", Verdict.REFUSED, str(error), repeat=(0, 1, 2))
+        return nothing("closure", Verdict.REFUSED, (error.reason,), repeat=(0, 1, 2))
     return judge(
         "closure",
         capture,

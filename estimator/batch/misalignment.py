@@ -11,6 +11,7 @@ from math import degrees, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Code, Sentences
 from estimator.batch.capture import TurnCapture
 from estimator.gyro import SIGMAS
 
@@ -32,9 +33,9 @@ def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) 
     return sqrt(LEAST**2 + max(0.0, float(np.sum(tilt**2)) / 6 - HAND**2))
 
 
-def said(std: float, scale_std: float) -> str:
+def said(std: float, scale_std: float) -> Sentences:
     """What to add to a result whose scale, of relative standard deviation scale_std, is unsure because its turns were tilted."""
     if std < _WORTH_SAYING:
-        return ""
+        return ()
     tilt, sure = degrees(sqrt(std**2 - LEAST**2 + HAND**2)), 100 * SIGMAS * scale_std
-    return f"sure to {sure:.1f} %: the turns were tilted by {tilt:.0f}°, or the gyro's axes are. Turn it about one axis only"
+    return (Code.TURNS_TILTED(percent=f"{sure:.1f}", angle_deg=f"{tilt:.0f}"),)

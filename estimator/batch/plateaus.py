@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 
-from bridge.wording import count
+from bridge.reasons.codes import Code, Sentences
 from estimator.batch.capture import Floats, Samples
 from estimator.gyro import least_step, mean_var
 
@@ -108,11 +108,10 @@ def split(
     return rests, spins, others
 
 
-def said_of_others(others: list[Plateau]) -> str:
+def said_of_others(others: list[Plateau]) -> Sentences:
     """What to add to a reason where stretches were left out; nothing where none was."""
     clipped = sum(p.clipped for p in others)
-    said = f"; {count(len(others), 'other')} at neither rest nor a rate that was given" if others else ""
-    return said + (f", {clipped} of them clipped at full scale" if clipped else "")
+    return (Code.STRETCHES_LEFT_OUT(stretches=len(others), clipped=clipped),) if others else ()
 
 
 def nearest_rates(size: Floats, rates: tuple[float, ...], k_min: float = 0.7, k_max: float = 1.4) -> Floats:

@@ -1,10 +1,11 @@
-"""Is a movement a full turn about one axis of the device? If not, why not, in words for who turned it."""
+"""Is a movement a full turn about one axis of the device? If not, why not."""
 
 from dataclasses import dataclass, field
 from math import degrees, radians
 
 import numpy as np
 
+from bridge.reasons.codes import Code, Sentence, Sentences
 from estimator import rotation
 from estimator.batch.capture import Floats, Movement, Rest, TurnCapture
 from estimator.batch.clipping import ClippingKnobs, clipped
@@ -44,7 +45,7 @@ class NoTurn:
     In other units it may have been one: then `unit_axis` is the axis it was about, else None.
     """
 
-    reason: str
+    reason: Sentences
     attempt: bool
     unit_axis: int | None = None
 
@@ -63,31 +64,31 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     share = abs(float(total[axis])) / angle if angle else 0.0
     if way < knobs.nudge:
         small = low < degrees(angle) < high and share > knobs.axis_share and way < knobs.detour * angle
-        return NoTurn("a nudge, not a turn", attempt=False, unit_axis=axis if small else None)
-    reason = None
+        return NoTurn((Code.NUDGE(),), attempt=False, unit_axis=axis if small else None)
+    reason: Sentences = ()
     if (spoilt := clipped(samples, movement.before.std, knobs.clipping)).any():
-        reason = _spoilt(samples.gyro[spoilt])
+        reason = (_spoilt(samples.gyro[spoilt]),)
     elif dt.max() > max(knobs.gap_s, 2.5 * float(np.median(dt))):
-        reason = f"{dt.max():.2f} s of samples are missing in the turn: check the connection and repeat"
+        reason = (Code.SAMPLES_MISSING(duration_s=f"{dt.max():.2f}"),)
     elif low < radians(way) < high:
-        reason = f"{degrees(way):.0f}° of movement: the readings are probably degrees per second, given as rad/s"
+        reason = (Code.MOVEMENT_IN_DEGREES(angle_deg=f"{degrees(way):.0f}"),)
     elif way > knobs.detour * angle:
-        reason = f"went back and forth: {degrees(way):.0f}° of movement gained {degrees(angle):.0f}°"
+        reason = (Code.BACK_AND_FORTH(way_deg=f"{degrees(way):.0f}", angle_deg=f"{degrees(angle):.0f}"),)
     elif angle < low:
-        reason = f"a movement of {degrees(angle):.0f}°, not a full turn of 360°" + _half(low < 2 * angle < high)
+        reason = (Code.TURN_TOO_SHORT(angle_deg=f"{degrees(angle):.0f}"), *_half(low < 2 * angle < high))
     elif angle > high:
-        reason = f"a movement of {degrees(angle):.0f}°, more than one full turn of 360°" + _half(low < angle / 2 < high)
+        reason = (Code.TURN_TOO_LONG(angle_deg=f"{degrees(angle):.0f}"), *_half(low < angle / 2 < high))
     elif movement.after.start - movement.before.end > knobs.longest_s:
         seconds = movement.after.start - movement.before.end
-        reason = f"a turn that took {seconds:.0f} s: turn in less than {knobs.longest_s:.0f} s"
+        reason = (Code.TURN_TOO_SLOW(duration_s=f"{seconds:.0f}", most_s=f"{knobs.longest_s:.0f}"),)
     elif share < knobs.axis_share:
-        reason = f"not about one axis of the device: {100 * share:.0f} % about {AXES[axis]}"
+        reason = (Code.NOT_ONE_AXIS(percent=f"{100 * share:.0f}", axis=AXES[axis]),)
     else:
         reason = _rests(movement, knobs) or _tilt(movement, knobs)
     turn = TurnCapture(axis, samples, movement.before, movement.after)
-    if reason is None and knobs.horizontal and samples.accel is not None:
+    if not reason and knobs.horizontal and samples.accel is not None:
         reason = _unchecked(turn)
-    return turn if reason is None else NoTurn(reason, attempt=angle > low / 2)
+    return turn if not reason else NoTurn(reason, attempt=angle > low / 2)
 
 
 def rough_scale(turns: tuple[TurnCapture, ...]) -> Floats:
@@ -99,17 +100,15 @@ def rough_scale(turns: tuple[TurnCapture, ...]) -> Floats:
     return k
 
 
-def _spoilt(gyro: Floats) -> str:
+def _spoilt(gyro: Floats) -> Sentence:
     """Why readings (n, 3) that are marked are no measurement: all alike on all axes, they are stuck."""
     if len(gyro) > 1 and (gyro == gyro[0]).all():
-        return (
-            f"the gyro repeated itself for {len(gyro)} samples: turn again; if this is said again, restart the device"
-        )
-    return f"turned faster than the gyro's range for {len(gyro)} samples: turn more slowly"
+        return Code.GYRO_STUCK(samples=len(gyro))
+    return Code.TOO_FAST(samples=len(gyro))
 
 
-def _half(is_so: bool) -> str:  # noqa: FBT001 - a sentence or none
-    return "; if it was just one, the sample rate is off by a factor of two" if is_so else ""
+def _half(is_so: bool) -> Sentences:  # noqa: FBT001 - a sentence or none
+    return (Code.RATE_OFF_BY_TWO(),) if is_so else ()
 
 
 def same_bias(a: Rest, b: Rest, knobs: TurnKnobs) -> bool:
@@ -118,28 +117,26 @@ def same_bias(a: Rest, b: Rest, knobs: TurnKnobs) -> bool:
     return bool(np.all(np.abs(a.bias - b.bias) < knobs.bias_step + noise))
 
 
-def _rests(movement: Movement, knobs: TurnKnobs) -> str | None:
+def _rests(movement: Movement, knobs: TurnKnobs) -> Sentences:
     before, after = movement.before, movement.after
     if same_bias(before, after, knobs):
-        return None
+        return ()
     by = degrees(float(np.max(np.abs(after.bias - before.bias))))
-    return f"the rests before and after read {by:.1f} °/s apart: one was a slow movement; hold it quite still"
+    return (Code.RESTLESS(rate_dps=f"{by:.1f}"),)
 
 
-def _tilt(movement: Movement, knobs: TurnKnobs) -> str | None:
+def _tilt(movement: Movement, knobs: TurnKnobs) -> Sentences:
     if movement.before.accel is None or movement.after.accel is None:
-        return None
+        return ()
     tilt = rotation.angle_between(movement.before.accel, movement.after.accel)
     if tilt <= knobs.tilt:
-        return None
-    return f"ended tilted {degrees(tilt):.1f}° from where it began: put it back against the same edge"
+        return ()
+    return (Code.ENDED_TILTED(angle_deg=f"{degrees(tilt):.1f}"),)
 
 
-def _unchecked(turn: TurnCapture) -> str | None:
+def _unchecked(turn: TurnCapture) -> Sentences:
     if turn.checked_by_gravity:
-        return None
+        return ()
     if turn.before.accel is None or turn.after.accel is None:
-        return "the accelerometer does not read gravity at rest, so it checks no turn: check its unit and its range"
-    return (
-        f"gravity does not check a turn about the vertical: stand the device so that {AXES[turn.axis]} is level first"
-    )
+        return (Code.ACCELEROMETER_BLIND(),)
+    return (Code.VERTICAL_TURN(axis=AXES[turn.axis]),)

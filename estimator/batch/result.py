@@ -6,10 +6,11 @@ from math import degrees, radians
 
 import numpy as np
 
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import Turn, Verdict
 from estimator import rotation
 from estimator.batch.capture import Capture, Floats, TurnCapture
-from estimator.gyro import AXES, PriorKnobs, reading_std
+from estimator.gyro import AXES, PriorKnobs, axis_names, reading_std
 
 PARAMETERS = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
@@ -38,7 +39,7 @@ class Result:
 
     method: str
     verdict: Verdict
-    reason: str
+    reason: Sentences
     matrix: Floats
     bias: Floats
     covariance: Floats
@@ -68,7 +69,7 @@ class Result:
         return std
 
 
-def nothing(method: str, verdict: Verdict, reason: str, repeat: tuple[int, ...] = ()) -> Result:
+def nothing(method: str, verdict: Verdict, reason: Sentences, repeat: tuple[int, ...] = ()) -> Result:
     """A result without an estimate."""
     unknown = np.full((6, 6), np.inf)
     return Result(method, verdict, reason, np.eye(3), np.zeros(3), unknown, np.full(3, np.inf), (), repeat)
@@ -95,7 +96,7 @@ def judge(
     turn_bias: Floats | None = None,
     unclosed: Floats | None = None,
     bias_time: float | None = None,
-    note: str = "",
+    note: Sentences = (),
 ) -> Result:
     """Put a verdict on scale factors k (3,) and bias (3,) with covariance (6, 6).
 
@@ -112,33 +113,33 @@ def judge(
     open_axes = tuple(turn.axis for turn, is_so in zip(turns, is_open, strict=True) if is_so)
     loose = tuple(axis for axis in range(3) if not np.sqrt(covariance[3 + axis, 3 + axis]) < knobs.scale_std)
     outside = unbelievable(k, knobs)
+    reason: Sentences
     if outside is not None:
         verdict, repeat, reason = Verdict.REFUSED, *outside
     elif open_axes:
         verdict, repeat = Verdict.REPEAT, open_axes
-        errors = ", ".join(f"{AXES[t.axis]} by {degrees(missed[i]):.1f}°" for i, t in enumerate(turns) if is_open[i])
-        reason = f"the turn did not end where it began: {errors}. Repeat axis {_axes(open_axes)}"
+        errors = ", ".join(f"{AXES[t.axis]} {degrees(missed[i]):.1f}°" for i, t in enumerate(turns) if is_open[i])
+        reason = (Code.TURNS_OPEN(errors=errors, axes=axis_names(open_axes)),)
     elif loose:
         verdict, repeat = Verdict.REPEAT, loose
-        reason = f"the turns leave the scale uncertain. Repeat axis {_axes(loose)}"
+        reason = (Code.SCALE_UNCERTAIN(axes=axis_names(loose)),)
     else:
         verdict, repeat = Verdict.ACCEPTED, ()
         worst = max(degrees(t.closure_error) for t in turns)
-        said = (f"three turns closed to {worst:.2f}°", _unchecked(capture.turns), note, _library(k))
-        reason = "; ".join(filter(None, said))
+        reason = (Code.TURNS_CLOSED(angle_deg=f"{worst:.2f}"), *_unchecked(capture.turns), *note, *_library(k))
     bias_time = capture.rest.middle if bias_time is None else bias_time
     return Result(method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time)
 
 
-def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], str] | None:
+def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], Sentences] | None:
     """Which of the scale factors k (3,) are outside what is accepted, and the likely cause; None when all are inside."""
     outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
     if not outside:
         return None
-    return outside, f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
+    return outside, (Code.SCALE_OUTSIDE(scale=_values(k), least=knobs.k_min, most=knobs.k_max), _likely(k))
 
 
-def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], str] | None:
+def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | None:
     """Of which axes rather the turn was no full one than the gyro so far off, its limit being known (relative); None of none.
 
     What all axes have in common is no turn's fault: a library's sensitivity, or a sample rate.
@@ -149,48 +150,37 @@ def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], str] | None:
     if not odd:
         return None
     turned = ", ".join(f"{AXES[axis]} {360 / off[axis]:.0f}°" for axis in odd)
-    return odd, (
-        f"no turn of 360° if the gyro is what its maker says: {turned}. Turn it once around, to where it began. "
-        f"Repeat axis {_axes(odd)}"
-    )
+    return odd, (Code.NOT_ONE_TURN(turns=turned, axes=axis_names(odd)),)
 
 
-def _unchecked(turns: Sequence[TurnCapture]) -> str:
+def _unchecked(turns: Sequence[TurnCapture]) -> Sentences:
     """What the result rests on because nothing measured it: the angle of turns that gravity does not check."""
     unchecked = [turn for turn in turns if not turn.checked_by_gravity]
     if not unchecked:
-        return ""
+        return ()
     if any(turn.before.accel is None for turn in unchecked):
-        return "right if each turn was exactly 360°"
-    names = ", ".join(AXES[turn.axis] for turn in unchecked)
-    return (
-        f"right if the turn about {names}, made about the vertical, was exactly 360°: "
-        "gravity checks turns about a level axis alone"
-    )
+        return (Code.TURNS_ASSUMED(),)
+    return (Code.VERTICAL_TURNS_ASSUMED(axes=axis_names(turn.axis for turn in unchecked)),)
 
 
-def _library(k: Floats) -> str:
+def _library(k: Floats) -> Sentences:
     """What common libraries get wrong: the LSM9DS1's sensitivity is not its range over 32768."""
     for factor in (1.147, 1.170):
         if np.all(np.abs(k / factor - 1) < 0.01):
-            return f"all scale factors near {factor}: the LSM9DS1's sensitivity is read as its range over 32768"
-    return ""
+            return (Code.LIBRARY_SENSITIVITY(factor=factor),)
+    return ()
 
 
-def _likely(k: Floats) -> str:
+def _likely(k: Floats) -> Sentence:
     mean = float(np.mean(k))
     if abs(mean - 2) < 0.2 or abs(mean - 0.5) < 0.05:
-        return "the sample rate is probably off by a factor of two"
+        return Code.RATE_WRONG()
     if np.all(np.abs(np.log(np.maximum(k, 1e-9) * np.pi / 180)) < 0.4) or np.all(
         np.abs(np.log(np.maximum(k, 1e-9) * 180 / np.pi)) < 0.4
     ):
-        return "the rates are probably in degrees per second"
-    return "check the sensor's sensitivity and sample rate, then start over"
+        return Code.UNIT_WRONG()
+    return Code.SENSITIVITY_WRONG()
 
 
 def _values(k: Floats) -> str:
     return ", ".join(f"{AXES[i]} {k[i]:.3f}" for i in range(3))
-
-
-def _axes(axes: tuple[int, ...]) -> str:
-    return ", ".join(AXES[axis] for axis in axes)

@@ -18,14 +18,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import Verdict
-from bridge.wording import count
 from estimator.batch.bias_wander import WanderKnobs, wander_cov
 from estimator.batch.capture import Floats, Samples
 from estimator.batch.least_squares import Solved, shown_size, solve
 from estimator.batch.plateaus import Plateau, plateaus, said_of_others, split
 from estimator.batch.result import Result, VerdictKnobs, nothing, unbelievable
-from estimator.gyro import AXES, reading_std
+from estimator.gyro import axis_names, reading_std
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +60,10 @@ def by_servomotor(
     """
     knobs, wander = knobs or ServoKnobs(), wander or WanderKnobs()
     if len(rates) != 1:
-        reason = f"a servo turns at one known rate; {len(rates)} were given"
-        return nothing("servomotor", Verdict.REFUSED, reason)
+        return nothing("servomotor", Verdict.REFUSED, (Code.SERVO_RATES(given=len(rates)),))
     rests, turned, others = split(plateaus(samples), rates)
     if not rests:
-        return nothing("servomotor", Verdict.REPEAT, "no rest: 1.5 s of it before each spin are needed", (0, 1, 2))
+        return nothing("servomotor", Verdict.REPEAT, (Code.SERVO_NO_REST(),), (0, 1, 2))
     rest, limits = np.median([p.mean for p in rests], axis=0), VerdictKnobs()
     spins: list[Plateau] = []
     for p in turned:
@@ -74,9 +73,7 @@ def by_servomotor(
     off = np.array([p.mean for p in spins]).reshape(-1, 3) - rest
     axis = off / np.linalg.norm(off, axis=1)[:, None]
     if len(spins) < 3 or np.linalg.svd(axis**2, compute_uv=False)[-1] < 0.1:
-        reason = f"{count(len(spins), 'stretch', 'stretches')} at the given rate{but}"
-        needed = "three mountings that differ are needed, 1.5 s of each, and of rest before it"
-        return nothing("servomotor", Verdict.REPEAT, f"{reason}: {needed}", (0, 1, 2))
+        return nothing("servomotor", Verdict.REPEAT, (Code.SERVO_TOO_FEW(spins=len(spins)), *but), (0, 1, 2))
     used = [*spins, *rests]
     evidence = _Evidence(
         spin=np.array([p.mean for p in spins]),
@@ -88,8 +85,8 @@ def by_servomotor(
     )
     share = shown_size(lambda share: _fit(evidence, share, knobs.misalignment)[1], knobs.rate_share, knobs.worst_share)
     theta, fit = _fit(evidence, share, knobs.misalignment)
-    kept = f"diagonal from {count(len(spins), 'spin')} at the given rate, which the servo kept to {share:.2%}{but}"
-    return _judge(theta, fit, fit.misfit(slice(len(spins))), used, kept)
+    kept = Code.SERVO_DIAGONAL(spins=len(spins), percent=f"{100 * share:.2f}")
+    return _judge(theta, fit, fit.misfit(slice(len(spins))), used, (kept, *but))
 
 
 def _fit(of: _Evidence, share: float, misalignment: float) -> tuple[Floats, Solved]:
@@ -126,7 +123,7 @@ def _linearised(of: _Evidence, theta: Floats, share: float, misalignment: float)
     return np.concatenate([size - of.rate, (of.rest - b).ravel()]), F, C
 
 
-def _judge(theta: Floats, fit: Solved, misfit: float, used: Sequence[Plateau], reason: str) -> Result:
+def _judge(theta: Floats, fit: Solved, misfit: float, used: Sequence[Plateau], reason: Sentences) -> Result:
     b, k, limits = theta[:3], theta[3:], VerdictKnobs()
     covariance = misfit * fit.cov
     bad = unbelievable(k, limits)
@@ -137,11 +134,10 @@ def _judge(theta: Floats, fit: Solved, misfit: float, used: Sequence[Plateau], r
         verdict, repeat, reason = Verdict.REFUSED, *bad
     elif misfit > 9.0:
         verdict = Verdict.REFUSED
-        reason += f", {misfit**0.5:.0f} times worse than a servo errs: is it the one rate of all of them?"
+        reason = (*reason, Code.SERVO_MISFIT(times=f"{misfit**0.5:.0f}"))
     elif loose:
         verdict, repeat = Verdict.REPEAT, loose
-        names = ", ".join(AXES[axis] for axis in loose)
-        reason = f"the mountings leave the scale of {names} uncertain: mount it with {names} upright too"
+        reason = (Code.MOUNTINGS_UNCERTAIN(axes=axis_names(loose)),)
     noise_std = reading_std(np.median([p.std for p in used], axis=0))
     time = (used[-1].start + used[-1].end) / 2
     return Result("servomotor", verdict, reason, np.diag(k), b, covariance, noise_std, (), repeat, time)

@@ -6,6 +6,7 @@ from math import degrees, inf
 
 import numpy as np
 
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.recording.plausible import ABSURD
 from bridge.wire.messages import Verdict
 from estimator.batch.axes import foreign_axes
@@ -16,7 +17,7 @@ from estimator.batch.names import DEFAULT
 from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, rough_scale, same_bias
 from estimator.batch.result import PARAMETERS, Result, nothing, unlikely
 from estimator.batch.stages import StageKnobs, Stages
-from estimator.gyro import AXES
+from estimator.gyro import AXES, axis_names
 from estimator.stillness import StillnessKnobs, Window, too_seldom
 
 #: turns older than this, or taken at another bias, are not combined with new ones
@@ -39,7 +40,7 @@ class TurnFound:
     """A full turn about an axis. dropped: turns about other axes that no longer count, and why; missing: axes without a turn."""
 
     turn: TurnCapture
-    dropped: Mapping[int, str] = field(default_factory=dict)
+    dropped: Mapping[int, Sentence] = field(default_factory=dict)
     missing: tuple[int, ...] = ()
 
 
@@ -99,8 +100,8 @@ class CalibrationSession:
         self.rested = self._moved_about = False
         self._too_small: set[int] = set()
         #: turns that were taken and no longer count, by axis, and why
-        self._dropped: dict[int, str] = {}
-        self.last_reason = ""
+        self._dropped: dict[int, Sentence] = {}
+        self.last_reason: Sentences = ()
 
     @property
     def still_s(self) -> float:
@@ -144,7 +145,7 @@ class CalibrationSession:
         """Forget the turns that are too old at a device time, s; their axes."""
         old = tuple(axis for axis in self.done() if now - self.turns[axis].samples.time[-1] >= STALE_S)
         for axis in old:
-            self._drop(axis, _too_old(axis, now - self.turns[axis].samples.time[-1]))
+            self._drop(axis, too_old((axis,)))
         return old
 
     def done(self) -> tuple[int, ...]:
@@ -173,20 +174,21 @@ class CalibrationSession:
             return self._checked(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
         dropped = [self._dropped[axis] for axis in missing if axis in self._dropped]
-        names = ", ".join(AXES[axis] for axis in missing if axis not in self._dropped)
+        unseen = axis_names(axis for axis in missing if axis not in self._dropped)
+        because: Sentences
         if (largest := self._history.largest) > ABSURD:
-            because = f": readings of {largest:.0f} rad/s are probably degrees per second, given as rad/s"
+            because = (Code.READINGS_IN_DEGREES(rate_rad_s=f"{largest:.0f}"),)
         elif not self.rested:
             seldom = too_seldom(self._history.rate_hz, StillnessKnobs())
-            because = f": {seldom or f'the device was never still for {self._stages.knobs.rest_s:g} s'}"
+            because = seldom or (Code.NEVER_STILL(duration_s=f"{self._stages.knobs.rest_s:g}"),)
         elif not self._moved_about:
-            because = ": it was not moved from one rest to another"
+            because = (Code.NEVER_MOVED(),)
         elif len(self._too_small) == 3:
-            because = ": it turned by 6° about each axis; the readings are probably rad/s, given as degrees per second"
+            because = (Code.READINGS_IN_RADIANS(),)
         else:
-            because = f" (last movement: {self.last_reason})" if self.last_reason else ""
-        unseen = [f"no full turn about {names} was seen{because}"] if names else []
-        return nothing(self.method, Verdict.REPEAT, "; ".join([*dropped, *unseen]), missing)
+            because = (Code.LAST_MOVEMENT(), *self.last_reason) if self.last_reason else ()
+        said = (Code.NO_FULL_TURN(axes=unseen), *because) if unseen else ()
+        return nothing(self.method, Verdict.REPEAT, (*dropped, *said), missing)
 
     def _explained(self, found: TurnCapture | NoTurn, pause_s: float) -> TurnCapture | NoTurn:
         if not isinstance(found, NoTurn):
@@ -195,8 +197,7 @@ class CalibrationSession:
             self._too_small.add(found.unit_axis)
         if not found.attempt or pause_s < PAUSE_S:
             return found
-        hint = f"{found.reason}; a pause of {pause_s:.1f} s in it was too short to be a rest: hold it still for 3 s"
-        return replace(found, reason=hint)
+        return replace(found, reason=(*found.reason, Code.PAUSED(duration_s=f"{pause_s:.1f}")))
 
     def _keep(self, rest: Rest) -> None:
         """Keep a rest that has ended, and those since the first turn that still counts."""
@@ -217,16 +218,13 @@ class CalibrationSession:
         self.turns[turn.axis] = turn
         self._dropped.pop(turn.axis, None)
         newest = turn.samples.time[-1]
-        dropped: dict[int, str] = {}
+        dropped: dict[int, Sentence] = {}
         for axis, earlier in self.turns.items():
-            if (age := newest - earlier.samples.time[-1]) >= STALE_S:
-                dropped[axis] = _too_old(axis, age)
+            if newest - earlier.samples.time[-1] >= STALE_S:
+                dropped[axis] = too_old((axis,))
             elif not same_bias(earlier.before, turn.before, self._turn_knobs):
                 by = degrees(float(np.max(np.abs(turn.before.bias - earlier.before.bias))))
-                dropped[axis] = (
-                    f"the turn about {AXES[axis]} no longer counts: the bias has moved by {by:.1f} °/s since. "
-                    "Let the device warm up and lie still, then turn it again"
-                )
+                dropped[axis] = Code.TURN_BIAS_MOVED(axis=AXES[axis], rate_dps=f"{by:.1f}")
         for axis, why in dropped.items():
             self._drop(axis, why)
         progress: list[Progress] = [TurnFound(turn, dropped, self.missing())]
@@ -247,7 +245,7 @@ class CalibrationSession:
         # A wrong gyro need not close: its scale is taken from the turns alone, whichever way round they were.
         fault = foreign_axes(movements, np.diag(rough_scale(capture.turns)))
         if fault is not None:
-            return replace(result, verdict=Verdict.REFUSED, reason=fault, repeat=(0, 1, 2))
+            return replace(result, verdict=Verdict.REFUSED, reason=(fault,), repeat=(0, 1, 2))
         odd = unlikely(result.scale, self._scale_limit)
         if result.verdict is Verdict.ACCEPTED and odd is not None:
             return replace(result, verdict=Verdict.REPEAT, repeat=odd[0], reason=odd[1])
@@ -263,13 +261,13 @@ class CalibrationSession:
         return [Finished(result, rest)] if enough else []
 
     def _without_movements(self) -> Result:
-        because = f" (last movement: {self.last_reason})" if self.last_reason else ""
-        reason = f"no movement between two rests whose gravity an accelerometer measured{because}"
+        because = (Code.LAST_MOVEMENT(), *self.last_reason) if self.last_reason else ()
+        reason: Sentences = (Code.NO_CHECKED_MOVEMENT(), *because)
         if size := self._stages.not_gravity:
-            reason = f"the accelerometer reads {size:.1f} m/s² at rest, not gravity's 9.8: check its unit and its range"
+            reason = (Code.ACCELEROMETER_NOT_GRAVITY(reading_m_s2=f"{size:.1f}"),)
         return nothing(self.method, Verdict.REFUSED, reason, (0, 1, 2))
 
-    def _drop(self, axis: int, why: str) -> None:
+    def _drop(self, axis: int, why: Sentence) -> None:
         del self.turns[axis]
         self._dropped[axis] = why
 
@@ -284,8 +282,6 @@ class CalibrationSession:
         return Capture(first, turns, rests, movements)
 
 
-def _too_old(axis: int, age_s: float) -> str:
-    return (
-        f"the turn about {AXES[axis]} no longer counts: it was made {age_s / 60:.0f} minutes ago. "
-        f"Make all three within {STALE_S / 60:.0f} minutes"
-    )
+def too_old(axes: tuple[int, ...]) -> Sentence:
+    """Turns about these axes were made too long ago."""
+    return Code.TURN_TOO_OLD(axes=axis_names(axes), most_minutes=f"{STALE_S / 60:.0f}")

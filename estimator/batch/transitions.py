@@ -11,14 +11,14 @@ from math import degrees
 
 import numpy as np
 
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import Verdict
-from bridge.wording import count
 from estimator import rotation
 from estimator.batch.axes import foreign_axes
 from estimator.batch.capture import Capture, Floats, Samples
 from estimator.batch.carry import ACROSS, MATRIX_PARAMETERS, Problem, TransitionKnobs, Transitions, collect, matrix_of
 from estimator.batch.result import PARAMETERS, Result, VerdictKnobs, nothing, turn_report, unbelievable
-from estimator.gyro import AXES, reading_std
+from estimator.gyro import axis_names, reading_std
 
 #: fewer movements cannot determine nine elements, two equations each
 FEWEST = 6
@@ -113,9 +113,7 @@ def by_transitions(capture: Capture) -> Result:
     try:
         found = estimate(data)
     except np.linalg.LinAlgError:
-        return nothing(
-            "transitions", Verdict.REFUSED, "the movements determine nothing: turn it between different poses"
-        )
+        return nothing("transitions", Verdict.REFUSED, (Code.MOVEMENTS_UNDETERMINED(),))
     return judge_fit(capture, data, found)
 
 
@@ -127,30 +125,28 @@ def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKno
     k, std = np.diag(matrix), np.sqrt(np.diag(covariance)[3:6])
     loose = tuple(axis for axis in range(3) if not std[axis] < knobs.scale_std * k[axis])
     missed = degrees(float(np.sqrt(np.mean(found.angles**2))))
-    carried = f"gravity carried through {count(len(found.angles), 'movement')} to {missed:.2f}° rms"
+    carried = Code.GRAVITY_CARRIED(movements=len(found.angles), angle_deg=f"{missed:.2f}")
+    reason: Sentences
     repeat: tuple[int, ...] = ()
     outside = unbelievable(k, knobs)
     if (outside or found.misfit > MISFIT) and (
         foreign := foreign_axes([(m.before, m.samples) for m in movements], np.eye(3))
     ):
-        verdict, reason = Verdict.REFUSED, foreign
+        verdict, reason = Verdict.REFUSED, (foreign,)
     elif loose:
         verdict, repeat = Verdict.REPEAT, loose
-        names = ", ".join(AXES[axis] for axis in loose)
-        reason = f"the movements leave the scale of {names} uncertain: turn it about {names} while that axis is level"
+        reason = (Code.MOVEMENTS_UNCERTAIN(axes=axis_names(loose)),)
     elif outside is not None:
         verdict, repeat, reason = Verdict.REFUSED, *outside
     elif found.misfit > MISFIT:
         verdict = Verdict.REFUSED
-        reason = (
-            f"{carried}, {found.misfit**0.5:.1f} times worse than sensors err: hold it quite still between movements"
-        )
+        reason = (carried, Code.MOVEMENTS_MISFIT(times=f"{found.misfit**0.5:.1f}"))
     elif found.full:
         verdict = Verdict.ACCEPTED
-        out = f", {found.left_out} that contradicted left out" if found.left_out else ""
-        reason = f"full matrix (condition number {found.condition:.0f}): {carried}{out}"
+        out = (Code.MOVEMENTS_LEFT_OUT(movements=found.left_out),) if found.left_out else ()
+        reason = (Code.FULL_MATRIX(), Code.CONDITION_NUMBER(number=f"{found.condition:.0f}"), carried, *out)
     else:
-        verdict, reason = Verdict.ACCEPTED, f"diagonal only, {_why(found)}; {carried}"
+        verdict, reason = Verdict.ACCEPTED, (Code.DIAGONAL_ONLY(), _why(found), carried)
     rests = data.rests
     noise_std = np.median([reading_std(rest.std) for rest in rests], axis=0)
     turns = tuple(turn_report(turn, matrix, bias) for turn in capture.turns)
@@ -158,13 +154,11 @@ def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKno
     return Result("transitions", verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, time, parameters)
 
 
-def _why(found: Fit) -> str:
+def _why(found: Fit) -> Sentence:
     if len(found.angles) < FEWEST:
-        return f"{len(found.angles)} movements are too few for a full matrix ({FEWEST} at least)"
+        return Code.MOVEMENTS_TOO_FEW(movements=len(found.angles), least=FEWEST)
     if not found.unknown:
-        return (
-            f"the poses do not show the whole matrix (condition number {found.condition:.0f}, {CONDITION:.0f} at most)"
-        )
+        return Code.POSES_INSUFFICIENT(number=f"{found.condition:.0f}", most=f"{CONDITION:.0f}")
     name, std = found.unknown[0]
-    others = f" and {len(found.unknown) - 1} more" if len(found.unknown) > 1 else ""
-    return f"{name}{others} known to {degrees(std):.1f}° only: rest it on its other sides too, turning a quarter turn between"
+    others = len(found.unknown) - 1
+    return Code.ELEMENTS_UNCERTAIN(element=name, others=others, angle_deg=f"{degrees(std):.1f}")

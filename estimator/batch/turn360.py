@@ -29,6 +29,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Code, Sentence
 from estimator import rotation
 from estimator.batch.capture import Capture, TurnCapture
 from estimator.gyro import reading_std
@@ -47,7 +48,11 @@ class Turn360Knobs:
 
 
 class NotConverged(Exception):
-    """The iteration found no scale factors that close the three turns."""
+    """The iteration found no scale factors that close the three turns, for this reason."""
+
+    def __init__(self, reason: Sentence) -> None:
+        super().__init__(reason)
+        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +78,7 @@ def estimate(capture: Capture, knobs: Turn360Knobs | None = None) -> Turn360:
             break
         if moved <= knobs.tolerance:
             return Turn360(K, -b, covariance(capture, K, b, knobs), iteration)
-    raise NotConverged(f"no scale factors close the three turns (after {iteration} iterations k = {np.round(K, 3)})")
+    raise NotConverged(Code.NOT_CONVERGED(steps=iteration, scale=np.round(K, 3)))
 
 
 def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:

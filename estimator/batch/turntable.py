@@ -17,15 +17,15 @@ from math import cos, degrees, radians
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import Verdict
-from bridge.wording import count
 from estimator.batch.bias_wander import WanderKnobs, wander_cov
 from estimator.batch.capture import Floats, Samples
 from estimator.batch.carry import COLUMN, MATRIX_PARAMETERS, ROW
 from estimator.batch.least_squares import Solved, shown_size, solve
 from estimator.batch.plateaus import Plateau, nearest_rates, plateaus, said_of_others, split
 from estimator.batch.result import Result, VerdictKnobs, nothing, unbelievable
-from estimator.gyro import AXES, reading_std
+from estimator.gyro import axis_names, reading_std
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,16 +56,13 @@ def by_turntable(
     spins, true, but = [p for p, is_met in zip(turned, met, strict=True) if is_met], true[met], said_of_others(others)
     missing = tuple(axis for axis in range(3) if set(np.sign(true[:, axis])) - {0.0} != {-1.0, 1.0})
     if missing:
-        names = ", ".join(AXES[axis] for axis in missing)
-        reason = f"{count(len(spins), 'stretch', 'stretches')} of a given rate, but not both ways about {names}{but}"
-        return nothing("turntable", Verdict.REPEAT, f"{reason}: 1.5 s or more each way are needed", missing)
+        one_way = Code.TABLE_ONE_WAY(spins=len(spins), axes=axis_names(missing))
+        return nothing("turntable", Verdict.REPEAT, (one_way, *but), missing)
     # Left out and yet a rate is wanting: probably that one is wrong.
     unmet = [rate for rate in rates if not np.all(np.any(np.abs(true) == rate, axis=0))]
     if unmet and others:
         names = ", ".join(f"{degrees(rate):g}" for rate in unmet)
-        return nothing(
-            "turntable", Verdict.REFUSED, f"not turned about every axis at {names} °/s{but}: are the rates right?"
-        )
+        return nothing("turntable", Verdict.REFUSED, (Code.TABLE_RATE_MISSING(rates_dps=names), *but))
     used = sorted([*spins, *rests], key=lambda p: p.start)
     s = np.zeros((len(used), 3))
     s[[used.index(p) for p in spins]] = true
@@ -75,8 +72,8 @@ def by_turntable(
     fit = _fit(used, s, moved, share, knobs)
     # The rates along the axes by themselves show a wrong one.
     misfit = max(fit.misfit(), fit.misfit((s != 0).T.ravel()))
-    kept = f"{count(len(spins), 'stretch', 'stretches')} at the given rates, which the table kept to {share:.3%}{but}"
-    return _judge(fit, misfit, used, reference, kept)
+    kept = Code.TABLE_MATRIX(spins=len(spins), percent=f"{100 * share:.3f}")
+    return _judge(fit, misfit, used, reference, (kept, *but))
 
 
 def _true_rates(
@@ -138,7 +135,7 @@ def _fixings(s: Floats) -> NDArray[np.int64]:
     return np.array(mounts)
 
 
-def _judge(fit: Solved, misfit: float, used: Sequence[Plateau], reference: int, reason: str) -> Result:
+def _judge(fit: Solved, misfit: float, used: Sequence[Plateau], reference: int, reason: Sentences) -> Result:
     M, c = fit.step.reshape(3, 4)[:, :3], fit.step.reshape(3, 4)[:, 3]
     bias = np.asarray(np.linalg.solve(M, c))
     # bias = M⁻¹ c, so its error is M⁻¹ (error of c - error of M · bias).
@@ -157,6 +154,6 @@ def _judge(fit: Solved, misfit: float, used: Sequence[Plateau], reference: int, 
         verdict, repeat, reason = Verdict.REFUSED, *bad
     elif misfit > 4.0:
         verdict = Verdict.REFUSED
-        reason += f", {misfit**0.5:.0f} times worse than a table errs: are the rates right?"
+        reason = (*reason, Code.TABLE_MISFIT(times=f"{misfit**0.5:.0f}"))
     time = (used[reference].start + used[reference].end) / 2
     return Result("turntable", verdict, reason, M, bias, covariance, noise_std, (), repeat, time, MATRIX_PARAMETERS)

@@ -12,8 +12,8 @@ from functools import cache
 from estimator.database.errors import Damaged, StoreError
 
 APPLICATION_ID = 0x74725254  # "trRT", in the file's header
-#: 1 and 2 were never released
-SCHEMA_VERSION = 3
+#: 1 to 3 were never released
+SCHEMA_VERSION = 4
 
 SCHEMA = f"""
 CREATE TABLE calibrations ( -- schema {SCHEMA_VERSION}

@@ -3,26 +3,67 @@
 from dataclasses import replace
 from math import pi
 
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import SampleBatch, State, Status
 from estimator.batch.names import BY_MOVEMENTS, DEFAULT
 from estimator.batch.recognise import TurnKnobs
-from estimator.guide import reasons
 from estimator.guide.hand import Hand
-from estimator.guide.reasons import Words
-from estimator.guide.steps import Picture, Step, Told
+from estimator.guide.steps import Picture, Step, Told, Words
 from estimator.gyro import AXES
 from estimator.stillness import StillnessKnobs
 
 CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 _CALIBRATED = (State.TRACKING, State.DEGRADED)
-#: in what the estimator says of a device that it hears and does not take; and where it hears nobody
-_UNUSED, _NO_ROUTER = "what it sends is not used", "the router is gone"
+#: said of a device that the estimator hears and does not take
+_UNUSED = frozenset({Code.NOT_ENROLLED, Code.ENROLLED_ELSEWHERE})
+#: said when nothing is wrong: the steps themselves tell as much
+_USUAL = frozenset(
+    {
+        Code.NEVER_HEARD,
+        Code.WARMING_UP,
+        Code.RESTARTED,
+        Code.HOLD_STILL,
+        Code.TURN_NOW,
+        Code.TURN_TAKEN,
+        Code.TURNS_NEEDED,
+        Code.NUDGE,
+        Code.CALIBRATED,
+        Code.CALIBRATION_GOES_ON,
+        Code.RECALIBRATION_ASKED,
+        Code.REQUEST_REASON,
+        Code.OLD_CALIBRATION_STAYS,
+        Code.BIAS_CONFIRMED,
+        Code.TURNS_CLOSED,
+        Code.TURNS_ASSUMED,
+        Code.VERTICAL_TURNS_ASSUMED,
+        Code.TURNS_TILTED,
+        Code.LIBRARY_SENSITIVITY,
+        Code.FULL_MATRIX,
+        Code.CONDITION_NUMBER,
+        Code.DIAGONAL_ONLY,
+        Code.GRAVITY_CARRIED,
+        Code.MOVEMENTS_LEFT_OUT,
+    }
+)
 #: seconds of rest after which the estimator has judged a turn, or never will
 _JUDGED_S = 3.0
 _FULL = 2 * pi
 _IGNORED = "movement ignored"
 #: what is wrong with a turn, and not with a movement between two poses
-_OF_TURNS = ("short", "long", "back_and_forth", "askew", "tilted", "rate", "slow", "old", "open")
+_OF_TURNS = frozenset(
+    {
+        Code.TURN_TOO_SHORT,
+        Code.TURN_TOO_LONG,
+        Code.BACK_AND_FORTH,
+        Code.NOT_ONE_AXIS,
+        Code.ENDED_TILTED,
+        Code.RATE_OFF_BY_TWO,
+        Code.TURN_TOO_SLOW,
+        Code.TURN_TOO_OLD,
+        Code.TURN_BIAS_MOVED,
+        Code.TURNS_OPEN,
+    }
+)
 #: degrees: a shorter movement only stands a device on its side
 _QUARTER = 120.0
 #: sides of a device
@@ -86,10 +127,11 @@ class Guide:
 
     def _now(self) -> Told:
         status = self._status
-        if status is not None and status.state is State.UNKNOWN and status.reason.startswith(_NO_ROUTER):
+        said = frozenset[str]() if status is None else {one.code for one in status.reason}
+        if status is not None and status.state is State.UNKNOWN and Code.ROUTER_GONE in said:
             return Told(Step.BROKEN, Picture.NOTHING, Words("broken"))
-        unused = status is not None and (status.state is State.UNKNOWN or _UNUSED in status.reason)
-        if status is not None and unused and (why := reasons.said(status.reason)):
+        unused = status is not None and (status.state is State.UNKNOWN or not _UNUSED.isdisjoint(said))
+        if status is not None and unused and (why := wrong_in(status.reason)):
             return Told(Step.REFUSED, Picture.NOTHING, Words("refused"), wrong=why)
         if status is None or status.state in (State.UNKNOWN, State.LOST):
             return Told(Step.AWAY, Picture.NOTHING, Words("away"))
@@ -101,7 +143,7 @@ class Guide:
 
     def _over(self, status: Status) -> Told:
         self._rebooted = False
-        why, exact = reasons.said(status.reason), status.state is State.TRACKING
+        why, exact = wrong_in(status.reason), status.state is State.TRACKING
         if self._began and status.calibration == self._before:
             return Told(Step.CANCELLED, Picture.EDGE, Words("cancelled_old"), wrong=why)
         step, words, ring = (Step.DONE, Words("done"), 1.0) if self._began else (Step.IDLE, Words("idle"), 0.0)
@@ -113,9 +155,9 @@ class Guide:
         hand = self.hand
         done = status.axes_done
         needed = self._order(done)
-        wrong = reasons.said(status.reason)
+        wrong = wrong_in(status.reason)
         if self._horizontal:
-            wrong = tuple(words for words in wrong if not self._is_standing_up(words))
+            wrong = tuple(one for one in wrong if not self._is_standing_up(one))
         if status.state is State.AWAITING_STILL:
             return Told(
                 Step.PLACE, Picture.EDGE, Words("place"), hand.rested, done=done, needed=needed, wrong=wrong,
@@ -131,16 +173,16 @@ class Guide:
         words = Words(f"{'again' if wrong else 'turn'}_{way}", {"axis": AXES[axis]})
         return Told(Step.TURN, way, words, 0.0, 0.0, axis, done, needed, wrong)
 
-    def _is_standing_up(self, words: Words) -> bool:
+    def _is_standing_up(self, one: Sentence) -> bool:
         """Whether a movement that was no turn only stood the device on its side, or the device has been stood so since."""
-        if words.key == "short":
-            return float(words.values["angle"]) < _QUARTER
-        return words.key == "vertical" and self._way(AXES.index(words.values["axis"])) is not Picture.SIDE
+        if one.code == Code.TURN_TOO_SHORT:
+            return float(one.params["angle_deg"]) < _QUARTER
+        return one.code == Code.VERTICAL_TURN and self._way(AXES.index(one.params["axis"])) is not Picture.SIDE
 
     def _between_poses(self, status: Status) -> Told:
         """A rest on each side, movements between them; the estimator says when they show the whole matrix."""
         hand = self.hand
-        wrong = tuple(words for words in reasons.said(status.reason) if words.key not in _OF_TURNS)
+        wrong = tuple(one for one in wrong_in(status.reason) if one.code not in _OF_TURNS)
         if hand.still_s > 0 and not hand.settled:
             return Told(Step.SETTLE, Picture.EDGE, Words("settle"), hand.rested, wrong=wrong)
         key = self.method if len(self._sides) < SIDES else "more"
@@ -192,3 +234,8 @@ class Guide:
     def _upright(self) -> int:
         """The axis that stands upright; where nothing tells, that is z."""
         return 2 if self.hand.upright is None else self.hand.upright
+
+
+def wrong_in(reason: Sentences) -> Sentences:
+    """What is wrong, of a status's reason; nothing when it is the usual."""
+    return tuple(one for one in reason if one.code not in _USUAL)

@@ -1,9 +1,17 @@
 """What a person is told at one moment: the step, the picture, the ring, and what was wrong."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
-from estimator.guide.reasons import Words
+from bridge.reasons.codes import Sentences
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """A text of the guide: its key, and what is filled in."""
+
+    key: str
+    values: dict[str, str] = field(default_factory=dict)
 
 
 class Step(StrEnum):
@@ -59,7 +67,7 @@ class Told:
     axis: int | None = None
     done: tuple[int, ...] = ()
     needed: tuple[int, ...] = ()
-    wrong: tuple[Words, ...] = ()
+    wrong: Sentences = ()
     rebooted: bool = False
     sides: tuple[int, ...] | None = None
     ways: tuple[Picture, Picture, Picture] = (Picture.ALONG, Picture.ACROSS, Picture.FLAT)

@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Sentences
 from bridge.wire.messages import Calibration, DeviceInfo
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
@@ -32,7 +34,7 @@ class Boots:
         if session.boot is None and session.sequence.samples_in == 0:
             session.sequence.recall(partial(self._before, device.name, batch.boot))
         session.info = info = info if info is not None and info.boot == batch.boot else None
-        remembered, scratch = self._record.recall(device, batch.boot), ""
+        remembered, scratch = self._record.recall(device, batch.boot), Sentences()
         if info is not None:
             self._record.boot(info)
             if remembered is not None and remembered.calibration is not None:
@@ -41,7 +43,7 @@ class Boots:
                 remembered = None
             if remembered is None or remembered.calibration is None:
                 prior = self._record.earlier.prior(device, info)
-                scratch = scratch if prior is None else ""
+                scratch = scratch if prior is None else ()
                 remembered = _with(remembered, prior)
                 if prior is None:
                     scratch = scratch or self._record.earlier.scratch(info)
@@ -72,12 +74,12 @@ class Boots:
         self._record.boot(info)
         outcome = Outcome()
         used = session.calibration or session.prior
-        scratch = "" if used is None else changed(used, info, within_boot=True)
+        scratch = () if used is None else changed(used, info, within_boot=True)
         if scratch:
             outcome = session.start_over(scratch)
         if session.calibration is None:
             if (prior := self._record.earlier.prior(device, info)) is not None:
-                session.learnt.scratch = scratch = ""
+                session.learnt.scratch = scratch = ()
                 session.believe(prior)
             else:
                 scratch = scratch or self._record.earlier.scratch(info)
@@ -104,10 +106,10 @@ class Boots:
         self._record.earlier.law(session, info, lambda law: use(lambda: session.learnt.expect(law)))
         self._record.earlier.moves(session, info, lambda moves: use(lambda: session.moves(moves)))
 
-    def _from_scratch(self, device: Device, info: DeviceInfo, why: str) -> list[str]:
+    def _from_scratch(self, device: Device, info: DeviceInfo, why: Sentences) -> list[str]:
         device.session.learnt.scratch = why
         self._record.started_over(info, why)
-        return [why]
+        return [english(*why)]
 
 
 def _with(remembered: Remembered | None, prior: Calibration | None) -> Remembered | None:

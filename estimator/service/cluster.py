@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Sequence
 
 from bridge.bus.contract import Bus, Message
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Holding, Move, Owned
 from bridge.wire.refusal import Refusal, Tally
@@ -62,7 +63,8 @@ class Cluster:
         self._looked, self._deaf_s, self._next_say, self._scan = now, 0.0, 0.0, True
         self._devices = dict[str, str | None]()  # by key
         self._moves: deque[Move] = deque(maxlen=_MOVES)
-        self._why, self._came = "", False
+        self._came = False
+        self._why: Sentences = ()
         self._calibrated: list[Checkpoint] = []
         self._load, self._load_since = 0.0, (now, time.process_time())
 
@@ -105,7 +107,7 @@ class Cluster:
             membership.lose(device, taker, now)
         for name in sorted(set(lost.values())):
             left = sum(taker == name for taker in lost.values())
-            self._moves.append(Move(self._now_ns(), 0, left, f"{name} has taken them"))
+            self._moves.append(Move(self._now_ns(), 0, left, (Code.ESTIMATOR_TOOK(estimator=name),)))
         return list(lost)
 
     def look_round(self, now: float, devices: Collection[str]) -> None:
@@ -173,7 +175,10 @@ class Cluster:
             log.warning("estimator %s is gone: its devices are taken over", name)
         if came or gone:
             self._scan, self._next_say = True, 0.0
-            self._why = ", ".join([*(f"{name} has come" for name in came), *(f"{name} is gone" for name in gone)])
+            self._why = (
+                *(Code.ESTIMATOR_CAME(estimator=name) for name in came),
+                *(Code.ESTIMATOR_GONE(estimator=name) for name in gone),
+            )
 
     # ---- whose messages are ours --------------------------------------------------------------------------------------
 
@@ -195,7 +200,7 @@ class Cluster:
             known = {known.device for known in self.replicas} | self._replay.devices()
             wanted = list(dict.fromkeys([*wanted, *(d for d in sorted(known) if self.membership.wants(d, now))]))
             self._scan = False
-            self._why = self._why if wanted else ""
+            self._why = self._why if wanted else ()
         if not wanted:
             return ours, {}
         # Alone, nobody has the messages of a device that is not taken.
@@ -204,7 +209,7 @@ class Cluster:
         for device in taken:
             self.membership.take(device, self._now_ns())
         again = any(self.replicas.of(device) is not None for device in taken)
-        self._moved(len(taken), self._why or ("shared out anew" if again else "heard for the first time"))
+        self._moved(len(taken), self._why or (Code.SHARED_ANEW() if again else Code.HEARD_FIRST(),))
         return ours, self._replay.of(taken) if self.company else {device: others.get(device, []) for device in taken}
 
     def epoch(self, device: str) -> int:
@@ -268,13 +273,13 @@ class Cluster:
         else:
             device.say_checkpoint(codec.encode_checkpoint(checkpoint))
 
-    def _moved(self, came: int, why: str) -> None:
+    def _moved(self, came: int, why: Sentences) -> None:
         if self._moves and self._moves[-1].came and self._moves[-1].reason == why:
             came += self._moves.pop().came
         self._moves.append(Move(self._now_ns(), came, 0, why))
         self._next_say = 0.0  # before anything is published under the new epoch: nobody else could know it
         if not self._scan:
-            self._why = ""
+            self._why = ()
 
     def _measure(self, now: float) -> None:
         since, spent = self._load_since

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from bridge.bus.contract import Reply
+from bridge.reasons.codes import Code, Sentence
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply
 from bridge.wire.refusal import Refusal
@@ -47,7 +48,7 @@ class Commands:
     def ask(self, key: str, payload: bytes, reply: Reply) -> None:
         """Called by the bus: a command waits for the service."""
         if len(self._waiting) >= MOST:
-            _refuse(reply, "", "too many commands are waiting; nothing was done, try again")
+            _refuse(reply, "", Code.TOO_MANY_COMMANDS())
         else:
             self._waiting.append(_Asked(key, payload, reply, time.monotonic()))
 
@@ -60,20 +61,17 @@ class Commands:
                 key, command = keys.parse(asked.key), codec.decode_command(asked.key, asked.payload)
             except Refusal as refusal:
                 self._counted(f"refused, {refusal.reason}")
-                _refuse(asked.reply, "", str(refusal))
+                _refuse(asked.reply, "", Code.COMMAND_MALFORMED(detail=refusal))
                 continue
             if not self._ours(key.device):
                 asked.reply(b"")  # another estimator answers
             elif now - asked.came_s > ANSWER_S:
-                _refuse(
-                    asked.reply, command.request_id, "the estimator is too busy to answer; nothing was done, try again"
-                )
+                _refuse(asked.reply, command.request_id, Code.ESTIMATOR_BUSY())
             else:
                 self._once(asked, key, command, do)
         for (_, _, request_id), waiting in self._unkept.items():
             while waiting and now - waiting[0][0].came_s > WRITTEN_S:
-                words = "it was begun, but how it ended is not known yet: look at the status"
-                _refuse(waiting.pop(0)[0].reply, request_id, words)
+                _refuse(waiting.pop(0)[0].reply, request_id, Code.OUTCOME_UNKNOWN())
 
     def _once(self, asked: _Asked, key: keys.Key, command: Command, do: Do) -> None:
         request = key.device, key.ids["verb"], command.request_id
@@ -96,5 +94,5 @@ class Commands:
             asked.reply(answer)
 
 
-def _refuse(reply: Reply, request_id: str, message: str) -> None:
-    reply(codec.encode_reply(CommandReply(request_id, accepted=False, message=message)))
+def _refuse(reply: Reply, request_id: str, why: Sentence) -> None:
+    reply(codec.encode_reply(CommandReply(request_id, accepted=False, message=(why,))))

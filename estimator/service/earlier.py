@@ -6,6 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from bridge.reasons.codes import Sentences
 from bridge.wire.messages import Calibration, DeviceInfo
 from estimator.gyro import repeatability
 from estimator.restore import changed, differing, restore_key
@@ -61,10 +62,10 @@ class Earlier:
             log.warning(f"%s: {words}", device.name, c.id, ahead_s / 86400)
         return c
 
-    def scratch(self, info: DeviceInfo) -> str:
-        """Why no calibration of this device holds, in words for a person; empty where there is none."""
+    def scratch(self, info: DeviceInfo) -> Sentences:
+        """Why no calibration of this device holds; empty where there is none."""
         latest = self._store.latest(info.device)
-        return "" if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
+        return () if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
 
     def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw], None]) -> None:
         """What the same hardware taught of temperature in earlier boots, if anything; it takes as long as many samples do."""

@@ -12,6 +12,8 @@ from pathlib import Path
 from bridge import enrolled
 from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
 from bridge.wire.messages import Status
 from bridge.wire.refusal import Tally
@@ -82,17 +84,14 @@ class Gate:
         for name in self.strangers.keys() & places.keys():
             del self.strangers[name]
 
-    def words(self, device: str, bridge: str = "") -> str:
+    def why(self, device: str, bridge: str = "") -> Sentences:
         """Why a device, sent by this bridge, is not let in; empty where it would be."""
         place = self._places.get(device)
         if place and bridge and place != bridge:
-            return (
-                f"enrolled by {place} and sent by {bridge}: what it sends is not used; mend [devices] of the estimator's file if"
-                f" it is {bridge}'s now"
-            )
+            return (Code.ENROLLED_ELSEWHERE(place=place, bridge=bridge),)
         if self._enrolment is None or place is not None:
-            return ""
-        return "not enrolled: what it sends is not used; add it to [devices] of the estimator's file if it belongs here"
+            return ()
+        return (Code.NOT_ENROLLED(),)
 
     def _admits(self, key: str, now: float) -> bool:
         _, bridge, device = ("", "", *key.rsplit("/", 2))[-3:]
@@ -116,7 +115,7 @@ class Gate:
 
     def _count(self, device: str, bridge: str, now: float) -> None:
         if self._counts.add(STRANGER) == 1:
-            log.warning("%s: %s (said once)", device, self.words(device))
+            log.warning("%s: %s (said once)", device, english(*self.why(device)))
         self._list(device, bridge, now)
 
     def _list(self, device: str, bridge: str, now: float) -> None:
@@ -159,7 +158,7 @@ class Notices:
                 self._blank,
                 device=name,
                 time_ns=time_ns,
-                reason=self._gate.words(name, stranger.bridge),
+                reason=self._gate.why(name, stranger.bridge),
                 events={STRANGER: stranger.messages},
                 bridge=stranger.bridge,
             )

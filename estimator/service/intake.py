@@ -8,6 +8,7 @@ from functools import partial
 
 from bridge.bus.contract import Message
 from bridge.ingest import duplicate_bridges
+from bridge.reasons.catalogue import english
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Refusal, Tally
 from estimator.client.decoder import Decoder
@@ -139,7 +140,7 @@ class Intake:
             # How many there are of them stands in its status.
             log.warning(
                 "%s (said once)",
-                duplicate_bridges.words([samples.device], device.admission.source.owner, (samples.bridge,)),
+                english(duplicate_bridges.said([samples.device], device.admission.source.owner, (samples.bridge,))),
             )
 
     def _take(self, device: Device, batch: Samples, now: float) -> None:

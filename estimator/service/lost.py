@@ -1,8 +1,10 @@
-"""When a device is lost: nothing that can be used has come of it for too long; and why, in words."""
+"""When a device is lost: nothing that can be used has come of it for too long; and why."""
 
 import logging
 from collections.abc import Container
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from estimator.lifecycle import Event
 from estimator.service.device import Device
 from estimator.service.gate import Gate
@@ -11,8 +13,7 @@ from estimator.service.presence import SETTLED_S, Presence
 log = logging.getLogger(__name__)
 
 #: why a device is lost that sends nothing since it was taken over
-SILENT = "no samples since another estimator had it: is it switched on, plugged in, in reach?"
-_OUTDATED = "its samples are refused as old: was the clock of bridge {bridge} set back, or is a recording played?"
+SILENT = (Code.NO_SAMPLES_SINCE_TAKEOVER(),)
 
 
 class Lost:
@@ -35,16 +36,16 @@ class Lost:
         boot, outdated_s = device.admission.outdated
         speaks = device.heard < outdated_s and now - outdated_s <= self._silence_s
         if speaks and self._presence.heard(name, boot, owner):
-            if device.session.silence(_OUTDATED.format(bridge=owner), Event.OUTDATED):
-                log.warning("%s: %s", name, device.session.life.reason)
+            if device.session.silence((Code.SAMPLES_OUTDATED(bridge=owner),), Event.OUTDATED):
+                log.warning("%s: %s", name, english(*device.session.life.reason))
             return
-        why = self._gate.words(name, owner) or self._presence.words(name, device.session.boot or 0, owner)
-        reason = f"{_silent_for(now - device.heard)}{': ' if why else ''}{why}"
+        why = self._gate.why(name, owner) or self._presence.why(name, device.session.boot or 0, owner)
+        reason = (Code.NO_SAMPLES(duration=_lasting(now - device.heard)), *why)
         if device.session.silence(reason):
-            log.warning("%s: lost, %s", name, reason)
+            log.warning("%s: lost, %s", name, english(*reason))
 
 
-def _silent_for(seconds: float) -> str:
+def _lasting(seconds: float) -> str:
     if seconds >= 7200:
-        return f"no samples for {seconds / 3600:.0f} hours"
-    return f"no samples for {seconds / 60:.0f} minutes" if seconds >= 120 else f"no samples for {seconds:.1f} s"
+        return f"{seconds / 3600:.0f} h"
+    return f"{seconds / 60:.0f} min" if seconds >= 120 else f"{seconds:.1f} s"

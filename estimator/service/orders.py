@@ -4,6 +4,8 @@ import logging
 import time
 from collections.abc import Callable
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire import keys
 from bridge.wire.messages import Command, CommandReply
 from bridge.wire.refusal import Tally
@@ -46,40 +48,45 @@ class Orders:
             kept()
             return self._unknown(key, command)
         reply = self._done(self._devices[key.device], key.ids["verb"], command)
-        log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, reply.message)
+        log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, english(*reply.message))
         self._record.audit(self._devices[key.device], key, command, reply, kept)
         return reply
 
     def _unknown(self, key: keys.Key, command: Command) -> CommandReply:
         """Anybody can make names up: such a command is counted and not kept."""
         names = sorted(self._devices)
-        known = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
-        message = self._gate.words(key.device)
-        message = (
-            f"{key.device}: {message}"
-            if message
-            else (f"device {key.device} is unknown: nothing was heard of it; known are {known or 'none yet'}")
-        )
+        message = self._gate.why(key.device) or (Code.UNKNOWN_DEVICE(device=key.device), *_known(names))
         if self._counts.add("commands to unknown devices") == 1:
-            log.warning("%s by %s: %s (more are only counted)", key.ids["verb"], command.who, message)
+            log.warning("%s by %s: %s (more are only counted)", key.ids["verb"], command.who, english(*message))
         return CommandReply(command.request_id, accepted=False, message=message)
 
     def _done(self, device: Device, verb: str, command: Command) -> CommandReply:
-        refusals: list[str | None] = []
+        refusals: list[Sentence | None] = []
         if not self._guarded(device, lambda: refusals.append(_obey(device, verb, command))):
-            return CommandReply(command.request_id, accepted=False, message="it failed; see the estimator's log")
+            return CommandReply(command.request_id, accepted=False, message=(Code.COMMAND_FAILED(),))
         if verb == "note" and refusals[0] is None:
             self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
         self._guarded(device, lambda: device.say_status(self._now_ns()))
         self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
-        message = refusals[0] or ("noted" if verb == "note" else device.session.life.goes_on)
-        return CommandReply(command.request_id, accepted=refusals[0] is None, message=message)
+        if (refusal := refusals[0]) is not None:
+            return CommandReply(command.request_id, accepted=False, message=(refusal,))
+        message = (Code.NOTED(),) if verb == "note" else device.session.life.goes_on
+        return CommandReply(command.request_id, accepted=True, message=message)
 
 
-def _obey(device: Device, verb: str, command: Command) -> str | None:
+def _known(names: list[str]) -> Sentences:
+    """The devices that are known, or the first of them."""
+    if not names:
+        return ()
+    if len(names) <= SHOWN:
+        return (Code.KNOWN_DEVICES(names=", ".join(names)),)
+    return (Code.KNOWN_DEVICES_AND_MORE(names=", ".join(names[:SHOWN]), more=len(names) - SHOWN),)
+
+
+def _obey(device: Device, verb: str, command: Command) -> Sentence | None:
     """None, or why not."""
     if verb == "recalibrate":
         return device.session.recalibrate(command.who, command.reason)
     if verb == "cancel":
         return device.session.cancel(command.who)
-    return None if command.reason.strip() else "a note needs words"
+    return None if command.reason.strip() else Code.NOTE_EMPTY()

@@ -3,8 +3,8 @@
 import logging
 from collections.abc import Iterable
 
+from bridge.reasons.codes import Code, Sentence
 from bridge.wire.messages import Status
-from bridge.wording import count
 
 log = logging.getLogger(__name__)
 
@@ -56,14 +56,13 @@ class Overload:
         return 0 if self._began is None else max(1, round(now - self._began))
 
 
-def found(statuses: Iterable[Status]) -> list[str]:
+def found(statuses: Iterable[Status]) -> list[Sentence]:
     """That the estimator does not keep up now, by its statuses, and what to do."""
     seconds = max((status.events.get(OVERLOADED, 0) for status in statuses), default=0)
-    return [f"the estimator has not kept up with its devices for {seconds} s: {_DO}"] if seconds else []
+    return [Code.ESTIMATOR_OVERLOADED(duration_s=seconds)] if seconds else []
 
 
-def unkept(statuses: Iterable[Status]) -> list[str]:
+def unkept(statuses: Iterable[Status]) -> list[Sentence]:
     """That an estimator cannot write its store now, by its statuses."""
     devices = sum(UNKEPT in status.events for status in statuses)
-    what = f"the store of {count(devices, 'device')} cannot be written: what is calibrated now is lost when its estimator ends"
-    return [f"{what}; its log, and its /readyz, say why"] if devices else []
+    return [Code.STORE_FAILING(devices=devices)] if devices else []

@@ -7,6 +7,7 @@ boot, and a birth brings nobody back. Changes come on a thread of the bus and ar
 from collections import deque
 from dataclasses import dataclass, field
 
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal, Tally
 
@@ -89,16 +90,16 @@ class Presence:
         token, there = self._boot(device, boot), self._bridges.tokens.get(bridge)
         return token is not None and there is not None and token.alive and there.alive
 
-    def words(self, device: str, boot: int, bridge: str) -> str:
-        """What is known of why nothing comes, for a person; empty when nothing is."""
+    def why(self, device: str, boot: int, bridge: str) -> Sentences:
+        """What is known of why nothing comes; empty when nothing is."""
         there, token = self._bridges.tokens.get(bridge), self._boot(device, boot)
         if there is not None and not there.alive:
-            return f"its bridge {bridge} is gone: does it run, does it reach the router?"
+            return (Code.BRIDGE_GONE(bridge=bridge),)
         if token is not None and not token.alive:
-            return f"bridge {bridge} hears it no more: is it switched on, plugged in, in reach?"
+            return (Code.DEVICE_UNHEARD(bridge=bridge),)
         if there is None and self._forgot:
-            return f"its bridge {bridge} has not shown itself since the router is back: does it run?"
-        return ""
+            return (Code.BRIDGE_NOT_BACK(bridge=bridge),)
+        return ()
 
     def _boot(self, device: str, boot: int) -> _Token | None:
         known = self._devices.get(device)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+from bridge.reasons.codes import Sentences
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
@@ -179,8 +180,7 @@ class Record:
             device.recorded = float("-inf")  # a point of the history, too
             self.checkpoint(device, now, force=True)
         else:
-            words = f"{c.verdict.name.lower()}: {c.reason}"
-            row = (self._now_ns(), c.device, "calibrate", c.id, c.who, "", words)
+            row = (self._now_ns(), c.device, "calibrate", c.id, c.who, c.verdict.name.lower(), c.reason)
             self._write(lambda: self._store.add_audit(*row, accepted=False))
             device.say_calibration(c.id, payload)
 
@@ -214,7 +214,7 @@ class Record:
         time_ns = self._now_ns()
         self._write(lambda: self._store.add_boot(info, time_ns))
 
-    def started_over(self, info: DeviceInfo, why: str) -> None:
+    def started_over(self, info: DeviceInfo, why: Sentences) -> None:
         """For the device's history, once a boot: from here on it is calibrated from scratch."""
         request = keys.boot_id(info.boot)
         row = (self._now_ns(), info.device, SCRATCH, request, "estimator", "", why)

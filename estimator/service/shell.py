@@ -10,6 +10,8 @@ from functools import partial
 
 from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.router_watch import RouterWatch
 from bridge.wire import keys
 from bridge.wire.messages import Checkpoint
@@ -303,7 +305,7 @@ class Service:
         def adopted() -> None:
             device.repeated = None
             session.adopt(Remembered(calibration, None), calibration)
-            log.info("%s: %s", device.name, session.life.reason)
+            log.info("%s: %s", device.name, english(*session.life.reason))
             self._record.keep(device, calibration)
             device.say_status(self._now_ns())
 
@@ -386,7 +388,7 @@ class Service:
                 device.heard = min(now, device.heard + now - self._looked) if was_silent else now
                 device.admission.source.hold(now)
                 if not connected:
-                    device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
+                    device.session.silence((Code.ROUTER_GONE(),), Event.UNREACHABLE)
         self._looked = now
         waited_s = self._quotas.typical_wait_s(len(self._devices))
         over_s = self._overload.look(now, waited_s=waited_s)

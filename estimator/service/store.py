@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Self
 import msgspec
 import numpy as np
 
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
@@ -100,7 +101,13 @@ class Store:
         if c.verdict is not Verdict.ACCEPTED:
             raise ValueError(f"a calibration with verdict {c.verdict.name} is not stored")
         row: Row = {"id": c.id, "device": c.device, "boot": keys.boot_id(c.boot), "time_ns": c.time_ns}
-        row |= {"method": c.method, "verdict": c.verdict.name, "reason": c.reason, "who": c.who, "version": _version()}
+        row |= {
+            "method": c.method,
+            "verdict": c.verdict.name,
+            "reason": _written(c.reason),
+            "who": c.who,
+            "version": _version(),
+        }
         row |= restore_key(c) | {"payload": codec.encode_calibration(c)}
         self.database.insert("calibrations", row, "ON CONFLICT (id) DO NOTHING")
 
@@ -156,13 +163,13 @@ class Store:
         request_id: str,
         who: str,
         reason: str,
-        message: str,
+        message: Sentences,
         *,
         accepted: bool,
     ) -> None:
         """Append what was asked of the estimator, or what it refused, and what came of it."""
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
-        self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": message})
+        self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": _written(message)})
 
     def repeat(self, device: str, boot: int, time_ns: int, made: Iterable[str] = ()) -> None:
         """Another power-up came under a boot number: the calibrations and the bias kept so far are not of this one.
@@ -170,7 +177,7 @@ class Store:
         made: ids of calibrations of the one before that are still to be kept.
         """
         name = keys.boot_id(boot)
-        message = "another power-up under the same boot number: to be calibrated anew"
+        message = _written((Code.BOOT_NUMBER_REPEATED(),))
         with self.database.transaction():
             self.database.execute(
                 "INSERT INTO audit (time_ns, device, verb, request_id, who, accepted, message, reason) SELECT ?, ?, ?, ?, ?, ?,"
@@ -218,11 +225,11 @@ class Store:
         rows = self.database.rows("boots", "device = ?", (device,), _LATEST_FIRST, most)
         return [int(row["boot"], 16) for row in reversed(rows)]
 
-    def answer(self, device: str, verb: str, request_id: str) -> tuple[bool, str] | None:
-        """Whether a command that came before was accepted, and the words it was answered with."""
+    def answer(self, device: str, verb: str, request_id: str) -> tuple[bool, Sentences] | None:
+        """Whether a command that came before was accepted, and what it was answered."""
         values = device, request_id, verb
         for row in self.database.rows("audit", "device = ? AND request_id = ? AND verb = ?", values, limit=1):
-            return bool(row["accepted"]), row["message"]
+            return bool(row["accepted"]), read_sentences(row["message"])
         return None
 
     def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
@@ -333,6 +340,16 @@ def _calibrations(rows: Iterable[Row]) -> list[Calibration]:
         except Refusal as refusal:  # of a truerate that took what this one does not
             log.error("calibration %s of %s is not used: %s", row["id"], row["device"], refusal)
     return found
+
+
+def _written(sentences: Sentences) -> str:
+    """Sentences as a text column holds them: JSON."""
+    return msgspec.json.encode(sentences).decode()
+
+
+def read_sentences(text: str) -> Sentences:
+    """The sentences of a text column."""
+    return msgspec.json.decode(text, type=Sentences)
 
 
 def _kept(row: dict[str, Any]) -> _Kept | None:

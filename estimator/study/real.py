@@ -8,6 +8,7 @@ from msgspec import Struct
 from rich.console import RenderableType
 
 from bridge.columns import Column, Columns
+from bridge.reasons.catalogue import english
 from bridge.recording import Recording, load
 from estimator import offline
 from estimator.study.study import Arrays, Job, Parts, Scenario, Study
@@ -74,7 +75,7 @@ def results(of: RealScenario, parts: Parts) -> Real:
     for method in METHODS:
         result, _ = offline.calibrate(recording, method)
         if not np.isfinite(result.covariance).all():
-            rows.append(Row(method, result.verdict.name.lower(), result.reason, None, None, None))
+            rows.append(Row(method, result.verdict.name.lower(), english(*result.reason), None, None, None))
             continue
         own = {turn.axis: turn.closure_error for turn in result.turns} if result.turns else {}
         std = np.sqrt(np.diag(result.covariance))[3:6]
@@ -82,7 +83,7 @@ def results(of: RealScenario, parts: Parts) -> Real:
             Row(
                 method,
                 result.verdict.name.lower(),
-                result.reason,
+                english(*result.reason),
                 [float(k) for k in result.scale],
                 [float(s) for s in std],
                 [float(np.degrees(own[a])) for a in sorted(turns)] if set(own) >= set(turns) else None,

@@ -6,6 +6,7 @@ from math import degrees
 
 import numpy as np
 
+from bridge.reasons.codes import Code, Sentence, Sentences
 from estimator.state import StateStruct
 from estimator.track.consistency import Consistency, ConsistencyState
 from estimator.track.evidence import Receipt
@@ -33,7 +34,7 @@ class DoubtState(StateStruct):
     agreed: parts that rests have agreed with since the bias was doubted.
     """
 
-    why: str
+    why: Sentences
     contradictions: dict[str, int]
     refused: dict[str, tuple[float, str]]
     agreed: set[str]
@@ -45,8 +46,8 @@ class Doubt:
 
     def __init__(self, knobs: DoubtKnobs | None = None) -> None:
         self.knobs = knobs or DoubtKnobs()
-        #: the reason, in words, as long as it is doubted, else none
-        self.why = ""
+        #: the reason as long as the bias is doubted, else none
+        self.why: Sentences = ()
         self.last_receipt: Receipt | None = None
         self.consistency = Consistency()
         self._contradictions, self._refused = dict.fromkeys(_PARTS, 0), dict[str, tuple[float, str]]()
@@ -73,7 +74,7 @@ class Doubt:
     def anew(self) -> None:
         """Nothing speaks against what is believed from now on."""
         self._contradictions = dict.fromkeys(_PARTS, 0)
-        self.why = ""
+        self.why = ()
         self._agreed.clear()
         self.consistency.forget()
 
@@ -105,30 +106,28 @@ class Doubt:
             if receipt.reason != INSISTED:
                 self._agreed.add(part)
 
-    def news(self, age_s: float, *, gravity: bool) -> str | None:
-        """Why it is doubted from now on, in words; None when that is no news, or there is no reason.
+    def news(self, age_s: float, *, gravity: bool) -> Sentences:
+        """Why it is doubted from now on; none when that is no news, or there is no reason.
 
         age_s: since the last evidence of rest, or since one was waited for. gravity: whether the accelerometer is against it.
         """
-        reason = None
+        reason: Sentence | None = None
         against = [self._refused[part] for part in _PARTS if self._contradictions[part] >= self.knobs.contradictions]
         if against:
             off, kind = max(against)
-            by = degrees(off)
-            reason = f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
-            if kind.startswith("bounded"):
-                reason = f"quiet, it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
+            code = Code.QUIET_CONTRADICTS_BIAS if kind.startswith("bounded") else Code.REST_CONTRADICTS_BIAS
+            reason = code(rate_dps=f"{degrees(off):.2f}")
         elif gravity:
-            reason = "gravity disagrees: the bias jumped, or the accelerometer is wrong"
+            reason = Code.GRAVITY_CONTRADICTS_BIAS()
         elif self.consistency.inflation > self.knobs.inflation:
-            reason = f"rests disagree with each other by {self.consistency.inflation:.1f} times what they may"
+            reason = Code.RESTS_DISAGREE(times=f"{self.consistency.inflation:.1f}")
         elif age_s > self.knobs.evidence_age_s:
-            reason = f"no rest for {age_s / 60:.0f} minutes"
+            reason = Code.NO_REST_FOR(minutes=f"{age_s / 60:.0f}")
         if reason is None or self.stands:
-            return None
-        self.why = reason
+            return ()
+        self.why = (reason,)
         self._agreed.clear()
-        return reason
+        return self.why
 
     def settled(self, age_s: float, *, sure: bool, gravity: bool) -> bool:
         """Whether rests have made all of a bias certain again that is sure in itself, and would not be doubted at once."""
@@ -136,7 +135,7 @@ class Doubt:
         against = against or age_s > self.knobs.evidence_age_s  # a rest that proved none does not end the wait for one
         if against or not sure or not self._agreed.issuperset(_PARTS):
             return False
-        self.why = ""
+        self.why = ()
         return True
 
 

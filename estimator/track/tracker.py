@@ -6,6 +6,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Sentences
 from estimator.gyro import GyroModel
 from estimator.state import StateStruct
 from estimator.stillness import Windows
@@ -400,8 +401,8 @@ class Tracker:
 
     # ---- doubt and trust ------------------------------------------------------------------------------------------
 
-    def doubts(self, now: float) -> str | None:
-        """Why the bias is doubted from now on, in words; None when that is no news, or there is no reason."""
+    def doubts(self, now: float) -> Sentences:
+        """Why the bias is doubted from now on; none when that is no news, or there is no reason."""
         return self.doubt.news(now - self._evidence_time, gravity=self._gravity_disagrees)
 
     def trusts(self) -> bool:

@@ -66,20 +66,15 @@ async def _refused(request: Request, error: Exception) -> Response:
 async def _not_there(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     status = HTTPStatus(error.status_code)
-    words = {
-        HTTPStatus.NOT_FOUND: "There is nothing here.",
-        HTTPStatus.METHOD_NOT_ALLOWED: f"{request.method} is not possible here.",
-    }
-    fault = Fault(
-        status, status.phrase.lower().replace(" ", "_"), words.get(status, error.detail), dict(error.headers or {})
-    )
+    known = status in (HTTPStatus.NOT_FOUND, HTTPStatus.METHOD_NOT_ALLOWED)
+    code, message = status.phrase.lower().replace(" ", "_"), "" if known else error.detail
+    fault = Fault(status, code, message, dict(error.headers or {}), method=request.method)
     return _answer(request, fault)
 
 
 async def _failed(request: Request, error: Exception) -> Response:  # noqa: ARG001 - it is logged by the server
     """Answered outside the guard, who would dress it."""
-    words = "That failed here, and is in the dashboard's log."
-    answer = _answer(request, Fault(HTTPStatus.INTERNAL_SERVER_ERROR, "failed", words))
+    answer = _answer(request, Fault(HTTPStatus.INTERNAL_SERVER_ERROR, "failed"))
     dress(request.url.path, answer.headers)
     return answer
 

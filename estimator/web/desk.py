@@ -15,6 +15,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection, Request
 
 from bridge.bus.contract import BusError
+from bridge.reasons.codes import Code
 from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.messages import Calibration, CommandReply
 from estimator import history
@@ -85,15 +86,15 @@ class Desk:
         """Who gives a command, by cookie and by what their own page says beside it; else Fault."""
         session = self.session(connection)
         if session is None:
-            raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", "Log in to do this.", CHALLENGE)
+            raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", headers=CHALLENGE)
         if not secrets.compare_digest(session.csrf.encode(), csrf.encode("utf-8", "replace")):
-            raise Fault(HTTPStatus.FORBIDDEN, "stale_page", "This page is not of your session any more; load it again.")
+            raise Fault(HTTPStatus.FORBIDDEN, "stale_page")
         return session
 
     async def let_in(self, request: Request, name: str, password: str) -> None:
         """Return if it is the right password; else Fault, as for too many tries."""
         if not name or not password:
-            raise Fault(HTTPStatus.BAD_REQUEST, "empty", "Both name and password are needed.")
+            raise Fault(HTTPStatus.BAD_REQUEST, "empty")
         address = neighbourhood(request.client.host if request.client else "")
         counted = name[:64]
         async with self._one_at_a_time:
@@ -102,13 +103,13 @@ class Desk:
                 raise Fault(
                     HTTPStatus.TOO_MANY_REQUESTS,
                     "too_many_tries",
-                    f"Too many wrong passwords came; wait {ceil(wait_s)} seconds.",
-                    {"Retry-After": f"{ceil(wait_s)}"},
+                    headers={"Retry-After": f"{ceil(wait_s)}"},
+                    seconds=ceil(wait_s),
                 )
             if not await run_in_threadpool(self._passwords.right, name, password):
                 self._attempts.failed(address, counted, time.monotonic())
                 log.warning("a wrong name or password from %s", address)
-                raise Fault(HTTPStatus.UNAUTHORIZED, "wrong_password", "The name or the password is wrong.", CHALLENGE)
+                raise Fault(HTTPStatus.UNAUTHORIZED, "wrong_password", headers=CHALLENGE)
             self._attempts.succeeded(address, counted)
 
     # ---- devices --------------------------------------------------------------------------------------------------
@@ -117,9 +118,8 @@ class Desk:
         """Of a device that was heard of; else Fault."""
         story = self.known.stories.get(device)
         if story is None:
-            there = ", ".join(sorted(self.known.stories)[:20]) or "none"
-            message = f"no device {device[:64]} was heard; there are: {there}"
-            raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", message)
+            there = ", ".join(sorted(self.known.stories)[:20]) or "–"
+            raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", device=device[:64], names=there)
         return story
 
     async def ask(self, device: str, verb: str, who: str, words: str = "") -> CommandReply:
@@ -127,15 +127,11 @@ class Desk:
         self.story(device)
         words = plain(words)
         if len(words) > MAX_SENTENCE or not words.isprintable():
-            raise Fault(
-                HTTPStatus.BAD_REQUEST,
-                "bad_text",
-                f"The text must be one line of at most {MAX_SENTENCE} printable characters.",
-            )
+            raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", most=MAX_SENTENCE)
         if verb == "note" and not words.strip():
-            raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", "A note needs a text.")
+            raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", reason=(Code.NOTE_EMPTY(),))
         if self.control is None:
-            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_router", "The ward's router is not there.")
+            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_router")
         commands: dict[str, Callable[[str, str, str], CommandReply]] = {
             "recalibrate": self.control.recalibrate,
             "cancel": self.control.cancel,
@@ -145,8 +141,7 @@ class Desk:
             return await run_in_threadpool(commands[verb], device, who, words)
         except BusError as error:
             log.warning("%s: no answer to %s: %s", device, verb, error)
-            message = "The estimator does not answer: nothing was done. Try again, or tell the engineer."
-            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer", message) from error
+            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer") from error
 
     async def remember(self, device: str) -> None:
         """Add what the store has of a device that is known, where the store is at hand; Fault where it is not."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from math import degrees, isfinite, nan
 
 from bridge.wire.messages import Calibration, DeviceInfo, State, Status
-from bridge.wire.refusal import in_words
 from estimator.guide.compare import stds
 from estimator.gyro import AXES, SIGMAS
 from estimator.texts import Texts
@@ -87,7 +86,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
         facts=_facts(story, t),
         calibrations=[_calibration(c, in_use, t) for c in reversed(story.calibrations.values())],
         boots=[
-            Line(b.time_ns, words.clock(b.time_ns), b.what, t.said(b.cause)) for b in reversed(story.boots.values())
+            Line(b.time_ns, words.clock(b.time_ns), b.what, t.label(b.cause)) for b in reversed(story.boots.values())
         ],
         notes=[Line(n.time_ns, words.clock(n.time_ns), n.who, n.text) for n in reversed(story.notes)],
         events=[_event(mark, t) for mark in sorted(story.trail.marks, key=lambda mark: -mark.time_ns)[:20]],
@@ -116,7 +115,7 @@ def _calibration(c: Calibration, in_use: str, t: Texts) -> CalibrationLine:
             )
             for turn in c.turns
         ),
-        reason=t.said(c.reason),
+        reason=t.text(c.reason),
         in_use=c.id == in_use,
     )
 
@@ -128,8 +127,13 @@ def interval(value: float, std: float, digits: int) -> str:
 
 
 def _event(mark: Mark, t: Texts) -> Line:
-    said = mark.words if mark.kind == "note" else t.said(mark.words)
-    return Line(mark.time_ns, words.clock(mark.time_ns), t(f"event.{mark.kind}"), said)
+    return Line(mark.time_ns, words.clock(mark.time_ns), t(f"event.{mark.kind}"), _mark_text(mark, t))
+
+
+def _mark_text(mark: Mark, t: Texts) -> str:
+    if isinstance(mark.words, tuple):
+        return t.text(mark.words)
+    return mark.words if mark.kind == "note" else t.label(mark.words)
 
 
 def _facts(story: Story, t: Texts) -> list[tuple[str, str]]:
@@ -150,7 +154,7 @@ def _hardware(info: DeviceInfo, t: Texts) -> list[tuple[str, str]]:
         ("range", f"±{degrees(info.gyro_range):.0f} °/s" if info.gyro_range else ""),
         ("sensors", ", ".join(t(f"fact.{sensor}") for sensor in sensors)),
         ("clock", t("fact.own_clock") if info.has_clock else t("fact.no_clock")),
-        ("trouble", t.said(info.trouble)),
+        ("trouble", t.text(info.trouble)),
         ("not_published", _counted(info.dropped, t)),
     ]
 
@@ -167,8 +171,8 @@ def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:
 
 def _events(counts: Mapping[str, int], t: Texts) -> str:
     """`gaps: 1, movement ignored: 2`: most of the words are plurals."""
-    return ", ".join(t("words.counted", what=t.said(in_words(label)), n=n) for label, n in sorted(counts.items()) if n)
+    return ", ".join(t("words.counted", what=t.label(label), n=n) for label, n in sorted(counts.items()) if n)
 
 
 def _counted(counts: Mapping[str, int], t: Texts) -> str:
-    return ", ".join(f"{n} {t.said(in_words(label))}" for label, n in counts.items() if n)
+    return ", ".join(f"{n} {t.label(label)}" for label, n in counts.items() if n)

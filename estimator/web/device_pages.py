@@ -7,6 +7,7 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 
+from bridge.reasons.codes import Code
 from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.messages import CommandReply
 from estimator.guide.guide import CALIBRATING
@@ -50,11 +51,11 @@ async def command(request: Request, verb: str) -> Response:
     session = desk.checked(request, given.get("csrf", ""))
     try:
         reply = await _asked(desk, name, verb, session.name, given.get("words", ""))
-        session.said = reply.accepted, name, reply.message
+        session.said = reply.accepted, name, lambda t: t.text(reply.message)
     except Fault as fault:
         if fault.status is HTTPStatus.NOT_FOUND:
             raise
-        session.said, session.draft = (False, name, fault.message), given.get("words", "")[:MAX_SENTENCE]
+        session.said, session.draft = (False, name, fault.text), given.get("words", "")[:MAX_SENTENCE]
     return RedirectResponse(own(given.get("to", f"/devices/{name}")), HTTPStatus.SEE_OTHER)
 
 
@@ -62,6 +63,5 @@ async def _asked(desk: Desk, name: str, verb: str, who: str, words: str) -> Comm
     """The estimator's answer; a page that is not fresh must not undo the turns that somebody else has made meanwhile."""
     status = desk.story(name).status
     if verb == "recalibrate" and status is not None and status.state in CALIBRATING and status.axes_done:
-        message = "turns are done already and would be lost: cancel first to begin anew"
-        return CommandReply("", accepted=False, message=message)
+        return CommandReply("", accepted=False, message=(Code.TURNS_WOULD_BE_LOST(),))
     return await desk.ask(name, verb, who, words)

@@ -21,11 +21,9 @@ async def body(request: Request) -> bytes:
             async for part in request.stream():
                 found += part
                 if len(found) > MAX_BYTES:
-                    words = f"More than {MAX_BYTES} bytes are not taken."
-                    raise Fault(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too_large", words)
+                    raise Fault(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too_large", most=MAX_BYTES)
     except (TimeoutError, ClientDisconnect):
-        words = "The body came too slowly, or not to its end."
-        raise Fault(HTTPStatus.REQUEST_TIMEOUT, "incomplete", words, {"Connection": "close"}) from None
+        raise Fault(HTTPStatus.REQUEST_TIMEOUT, "incomplete", headers={"Connection": "close"}) from None
     return found
 
 
@@ -35,4 +33,4 @@ async def fields(request: Request) -> dict[str, str]:
     try:
         return dict(parse_qsl(text, keep_blank_values=True, max_num_fields=20))
     except ValueError:
-        raise Fault(HTTPStatus.BAD_REQUEST, "bad_form", "The form was not understood.") from None
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_form") from None

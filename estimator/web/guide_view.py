@@ -8,8 +8,7 @@ from bridge.wire.messages import Calibration, State
 from estimator.guide.compare import compared, differing, last_before
 from estimator.guide.guide import CALIBRATING, SIDES
 from estimator.guide.hand import Hand
-from estimator.guide.reasons import Words
-from estimator.guide.steps import Picture, Step, Told
+from estimator.guide.steps import Picture, Step, Told, Words
 from estimator.gyro import AXES
 from estimator.texts import LANGUAGES, Texts, texts
 from estimator.web import words
@@ -137,7 +136,7 @@ def _said(told: Told, known: Known, calibration: Calibration | None, before: Cal
     return Said(
         head=t.say("head", told.head),
         how=t(f"how.{told.step}"),
-        wrong=[t.say("wrong", one) for one in told.wrong],
+        wrong=[t.text((one,)) for one in told.wrong],
         rebooted=t("guide.rebooted") if told.rebooted else "",
         progress=progress.get(told.step, ""),
         turns=_turns(told, t),

@@ -3,15 +3,15 @@
 from collections import deque
 from dataclasses import dataclass, field, replace
 
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire import keys
-from bridge.wire.messages import BiasRevision, BootCause, Calibration, DeviceInfo, Note, Status, Verdict
+from bridge.wire.messages import BiasRevision, BootCause, Calibration, DeviceInfo, Note, State, Status, Verdict
 from bridge.wire.refusal import Tally
 from estimator import glance
 from estimator.glance import Glance
 from estimator.history import Biases, History
 from estimator.lifecycle import AWAY
-from estimator.texts import LANGUAGES, texts
-from estimator.ward_view import SILENT, SILENT_S, UNKNOWN, Row, WardView
+from estimator.ward_view import SILENT, SILENT_S, UNKNOWN, WORDS, Row, WardView
 from estimator.web.trail import Mark, Trail
 
 #: who is alive shows it within so long of there being a router, s
@@ -25,14 +25,14 @@ _NAMED = 8
 CALIBRATIONS, NOTES, BOOTS = 50, 50, 50
 _CAUSES = {
     BootCause.UNKNOWN: "",
-    BootCause.POWER_UP: "it was switched on",
-    BootCause.PORT_OPENED: "its port was opened",
+    BootCause.POWER_UP: "switched on",
+    BootCause.PORT_OPENED: "port opened",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """A boot that was seen or that the store has; time_ns of the first that was heard of it."""
+    """A boot that was seen or that the store has; time_ns of the first that was heard of it, cause a label."""
 
     boot: int
     time_ns: int
@@ -216,9 +216,9 @@ class Known:
     def _unheard(self, row: Row) -> Row:
         """The same while nothing can be heard: unknown, and never gone."""
         status = self.stories[row.device].status
-        was = UNKNOWN if status is None else texts(LANGUAGES[0])(f"state.{status.state.name.lower()}")
-        said = "" if was == UNKNOWN else f": it was {was} when it was heard last"
-        return replace(row, state=UNKNOWN, reason=f"the router is gone{said}")
+        known = status is not None and status.state is not State.UNKNOWN
+        last = (Code.LAST_STATE(label=WORDS[status.state]),) if status is not None and known else ()
+        return replace(row, state=UNKNOWN, reason=(Code.ROUTER_GONE(), *last))
 
     def deaf(self, device: str) -> bool:
         """Whether nothing of a device can be heard by fault of the ward: router, estimator, or its bridge are gone."""
@@ -230,6 +230,18 @@ class Known:
     def broken(self, device: str, now: float) -> bool:
         """The same, or nobody has a word for it any more."""
         return self.deaf(device) or self.row(device, now).state == SILENT
+
+    def troubles(self) -> Sentences:
+        """What is wrong with the ward itself; while there is no router nothing else can be known."""
+        if not self.connected:
+            return (Code.WARD_ROUTER_GONE(),)
+        seen, left_out = self.glance(), self.left_out.as_dict().get("devices")
+        more = (
+            (Code.DEVICES_LEFT_OUT(messages=left_out, bridges=", ".join(sorted(self.crowding)) or "–"),)
+            if left_out
+            else ()
+        )
+        return (*seen.troubles, *seen.law.values(), *more)
 
     def glance(self) -> Glance:
         """The ward at one look."""

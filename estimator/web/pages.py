@@ -72,7 +72,7 @@ async def login(request: Request) -> Response:
     try:
         await desk.let_in(request, name, given.get("password", ""))
     except Fault as fault:
-        page = show(request, "login.html", {"to": to, "name": name[:64], "wrong": fault.message}, fault.status)
+        page = show(request, "login.html", {"to": to, "name": name[:64], "wrong": fault}, fault.status)
         page.headers.update(fault.headers)
         return page
     response = RedirectResponse(to, HTTPStatus.SEE_OTHER)

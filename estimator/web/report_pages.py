@@ -39,7 +39,7 @@ async def certificate(request: Request) -> Response:
     desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
     known = {calibration.id: calibration for calibration in await desk.calibrations(request, name)}
     if (found := known.get(number)) is None:
-        raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", f"no calibration {number[:80]} of {name} is known")
+        raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", id=number[:80], device=name)
     story = desk.story(name)
     page = reports.certificate(found, known.values(), story.status, texts(language(request)))
     return _report(request, "certificate.html", page, picture=bool(reports.past(story, name).biases))
@@ -50,7 +50,7 @@ async def bias(request: Request) -> Response:
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
     if not reports.past(story, name).biases:
-        raise Fault(HTTPStatus.NOT_FOUND, "no_bias", f"nothing is known yet of how the bias of {name} went")
+        raise Fault(HTTPStatus.NOT_FOUND, "no_bias", device=name)
     drawn = await desk.pictures.get(request, name, lambda: _drawn(reports.past(story, name)))
     return Response(drawn, media_type="image/png")
 

@@ -2,8 +2,11 @@
 
 import secrets
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import sha256
+
+from estimator.texts import Texts
 
 #: so many at a time; of more the oldest ends
 SESSIONS = 500
@@ -13,14 +16,14 @@ SESSIONS = 500
 class Session:
     """One person in one browser. `csrf` is in every form of theirs.
 
-    said waits to be shown once: whether it is good, of which device, and the estimator's words.
+    said waits to be shown once: whether it is good, of which device, and the answer by language.
     """
 
     name: str
     until: float
     idle_until: float
     csrf: str = field(default_factory=lambda: secrets.token_urlsafe(24))
-    said: tuple[bool, str, str] | None = None
+    said: tuple[bool, str, Callable[[Texts], str]] | None = None
 
     #: the text of a note that was not taken: nobody has to write it again
     draft: str = ""
@@ -30,7 +33,7 @@ class Session:
         draft, self.draft = self.draft, ""
         return draft
 
-    def take_said(self) -> tuple[bool, str, str] | None:
+    def take_said(self) -> tuple[bool, str, Callable[[Texts], str]] | None:
         """What is to be shown, once."""
         said, self.said = self.said, None
         return said

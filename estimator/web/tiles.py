@@ -105,15 +105,8 @@ def word(state: str, t: Texts) -> str:
 
 
 def troubles(known: Known, t: Texts) -> list[str]:
-    """What is wrong with the ward itself, in words; while there is no router nothing else can be known."""
-    if not known.connected:
-        return [t("ward.no_router")]
-    seen = known.glance()
-    found = [t("ward.trouble", words=f"{said[:1].upper()}{said[1:]}") for said in map(t.said, seen.troubles)]
-    found += [t("ward.unaccounted", device=device, words=t.said(words)) for device, words in seen.law.items()]
-    if left_out := known.left_out.as_dict().get("devices"):
-        found.append(t("ward.too_many", n=left_out, bridges=", ".join(sorted(known.crowding)) or "–"))
-    return found
+    """What is wrong with the ward itself, in words."""
+    return [t.text((trouble,)) for trouble in known.troubles()]
 
 
 def tile(row: Row, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
@@ -124,7 +117,7 @@ def tile(row: Row, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
     calibrating = status is not None and status.state in _CALIBRATING
     tone = toned(row)
     notices = [charge_it(row.battery_percent)] if row.low_battery and row.battery_percent is not None else []
-    notices += [f"{name}: {said}" for name, said in row.notices.items()]
+    notices += row.notices
     return Tile(
         id=row.device,
         number=story.number,
@@ -132,8 +125,8 @@ def tile(row: Row, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
         word=word(row.state, t),
         tone=tone,
         needs=tone in NEEDS,
-        reason=t.said(row.reason),
-        notices=t.said("; ".join(notices)),
+        reason=t.text(row.reason),
+        notices=t.text(notices),
         quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
         bias=words.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
         calibrated=words.ago(calibrated_ns, now_ns, t) if calibrated_ns else t("words.uncalibrated") if status else "",
@@ -171,7 +164,7 @@ def _rebooted(story: Story, now_ns: int, t: Texts) -> str:
         return ""
     boot = story.boots[story.boot]
     ago = words.ago(boot.time_ns, now_ns, t)
-    return t("words.rebooted_by", ago=ago, cause=t.said(boot.cause)) if boot.cause else t("words.rebooted", ago=ago)
+    return t("words.rebooted_by", ago=ago, cause=t.label(boot.cause)) if boot.cause else t("words.rebooted", ago=ago)
 
 
 def _stale(row: Row, story: Story, now: float, t: Texts) -> str:

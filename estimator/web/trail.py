@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.codes import Sentences
 from bridge.wire.messages import BiasRevision, Floats, Status
 from estimator.track.seconds import SecondKnobs
 from estimator.ward_view import NEVER_S
@@ -25,11 +26,14 @@ _REFUSED = ": "
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Something that happened: `kind` is boot, calibrated, refused, note or state."""
+    """Something that happened: `kind` is boot, calibrated, refused, note or state.
+
+    words: of a note its text, of evidence refused and of a boot a label, of a calibration its reason.
+    """
 
     time_ns: int
     kind: str
-    words: str
+    words: str | Sentences
 
 
 class Trail:
@@ -111,7 +115,7 @@ class Trail:
 
     def _happenings(self, status: Status) -> None:
         if self._boot and status.boot != self._boot:
-            self.mark(Mark(status.time_ns, "boot", "it has started anew"))
+            self.mark(Mark(status.time_ns, "boot", "started anew"))
         new = self._boot != status.boot
         self._boot = status.boot
         before, self._events = self._events, status.events

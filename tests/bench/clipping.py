@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from bridge.reasons.catalogue import english
 from bridge.recording import Recording
 from bridge.wire.messages import Verdict
 from estimator import offline
@@ -98,7 +99,13 @@ def tried(job: tuple[int, str, int]) -> tuple[int, str, bool, bool, str]:
     result, _ = offline.calibrate(recording, gyro_range=np.radians(case.range_dps) if case.told else 0.0)
     accepted = result.verdict is Verdict.ACCEPTED
     error, std = np.abs(result.scale - k), np.sqrt(np.diag(result.covariance)[3:6])
-    return number, shape, accepted, accepted and bool(np.any((error > 0.01) & (error > 4 * std))), result.reason
+    return (
+        number,
+        shape,
+        accepted,
+        accepted and bool(np.any((error > 0.01) & (error > 4 * std))),
+        english(*result.reason),
+    )
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from bridge.reasons.catalogue import english
 from bridge.recording import Recording
 from bridge.sim.imperfection import Imperfection, ImuSpec, draw
 from bridge.sim.motion import Motion, Piece, Spin, Turn
@@ -112,7 +113,7 @@ def tried(job: tuple[str, bool, int, str]) -> tuple[str, bool, Verdict, Floats, 
     name, accel, seed, method = job
     recording, k = simulated(KINDS[name], seed, accel=accel)
     result, _ = offline.calibrate(recording, method)
-    return name, accel, result.verdict, result.scale - k, result.covariance[3:6, 3:6], result.reason
+    return name, accel, result.verdict, result.scale - k, result.covariance[3:6, 3:6], english(*result.reason)
 
 
 def row(found: list[tuple[Verdict, Floats, Floats, str]]) -> tuple[str, ...]:

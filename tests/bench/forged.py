@@ -24,6 +24,7 @@ import numpy as np
 
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.enrolled import Enrolment
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire import columns_pb2 as columns
@@ -35,6 +36,7 @@ from tests.bench.suffering import Healthy, process
 from tests.estimator import hostile
 from tests.estimator.served import Served
 from tests.estimator.stream import calibration
+from tests.sentences import codes
 
 INVENTED = 100_000
 #: p99 under the flood over p99 without; and what a process may grow by meanwhile, where names without end are kept it is more
@@ -163,7 +165,7 @@ def flooded(devices: int, seconds: float, hz: float, floods: Sequence[str]) -> l
         with Client((endpoint,), ward=WARD) as client:
             statuses = client.statuses(wait_s=1.5)
         quiet, loud = latencies(healthy, began_ns, fleet, seconds)
-        listed = sum(status.reason.startswith("not enrolled") for status in statuses.values())
+        listed = sum(Code.NOT_ENROLLED in codes(status.reason) for status in statuses.values())
         print(
             f"{devices} devices for {seconds:g} s, {hz:g} batches a second of one and as many of {INVENTED} invented:"
         )

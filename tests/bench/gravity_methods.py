@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from bridge.reasons.catalogue import english
 from bridge.recording import Recording
 from bridge.sim.imperfection import Imperfection, ImuSpec
 from bridge.sim.motion import Motion
@@ -174,7 +175,7 @@ def score(case: Case, seed: int) -> Score:
     recording, true = recorded(case, seed)
     result, _ = offline.calibrate(recording, case.method)
     if result.verdict is not Verdict.ACCEPTED:
-        return Score(False, False, np.nan, np.nan, np.nan, np.nan, result.reason)
+        return Score(False, False, np.nan, np.nan, np.nan, np.nan, english(*result.reason))
     full = len(result.parameters) == 12
     rows = slice(None) if full else slice(3)
     error = (result.matrix - true)[ROW, COLUMN][rows]
@@ -184,7 +185,7 @@ def score(case: Case, seed: int) -> Score:
     nees_k = float(error[:3] @ np.linalg.solve(covariance[:3, :3], error[:3])) / 3
     nees = float(error @ np.linalg.solve(covariance, error)) / 9 if full else np.nan
     off, told = (100 * float(np.sqrt(np.mean(of[:3] ** 2))) for of in (error, std))
-    return Score(True, wrong, nees_k, nees, off, told, result.reason)
+    return Score(True, wrong, nees_k, nees, off, told, english(*result.reason))
 
 
 def measured(case: Case, seeds: range, pool: ProcessPoolExecutor | None = None) -> list[Score]:

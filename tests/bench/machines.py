@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.reasons.catalogue import english
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import machine
 from bridge.wire.messages import Verdict
@@ -226,11 +227,13 @@ def judged(result: Result, k: Floats) -> Found:
     """A result beside the truth."""
     accepted = result.verdict is Verdict.ACCEPTED
     if not np.isfinite(result.covariance).all():
-        return Found(accepted, accepted, np.nan, np.nan, result.reason)
+        return Found(accepted, accepted, np.nan, np.nan, english(*result.reason))
     error, cov = result.scale - k, result.covariance[3:6, 3:6]
     wrong = np.abs(error) > np.maximum(0.01 * k, 4 * np.sqrt(np.diag(cov)))
     nees = float(error @ np.linalg.solve(cov, error)) / 3
-    return Found(accepted, accepted and bool(wrong.any()), nees, float(np.abs(error / k).max()), result.reason)
+    return Found(
+        accepted, accepted and bool(wrong.any()), nees, float(np.abs(error / k).max()), english(*result.reason)
+    )
 
 
 def _calibrated(job: tuple[str, int]) -> Found:

@@ -12,6 +12,7 @@ from bumble.host import Host
 from bumble.link import LocalLink
 from bumble.transport.common import AsyncPipeSink
 
+from bridge.reasons.codes import Code
 from bridge.transport import ble_loop
 from bridge.transport.ble_radio import RadioFault, no_characteristic
 
@@ -68,7 +69,7 @@ class Air:
             await self._central.power_on()
             self._on = True
         if address not in self._seen:  # bumble's controller does not end a search that finds nothing
-            raise RadioFault("not heard")
+            raise RadioFault(Code.BLE_NOT_HEARD)
         connection = await self._central.connect(Address(address))
         connection.on(connection.EVENT_DISCONNECTION, lambda _: lost())
         peer = Peer(connection)
@@ -87,7 +88,7 @@ class _Connected:
     def _find(self, uuid: str) -> Any:
         found = self._there.get(uuid) or self._there.get(uuid[4:8])
         if found is None:
-            raise RadioFault(no_characteristic(uuid, {each: [] for each in self._there}))
+            raise no_characteristic(uuid, {each: [] for each in self._there})
         return found
 
     async def listen(self, characteristic: str, heard: Callable[[bytes], None]) -> None:

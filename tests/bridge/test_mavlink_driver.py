@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common
 
 from bridge.drivers.driver import Event, Identity, Notice, Readings
 from bridge.drivers.mavlink import MavlinkDecoder
+from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause
 
 ALL_NEW = 0xFFFF
@@ -114,7 +115,7 @@ def test_of_several_systems_the_first_is_read_and_the_others_are_said() -> None:
     assert sum(len(event.ticks) for event in readings(events)) == 40
     assert all(np.all(event.gyro < 0.5) for event in readings(events))
     (notice,) = [event for event in events if isinstance(event, Notice)]
-    assert notice.text.startswith("system 1 is read; on the same port others are heard too: 2.")
+    assert notice.said == Code.SEVERAL_SYSTEMS(system=1, others="2")
     assert decoder.faults.as_dict() == {"other_system": 40}
     assert not [event for event in decoder.feed(one.highres(200_000), 0) if isinstance(event, Notice)]
 

@@ -14,6 +14,8 @@ from bridge.framing.mtdata2 import Messages, decode, encode
 from bridge.framing.packets import BadPacket
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_readings import joined
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause, SampleFlag
 from bridge.wire.refusal import Tally
 from tests.bridge.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, reals
@@ -92,7 +94,7 @@ def test_a_device_is_told_what_to_send() -> None:
 
 def test_a_device_that_is_deaf_is_read_all_the_same_and_that_is_said() -> None:
     bench = Wire(MtDevice(deaf=True), MtData2Decoder(options(rate_hz=400))).run(5)
-    assert bench.notices == ["to request 30 it does not answer: what it sends was not changed"]
+    assert bench.notices == [english(Code.REQUEST_UNANSWERED(request="30"))]
     assert bench.identities[-1].rate_hz == 100.0
     received = len(bench.device.received)
     bench.run(3)
@@ -125,7 +127,7 @@ def test_every_lost_message_is_counted_by_clock_and_by_count(timed: bool) -> Non
 def test_a_device_that_sends_no_rate_of_turn_is_told_of() -> None:
     decoder = MtData2Decoder(None)
     events = [event for _ in range(300) for event in decoder.feed(message(0x36, item(0x1020, b"\0\1")), 1)]
-    assert events == [Notice("output", "it sends no rate of turn: give it a rate_hz, or set it so")]
+    assert events == [Notice("output", Code.NO_RATE_OF_TURN())]
 
 
 def test_what_the_device_itself_calls_clipped_is_marked_though_its_range_is_unknown() -> None:

@@ -105,7 +105,9 @@ def test_numbers_of_a_turn(field: str, low: float, high: float) -> None:
 @pytest.mark.parametrize(
     ("what", "field", "most", "one"),
     [
-        ("info", "notices", 16, "words"),
+        ("info", "notices", 16, pb.Sentence(code="x")),
+        ("info", "trouble", 16, pb.Sentence(code="x")),
+        ("status", "reason", 16, pb.Sentence(code="x")),
         ("info", "events", 64, 1),
         ("status", "dropped", 64, 1),
         ("status", "refused_bridges", 16, "b1"),
@@ -116,9 +118,21 @@ def test_numbers_of_a_turn(field: str, low: float, high: float) -> None:
     ],
 )
 def test_how_many(what: str, field: str, most: int, one: Any) -> None:
-    named = field in ("notices", "events", "dropped")
+    named = field in ("events", "dropped")
     full, over = ({str(i): one for i in range(n)} if named else [one] * n for n in (most, most + 1))
     assert [taken(what, **{field: full}), taken(what, **{field: over})] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("full", "over"),
+    [
+        (pb.Sentence(code="c" * 64), pb.Sentence(code="c" * 65)),
+        (pb.Sentence(params={str(i): "" for i in range(8)}), pb.Sentence(params={str(i): "" for i in range(9)})),
+        (pb.Sentence(params={"n" * 64: "ü" * 500}), pb.Sentence(params={"n": "ü" * 501})),
+    ],
+)
+def test_how_long_a_sentence_may_be(full: pb.Sentence, over: pb.Sentence) -> None:
+    assert [taken("status", reason=[one]) for one in (full, over)] == [True, False]
 
 
 def test_how_many_parameters() -> None:
@@ -131,8 +145,6 @@ def test_how_many_parameters() -> None:
     [
         ("info", "model", 64),
         ("info", "port", 256),
-        ("info", "trouble", 500),
-        ("status", "reason", 500),
         ("calibration", "who", 64),
     ],
 )

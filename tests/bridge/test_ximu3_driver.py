@@ -10,6 +10,7 @@ from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
 from bridge.drivers.ximu3 import Ximu3Decoder, Ximu3Options
 from bridge.framing import ximu3_encode
 from bridge.framing.ximu3 import plain
+from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause
 from tests.bridge.wire import Wire
 
@@ -128,7 +129,10 @@ def test_battery_and_messages_are_passed_on() -> None:
     events = decoder.feed(said, 1)
     assert [event for event in events if isinstance(event, Battery)] == [Battery(55.5, charging=True), Battery(54.0)]
     notices = [event for event in events if isinstance(event, Notice)]
-    assert notices[-2:] == [Notice("notification", "note 2 | note 3 | note 4"), Notice("error", "Battery empty.")]
+    assert notices[-2:] == [
+        Notice("notification", Code.DEVICE_SAYS(words="note 2 | note 3 | note 4")),
+        Notice("error", Code.DEVICE_REPORTS_ERROR(words="Battery empty.")),
+    ]
 
 
 def test_a_device_that_boots_is_asked_anew() -> None:
@@ -144,12 +148,12 @@ def test_a_device_that_boots_is_asked_anew() -> None:
 def test_a_device_that_refuses_is_said_to_disturb_until_it_no_longer_does() -> None:
     run = Wire(Device(refuses=True), Ximu3Decoder())
     run.run(3.0)
-    assert "turn" in run.notices[-1]
+    assert "Turn" in run.notices[-1]
     run.device.settings[CORRECTION] = False
     run.decoder.opened()
     before = len(run.events)
     last = [event for event in run.run(2.0).events[before:] if isinstance(event, Notice)]
-    assert last == [Notice("on-device correction", "")]
+    assert last == [Notice("on-device correction", None)]
 
 
 def test_settings_may_be_left_alone() -> None:
@@ -175,7 +179,7 @@ def test_nothing_is_needed_of_a_device_that_only_sends() -> None:
     run = Wire(device, Ximu3Decoder())
     run.run(20.0)
     assert sequences(run.events) == list(range(1000))
-    assert "not known" in run.notices[-1]
+    assert "nobody knows" in run.notices[-1]
     (identity,) = run.identities
     assert (identity.model, identity.rate_hz) == ("x-IMU3", 50.0)
     device.deaf = False

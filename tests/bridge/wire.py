@@ -4,6 +4,7 @@ from typing import Generic, Protocol, Self, TypeVar
 
 from bridge.drivers.driver import Event, Identity, Notice, Readings
 from bridge.drivers.stream import Decoder
+from bridge.reasons.catalogue import english
 
 TURN_NS = 20_000_000
 
@@ -43,4 +44,4 @@ class Wire(Generic[D]):
 
     @property
     def notices(self) -> list[str]:
-        return [event.text for event in self.events if isinstance(event, Notice) and event.text]
+        return [english(event.said) for event in self.events if isinstance(event, Notice) and event.said]

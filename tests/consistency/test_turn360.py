@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.recording import Recording
 from bridge.sim.session import simulate_session
 from bridge.wire.messages import Verdict
 from estimator import offline
 from estimator.batch.methods import BY_MOVEMENTS, METHODS
 from estimator.study import protocols
+from tests.sentences import codes
 
 #: methods for three full turns; those by movements take other protocols too
 BY_TURNS = [name for name in METHODS if name not in BY_MOVEMENTS]
@@ -64,4 +66,4 @@ def test_no_bad_protocol_is_accepted_wrong(kind: str, method: str) -> None:
 def test_what_nothing_shows_is_said(kind: str) -> None:
     for seed in range(8):
         result, _ = offline.calibrate(protocols.UNDETECTABLE[kind](seed).recording)
-        assert result.verdict is not Verdict.ACCEPTED or "exactly 360°" in result.reason
+        assert result.verdict is not Verdict.ACCEPTED or Code.TURNS_ASSUMED in codes(result.reason)

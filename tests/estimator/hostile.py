@@ -88,7 +88,7 @@ def state(served: Served, device: str) -> str:
     session.sequence = type(sequence)()  # its counters are to change
     session.learnt._events = session.sequence.events
     if session.life.state is State.LOST:
-        session.life.reason = ""  # and so are the seconds since it was heard last
+        session.life.reason = ()  # and so are the seconds since it was heard last
     try:
         what = pickle.dumps((session, sequence.boot, sequence.next, sequence._first, sorted(sequence._past.items())))
     finally:

@@ -53,7 +53,7 @@ def test_it_follows_the_hand_to_the_verdict() -> None:
     assert code == 0
     for words in (
         "Put it at the edge of the table, and let go",
-        "Turn it all the way round, once.",
+        "Turn the device once all the way round.",
         "Done: it is calibrated",
     ):
         assert words in printed
@@ -116,7 +116,7 @@ def test_a_name_that_is_mistyped_is_answered_by_those_there_are() -> None:
         assert calibrate(console, client, "chset", "nurse", texts("en"), seconds=MISNAMED_S + 0.5) == 1
     talk.close()
     assert isinstance(console.file, io.StringIO)
-    assert console.file.getvalue().count("no device chset was heard; there are: ankle, chest") == 1
+    assert console.file.getvalue().count("No device chset was heard; there are: ankle, chest.") == 1
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,11 @@ from estimator.batch.carry import MATRIX_PARAMETERS
 from estimator.calibration_file import CalibrationFileError, of_result
 from estimator.offline import calibrate
 from tests.estimator.test_correction import CALIBRATION
+from tests.sentences import free
 
-KNOWN = replace(CALIBRATION, device="", boot=0, time_ns=0, rate_hz=104.0, gyro_range=8.7, reason="three turns closed")
+KNOWN = replace(
+    CALIBRATION, device="", boot=0, time_ns=0, rate_hz=104.0, gyro_range=8.7, reason=free("three turns closed")
+)
 Json = dict[str, Any]
 
 
@@ -80,7 +83,10 @@ def without(name: str) -> Callable[[Json], object]:
     [
         (put(format="other"), "format 'other'"),
         (put(version=2), "version 2; 'truerate calibration', version 1, is expected"),
-        (put(verdict="repeat", reason="y did not close"), "verdict is 'repeat', not 'accepted' (y did not close)"),
+        (
+            put(verdict="repeat", reason=[{"code": "turns_undetermined"}]),
+            "verdict is 'repeat', not 'accepted' (The turns do not determine",
+        ),
         (put(matrix=None), "no estimate"),
         (put(matrix=[[1, 0], [0, 1]]), "not a calibration"),
         (put(matrix="one"), "`$.matrix`"),

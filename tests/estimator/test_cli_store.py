@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from estimator.cli import main
 from estimator.database import owned
 from estimator.history import read, since
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS, fill, loaded
 from tests.estimator.stream import NAME
+from tests.sentences import free
 
 NOW = datetime(2026, 3, 8, 12, 0, tzinfo=UTC)
 
@@ -24,7 +26,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
     """As an estimator that is running has it: much is in the log only."""
     opened = Store(tmp_path / "a.sqlite3")
     fill(opened)
-    opened.add_audit(7, NAME, "calibrate", "c9", "nurse", "", "repeat: the turn about y is missing", accepted=False)
+    opened.add_audit(7, NAME, "calibrate", "c9", "nurse", "repeat", free("the turn about y is missing"), accepted=False)
     yield opened
     opened.close()
 
@@ -173,7 +175,7 @@ def test_restore_puts_a_backup_in_its_place(store: Store, tmp_path: Path, capsys
     with owned(str(path)):
         assert main(["store", "restore", "--store", str(path)]) == 1
         assert "another estimator" in capsys.readouterr().err
-    store.add_audit(8, NAME, "note", "later", "nurse", "", "noted", accepted=True)
+    store.add_audit(8, NAME, "note", "later", "nurse", "", (Code.NOTED(),), accepted=True)
     store.close()
     now = path.read_bytes()
     assert main(["store", "restore", "--store", str(path)]) == 0

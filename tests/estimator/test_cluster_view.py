@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import Holding, Move, Owned
 from estimator.cli import main
@@ -15,21 +16,21 @@ from estimator.cluster_view import as_json, cluster_view
 
 def owned(name: str, *devices: str, epoch: int = 5, part: int = 0, parts: int = 1, at: int = 1) -> Owned:
     holdings = tuple(Holding(device, epoch, 7, 100) for device in devices)
-    moves = (Move(at, len(devices), 0, "e9 is gone"),)
+    moves = (Move(at, len(devices), 0, (Code.ESTIMATOR_GONE(estimator="e9"),)),)
     return Owned(name, at, epoch, 0.25, holdings, moves, part, parts)
 
 
 @pytest.mark.parametrize(
-    ("alive", "said", "words"),
+    ("alive", "said", "code"),
     [
-        ([], [], "no estimator is alive"),
-        (["e1"], [], "e1 is alive and says nothing"),
-        (["e1", "e2"], [owned("e1", "a"), owned("e2", "a", epoch=9)], "1 device with two estimators"),
+        ([], [], Code.NO_ESTIMATOR),
+        (["e1"], [], Code.ESTIMATOR_SILENT),
+        (["e1", "e2"], [owned("e1", "a"), owned("e2", "a", epoch=9)], Code.TWO_ESTIMATORS),
     ],
 )
-def test_what_is_wrong_is_said(alive: Sequence[str], said: Sequence[Owned], words: str) -> None:
+def test_what_is_wrong_is_said(alive: Sequence[str], said: Sequence[Owned], code: Code) -> None:
     view = cluster_view("w", alive, said)
-    assert words in view.troubles[0]
+    assert view.troubles[0].code == code
     assert not as_json(view)["well"]
 
 
@@ -54,7 +55,7 @@ class TestCommand:
         assert main(["cluster", "status", "--ward", "w", "--devices"]) == 0
         said = capsys.readouterr().out
         assert "w: 3 devices, 2 estimators" in said
-        assert "2 came: e9 is gone" in said
+        assert "2 came: Estimator e9 is gone." in said
         assert str(2**57 + 3) in said
 
     def test_programs_get_all_of_it(self, capsys: pytest.CaptureFixture[str]) -> None:
@@ -66,4 +67,4 @@ class TestCommand:
 
     def test_none_alive_is_trouble(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["cluster", "status", "--ward", "elsewhere"]) == 1
-        assert "no estimator is alive" in capsys.readouterr().out
+        assert "No estimator is alive" in capsys.readouterr().out

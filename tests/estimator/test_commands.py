@@ -4,10 +4,12 @@ from collections.abc import Callable
 
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply
 from estimator.service import commands
 from estimator.service.commands import Commands
+from tests.sentences import codes, free
 
 KEY = keys.build("w", "rpc", device="chest", verb="recalibrate")
 
@@ -44,7 +46,7 @@ class Desk:
             kept()
         else:
             self.unwritten.append(kept)
-        return CommandReply(command.request_id, accepted=True, message=f"number {len(self.done)}")
+        return CommandReply(command.request_id, accepted=True, message=free(f"number {len(self.done)}"))
 
 
 @pytest.fixture
@@ -57,8 +59,8 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 def test_a_command_is_done_once_however_often_it_is_sent() -> None:
     desk = Desk()
     first, second, other = desk.answer(), desk.answer(), desk.answer("r2")
-    assert first == second == CommandReply("r1", accepted=True, message="number 1")
-    assert other.message == "number 2"
+    assert first == second == CommandReply("r1", accepted=True, message=free("number 1"))
+    assert other.message == free("number 2")
     assert desk.done == [("recalibrate", "r1"), ("recalibrate", "r2")]
     assert desk.counts == ["repeated"]
 
@@ -85,7 +87,7 @@ def test_what_is_no_command_is_answered_with_the_reason(key: str, payload: bytes
     desk = Desk()
     reply = desk.answer(key=key, payload=payload)
     assert not reply.accepted
-    assert len(reply.message) > 10
+    assert codes(reply.message) == [Code.COMMAND_MALFORMED]
     assert desk.done == []
 
 
@@ -95,7 +97,7 @@ def test_a_command_that_waited_too_long_is_not_done(now: list[float]) -> None:
     now[0] += 1.5
     desk.work()
     assert not replies[0].accepted
-    assert "nothing was done" in replies[0].message
+    assert Code.ESTIMATOR_BUSY in codes(replies[0].message)
     assert desk.done == []
     assert desk.answer().accepted
 
@@ -108,7 +110,7 @@ def test_what_is_not_written_down_in_time_is_called_so(now: list[float]) -> None
     now[0] += 1.9
     desk.work()
     assert not replies[0].accepted
-    assert "begun" in replies[0].message
+    assert Code.OUTCOME_UNKNOWN in codes(replies[0].message)
     desk.unwritten[0]()
     assert len(replies) == 1
     assert desk.answer().accepted, "asked again, it is told how it ended"
@@ -120,7 +122,7 @@ def test_it_is_answered_once_it_is_written_down() -> None:
     desk.work()
     assert first == second == []
     desk.unwritten[0]()
-    assert first == second == [CommandReply("r1", accepted=True, message="number 1")]
+    assert first == second == [CommandReply("r1", accepted=True, message=free("number 1"))]
     assert len(desk.done) == 1
 
 
@@ -128,7 +130,7 @@ def test_too_many_at_once_are_turned_away() -> None:
     desk = Desk()
     asked = [desk.ask(f"r{n}") for n in range(80)]
     assert [len(replies) for replies in asked] == 64 * [0] + 16 * [1]
-    assert all("too many" in replies[0].message for replies in asked[64:])
+    assert all(Code.TOO_MANY_COMMANDS in codes(replies[0].message) for replies in asked[64:])
     desk.work()
     assert all(replies[0].accepted for replies in asked[:64])
 
@@ -138,6 +140,6 @@ def test_answers_are_forgotten_oldest_first(monkeypatch: pytest.MonkeyPatch) -> 
     desk = Desk()
     for n in range(5):
         desk.answer(f"r{n}")
-    assert desk.answer("r4").message == "number 5"
-    assert desk.answer("r0").message == "number 6"
+    assert desk.answer("r4").message == free("number 5")
+    assert desk.answer("r0").message == free("number 6")
     assert len(desk.done) == 6

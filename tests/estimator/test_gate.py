@@ -11,6 +11,7 @@ import pytest
 from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.enrolled import Enrolment
+from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, State, Status
 from bridge.wire.refusal import Tally
@@ -46,7 +47,7 @@ def gate(counts: Tally) -> Gate:
 def test_without_an_enrolment_all_are_let_in(counts: Tally) -> None:
     gate, messages = Gate(None, counts), [sent("b1", "x"), sent("b2", "y")]
     assert gate.admit(messages, 0.0) is messages
-    assert gate.words("x") == ""
+    assert gate.why("x") == ()
 
 
 def test_only_enrolled_devices_from_their_own_bridges_are_let_in(gate: Gate, counts: Tally) -> None:
@@ -114,7 +115,7 @@ def test_a_stranger_stands_in_every_list_as_not_enrolled(status: tuple[Notices, 
     notices.say(5, {"listed"})
     (one,) = said
     assert (one.device, one.bridge, one.events, one.samples_in) == ("ghost", "b9", {STRANGER: 1}, 0)
-    assert one.reason.startswith("not enrolled: ")
+    assert one.reason == (Code.NOT_ENROLLED(),)
     seen = glance.glance("w", {"ghost": one}, {}, ["b9"], ["e"])
     assert (seen.needs[0].device, seen.needs[0].reason, seen.well) == ("ghost", one.reason, False)
     view = WardView()
@@ -148,12 +149,8 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     assert (said.state, said.events) == (State.UNKNOWN, {STRANGER: 11})
     assert service._devices == {}
     assert service._devices.info("b1", "chest") is None
-    assert (
-        "not enrolled"
-        in service._orders.do(
-            keys.parse(keys.build("w", "rpc", device="chest", verb="cancel")), ASKED, lambda: None
-        ).message
-    )
+    key = keys.parse(keys.build("w", "rpc", device="chest", verb="cancel"))
+    assert service._orders.do(key, ASKED, lambda: None).message == (Code.NOT_ENROLLED(),)
     assert client.corrected(idle_s=0.05).receive(0.05) is None
     file.write_text("wrist\nb1/chest\n")
     service._every_second(time.monotonic())

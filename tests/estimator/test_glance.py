@@ -4,19 +4,23 @@ from dataclasses import replace
 
 import pytest
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 from estimator.glance import as_json, glance, most, total
 from estimator.service.law import EVENT
 from estimator.service.overload import UNKEPT
 from tests.estimator.stream import info as info_of
+from tests.sentences import free
 
+NOTICES = (Code.SAMPLES_BAD(percent="3", label="clipped"), Code.RATE_CHANGED(then_hz="100", now_hz="50"))
 STATUS = Status(
     device="a",
     boot=1,
     time_ns=1,
     state=State.TRACKING,
     quality=Quality.GOOD,
-    reason="calibrated",
+    reason=free("calibrated"),
     progress=1.0,
     axes_done=(),
     bias=(0.0, 0.0, 0.0),
@@ -34,7 +38,9 @@ STATUS = Status(
 
 
 def statuses(**states: State) -> dict[str, Status]:
-    return {name: replace(STATUS, device=name, state=state, reason=f"why {name}") for name, state in states.items()}
+    return {
+        name: replace(STATUS, device=name, state=state, reason=free(f"why {name}")) for name, state in states.items()
+    }
 
 
 def infos(*names: str, **changes: object) -> dict[str, DeviceInfo]:
@@ -53,14 +59,18 @@ def test_a_store_that_cannot_be_written_is_nobodys_secret() -> None:
     found = {name: replace(status, events={UNKEPT: 1}) for name, status in statuses(a=State.TRACKING).items()}
     seen = glance("w", found, infos("a"), ["bridge"], ["e"])
     assert not seen.well
-    assert "the store of 1 device cannot be written" in seen.troubles[0]
+    assert seen.troubles[0] == Code.STORE_FAILING(devices=1)
 
 
 def test_the_most_urgent_comes_first() -> None:
     found = statuses(a=State.TURNING, b=State.DEGRADED, c=State.LOST, d=State.TRACKING, e=State.AWAITING_STILL)
-    seen = glance("w", found, infos(*"abcdef", boot=0, trouble="the port is missing"), ["bridge"], ["e"])
+    seen = glance("w", found, infos(*"abcdef", boot=0, trouble=free("the port is missing")), ["bridge"], ["e"])
     assert [need.device for need in seen.needs] == ["f", "c", "e", "b", "a"]
-    assert [need.reason for need in seen.needs] == ["the port is missing"] * 2 + ["why e", "why b", "why a"]
+    assert [need.reason for need in seen.needs] == [free("the port is missing")] * 2 + [
+        free("why e"),
+        free("why b"),
+        free("why a"),
+    ]
     assert not seen.well
     assert (seen.devices, seen.tracking) == (6, 1)
 
@@ -73,9 +83,12 @@ def test_a_battery_that_runs_out(percent: float, charging: bool, needs: int) -> 
 
 def test_a_broken_law_is_trouble() -> None:
     good = statuses(a=State.TRACKING)["a"]
-    for wrong, words in ((replace(good, samples_out=80), "10 nowhere"), (replace(good, events={EVENT: 2}), "2 times")):
+    for wrong, words in (
+        (replace(good, samples_out=80), "10 are not accounted for"),
+        (replace(good, events={EVENT: 2}), "2 times"),
+    ):
         seen = glance("w", {"a": wrong}, {}, ["b"], ["e"])
-        assert words in seen.law["a"]
+        assert words in english(seen.law["a"])
         assert not seen.well
         assert as_json(seen)["law"]["holds"] is False
 
@@ -86,7 +99,7 @@ def test_a_device_that_two_bridges_send_is_trouble_until_one_stops() -> None:
         for name, s in statuses(a=State.TRACKING, c=State.TRACKING).items()
     }
     seen = glance("w", found, infos("a", "c"), ["b1", "b2"], ["e"])
-    assert seen.troubles == ["devices a, c are sent by two bridges, b1 and b2: b2's samples are refused; stop one"]
+    assert seen.troubles == (Code.TWO_BRIDGES(devices="a, c", owner="b1", refused="b2"),)
     assert not seen.well
     assert seen.unused["a"] == {"sent by b2 as well": 50, "repeated": 10}
     over = {name: replace(s, refused_bridges=()) for name, s in found.items()}
@@ -108,7 +121,7 @@ def test_what_was_not_used_is_told_with_its_reasons_most_first() -> None:
 
 def test_what_bridges_count_is_told_and_a_notable_share_needs_a_person() -> None:
     events = {"not_a_number": 7, "clipped": 90}
-    found = infos("a", events=events, notices={"refused": "3 % clipped", "rate changed": "its rate changed"})
+    found = infos("a", events=events, notices=NOTICES)
     seen = glance("w", statuses(a=State.TRACKING), found, ["bridge"], ["e"])
-    assert seen.told == {"a": "its rate changed; 90 clipped, 7 not a number"}
-    assert [need.reason for need in seen.needs] == ["3 % clipped"]
+    assert seen.told == {"a": f"{english(NOTICES[1])} 90 clipped, 7 not a number"}
+    assert [need.reason for need in seen.needs] == [NOTICES[:1]]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.enrolled import Enrolment
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, State
@@ -97,7 +98,7 @@ def test_a_recording_is_no_sign_of_life(served: Served, streams: dict[str, Strea
     session = served.service._devices[A].session
     served.service.work()
     assert session.life.state is State.LOST
-    assert float(session.life.reason.split()[3]) > 15
+    assert float(session.life.reason[0].params["duration"].split()[0]) > 15
 
 
 @pytest.mark.parametrize("boot", [7, 8], ids=["a boot that is known", "another boot"])
@@ -116,9 +117,7 @@ def test_one_whose_bridges_clock_was_set_back_is_not_lost(
         served.service.work()
         states.add(session.life.state)
         if session.life.state is State.UNKNOWN:
-            assert session.life.reason == (
-                f"its samples are refused as old: was the clock of bridge {BRIDGE} set back, or is a recording played?"
-            )
+            assert session.life.reason == (Code.SAMPLES_OUTDATED(bridge=BRIDGE),)
     assert State.UNKNOWN in states
     assert State.LOST not in states
     assert session.boot == boot

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import swing
@@ -38,8 +39,9 @@ def test_a_rest_after_a_gap_improves_the_rates_of_the_gap(busy: Stream, accel: b
         corrected += outcome.corrected
         revisions += outcome.revisions
     revision = max(revisions, key=lambda one: len(one.sequences))
-    assert revision.reason == f"at rest again after {float(revision.reason.split()[-2]):.0f} s"
-    assert float(revision.reason.split()[-2]) == pytest.approx(MOVED_S, abs=12.0)
+    [again] = revision.reason
+    assert again.code == Code.AT_REST_AGAIN
+    assert float(again.params["gap_s"]) == pytest.approx(MOVED_S, abs=12.0)
     assert revision.boot == 1
     assert (np.diff(revision.sequences.astype(int)) > 0).all()
     # Each point is at its sample's own time.

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.recording import Recording
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import TurnPlan
@@ -8,6 +9,7 @@ from bridge.wire.messages import Verdict
 from estimator import offline
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration, feed
+from tests.sentences import codes
 
 
 @pytest.mark.parametrize("accel", [True, False])
@@ -33,8 +35,8 @@ def test_what_was_passed_over_is_told_with_its_time() -> None:
     result, passed_over = offline.calibrate(of.recording())
     assert result.verdict is Verdict.REPEAT
     assert result.repeat == (1,)
-    assert "no full turn about y" in result.reason
-    assert "not a full turn" in result.reason
+    assert Code.NO_FULL_TURN in codes(result.reason)
+    assert Code.TURN_TOO_SHORT in codes(result.reason)
     (words,) = passed_over
     assert float(words.split(" s:")[0]) == pytest.approx(1.5 + 3 * 3.2 + 2 * 4.5 - 1, abs=2.0)
 
@@ -46,7 +48,7 @@ def test_a_known_range_shows_what_was_clipped() -> None:
     result, passed_over = offline.calibrate(clipped, gyro_range=limit)
     assert result.verdict is Verdict.REPEAT
     assert len(passed_over) == 3
-    assert all("faster than the gyro's range" in words for words in passed_over)
+    assert all("too fast for the gyro's range" in words for words in passed_over)
 
 
 def test_nothing_but_rest_is_no_session() -> None:

@@ -4,6 +4,7 @@ from itertools import permutations
 
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.wire import keys
 from bridge.wire.refusal import Tally
 from estimator.service.presence import SETTLED_S, Presence
@@ -28,7 +29,7 @@ def test_a_boot_whose_token_was_taken_back_by_a_bridge_that_lives_is_gone() -> N
     presence = told((BRIDGE, True), (OLD, True), (OLD, False))
     assert not gone(presence, 1, SETTLED_S - 0.1), "not before it is settled"
     assert gone(presence, 1)
-    assert "hears it no more" in presence.words("wrist", 1, "b")
+    assert presence.why("wrist", 1, "b") == (Code.DEVICE_UNHEARD(bridge="b"),)
 
 
 def test_a_boot_is_heard_while_its_token_and_its_bridge_are_there() -> None:
@@ -43,13 +44,13 @@ def test_a_boot_is_heard_while_its_token_and_its_bridge_are_there() -> None:
 def test_no_order_of_an_old_boots_tokens_says_anything_of_the_new_one(order: tuple[tuple[str, bool], ...]) -> None:
     presence = told((BRIDGE, True), *order)
     assert not gone(presence, 2, 100.0)
-    assert presence.words("wrist", 2, "b") == ""
+    assert not presence.why("wrist", 2, "b")
 
 
 def test_a_bridge_that_dies_with_its_devices_says_nothing_of_them() -> None:
     presence = told((BRIDGE, True), (OLD, True), (OLD, False), (BRIDGE, False))
     assert not gone(presence, 1, 100.0)
-    assert "its bridge b is gone" in presence.words("wrist", 1, "b")
+    assert presence.why("wrist", 1, "b") == (Code.BRIDGE_GONE(bridge="b"),)
 
 
 def test_all_tokens_born_again_mean_nothing_until_they_are_settled() -> None:
@@ -67,7 +68,7 @@ def test_without_a_router_nothing_is_known() -> None:
     presence.forget()
     presence.note(1.0)
     assert not gone(presence, 1, 100.0)
-    assert "has not shown itself since the router is back" in presence.words("wrist", 1, "b")
+    assert presence.why("wrist", 1, "b") == (Code.BRIDGE_NOT_BACK(bridge="b"),)
     presence.change(BRIDGE, True)
     presence.note(2.0)
-    assert presence.words("wrist", 1, "b") == ""
+    assert not presence.why("wrist", 1, "b")

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire.messages import Calibration, Quality, SampleBatch, State
 from estimator import history
@@ -15,12 +17,13 @@ from estimator.service.record import SCRATCH
 from estimator.session import DeviceSession
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, calibration, feed, info
+from tests.sentences import codes, free
 
 OTHERS: list[tuple[dict[str, Any], str]] = [
-    ({"firmware": "2.0"}, "its firmware is 2.0, was 1.0"),
-    ({"model": "n"}, "its model is n, was m"),
-    ({"gyro_range": 4.36}, "its range is 4.36 rad/s, was 8.7 rad/s"),
-    ({"rate_hz": 208.0, "has_clock": False}, "its rate is 208 Hz, was 104 Hz"),
+    ({"firmware": "2.0"}, "The firmware is 2.0; it was 1.0"),
+    ({"model": "n"}, "The model is n; it was m"),
+    ({"gyro_range": 4.36}, "The range is 4.36 rad/s; it was 8.7 rad/s"),
+    ({"rate_hz": 208.0, "has_clock": False}, "The rate is 208 Hz; it was 104 Hz"),
 ]
 
 
@@ -49,7 +52,7 @@ def restart(ward: Ward) -> None:
 
 
 def scratched(ward: Ward) -> list[str]:
-    return [row["message"] for row in history.read(ward.store, NAME).commands if row["verb"] == SCRATCH]
+    return [english(*row["message"]) for row in history.read(ward.store, NAME).commands if row["verb"] == SCRATCH]
 
 
 @pytest.mark.parametrize(("other", "words"), OTHERS)
@@ -62,17 +65,17 @@ def test_another_device_under_the_name_begins_from_scratch_and_it_is_said(
     ward.send(second(once)[:30], replace(info(2), **other))
     assert {b.quality for b in ward.subscriber} == {Quality.NONE}
     status = ward.latest()
-    assert words in status.reason
-    assert "from scratch" in status.reason
-    assert "hold the device still" in status.reason, "and what to do"
+    assert words in english(*status.reason)
+    assert Code.CALIBRATE_FROM_SCRATCH in codes(status.reason)
+    assert Code.HOLD_STILL in codes(status.reason), "and what to do"
     assert words in caplog.text
     assert [words in said for said in scratched(ward)] == [True]
     restart(ward)
     ward.send(second(once)[30:60])
-    assert words in ward.latest().reason
+    assert words in english(*ward.latest().reason)
     ward.send(second(once)[60:])
     assert (ward.latest().quality, scratched(ward)) == (Quality.GOOD, scratched(ward)[:1]), "told once a boot"
-    assert "from scratch" not in ward.latest().reason
+    assert Code.CALIBRATE_FROM_SCRATCH not in codes(ward.latest().reason)
 
 
 def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_either(
@@ -125,7 +128,7 @@ def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
     ward.send(once.batches()[:-20], info(1))
     device = ward.service._devices[NAME]
     for doubted in (False, True):
-        device.session.tracker.doubt.why = "a jump" if doubted else ""
+        device.session.tracker.doubt.why = free("a jump") if doubted else ()
         ward.service._record.checkpoint(device, 0.0, force=True)
         remembered = ward.store.recall(NAME, 1, 1_700_000_000_000_000_000)
         assert remembered is not None
@@ -134,7 +137,7 @@ def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
         status = resumed.status(1)
         assert first.quality is (Quality.DEGRADED if doubted else Quality.GOOD)
         assert status.state is (State.DEGRADED if doubted else State.TRACKING)
-        assert ("in doubt when the estimator was restarted" in status.reason) is doubted
+        assert (Code.BIAS_WAS_DOUBTED in codes(status.reason)) is doubted
 
 
 def test_an_estimator_that_is_stopped_and_started_goes_on_to_the_bit(tmp_path: Path, once: Stream) -> None:

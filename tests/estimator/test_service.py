@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bridge.bus.memory_bus import MemoryBus
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Note, Quality, State, Verdict
@@ -18,6 +19,7 @@ from estimator.session import DeviceSession
 from tests.estimator.client.test_revision import revision
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
+from tests.sentences import codes, free
 
 REVISION = revision()
 
@@ -60,7 +62,7 @@ def test_a_reboot_asks_for_a_recalibration(ward: Ward, once: Stream, other_boot:
     after = list(ward.subscriber)
     assert {b.boot for b in after} == {2}
     assert {b.quality for b in after} == {Quality.PRIOR}, "the same hardware: its scale is a prior"
-    assert "restarted" in ward.latest().reason or "still" in ward.latest().reason
+    assert Code.RESTARTED in codes(ward.latest().reason) or Code.HOLD_STILL in codes(ward.latest().reason)
     ward.send(once.batches(boot=1)[-5:])
     ward.send(early[15:])
     assert list(ward.subscriber)[-1].quality is Quality.GOOD
@@ -93,7 +95,7 @@ def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch
     from estimator.batch import closure
 
     def never(*_: object) -> None:
-        raise closure.NotConverged("no scale factors close the three turns")
+        raise closure.NotConverged(Code.TURNS_UNDETERMINED())
 
     monkeypatch.setattr(closure, "estimate", never)
     ward.send(calibration(seed=3).batches(), info(1))
@@ -113,14 +115,14 @@ def test_revisions_are_published_after_what_they_revise(
         outcome = handle(session, batch, cuts)
         if batch.sequence == 30:
             outcome = outcome or Outcome()
-            outcome.revisions += [replace(REVISION, device=NAME, reason=reason) for reason in ("one", "another")]
+            outcome.revisions += [replace(REVISION, device=NAME, reason=free(reason)) for reason in ("one", "another")]
         return outcome
 
     monkeypatch.setattr(DeviceSession, "take", revising)
     before = ward.client.revisions(idle_s=0.05)
     ward.send(batches, info())
     live, late = list(before), list(ward.client.revisions(NAME, idle_s=0.05))
-    assert [one.reason for one in live] == [one.reason for one in late] == ["one", "another"]
+    assert [one.reason for one in live] == [one.reason for one in late] == [free("one"), free("another")]
     np.testing.assert_array_equal(live[0].bias, REVISION.bias)
 
 
@@ -146,7 +148,7 @@ def test_commands_are_done_audited_and_explained(ward: Ward, once: Stream) -> No
     assert ward.command(lambda: ward.client.cancel(NAME, "nurse")).accepted
     assert ward.latest().state is State.TRACKING
     assert not ward.command(lambda: ward.client.cancel(NAME, "nurse")).accepted
-    assert ward.command(lambda: ward.client.note(NAME, "nurse", "fell down")).message == "noted"
+    assert ward.command(lambda: ward.client.note(NAME, "nurse", "fell down")).message == (Code.NOTED(),)
     assert not ward.command(lambda: ward.client.note(NAME, "nurse", "")).accepted
     rows = ward.store.database.rows("audit")
     assert [(row["verb"], row["who"], row["accepted"]) for row in rows] == [
@@ -162,17 +164,15 @@ def test_commands_to_names_that_somebody_made_up_are_refused_counted_and_not_kep
     ward: Ward, once: Stream, caplog: pytest.LogCaptureFixture
 ) -> None:
     early = ward.command(lambda: ward.client.note("nobody", "nurse", "hello"))
-    assert early.message == "device nobody is unknown: nothing was heard of it; known are none yet"
+    assert early.message == (Code.UNKNOWN_DEVICE(device="nobody"),)
     ward.send(once.batches()[:20], info(1))
     for name in ("ghost-1", "ghost-2"):
         reply = ward.command(lambda name=name: ward.client.recalibrate(name, "nurse"))  # type: ignore[misc] # asked now
-        assert (reply.accepted, reply.message) == (
-            False,
-            f"device {name} is unknown: nothing was heard of it; known are {NAME}",
-        )
+        assert not reply.accepted
+        assert reply.message == (Code.UNKNOWN_DEVICE(device=name), Code.KNOWN_DEVICES(names=NAME))
     assert ward.store.database.rows("audit") == []
     assert ward.service._count_all()["commands to unknown devices"] == 3
-    assert caplog.text.count("is unknown") == 1
+    assert caplog.text.count("Nothing was heard of a device") == 1
     assert ward.store.devices() == [NAME]
 
 
@@ -196,7 +196,7 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     assert ward.service._devices[NAME].status(1).state is State.UNKNOWN
     ward.broker.start()
     unknown = ward.latest()
-    assert (unknown.state, unknown.reason[:18]) == (State.UNKNOWN, "the router is gone")
+    assert (unknown.state, codes(unknown.reason)[0]) == (State.UNKNOWN, Code.ROUTER_GONE)
     ward.send(once.batches()[-3:])
     assert ward.latest().state is State.UNKNOWN, "nothing of it was new"
     more = once.part(0, 20)
@@ -205,10 +205,10 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     time.sleep(1.1)
     lost = ward.latest()
     assert (lost.state, lost.quality) == (State.LOST, Quality.DEGRADED)
-    assert "no samples" in lost.reason
+    assert Code.NO_SAMPLES in codes(lost.reason)
     ward.service._devices[NAME].heard -= 1200.0
     later = ward.latest()
-    assert (later.state, later.reason[:25]) == (State.LOST, "no samples for 20 minutes")
+    assert (later.state, later.reason[0]) == (State.LOST, Code.NO_SAMPLES(duration="20 min"))
 
 
 def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> None:

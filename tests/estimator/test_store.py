@@ -11,6 +11,7 @@ from estimator.service.store import REPEATED, Store
 from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
 from tests.estimator.test_correction import CALIBRATION
+from tests.sentences import free
 
 BIAS = BiasState(
     np.array([0.1, -0.2, 0.3, 0.0, 0.0, 0.0]),
@@ -131,10 +132,10 @@ def test_of_earlier_boots_of_the_same_hardware_the_last_calibrations_come_in_the
 
 def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
     assert store.answer(NAME, "recalibrate", "r1") is None
-    store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", "done", accepted=True)
-    store.add_audit(6, NAME, "cancel", "r2", "nurse", "", "nothing to cancel", accepted=False)
-    assert store.answer(NAME, "recalibrate", "r1") == (True, "done")
-    assert store.answer(NAME, "cancel", "r2") == (False, "nothing to cancel")
+    store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", free("done"), accepted=True)
+    store.add_audit(6, NAME, "cancel", "r2", "nurse", "", free("nothing to cancel"), accepted=False)
+    assert store.answer(NAME, "recalibrate", "r1") == (True, free("done"))
+    assert store.answer(NAME, "cancel", "r2") == (False, free("nothing to cancel"))
     assert store.answer(NAME, "cancel", "r1") is store.answer("other", "recalibrate", "r1") is None
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from estimator.service.epochs import BEYOND
 
 from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
@@ -18,6 +17,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Holding, Owned, SampleBatch
 from estimator.service.device import Device
 from estimator.service.lost import SILENT
+from estimator.service.ownership import BEYOND
 from estimator.service.quota import ROUND
 from estimator.service.replicas import checkpoint_of
 from estimator.session_knobs import SessionKnobs

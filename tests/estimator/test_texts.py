@@ -5,8 +5,8 @@ from string import Formatter
 
 import pytest
 
-from estimator.guide.reasons import _SAID, Words
-from estimator.guide.steps import Picture, Step
+from bridge.reasons.codes import Code
+from estimator.guide.steps import Picture, Step, Words
 from estimator.texts import _FOLDER, LANGUAGES, chosen, texts
 from estimator.ward_view import URGENCY
 
@@ -18,7 +18,7 @@ def fields(language: str) -> dict[str, list[str]]:
     return {
         f"{section}.{key}": sorted({name for _, name, _, _ in Formatter().parse(text) if name})
         for section, keys in sections.items()
-        if isinstance(keys, dict) and section != "said"
+        if isinstance(keys, dict)
         for key, text in keys.items()
     }
 
@@ -30,8 +30,6 @@ def test_all_languages_say_the_same(language: str) -> None:
 
 def test_everything_the_guide_says_has_a_text() -> None:
     there = fields("en")
-    for key, (_, names) in _SAID.items():
-        assert set(there[f"wrong.{key}"]) <= set(names), key
     assert {f"how.{step}" for step in Step} <= set(there)
     assert {f"guide.{way}" for way in (Picture.FLAT, Picture.ALONG, Picture.ACROSS)} <= set(there)
     assert {f"head.{kind}_{way}" for kind in ("turn", "again") for way in ("flat", "along", "across")} <= set(there)
@@ -39,11 +37,12 @@ def test_everything_the_guide_says_has_a_text() -> None:
 
 
 def test_values_are_filled_in() -> None:
-    short = Words("short", {"angle": "181"})
-    assert texts("en").say("wrong", short).startswith("That was only about 181°. ")
-    assert "181°" in texts("zh").say("wrong", short)
+    short = (Code.TURN_TOO_SHORT(angle_deg="181"),)
+    assert texts("en").text(short).startswith("That was about 181°, ")
+    assert "181°" in texts("zh").text(short)
     # A name with braces in it is a name.
-    assert texts("en").say("wrong", Words("cancelled", {"who": "{n}"})) == "{n} has cancelled."
+    assert texts("en").text((Code.CALIBRATION_CANCELLED(who="{n}"),)) == "{n} cancelled the calibration."
+    assert texts("en").say("head", Words("idle")) == "It is calibrated"
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,8 @@ import pytest
 from bridge import process
 from bridge.bus.contract import BusError
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, SampleBatch, State
@@ -95,7 +97,7 @@ def test_a_second_bridge_silences_nobody(
     events = {name: n for name, n in status.events.items() if name != OVERLOADED}  # this clock never passes in a wait
     assert events == {"also from second": sum(len(b) for b in batches[::3])}
     assert (status.bridge, status.refused_bridges) == ("bridge", ("second",))
-    said = f"device {NAME} is sent by two bridges, bridge and second: second's samples are refused; stop one"
+    said = english(Code.TWO_BRIDGES(devices=NAME, owner="bridge", refused="second"))
     assert caplog.text.count(said) == 1
     clock[0] += 4.0  # the second is silent
     ward.service.step(0.0)

@@ -15,6 +15,7 @@ from tests.bridge.asking import get
 from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
+from tests.sentences import free
 
 
 def watched(ward: Ward, *, expects: bool = True) -> Vitals:
@@ -91,7 +92,7 @@ def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     assert vitals.unready() == ["the router is gone"]
     ward.broker.start()
     session = ward.service._devices[NAME].session
-    session.silence("its samples are refused as old", Event.OUTDATED)
+    session.silence(free("its samples are refused as old"), Event.OUTDATED)
     a_second(ward)
     assert vitals.unready() == ["nothing that comes of a device can be used"]
     session.life.on(Event.HEARD)

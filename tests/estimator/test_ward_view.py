@@ -11,6 +11,7 @@ from rich.console import Console
 
 from bridge.bus.contract import Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 from estimator import listening, watch, watch_ward
@@ -18,13 +19,14 @@ from estimator.client import Client
 from estimator.session import DeviceSession
 from estimator.ward_view import SILENT_S, WardView, chosen
 from tests.estimator.stream import info
+from tests.sentences import codes, free
 
 WARD = "w"
 
 
 def status(device: str, state: State = State.TRACKING, **changes: Any) -> Status:
     plain = DeviceSession(device).status(7)
-    return replace(plain, state=state, quality=Quality.GOOD, **{"reason": "all is well", **changes})
+    return replace(plain, state=state, quality=Quality.GOOD, **{"reason": free("all is well"), **changes})
 
 
 def about(device: str, **changes: Any) -> DeviceInfo:
@@ -45,9 +47,9 @@ MANY = view(
     status("ok"),
     status("empty"), about("empty", battery_percent=9.0),
     status("charging"), about("charging", battery_percent=9.0, charging=True),
-    status("noticed"), about("noticed", notices={"led": "blinks red"}),
+    status("noticed"), about("noticed", notices=free("blinks red")),
     *(status(state.name.lower(), state) for state in State if state not in (State.TRACKING, State.UNKNOWN)),
-    about("unheard", boot=0, trouble="the port is missing"),
+    about("unheard", boot=0, trouble=free("the port is missing")),
 )  # fmt: skip
 
 
@@ -62,14 +64,14 @@ def test_a_device_of_which_no_word_comes_is_not_what_it_was() -> None:
     assert [row.state for row in seen.rows(10.0 + SILENT_S)] == ["tracking"]
     [row] = seen.rows(25.0)
     assert row.state == "silent"
-    assert "15 s" in row.reason
+    assert row.reason == (Code.SILENT_ESTIMATOR(duration_s="15"),)
 
 
 def test_what_keeps_a_device_from_being_read_is_said() -> None:
-    [row] = view(status("a", State.LOST), about("a", trouble="the port is missing")).rows(10.0)
-    assert row.reason == "the port is missing; all is well"
+    [row] = view(status("a", State.LOST), about("a", trouble=free("the port is missing"))).rows(10.0)
+    assert row.reason == (*free("the port is missing"), *free("all is well"))
     [row] = view(about("a")).rows(10.0)
-    assert (row.state, "no estimator" in row.reason) == ("unknown", True)
+    assert (row.state, row.reason) == ("unknown", (Code.NO_ESTIMATOR_SPOKE(),))
 
 
 @pytest.mark.parametrize(
@@ -110,7 +112,7 @@ def test_of_two_bridges_the_one_whose_samples_are_taken_has_the_word() -> None:
     )
     (row,) = seen.rows(10.0)
     assert row.battery_percent == 50.0
-    assert row.notices["bridges"].endswith("b2's samples are refused; stop one")
+    assert Code.TWO_BRIDGES in codes(row.notices)
 
 
 class Speaking:
@@ -183,10 +185,10 @@ def test_of_whom_only_a_memory_is_left_it_is_said_at_once(speaking: Speaking, cl
     statuses, infos = watch._said(client)
     assert speaking.now - began == pytest.approx(SILENT_S + 1.6 if hangs else 1.5), "no longer than it takes to know"
     assert (len(statuses), list(infos)) == (120, ["d5"])
-    assert (statuses["d4"].state, statuses["d4"].reason) == (State.TRACKING, "all is well")
+    assert (statuses["d4"].state, statuses["d4"].reason) == (State.TRACKING, free("all is well"))
     assert (statuses["d3"].state is State.UNKNOWN) is hangs
     assert (statuses["d3"].quality is Quality.DEGRADED) is hangs
-    assert ("is the estimator running?" in statuses["d3"].reason) is hangs
+    assert (Code.SILENT_ESTIMATOR in codes(statuses["d3"].reason)) is hangs
     assert watch_ward.watch_ward(console, client, once=True) == 0
     assert ("1 silent" in file.getvalue()) is hangs
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from bridge.wire.messages import BootCause, DeviceInfo
 from estimator import watch
+from tests.sentences import free
 
 INFO = DeviceInfo(
     device="wrist-right-01",
@@ -41,6 +42,6 @@ def test_every_heading_has_its_value() -> None:
 
 
 def test_a_device_that_cannot_be_opened_is_shown_with_its_trouble() -> None:
-    row = hardware(replace(INFO, boot=0, trouble="the port is missing"))
+    row = hardware(replace(INFO, boot=0, trouble=free("the port is missing")))
     assert row["what it is"] == "not heard yet"
     assert row["not published or in trouble"] == "the port is missing"

@@ -94,6 +94,6 @@ def _check(event: object) -> None:
             assert 0 <= event.percent <= 100
         case Notice():
             assert event.name
-            assert len(event.text) <= _MAX_TEXT
+            assert event.said is None or max(map(len, event.said.params.values()), default=0) <= _MAX_TEXT
         case _:
             raise AssertionError(f"no event: {event!r}")

@@ -12,6 +12,7 @@ from bridge.sim.script import swing
 from bridge.wire.messages import CorrectedBatch, Quality
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, Stream, calibration, feed
+from tests.sentences import free
 
 
 @cache
@@ -95,7 +96,7 @@ def test_people_may_ask_for_anything_at_any_time(asked: list[str], seed: int) ->
             ask = queue.pop()
             before = device.calibration
             if ask == "silence":
-                device.silence("no samples")
+                device.silence(free("no samples"))
             elif ask == "recalibrate":
                 device.recalibrate("nurse", "")
             else:

@@ -50,7 +50,7 @@ def known() -> Calibration:
         time_ns=1,
         method="closure",
         verdict=Verdict.ACCEPTED,
-        reason="",
+        reason=(),
         matrix=np.eye(3),
         bias=np.zeros(3),
         parameters=(),

@@ -30,6 +30,7 @@ from estimator.session import DeviceSession
 from estimator.windowed import Second, windows
 from tests.estimator.stream import NAME, calibration, feed
 from tests.other_languages.dump import pack
+from tests.sentences import free
 
 HERE = Path(__file__).parent / "node"
 PROTO = Path(__file__).parents[2] / "bridge" / "wire" / "truerate.proto"
@@ -114,7 +115,7 @@ def revision_of(batches: list[CorrectedBatch]) -> BiasRevision:
         times_ns=np.array([b.sample_time_ns[-1] for b in points], np.int64),
         bias=np.linspace(-0.02, 0.05, 3 * len(points), dtype=np.float32).reshape(-1, 3),
         bias_std=np.linspace(1e-4, 3e-3, 3 * len(points), dtype=np.float32).reshape(-1, 3),
-        reason="at rest again after 95 s: 3 °/h",
+        reason=free("at rest again after 95 s: 3 °/h"),
     )
 
 
@@ -144,7 +145,8 @@ def test_it_says_what_python_says(run: Run, batches: list[CorrectedBatch], sessi
     status = session.status(7)
     *samples, last = run([*sent, message("status", codec.encode_status(status))])
     assert last == {
-        "status": NAME, "state": int(status.state), "samples_in": str(status.samples_in), "reason": status.reason,
+        "status": NAME, "state": int(status.state), "samples_in": str(status.samples_in),
+        "reason": [[code, params] for code, params in status.reason],
     }  # fmt: skip
     want = expected(sent)
     assert len(samples) == len(want) == sum(map(len, [*batches, *anew]))

@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code, Sentence
 from bridge.recording import load
 from bridge.wire.messages import Verdict
 from estimator import offline
 from estimator.batch.result import Result
+from tests.sentences import codes
 
 pytestmark = pytest.mark.data
 
@@ -24,22 +26,22 @@ def calibrated(folder: Path, name: str) -> tuple[Result, list[str], np.ndarray]:
 def test_pushes_that_were_cut_off_are_refused_though_no_range_is_told(shared_data: Path) -> None:
     result, passed_over, _ = calibrated(shared_data, "clipped_pushes_250dps")
     assert result.verdict is Verdict.REPEAT
-    assert sum("faster than the gyro's range" in words for words in passed_over) == 3
+    assert sum("too fast for the gyro's range" in words for words in passed_over) == 3
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "condition"),
     [
-        ("turn_350_gyro_only", "right if each turn was exactly 360°"),
-        ("turn_355_vertical_with_accel", "right if the turn about z, made about the vertical, was exactly 360°"),
+        ("turn_350_gyro_only", Code.TURNS_ASSUMED()),
+        ("turn_355_vertical_with_accel", Code.VERTICAL_TURNS_ASSUMED(axes="z")),
     ],
 )
 def test_a_wrong_angle_that_nothing_shows_is_a_condition_of_the_result(
-    shared_data: Path, name: str, words: str
+    shared_data: Path, name: str, condition: Sentence
 ) -> None:
     result, _, k = calibrated(shared_data, name)
     assert result.verdict is Verdict.ACCEPTED
-    assert words in result.reason
+    assert condition in result.reason
     assert np.all(np.abs(result.scale - k)[:2] < 4 * result.scale_std[:2]), "the other two turns were right"
 
 
@@ -47,5 +49,5 @@ def test_a_turn_that_was_dropped_is_named_with_the_reason(shared_data: Path) -> 
     result, passed_over, _ = calibrated(shared_data, "warm_up_0")
     assert result.verdict is Verdict.REPEAT
     assert result.repeat == (0,)
-    assert "the turn about x no longer counts: the bias has moved by 0.2 °/s since" in result.reason
+    assert Code.TURN_BIAS_MOVED in codes(result.reason)
     assert any("no longer counts" in words for words in passed_over)

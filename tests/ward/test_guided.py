@@ -108,7 +108,7 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     hand.follow(turns=1)
     page.get_by_role("button", name="Cancel").click()
     expect(do).to_have_text("Cancelled")
-    expect(page.locator("#wrong")).to_contain_text("nurse has cancelled.")
+    expect(page.locator("#wrong")).to_contain_text("nurse cancelled the calibration.")
     keep(page, "guide-cancelled")
     # Again, and it loses its power with a turn done: said, and it goes on with the first turn by itself.
     hand.begin()

@@ -100,7 +100,7 @@ def test_health_and_status_of_a_ward_that_runs_and_of_one_that_does_not(
     running.ward.stop("bridge")
     code, seen = running.status(capsys)
     assert code == 1
-    assert "no bridge" in str(seen["troubles"])
+    assert "no_bridge" in str(seen["troubles"])
 
 
 def test_a_graceful_stop_loses_nothing_and_a_damaged_store_is_gone_on_with(running: Running) -> None:

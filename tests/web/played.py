@@ -62,4 +62,4 @@ class Played:
             why = self.session.recalibrate("nurse", "") if verb == "recalibrate" else self.session.cancel("nurse")
         # Said by the thread that answers, which holds the talk's lock no longer when it is asked again.
         threading.Timer(0.05, self._say).start()
-        return CommandReply("", accepted=why is None, message=why or self.session.life.reason)
+        return CommandReply("", accepted=why is None, message=self.session.life.reason if why is None else (why,))

@@ -22,6 +22,7 @@ from bridge.wire.messages import (
 )
 from estimator.session import DeviceSession
 from tests.estimator.stream import info
+from tests.sentences import free
 
 WARD = "w"
 Message = Status | DeviceInfo | Calibration | Note | SampleBatch | CorrectedBatch
@@ -29,7 +30,9 @@ Message = Status | DeviceInfo | Calibration | Note | SampleBatch | CorrectedBatc
 
 def said(device: str, state: State = State.TRACKING, **changes: Any) -> Status:
     """A status as an estimator would send it."""
-    plain = replace(DeviceSession(device).status(7), quality=Quality.GOOD, reason="all is well", bias_std=(0.001,) * 3)
+    plain = replace(
+        DeviceSession(device).status(7), quality=Quality.GOOD, reason=free("all is well"), bias_std=(0.001,) * 3
+    )
     return replace(plain, state=state, **{"rate_hz": 104.0, **changes})
 
 
@@ -50,7 +53,7 @@ class Talk:
         ]
         self.asked: list[tuple[str, str, str, str]] = []
         self.answer: Callable[[str, str], CommandReply] = lambda verb, device: CommandReply(
-            "", accepted=True, message=f"{verb} it is"
+            "", accepted=True, message=free(f"{verb} it is")
         )
         self._bus.answer(keys.pattern(WARD, "rpc"), self._on_command)
         self._latest: dict[str, Status] = {}

@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, WebSocketRoute, expect
 
+from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause, CommandReply, CorrectedBatch, Note, Quality, SampleBatch, State, Status
 from estimator.web import words
 from tests.estimator.test_correction import CALIBRATION
+from tests.sentences import free
 from tests.web.conftest import PASSWORD, Site
 from tests.web.talk import about, said
 
@@ -47,7 +49,7 @@ def heard(site: Site, n: int) -> None:
 
 def tracking(name: str, **changes: Any) -> Status:
     plain = said(name, boot=5, time_ns=now_ns(), calibrated_time_ns=now_ns() - 7200 * 10**9, temperature_c=31.2)
-    return replace(plain, reason="calibrated: three turns closed to 0.12°", **changes)
+    return replace(plain, reason=(Code.CALIBRATED(), Code.TURNS_CLOSED(angle_deg="0.12")), **changes)
 
 
 def rates(site: Site, name: str, seconds: float = 2.0) -> None:
@@ -124,14 +126,14 @@ def test_the_ward_at_one_look(page: Page, site: Site, shot: Shot) -> None:
     site.talk(
         said(names[7], State.LOST, boot=5, time_ns=now_ns()), said(names[4], State.DEGRADED, boot=5, time_ns=now_ns())
     )
-    site.talk(replace(said(names[7], State.LOST, boot=5, time_ns=now_ns()), reason="no samples for 12 s"))
+    site.talk(replace(said(names[7], State.LOST, boot=5, time_ns=now_ns()), reason=(Code.NO_SAMPLES(duration="12 s"),)))
     site.talk(about(names[2], boot=5, time_ns=now_ns(), battery_percent=9.0))
     page.goto("/")
     expect(page.get_by_role("heading", level=1)).to_have_text("18 of 20 tracking")
     first = page.locator(".tile").first
     expect(first.locator("h2")).to_have_text(names[7])
     expect(first.locator(".state")).to_contain_text("lost")
-    expect(first.locator(".reason")).to_have_text("no samples for 12 s")
+    expect(first.locator(".reason")).to_have_text("No samples have come for 12 s.")
     assert [page.locator(".tile h2").nth(i).inner_text() for i in (1, 2)] == [names[2], names[4]]
     rates(site, names[0])
     page.wait_for_timeout(1500)
@@ -160,7 +162,7 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
     # It starts again: said on its tile, and to those who cannot see it.
     boot = about(names[3], boot=6, boot_cause=BootCause.POWER_UP, time_ns=now_ns(), battery_percent=80.0)
     waiting = said(names[3], State.AWAITING_STILL, boot=6, time_ns=now_ns(), progress=0.0)
-    site.talk(boot, replace(waiting, reason="hold the device still for 3 seconds"))
+    site.talk(boot, replace(waiting, reason=(Code.HOLD_STILL(),)))
     expect(page.locator(".tile").first.locator(".rebooted")).to_contain_text("it must be calibrated again")
     expect(page.locator("#told")).to_contain_text(f"{names[3]}: to be calibrated")
     shot("ward-rebooted")
@@ -181,7 +183,7 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
         bus.detach()
     expect(page.locator("#troubles")).to_contain_text("router is not there")
     expect(page.locator(".tile .state").first).to_have_text("unknown")
-    expect(page.locator(".tile .reason").first).to_contain_text("the router is gone: it was")
+    expect(page.locator(".tile .reason").first).to_contain_text("The router is gone")
     shot("ward-without-router")
     site.stop()
     expect(page.locator("#lost")).to_contain_text("what is shown is old", timeout=10_000)
@@ -286,14 +288,16 @@ def test_who_may_and_who_may_not(page: Page, site: Site, shot: Shot) -> None:
 def test_words_of_strangers_are_words(page: Page, site: Site, shot: Shot) -> None:
     name = "bed-01-chest"
     nasty = about(
-        name, boot=5, model=NASTY[:60], firmware="'\"><svg/onload=alert(3)>", trouble=NASTY, notices={"led<b>": NASTY}
+        name, boot=5, model=NASTY[:60], firmware="'\"><svg/onload=alert(3)>", trouble=free(NASTY), notices=free(NASTY)
     )
     for _ in range(2):
         site.talk(
             nasty,
-            replace(said(name, State.DEGRADED, boot=5, time_ns=now_ns()), reason=NASTY, events={NASTY[:50] + ": x": 3}),
+            replace(
+                said(name, State.DEGRADED, boot=5, time_ns=now_ns()), reason=free(NASTY), events={NASTY[:50] + ": x": 3}
+            ),
             Note(name, 5, now_ns(), "<i>", NASTY),
-            replace(CALIBRATION, device=name, boot=5, time_ns=now_ns(), who="<u>", reason=NASTY),
+            replace(CALIBRATION, device=name, boot=5, time_ns=now_ns(), who="<u>", reason=free(NASTY)),
         )
         heard(site, 1)
         page.goto("/")
@@ -323,20 +327,18 @@ def test_pages_are_light_and_stay_at_home(page: Page, site: Site) -> None:
 
 def test_everything_of_a_chinese_page_is_chinese(page: Page, site: Site, shot: Shot) -> None:
     names = ward(site, 8)
-    lost = "no samples for 12.0 s: its bridge bridge is gone: does it run, does it reach the router?"
     reasons = {
-        State.LOST: lost,
-        State.DEGRADED: "at rest it reads 1.20 °/s off: turning slowly, or the bias jumped",
-        State.TURNING: "turn about x taken; still needed: y, z",
-        State.AWAITING_STILL: "hold the device still for 3 seconds",
+        State.LOST: (Code.NO_SAMPLES(duration="12.0 s"), Code.BRIDGE_GONE(bridge="bridge")),
+        State.DEGRADED: (Code.REST_CONTRADICTS_BIAS(rate_dps="1.20"),),
+        State.TURNING: (Code.TURN_TAKEN(axis="x"), Code.TURNS_NEEDED(axes="y, z")),
+        State.AWAITING_STILL: (Code.HOLD_STILL(),),
     }
     for name, (state, reason) in zip(names, reasons.items(), strict=False):
         site.talk(replace(said(name, state, boot=5, time_ns=now_ns()), reason=reason, dropped={"out_of_range": 0}))
-    site.talk(
-        about(names[4], boot=5, time_ns=now_ns(), battery_percent=9.0, notices={"rate": "measured 99 Hz, told 104 Hz"})
-    )
+    slow = (Code.RATE_DIFFERS(measured_hz="99", told_hz="104"),)
+    site.talk(about(names[4], boot=5, time_ns=now_ns(), battery_percent=9.0, notices=slow))
     name = names[5]
-    busy = "/dev/ttyUSB0: busy; minicom (process 12) has it open: close that one"
+    busy = (Code.PORT_HELD(place="/dev/ttyUSB0", holders="minicom (12)"),)
     site.talk(
         about(name, boot=6, boot_cause=BootCause.POWER_UP, time_ns=now_ns(), trouble=busy, dropped={"malformed": 3}),
         replace(CALIBRATION, device=name, boot=6, time_ns=now_ns(), who="nurse"),
@@ -380,7 +382,8 @@ def test_everything_of_a_chinese_page_is_chinese(page: Page, site: Site, shot: S
     fits(page)
     page.get_by_label("密码").fill(PASSWORD)
     page.locator("main button").click()
-    taken, refused = "turn about x taken; still needed: y, z", f"{names[2]} is warming: it will be calibrated anyway"
+    taken = (Code.TURN_TAKEN(axis="x"), Code.TURNS_NEEDED(axes="y, z"))
+    refused = (Code.ALREADY_DUE(device=names[2]),)
     for reply in (CommandReply("", accepted=True, message=taken), CommandReply("", accepted=False, message=refused)):
         site.talk.answer = Mock(return_value=reply)
         page.get_by_role("button", name="重新校准").click()

@@ -12,12 +12,14 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.reasons.catalogue import sentences_as_json
 from bridge.wire.messages import CommandReply, Status
 from estimator import calibration_file
 from estimator.web.attempts import FREE
 from estimator.web.serve import Server
 from estimator.web.settings import Dashboard
 from tests.estimator.test_correction import CALIBRATION
+from tests.sentences import free
 from tests.web.conftest import PASSWORD, PEOPLE
 from tests.web.talk import WARD, Talk, about, said
 
@@ -197,11 +199,22 @@ def test_a_calibration_is_a_file_that_can_be_used(asking: Asking, tmp_path: Path
 def test_commands_of_programs(asking: Asking) -> None:
     client, place = asking.client, "/api/v1/devices/chest/note"
     done = client.post(place, headers=BEARER, json={"words": "sat up"})
-    assert (done.status_code, done.json()) == (200, {"accepted": True, "message": "note it is"})
+    assert (done.status_code, done.json()) == (
+        200,
+        {"accepted": True, "message": sentences_as_json(free("note it is"))},
+    )
     assert asking.talk.asked == [("chest", "note", "nurse", "sat up")]
-    asking.talk.answer = lambda verb, device: CommandReply("", accepted=False, message="no calibration is under way")
+    asking.talk.answer = lambda verb, device: CommandReply(
+        "", accepted=False, message=free("no calibration is under way")
+    )
     refused = client.post("/api/v1/devices/chest/cancel", headers=BEARER)
-    assert refused.json() == {"error": {"code": "not_accepted", "message": "no calibration is under way"}}
+    assert refused.json() == {
+        "error": {
+            "code": "not_accepted",
+            "message": "no calibration is under way",
+            "reason": sentences_as_json(free("no calibration is under way")),
+        }
+    }
     assert refused.status_code == 409
     csrf = asking.log_in()
     assert client.post(place, headers={"X-CSRF-Token": csrf}, json={"words": "x"}).status_code == 409

@@ -13,6 +13,7 @@ from playwright.sync_api import Page, expect
 from bridge.wire.messages import State, Turn, Verdict
 from estimator.web import words
 from tests.estimator.test_correction import CALIBRATION
+from tests.sentences import free
 from tests.web.conftest import Site
 from tests.web.talk import about, said
 from tests.web.test_browser import heard, now_ns, serious, tracking
@@ -32,7 +33,7 @@ FIRST = replace(
     firmware="1.0",
     gyro_range=8.7,
 )
-SECOND = replace(FIRST, id="second", matrix=np.diag([0.9, 1.001, 1.15]), reason="three turns closed to 0.23°")
+SECOND = replace(FIRST, id="second", matrix=np.diag([0.9, 1.001, 1.15]), reason=free("three turns closed to 0.23°"))
 
 
 def calibrated(site: Site) -> None:
@@ -42,10 +43,10 @@ def calibrated(site: Site) -> None:
         about(NAME, boot=5, time_ns=at, battery_percent=82.0),
         replace(FIRST, time_ns=at - 3600 * 10**9),
         replace(SECOND, time_ns=at - 60 * 10**9),
-        replace(FIRST, id="bad", verdict=Verdict.REFUSED, reason="scale factor x 2.000 outside", parameters=(),
+        replace(FIRST, id="bad", verdict=Verdict.REFUSED, reason=free("scale factor x 2.000 outside"), parameters=(),
                 covariance=np.zeros((0, 0)), time_ns=at - 30 * 10**9),
         tracking(NAME, calibration="second"),
-        replace(said("bed-01-wrist", State.LOST, boot=1, time_ns=at), reason="no samples for 12 s"),
+        replace(said("bed-01-wrist", State.LOST, boot=1, time_ns=at), reason=free("no samples for 12 s")),
     )  # fmt: skip
     heard(site, 2)
     for _ in range(3):
@@ -94,7 +95,7 @@ def test_a_certificate_of_a_refused_one_says_so(page: Page, site: Site, shot: Sh
     shot("certificate-refused")
     assert serious(page) == []
     page.goto(path("never"))
-    expect(page.locator(".reason")).to_have_text(f"no calibration never of {NAME} is known")
+    expect(page.locator(".reason")).to_have_text(f"No calibration never of {NAME} is known.")
 
 
 def test_the_wards_summary(page: Page, site: Site, shot: Shot) -> None:

@@ -8,14 +8,15 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
+from bridge.reasons.catalogue import sentences_as_json
+from bridge.reasons.codes import Sentences
 from bridge.wire.keys import boot_id
 from bridge.wire.messages import Calibration
 from estimator import calibration_file
 from estimator.gyro import AXES
-from estimator.texts import LANGUAGES, texts
 from estimator.ward_view import TRACKING, Row, chosen
 from estimator.web.known import Known, Story
-from estimator.web.tiles import NEEDS, toned, troubles
+from estimator.web.tiles import NEEDS, toned
 
 #: calibrations that are answered at once, and the most that may be asked for
 PAGE, MOST = 50, 500
@@ -24,14 +25,27 @@ Vector = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Meta(min_length=3, max_length=3)]
 
 
+class Said(Struct, frozen=True):
+    """One thing that is said: a code and its parameters, as docs/wire.md lists them, and the English text."""
+
+    code: str
+    params: dict[str, str]
+    text: str
+
+
+def said(sentences: Sentences) -> list[Said]:
+    """Sentences for programs."""
+    return msgspec.convert(sentences_as_json(sentences), list[Said])
+
+
 class Device(Struct, frozen=True):
     """A device: null is not known; `gaps` and `missing_samples` since the estimator knows it."""
 
     id: str
     state: str
     needs_person: bool
-    reason: str
-    notices: dict[str, str]
+    reason: list[Said]
+    notices: list[Said]
     quality: str | None
     boot: str | None
     bias_rad_s: Vector | None
@@ -65,7 +79,7 @@ class Devices(Struct, frozen=True):
     connected: bool
     tracking: int
     of: int
-    troubles: list[str]
+    troubles: list[Said]
     devices: list[Device]
 
 
@@ -91,7 +105,7 @@ class OneCalibration(Struct, frozen=True):
     id: str
     method: str
     verdict: str
-    reason: str
+    reason: list[Said]
     matrix: Matrix | None
     bias_rad_s: Vector | None
     parameters: list[str]
@@ -120,17 +134,18 @@ class Words(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Reply(Struct, frozen=True):
-    """What the estimator answered, in words."""
+    """What the estimator answered."""
 
     accepted: bool
-    message: str
+    message: list[Said]
 
 
 class ErrorWords(Struct, frozen=True):
-    """A short name for programs, and words for people."""
+    """A short name for programs, and a text for people; reason: what the estimator answered, where it refused."""
 
     code: str
     message: str
+    reason: list[Said] = []
 
 
 class Error(Struct, frozen=True):
@@ -146,7 +161,7 @@ def devices(known: Known, rows: list[Row], only: list[str]) -> Devices:
         connected=known.connected,
         tracking=sum(row.state == TRACKING for row in rows),
         of=len(rows),
-        troubles=troubles(known, texts(LANGUAGES[0])),
+        troubles=said(known.troubles()),
         devices=[device(row, known.stories[row.device]) for row in chosen(rows, only)],
     )
 
@@ -158,8 +173,8 @@ def device(row: Row, story: Story) -> Device:
         id=row.device,
         state=row.state,
         needs_person=toned(row) in NEEDS,
-        reason=row.reason,
-        notices=row.notices,
+        reason=said(row.reason),
+        notices=said(row.notices),
         quality=row.quality or None,
         boot=boot_id(story.boot) if story.boot else None,
         bias_rad_s=list(status.bias) if status else None,

@@ -44,7 +44,11 @@ def answer(content: Any, status: HTTPStatus = HTTPStatus.OK, headers: dict[str, 
 
 def refused(fault: Fault) -> Response:
     """Why not, as JSON."""
-    return answer(answers.Error(answers.ErrorWords(fault.code, fault.message)), fault.status, fault.headers)
+    return answer(
+        answers.Error(answers.ErrorWords(fault.code, fault.message, answers.said(fault.reason))),
+        fault.status,
+        fault.headers,
+    )
 
 
 async def document(request: Request) -> Response:
@@ -82,8 +86,7 @@ async def calibrations(request: Request) -> Response:
     if before is not None:
         ids = [calibration.id for calibration in found]
         if before not in ids:
-            words = f"no calibration {before[:64]} of {name} is known"
-            raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", words)
+            raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", id=before[:64], device=name)
         found = found[: ids.index(before)]
     return answer(answers.calibrations(name, desk.story(name), found, _limit(asked.get("limit", f"{answers.PAGE}"))))
 
@@ -138,8 +141,8 @@ async def command(request: Request, verb: str) -> Response:
     words = await _words(request)
     reply = await desk.ask(_named(request), verb, who, words)
     if not reply.accepted:
-        raise Fault(HTTPStatus.CONFLICT, "not_accepted", reply.message)
-    return answer(answers.Reply(accepted=True, message=reply.message))
+        raise Fault(HTTPStatus.CONFLICT, "not_accepted", reason=reply.message)
+    return answer(answers.Reply(accepted=True, message=answers.said(reply.message)))
 
 
 async def _who(desk: Desk, request: Request) -> str:

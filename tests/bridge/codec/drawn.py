@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from bridge.reasons.codes import Sentence
 from bridge.wire import keys
 from bridge.wire.messages import (
     BiasRevision,
@@ -45,6 +46,7 @@ TIME = st.integers(0, 2**62)
 TEXT = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z"), include_characters=" "), max_size=64)
 #: so that the last sample of a dozen, too, has a time that can be said
 BEGIN, PERIOD = st.integers(0, 2**61), st.floats(1e-9, 1e-3)
+SENTENCES = st.lists(st.builds(Sentence, TEXT, st.dictionaries(TEXT, TEXT, max_size=8)), max_size=16).map(tuple)
 LABELS = st.dictionaries(TEXT, U64, max_size=5)
 
 
@@ -92,12 +94,12 @@ def corrected(data: st.DataObject) -> CorrectedBatch:
 INFOS = st.builds(
     DeviceInfo, st.just("d1"), st.just("b1"), U64, st.sampled_from(BootCause), TEXT, TEXT, TEXT, TEXT,
     st.floats(0, 1e6), st.floats(0, 1e9), st.floats(0, 1000), st.booleans(), st.booleans(), TIME, U64, LABELS, LABELS,
-    TEXT, st.floats(0, 100), st.booleans(), st.dictionaries(TEXT, TEXT, max_size=16), st.booleans(),
+    SENTENCES, st.floats(0, 100), st.booleans(), SENTENCES, st.booleans(),
 )  # fmt: skip
 THREE = st.tuples(*[st.floats(-10, 10)] * 3)
 STDS = st.tuples(*[st.floats(0, 10)] * 3)
 STATUSES = st.builds(
-    Status, st.just("d1"), U64, TIME, st.sampled_from(State), st.sampled_from(Quality), TEXT, st.floats(0, 1),
+    Status, st.just("d1"), U64, TIME, st.sampled_from(State), st.sampled_from(Quality), SENTENCES, st.floats(0, 1),
     st.lists(st.integers(0, 2), max_size=3).map(tuple), THREE, STDS, THREE, TEXT, TIME, st.floats(0, 1e9),
     st.floats(-100, 100), st.floats(0, 1e6), U64, U64, LABELS, LABELS, st.just("b1"), st.just(("b2",)), TIME,
 )  # fmt: skip
@@ -113,7 +115,7 @@ def calibrations(draw: st.DrawFn, *, in_use: bool = False) -> Calibration:
     size = len(names)
     verdict = Verdict.ACCEPTED if in_use else draw(st.sampled_from(Verdict))
     return Calibration(
-        "d1", draw(U64), draw(TEXT), draw(TIME), draw(TEXT), verdict, draw(TEXT),
+        "d1", draw(U64), draw(TEXT), draw(TIME), draw(TEXT), verdict, draw(SENTENCES),
         np.array(draw(st.lists(st.floats(-2, 2), min_size=9, max_size=9))).reshape(3, 3), np.array(draw(THREE)), names,
         np.array(draw(st.lists(st.floats(-2, 2), min_size=size**2, max_size=size**2)), float).reshape(size, size),
         tuple(draw(st.lists(TURNS, max_size=4))), np.array(draw(STDS)), draw(TEXT), draw(TEXT),
@@ -124,12 +126,12 @@ def calibrations(draw: st.DrawFn, *, in_use: bool = False) -> Calibration:
 HOLDINGS = st.builds(Holding, st.sampled_from(["d1", "bed-2_chest"]), TIME, U64, TIME, st.booleans())
 OWNED = st.builds(
     Owned, st.just("e1"), TIME, TIME, st.floats(0, 100), st.lists(HOLDINGS, max_size=4).map(tuple),
-    st.lists(st.builds(Move, TIME, st.integers(0, 9), st.integers(0, 9), TEXT), max_size=8).map(tuple),
+    st.lists(st.builds(Move, TIME, st.integers(0, 9), st.integers(0, 9), SENTENCES), max_size=8).map(tuple),
     st.integers(0, 3), st.integers(4, 64),
 )  # fmt: skip
 
 
-ANSWERS = st.lists(st.tuples(TEXT, st.builds(CommandReply, TEXT, st.booleans(), TEXT)), max_size=8).map(tuple)
+ANSWERS = st.lists(st.tuples(TEXT, st.builds(CommandReply, TEXT, st.booleans(), SENTENCES)), max_size=8).map(tuple)
 
 
 @st.composite
@@ -148,5 +150,5 @@ def revision(data: st.DataObject) -> BiasRevision:
     return BiasRevision(
         "d1", data.draw(U64), data.draw(TEXT), data.draw(TIME), column(data, 10, 3, 3).astype(float),
         np.array(rising(data, n, 2**62), np.uint64), np.array(rising(data, n, 2**62), np.int64),
-        column(data, 1000, n, 3), abs(column(data, 9, n, 3)), data.draw(TEXT),
+        column(data, 1000, n, 3), abs(column(data, 9, n, 3)), data.draw(SENTENCES),
     )  # fmt: skip

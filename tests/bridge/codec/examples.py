@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.wire import codec
 from bridge.wire.messages import (
     BiasRevision,
@@ -44,6 +45,7 @@ from tests.bridge.codec.drawn import (
     STATUS,
     WINDOWED,
 )
+from tests.sentences import free
 
 
 def plain(n: int = 4, **changes: Any) -> SampleBatch:
@@ -56,16 +58,16 @@ def plain(n: int = 4, **changes: Any) -> SampleBatch:
 
 
 STILL = Status(
-    "d1", 7, 1, State.TRACKING, Quality.GOOD, "fine", 1.0, (0, 1, 2), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0),
+    "d1", 7, 1, State.TRACKING, Quality.GOOD, free("fine"), 1.0, (0, 1, 2), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0),
     "c1", 1, 0.0, float("nan"), 100.0, 1, 1, {"a": 1}, {}, "b1", ("b2",),
 )  # fmt: skip
 CAL = Calibration(
-    "d1", 7, "c1", 1, "closure", Verdict.ACCEPTED, "", np.eye(3), np.zeros(3), PARAMETERS, np.eye(6),
+    "d1", 7, "c1", 1, "closure", Verdict.ACCEPTED, (), np.eye(3), np.zeros(3), PARAMETERS, np.eye(6),
     (Turn(0, 6.28, 0.01, 5),), np.ones(3), "m", "f", 4.3, 100.0, float("nan"), "anna",
 )  # fmt: skip
 SURE = DeviceInfo(
     "d1", "b1", 7, BootCause.POWER_UP, "m", "f", "native", "/dev/x", 100, 99.9, 4.3, True, True, 1, 5, {"a": 1},
-    battery_percent=71.5, charging=True, notices={"auto bias": "is on; it fights our own"},
+    battery_percent=71.5, charging=True, notices=(Code.CORRECTS_ITSELF(),),
 )  # fmt: skip
 FIXED = CorrectedBatch(
     "d1", 7, 1, 1, 1e-6, 1.0, np.arange(3, dtype=np.uint64), np.ones((3, 3), np.float32), np.zeros(3, np.uint32),
@@ -74,7 +76,7 @@ FIXED = CorrectedBatch(
 )  # fmt: skip
 REVISED = BiasRevision(
     "d1", 7, "c1", 9, np.eye(3), np.array([3, 103, 203], np.uint64), np.array([10**18, 10**18 + 1, 10**18 + 9], np.int64),
-    np.full((3, 3), 0.01, np.float32), np.full((3, 3), 1e-4, np.float32), "at rest again after 95 s",
+    np.full((3, 3), 0.01, np.float32), np.full((3, 3), 1e-4, np.float32), (Code.AT_REST_AGAIN(gap_s=95),),
 )  # fmt: skip
 HALF, ONE = np.full((2, 3), 0.5, np.float32), np.ones(3, np.float32)
 SEEN = WindowBatch(
@@ -95,14 +97,14 @@ DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     ),
     "owned": (
         lambda payload: codec.decode_owned(OWN, payload),
-        codec.encode_owned(Owned("e1", 9, 7, 0.5, (Holding("d1", 7, 3, 9),), (Move(1, 2, 3, "e2 is gone"),))),
+        codec.encode_owned(Owned("e1", 9, 7, 0.5, (Holding("d1", 7, 3, 9),), (Move(1, 2, 3, free("gone")),))),
     ),
     "checkpoint": (
         lambda payload: codec.decode_checkpoint(CHECKPOINT, payload),
         codec.encode_checkpoint(Checkpoint("d1", 7, 1, 9, "b1", CAL, state=b"state")),
     ),
     "command": (lambda payload: codec.decode_command(RPC, payload), codec.encode_command(Command("r1", "anna", "why"))),
-    "reply": (codec.decode_reply, codec.encode_reply(CommandReply("r1", True, "done"))),
+    "reply": (codec.decode_reply, codec.encode_reply(CommandReply("r1", True, free("done")))),
 }
 
 KEPT = Checkpoint("d1", 7, 1, 9, "b1", CAL, state=b"state")

@@ -16,6 +16,7 @@ from bridge.wire.messages import (
 from bridge.wire.refusal import Reason
 from tests.bridge.codec.drawn import CHECKPOINT, NAN, OWN
 from tests.bridge.codec.examples import CAL, KEPT, refused
+from tests.sentences import free
 
 
 @pytest.mark.parametrize(
@@ -43,7 +44,7 @@ def test_a_checkpoint_that_is_of_no_device_or_no_calibration_is_refused(
         ({"holdings": (Holding("D 1", 1, 1, 1),)}, Reason.BAD_ID),
         ({"holdings": (Holding("d1", 2**63, 1, 1),)}, Reason.RANGE),
         ({"holdings": (Holding("d1", 1, 1, 1),) * 513}, Reason.LENGTH),
-        ({"moves": (Move(1, 1, 1, ""),) * 9}, Reason.LENGTH),
+        ({"moves": (Move(1, 1, 1, ()),) * 9}, Reason.LENGTH),
         ({"part": 1}, Reason.RANGE),
         ({"parts": 65}, Reason.RANGE),
         ({"load": NAN}, Reason.NON_FINITE),
@@ -58,6 +59,6 @@ def test_what_no_estimator_can_have_is_refused(changes: dict[str, Any], reason: 
 def test_a_payload_has_room_for_as_many_devices_as_are_taken() -> None:
     full = Owned(
         "e" * 32, 2**62, 2**62, 1.0, (Holding("d" * 32, 2**62, 2**64 - 1, 2**62, busy=True),) * codec.MAX_HOLDINGS,
-        (Move(2**62, 4096, 4096, "x" * 500),) * 8,
+        (Move(2**62, 4096, 4096, free("x" * 500)),) * 8,
     )  # fmt: skip
     assert len(codec.encode_owned(full)) <= codec.MAX_PAYLOAD

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.wire import codec, columns_pb2, keys, truerate_pb2
 from bridge.wire.messages import (
     BiasRevision,
@@ -30,6 +31,7 @@ from tests.bridge.codec.examples import (
     refused,
     try_door,
 )
+from tests.sentences import free
 
 WRONG_WINDOWS: list[tuple[dict[str, Any], Reason]] = [
     ({"device": "d2"}, Reason.FOREIGN_ID),
@@ -154,7 +156,7 @@ def test_a_revision_out_of_bounds_is_refused_with_its_reason(changes: dict[str, 
 def points(n: int, bias: float = 0.01) -> BiasRevision:
     """A revision of n points whose texts are as long as they may be."""
     return dataclasses.replace(
-        REVISED, boot=2**64 - 1, calibration="😀" * 64, time_ns=2**62, reason="😀" * 500,
+        REVISED, boot=2**64 - 1, calibration="😀" * 64, time_ns=2**62, reason=free("😀" * 500),
         sequences=np.arange(n, dtype=np.uint64), times_ns=np.arange(n), bias=np.full((n, 3), bias, np.float32),
         bias_std=np.ones((n, 3), np.float32),
     )  # fmt: skip
@@ -194,7 +196,7 @@ def test_an_info_under_another_bridges_key_is_refused() -> None:
 
 
 def test_a_device_that_cannot_be_read_is_told_of_with_boot_0_and_its_trouble() -> None:
-    trouble = "/dev/x: missing; plug the device in"
+    trouble = (Code.PORT_MISSING(place="/dev/x"),)
     unread = DeviceInfo(
         "d1",
         "b1",
@@ -214,8 +216,9 @@ def test_a_device_that_cannot_be_read_is_told_of_with_boot_0_and_its_trouble() -
         battery_percent=0.0,
     )
     assert codec.decode_info(INFO, codec.encode_info(unread)) == unread
-    long = dataclasses.replace(SURE, trouble="x\n" * 999)
-    assert len(codec.decode_info(INFO, codec.encode_info(long)).trouble) == 500
+    long = dataclasses.replace(SURE, trouble=free("x\n" * 999))
+    [said] = codec.decode_info(INFO, codec.encode_info(long)).trouble
+    assert len(said.params["words"]) == 500
 
 
 def test_a_command_must_be_known_and_carry_a_request_id() -> None:

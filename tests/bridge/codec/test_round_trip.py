@@ -31,6 +31,7 @@ from tests.bridge.codec.drawn import (
     RAW,
     REVISION,
     RPC,
+    SENTENCES,
     STATUS,
     STATUSES,
     TEXT,
@@ -129,7 +130,7 @@ def test_note_round_trip(note: Note) -> None:
 
 
 @settings(max_examples=20)
-@given(st.builds(Command, TEXT.filter(bool), TEXT, TEXT), st.builds(CommandReply, TEXT, st.booleans(), TEXT))
+@given(st.builds(Command, TEXT.filter(bool), TEXT, TEXT), st.builds(CommandReply, TEXT, st.booleans(), SENTENCES))
 def test_command_and_reply_round_trip(command: Command, reply: CommandReply) -> None:
     assert codec.decode_command(RPC, codec.encode_command(command)) == command
     assert codec.decode_reply(codec.encode_reply(reply)) == reply

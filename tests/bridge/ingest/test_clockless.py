@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from bridge.drivers.driver import Identity, Readings
 from bridge.ingest.intake import Intake
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
 
@@ -71,7 +72,7 @@ class Host:
     def sequence(self) -> NDArray[np.int64]:
         return np.concatenate([batch.sequence + np.arange(len(batch)) for batch in self.published])
 
-    def notices(self) -> dict[str, str]:
+    def notices(self) -> Sentences:
         return self.intake.info(NOW, {}).notices
 
     def events(self) -> dict[str, int]:
@@ -95,10 +96,11 @@ def test_device_time_follows_the_rate_that_is_measured(told_hz: float, real_hz: 
 def test_what_is_measured_and_how_well_is_said_from_the_first_second() -> None:
     host = Host(100.0, 98.3)
     host.live(1)
-    assert host.notices() == {"clock": "the device tells no time; its rate is taken to be 100 Hz at first"}
+    assert host.notices() == (Code.RATE_PRESUMED(rate_hz="100"),)
     host.live(30)
-    assert host.notices()["clock"].startswith("the device tells no time; its rate is measured: 98.3 Hz ± 0.0")
-    assert "rate" not in host.notices()
+    [measured] = host.notices()
+    assert (measured.code, measured.params["rate_hz"]) == (Code.RATE_MEASURED, "98.3")
+    assert float(measured.params["percent"]) < 0.1
     assert host.events() == {}
 
 

@@ -10,8 +10,11 @@ from hypothesis import strategies as st
 
 from bridge.drivers.driver import Identity, Notice, Readings
 from bridge.ingest.intake import Intake
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
+from tests.sentences import codes, free
 
 NOW = 1_700_000_000 * 10**9
 DT = 10_000  # ticks
@@ -66,8 +69,8 @@ def test_another_rate_in_a_boot_is_no_boot_and_is_measured_anew() -> None:
         intake.take(replace(fast, receive_time_ns=NOW + int(ticks[i + 4]) * 1000))
     info = intake.info(NOW, {})
     assert (info.boot, info.rate_hz, info.samples, info.events) == (7, 400.0, 1300, {"rate_changed": 1})
-    assert info.notices == {"rate changed": "its rate changed from 100 to 400 Hz"}
-    assert intake.said == ["its rate changed from 100 to 400 Hz"]
+    changed = Code.RATE_CHANGED(then_hz="100", now_hz="400")
+    assert (info.notices, intake.said) == ((changed,), [english(changed)])
     assert info.measured_rate_hz == pytest.approx(400.0, rel=1e-2)
     account(intake)
 
@@ -80,8 +83,9 @@ def test_a_rate_that_changes_untold_is_said_once_it_is_known() -> None:
         came = NOW + int(ticks[i + 4]) * 1000
         intake.take(replace(readings(i), ticks=ticks[i : i + 5].astype(np.uint32), receive_time_ns=came))
     info = intake.info(NOW, {})
-    assert intake.said == ["its rate changed from 100 to 50 Hz"]
-    assert info.notices == {"rate changed": intake.said[0], "rate": "measured 50 Hz, told 100 Hz"}
+    changed = Code.RATE_CHANGED(then_hz="100", now_hz="50")
+    assert intake.said == [english(changed)]
+    assert info.notices == (changed, Code.RATE_DIFFERS(measured_hz="50", told_hz="100"))
     assert info.events == {"rate_differs": 1, "rate_changed": 1}
 
 
@@ -90,8 +94,8 @@ def test_nothing_is_published_before_the_device_said_who_it_is() -> None:
     assert intake.take(readings(0)) == []
     info = intake.info(NOW, {})
     assert (info.device, info.boot, info.boot_cause) == ("d", 0, BootCause.UNKNOWN)
-    assert info.trouble == "/dev/x: nothing was heard of it yet"
-    assert intake.info(NOW, {}, "/dev/x: busy").trouble == "/dev/x: busy"
+    assert info.trouble == (Code.NOTHING_HEARD(place="/dev/x"),)
+    assert intake.info(NOW, {}, free("busy")).trouble == free("busy")
     account(intake)
     intake.take(HELLO)
     assert intake.take(readings(5))[0].sequence == 5
@@ -142,19 +146,19 @@ def test_a_clock_that_is_not_what_it_says_is_told() -> None:
     info = intake.info(NOW, {})
     assert info.measured_rate_hz == pytest.approx(200, rel=1e-3)
     assert info.events == {"rate_differs": 1}
-    assert info.notices == {"rate": "measured 200 Hz, told 100 Hz; its clock runs 2 times as fast as the host's"}
+    assert info.notices == (Code.RATE_DIFFERS(measured_hz="200", told_hz="100"), Code.CLOCK_DIFFERS(times="2"))
 
 
 def test_a_device_s_own_notices_stay_beside_ours() -> None:
     intake = made()
     intake.take(replace(HELLO, has_clock=False))
-    intake.take(Notice("battery", "old"))
-    assert set(intake.info(NOW, {}).notices) == {"battery", "clock"}
+    intake.take(Notice("battery", free("old")[0]))
+    assert codes(intake.info(NOW, {}).notices) == [Code.PROFILE_NOTICE, Code.RATE_PRESUMED]
     for i in range(20):
-        intake.take(Notice(f"n{i}", "x"))
+        intake.take(Notice(f"n{i}", free("x")[0]))
     notices = intake.info(NOW, {}).notices
     assert len(notices) == 16
-    assert "clock" in notices
+    assert notices[-1].code == Code.RATE_PRESUMED
 
 
 def test_samples_that_are_no_numbers_split_the_batch() -> None:

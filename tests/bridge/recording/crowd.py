@@ -10,6 +10,7 @@ import numpy as np
 from bridge.bus.contract import Bus
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, Quality, SampleBatch, State, Status
+from tests.sentences import free
 
 WARD, RATE_HZ = "ward", 104.0
 TICK_S, STEP = 1e-6, 9615
@@ -57,7 +58,7 @@ def info(device: str, time_ns: int, boot: int = 7) -> DeviceInfo:
 def status(device: str, time_ns: int, boot: int = 7) -> Status:
     three = (0.01, 0.01, 0.01)
     return Status(
-        device, boot, time_ns, State.TRACKING, Quality.GOOD, "tracking", 1.0, (0, 1, 2), three, three, (1.0, 1.0, 1.0),
+        device, boot, time_ns, State.TRACKING, Quality.GOOD, free("tracking"), 1.0, (0, 1, 2), three, three, (1.0, 1.0, 1.0),
         "0123456789abcdef", time_ns, 1.0, 30.5, RATE_HZ, 1, 1,
     )  # fmt: skip
 

@@ -9,6 +9,7 @@ import pytest
 from bridge.drivers.driver import Notice
 from bridge.drivers.mtdata2 import MtData2Decoder
 from bridge.framing import mtdata2
+from bridge.reasons.codes import Code
 from bridge.recording import Reading, RecordingError
 from bridge.recording.capture import load_capture
 from tests.bridge.recording.text.session import G, turns
@@ -81,7 +82,7 @@ def test_mtdata2_with_rotations_alone_gives_rates(tmp_path: Path) -> None:
 
 def test_legacy_mtdata_is_named() -> None:
     events = MtData2Decoder().feed(mtdata2.encode(mtdata2.MTDATA, bytes(36)), 0)
-    assert any(isinstance(event, Notice) and "legacy MTData" in event.text for event in events)
+    assert any(isinstance(event, Notice) and event.said == Code.LEGACY_MTDATA() for event in events)
 
 
 def test_the_first_line_of_a_log_is_whole(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from estimator.calibration_file import load
 from estimator.cli import main
 from tests.bridge.recording.crowd import WARD, info, samples
 from tests.bridge.recording.test_contents import NOW, S, about, marked, recorded, run
+from tests.sentences import free
 
 Capture = pytest.CaptureFixture[str]
 
@@ -88,7 +89,7 @@ def calibrated(session: Session, time_s: float, boot: int = 7, verdict: Verdict 
     """What an estimator said of it at a time, a little off what the session itself gives."""
     std = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
     made = Calibration(
-        "one", boot, f"live-{time_s:g}", NOW + round(time_s * S), "closure", verdict, "three turns",
+        "one", boot, f"live-{time_s:g}", NOW + round(time_s * S), "closure", verdict, free("three turns"),
         np.diag(session.truth.k + 2e-3), session.truth.turn_on_bias, PARAMETERS, np.diag(std**2), (), np.full(3, 1e-3), "m", "f",
         8.7, 400.0, 30.0, "",
     )  # fmt: skip

@@ -19,6 +19,7 @@ from bridge.recording.survey import survey
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Note, SampleBatch, Verdict
 from tests.bridge.recording.crowd import STEP, TICK_S, WARD, corrected, info, samples
+from tests.sentences import free
 
 NOW = 1_790_000_000_000_000_000
 S = 1_000_000_000
@@ -62,7 +63,7 @@ def recorded(folder: Path, *parts: list[Message]) -> list[Path]:
 
 def marked() -> list[Message]:
     calibration = Calibration(
-        "one", 7, "c1", NOW + 2 * S, "closure", Verdict.ACCEPTED, "three turns", np.eye(3), np.zeros(3), (),
+        "one", 7, "c1", NOW + 2 * S, "closure", Verdict.ACCEPTED, free("three turns"), np.eye(3), np.zeros(3), (),
         np.zeros((0, 0)), (), np.ones(3), "m", "f", 8.7, 104.0, 30.0, "anna",
     )  # fmt: skip
     return [
@@ -84,7 +85,7 @@ def test_a_survey_has_devices_boots_gaps_calibrations_and_notes(tmp_path: Path) 
     assert one.corrected == {"GOOD": 370}
     assert (one.first_ns, one.last_ns) == (NOW, at_ns(399))
     assert [boot.samples for boot in found.devices["two"].boots.values()] == [50, 100]
-    assert [c.reason for c in found.devices["one"].calibrations.values()] == ["three turns"]
+    assert [c.reason for c in found.devices["one"].calibrations.values()] == [free("three turns")]
     assert [n.text for n in found.devices["one"].notes.values()] == ["sat up"]
     assert found.duration_s == pytest.approx(20 + 99 * STEP * TICK_S)
 

@@ -192,7 +192,7 @@ def test_a_new_file_after_its_time_begins_with_what_is_known(recorder: WardRecor
 def test_a_new_file_begins_with_the_calibration_that_holds(recorder: WardRecorder, disk: Disk) -> None:
     def made(name: str, verdict: Verdict) -> Message:
         of = Calibration(
-            "one", 7, name, NOW, "closure", verdict, "", np.eye(3), np.zeros(3), (), np.zeros((0, 0)), (), np.ones(3),
+            "one", 7, name, NOW, "closure", verdict, (), np.eye(3), np.zeros(3), (), np.zeros((0, 0)), (), np.ones(3),
             "m", "f", 8.7, 104.0, 30.0, "anna",
         )  # fmt: skip
         return Message(keys.build(WARD, "calibration", device="one"), codec.encode_calibration(of))

@@ -69,9 +69,9 @@ def test_nothing_and_nonsense_have_their_own_words(tmp_path: Path) -> None:
         assert "nothing was heard at 115200, 57600: is the device on" in scan(silent.link, 0.1).words
     with talking(tmp_path / "port", b"ax=1 ay=2 az=3\n" * 9) as text:
         assert "text that no driver understands at 115200, such as 'ax=1 ay=2 az=3'" in scan(text.link, 0.2).words
-    assert scan(tmp_path / "gone").words.startswith("missing; plug the device in")
+    assert scan(tmp_path / "gone").words.startswith(f"{tmp_path / 'gone'} is missing. Plug the device in")
     (tmp_path / "file").touch()
-    assert scan(tmp_path / "file").words == "not a serial port"
+    assert scan(tmp_path / "file").words == f"{tmp_path / 'file'} is not a serial port."
 
 
 def test_a_port_that_somebody_has_is_left_alone(tmp_path: Path) -> None:
@@ -131,7 +131,7 @@ def test_what_is_printed_can_be_pasted(
         capture = f"file://{tmp_path}/capture?bytes_per_s=1e6"
         assert run("--seconds", "0.4", "--port", str(port.link), "--port", capture, "--port", f"{tmp_path}/gone") == 0
         shown, pasted = capsys.readouterr().out.split("For the ward's file:\n")
-        assert f"{tmp_path}/gone: missing; plug" in shown
+        assert f"{tmp_path}/gone is missing. Plug" in shown
         config = tmp_path / "ward.toml"
         config.write_text(f'ward = "w"\n[bridge]\nid = "b"\n{pasted}')
         bridge = load(config, Root).bridge

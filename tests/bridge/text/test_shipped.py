@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from bridge.drivers.driver import Event, Identity, Notice, Readings
 from bridge.drivers.text_profile import TextDecoder
+from bridge.reasons.codes import Code
 from bridge.text.profile import load_profile, shipped
 from bridge.wire.messages import BootCause
 from tests.bridge.text import printed
@@ -119,11 +120,11 @@ def test_an_artemis_without_microseconds_says_that_its_time_is_a_count() -> None
     events = one.feed(b"\n" + printed.artemis(20, micros=False), 0)
     (notice,) = [event for event in events if isinstance(event, Notice)]
     assert notice.name == "no_clock"
-    assert "'micros'" in notice.text
+    assert notice.said == Code.NO_TIME_COLUMN(column="'micros'", rate_hz="10")
     (who,) = identities(events)
     assert (who.has_clock, who.rate_hz, who.boot_cause) == (False, 10.0, BootCause.POWER_UP)
     later = one.feed(printed.artemis(40), 0)
-    assert Notice("no_clock", "") in later
+    assert Notice("no_clock", None) in later
     assert identities(later)[-1].has_clock
 
 
@@ -131,8 +132,10 @@ def test_a_known_wrong_sensitivity_is_said_and_not_put_right() -> None:
     events, _ = read("nano-33-ble", printed.nano(3))
     (notice,) = [event for event in events if isinstance(event, Notice)]
     assert notice.name == "known_scale_fault"
-    assert "reads 12.8 % low" in notice.text
-    assert "k near 1.147" in notice.text
+    assert notice.said is not None
+    assert (notice.said.code, notice.said.params["percent"], notice.said.params["scale"]) == (
+        Code.READS_LOW, "12.8", "1.147",
+    )  # fmt: skip
     assert gyro(events)[0, 0] == pytest.approx(1.5)
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from bridge.reasons.codes import Code, Sentence
 from bridge.transport import serial_state
 from bridge.transport.holders import Holder
 
@@ -9,15 +10,17 @@ ONE, TWO = Holder(7, "python"), Holder(8, "minicom")
 
 
 @pytest.mark.parametrize(
-    ("having", "bridges", "words"),
+    ("having", "bridges", "said"),
     [
-        ([ONE], {7}, "busy; a bridge (process 7) reads it"),
-        ([TWO], {7}, "busy; minicom (process 8) has it open: close that one"),
-        ([ONE, TWO], {7}, "busy; python (process 7), minicom (process 8) have it open: close those"),
-        ([], set(), "busy; another program has it open: close that one"),
+        ([ONE], {7}, Code.PORT_READ_BY_BRIDGE(place="/dev/x", holders="python (process 7)")),
+        ([TWO], {7}, Code.PORT_HELD(place="/dev/x", holders="minicom (process 8)")),
+        ([ONE, TWO], {7}, Code.PORT_HELD(place="/dev/x", holders="python (process 7), minicom (process 8)")),
+        ([], set(), Code.PORT_BUSY(place="/dev/x")),
     ],
 )
-def test_who_has_it_open(having: list[Holder], bridges: set[int], words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_has_it_open(
+    having: list[Holder], bridges: set[int], said: Sentence, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(serial_state, "holders", lambda _: having)
     monkeypatch.setattr(serial_state, "is_bridge", lambda pid: pid in bridges)
-    assert serial_state.busy("/dev/x") == words
+    assert serial_state.busy("/dev/x") == said

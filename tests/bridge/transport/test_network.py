@@ -98,13 +98,13 @@ def test_a_tcp_device_that_takes_nothing_is_lost(server: socket.socket, monkeypa
 
 def test_a_tcp_device_that_cannot_be_reached_is_unavailable_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
     nobody = free_port()
-    with pytest.raises(DeviceUnavailable, match=f"tcp://127.0.0.1:{nobody}: refused; .* nothing listens"):
+    with pytest.raises(DeviceUnavailable, match=f"tcp://127.0.0.1:{nobody} refused the connection: nothing listens"):
         TcpPort(f"127.0.0.1:{nobody}", 0).open()
-    assert address.state(f"tcp://127.0.0.1:{nobody}").startswith("refused; ")
+    assert address.state(f"tcp://127.0.0.1:{nobody}").startswith(f"tcp://127.0.0.1:{nobody} refused")
     for error, said in [
-        (socket.gaierror(-2, "Name or service not known"), "name is not known"),
-        (TimeoutError("timed out"), "no answer; is the device on"),
-        (OSError(113, "No route to host"), "unreachable; is the device on"),
+        (socket.gaierror(-2, "Name or service not known"), "The name in tcp://wrist:8000 is not known"),
+        (TimeoutError("timed out"), "does not answer. Is the device on"),
+        (OSError(113, "No route to host"), "is unreachable. Is the device on"),
     ]:
 
         def fail(*_: object, error: OSError = error) -> socket.socket:
@@ -165,7 +165,7 @@ def test_datagrams_come_in_one_piece_and_are_answered(udp: int, senders: list[Se
     port.write(b"who?")
     assert senders[0].socket.recv(10) == b"who?"
     assert port.read(0.01).data == b""
-    assert ended(port) == f"{port.place}: closed"
+    assert ended(port) == f"{port.place} was closed."
 
 
 def test_devices_on_one_port_are_told_apart(udp: int, senders: list[Sender]) -> None:
@@ -215,17 +215,17 @@ def test_datagrams_that_nobody_reads_are_bounded_and_counted(udp: int, senders: 
 def test_a_udp_port_is_busy_in_words(udp: int) -> None:
     with socket.socket(type=socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", udp))
-        with pytest.raises(DeviceUnavailable, match="busy; another program"):
+        with pytest.raises(DeviceUnavailable, match="is busy: another program"):
             opened(f"127.0.0.1:{udp}")
-        assert address.state(f"udp://127.0.0.1:{udp}").startswith("busy; another program")
+        assert address.state(f"udp://127.0.0.1:{udp}").startswith(f"udp://127.0.0.1:{udp} is busy: another program")
     assert address.state(f"udp://127.0.0.1:{udp}") == "free to be listened on"
     first = opened(f":{udp}")
-    with pytest.raises(DeviceUnavailable, match=r"takes datagrams of anyone there: .*\?from="):
+    with pytest.raises(DeviceUnavailable, match=r"takes datagrams of anyone there. .*\?from="):
         opened(f"0.0.0.0:{udp}")
     second = opened(f":{udp}?from=localhost")
     with pytest.raises(DeviceUnavailable, match=r"takes datagrams of 127\.0\.0\.1"):
         opened(f":{udp}?from=127.0.0.1")
     first.close()
     second.close()
-    with pytest.raises(DeviceUnavailable, match="no such address"):
+    with pytest.raises(DeviceUnavailable, match="has no address"):
         opened(f"192.0.2.1:{udp}")

@@ -60,10 +60,10 @@ def test_a_second_reader_is_told_who_has_the_port(pty: PtyPort) -> None:
     assert (serial_state.state(str(pty.link)), locked(str(pty.link))) == ("present", False)
     first.open()
     assert locked(os.path.realpath(pty.link))
-    with pytest.raises(DeviceUnavailable, match=rf"busy; \S+ \(process {os.getpid()}\) has it open") as busy:
+    with pytest.raises(DeviceUnavailable, match=rf"is busy: \S+ \(process {os.getpid()}\) has it open") as busy:
         second.open()
     assert not busy.value.soon
-    assert serial_state.state(str(pty.link)).startswith("busy; ")
+    assert serial_state.state(str(pty.link)).startswith(f"{pty.link} is busy: ")
     first.close()
     second.open()
     second.close()

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from bridge.reasons.catalogue import english
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import poses
@@ -51,7 +52,7 @@ def turns(of: Stream, *, accel: bool = True) -> list[TurnCapture]:
 
 
 def ignored(of: Stream, *, accel: bool = True, clipped: slice | None = None) -> list[str]:
-    return [p.no_turn.reason for p in progress(of, accel=accel, clipped=clipped) if isinstance(p, Ignored)]
+    return [english(*p.no_turn.reason) for p in progress(of, accel=accel, clipped=clipped) if isinstance(p, Ignored)]
 
 
 def capture(of: Stream, *, accel: bool = True) -> Capture:

@@ -1,10 +1,12 @@
 import numpy as np
 
+from bridge.reasons.codes import Code
 from bridge.wire.messages import Verdict
 from estimator import offline
 from estimator.batch.carry import MATRIX_PARAMETERS
 from tests.estimator.batch.sessions import in_poses
 from tests.estimator.stream import calibration
+from tests.sentences import codes
 
 
 def test_many_poses_give_the_matrix_as_transitions_do() -> None:
@@ -22,5 +24,5 @@ def test_few_poses_are_not_enough() -> None:
     for of in (in_poses(13, 4), calibration(seed=33)):
         result, _ = offline.calibrate(of.recording(), "accel_aided")
         assert result.verdict is Verdict.REPEAT
-        assert "different pose" in result.reason
+        assert Code.TOO_FEW_POSES in codes(result.reason)
         assert result.repeat == (0, 1, 2)

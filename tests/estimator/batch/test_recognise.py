@@ -64,7 +64,7 @@ def test_a_swing_to_another_pose_is_no_turn(seed: int) -> None:
 def test_clipped_samples_are_named() -> None:
     of = calibration(TurnPlan(1, duration_s=4.0))
     middle = of.at(1.5 + 3.2 + 2.0)
-    assert "faster than the gyro's range for 3 samples" in ignored(of, clipped=slice(middle, middle + 3))[0]
+    assert "too fast for the gyro's range, for 3 samples" in ignored(of, clipped=slice(middle, middle + 3))[0]
     assert ignored(of, clipped=slice(10, 20)) == [], "clipped, but not in the turn"
 
 
@@ -82,7 +82,7 @@ def test_missing_samples_are_named() -> None:
     keep = np.r_[0:gone, gone + 20 : len(of)]
     cut = of.only(keep)
     assert turns(cut) == []
-    assert "0.20 s of samples are missing" in ignored(cut)[0]
+    assert "0.20 s of samples were lost" in ignored(cut)[0]
 
 
 @pytest.mark.parametrize("duration_s", [18.0, 22.0, 25.0, 30.0])
@@ -95,7 +95,7 @@ def test_a_rest_that_is_a_slow_movement_spoils_its_turn() -> None:
     of = calibration(TurnPlan(2), spec=ImuSpec(scale=(1.0, 1.0)))
     of.gyro[: of.at(4.0)] += np.radians(0.8)
     assert turns(of, accel=False) == []
-    assert "apart" in ignored(of, accel=False)[0]
+    assert "not quite at rest" in ignored(of, accel=False)[0]
 
 
 @pytest.mark.parametrize("k", [0.71, 0.85, 1.2, 1.39])

@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.wire.messages import Verdict
 from estimator.batch import turn360
 from estimator.batch.capture import Capture
@@ -10,6 +12,7 @@ from estimator.batch.methods import METHODS, Method, by_closure, by_turn360
 from estimator.batch.result import PARAMETERS, Result, judge, unlikely
 from tests.estimator.batch.sessions import capture
 from tests.estimator.stream import calibration
+from tests.sentences import codes
 
 
 @pytest.fixture(scope="module")
@@ -48,14 +51,14 @@ def test_an_unbelievable_scale_is_refused_with_a_likely_cause(
 ) -> None:
     result = judged(good, k=np.full(3, k))
     assert result.verdict is Verdict.REFUSED
-    assert word in result.reason
+    assert word in english(*result.reason)
 
 
 def test_an_open_turn_is_repeated_and_named(good: tuple[Capture, turn360.Turn360]) -> None:
     open_turn = judged(good, k=good[1].k * [1.0, 1.05, 1.0])
     assert open_turn.verdict is Verdict.REPEAT
     assert open_turn.repeat == (1,)
-    assert "y by 18" in open_turn.reason
+    assert Code.TURNS_OPEN in codes(open_turn.reason)
 
 
 @pytest.mark.parametrize("method", [by_turn360, by_closure])
@@ -64,7 +67,7 @@ def test_what_does_not_converge_is_refused_in_words(good: tuple[Capture, turn360
     result = method(Capture(good[0].rest, short))
     assert result.verdict is Verdict.REFUSED
     assert result.repeat == (0, 1, 2)
-    assert "no scale factors" in result.reason
+    assert Code.NOT_CONVERGED in codes(result.reason)
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from bridge.reasons.codes import Code
 from bridge.sim.imperfection import ImuSpec
 from bridge.wire.messages import Verdict
 from estimator import offline
 from estimator.batch.result import PARAMETERS
 from estimator.batch.servomotor import by_servomotor
 from tests.estimator.batch.machines import SERVO_DPS, on_a_servo, samples, turned
+from tests.sentences import codes
 
 RATE = tuple(np.radians(SERVO_DPS))
 
@@ -32,10 +34,10 @@ def test_an_accelerometer_has_no_say_however_far_off_it_is() -> None:
 
 def test_what_it_needs_is_said() -> None:
     of = samples(on_a_servo(3))
-    assert "one known rate" in by_servomotor(of, (0.5, 1.0)).reason
+    assert Code.SERVO_RATES in codes(by_servomotor(of, (0.5, 1.0)).reason)
     nothing = by_servomotor(of.between(0.0, 1.0), RATE)
     assert (nothing.verdict, nothing.repeat) == (Verdict.REPEAT, (0, 1, 2))
-    assert "no rest" in nothing.reason
+    assert Code.SERVO_NO_REST in codes(nothing.reason)
 
 
 def test_a_wrong_rate_is_refused() -> None:
@@ -46,4 +48,4 @@ def test_a_wrong_rate_is_refused() -> None:
 def test_spins_that_contradict_one_rate_are_refused() -> None:
     result = by_servomotor(samples(turned(np.eye(3), (*SERVO_DPS, 32.0), 5, ImuSpec())), RATE)
     assert result.verdict is Verdict.REFUSED
-    assert "is it the one rate of all of them?" in result.reason
+    assert Code.SERVO_MISFIT in codes(result.reason)

@@ -11,6 +11,7 @@ from estimator.batch.session import CalibrationSession, Finished, RestFound, Tur
 from estimator.stillness import Stillness
 from tests.estimator.batch.sessions import progress
 from tests.estimator.stream import calibration
+from tests.sentences import free
 
 X, Y, Z = TurnPlan(0), TurnPlan(1), TurnPlan(2)
 
@@ -40,7 +41,7 @@ def test_the_last_turn_about_an_axis_counts() -> None:
 
 def test_only_the_turns_that_are_to_be_repeated_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     def open_about_y(capture: Capture) -> Result:
-        return nothing("closure", Verdict.REPEAT, "the turn about y did not end where it began", (1,))
+        return nothing("closure", Verdict.REPEAT, free("the turn about y did not end where it began"), (1,))
 
     monkeypatch.setitem(METHODS, "closure", open_about_y)
     of = calibration(X, Y, Z, seed=8)

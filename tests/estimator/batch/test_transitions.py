@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import SessionPlan
 from bridge.wire import codec, keys
@@ -16,6 +18,7 @@ from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
 from tests.estimator.batch.sessions import in_poses, movements, true_parameters
 from tests.estimator.stream import Stream, calibration, feed
+from tests.sentences import codes
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +82,7 @@ def test_poses_of_all_kinds_give_the_full_matrix_from_a_recording() -> None:
     assert passed_over == []
     assert result.parameters == MATRIX_PARAMETERS
     assert result.covariance.shape == (12, 12)
-    assert result.reason.startswith("full matrix")
+    assert result.reason[0] == Code.FULL_MATRIX()
     np.testing.assert_allclose(result.matrix, of.truth.matrix, atol=1e-3)
     np.testing.assert_allclose(result.scale_std, np.sqrt(np.diag(result.covariance)[3:6]) / result.scale)
 
@@ -89,7 +92,7 @@ def test_three_full_turns_give_the_diagonal_and_say_why() -> None:
     result, _ = offline.calibrate(of.recording(), "transitions")
     assert result.verdict is Verdict.ACCEPTED
     assert len(result.parameters) == 6
-    assert "diagonal only" in result.reason
+    assert Code.DIAGONAL_ONLY in codes(result.reason)
     np.testing.assert_array_equal(result.matrix, np.diag(result.scale))
     error = result.scale - of.truth.k
     assert (np.abs(error) < 4 * np.sqrt(np.diag(result.covariance)[3:6])).all()
@@ -99,8 +102,8 @@ def test_three_full_turns_give_the_diagonal_and_say_why() -> None:
 @pytest.mark.parametrize(
     ("limit", "words"),
     [
-        (("CONDITION", 1.0), "the poses do not show the whole matrix (condition number"),
-        (("FEWEST", 99), "16 movements are too few for a full matrix (99 at least)"),
+        (("CONDITION", 1.0), "The poses do not show the whole matrix: the condition number"),
+        (("FEWEST", 99), "16 movements are too few for a full matrix: make at least 99"),
     ],
 )
 def test_a_full_matrix_needs_poses_that_show_it_and_movements_enough(
@@ -111,14 +114,14 @@ def test_a_full_matrix_needs_poses_that_show_it_and_movements_enough(
     monkeypatch.setattr(transitions, *limit)
     result, _ = offline.calibrate(of.recording(), "transitions")
     assert (result.verdict, result.parameters) == (Verdict.ACCEPTED, PARAMETERS[:6])
-    assert words in result.reason
+    assert words in english(*result.reason)
 
 
 @pytest.mark.parametrize("method", ["transitions", "accel_aided"])
 def test_without_an_accelerometer_it_is_refused(method: str) -> None:
     result, _ = offline.calibrate(in_poses(6, 4).recording(accel=False), method)
     assert result.verdict is Verdict.REFUSED
-    assert "accelerometer" in result.reason
+    assert Code.NO_CHECKED_MOVEMENT in codes(result.reason)
     assert not np.isfinite(result.covariance).any()
 
 

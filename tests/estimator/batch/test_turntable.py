@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.sim.imperfection import ImuSpec
 from bridge.wire.messages import Verdict
 from estimator import offline
@@ -9,6 +10,7 @@ from estimator.batch.plateaus import nearest_rates, plateaus
 from estimator.batch.turntable import by_turntable
 from tests.estimator.batch.machines import TABLE_DPS, on_a_turntable, samples, turned
 from tests.estimator.batch.sessions import in_poses
+from tests.sentences import codes
 
 RATES = tuple(np.radians(TABLE_DPS))
 
@@ -44,8 +46,8 @@ def test_other_rates_are_left_out_and_said() -> None:
     of = turned(np.eye(3), (*TABLE_DPS, 45.0, 6.0), 4, ImuSpec())
     result = by_turntable(samples(of), RATES)
     assert result.verdict is Verdict.ACCEPTED
-    assert "18 stretches" in result.reason
-    assert "12 others at neither rest nor a rate that was given" in result.reason
+    assert [one.params.get("spins") for one in result.reason] == ["18", None]
+    assert Code.STRETCHES_LEFT_OUT(stretches=12, clipped=0) in result.reason
     np.testing.assert_allclose(result.scale, of.truth.k, atol=3e-4)
 
 
@@ -54,14 +56,14 @@ def test_one_wrong_rate_is_refused(told: tuple[float, ...]) -> None:
     for seed in range(2):
         result = by_turntable(samples(on_a_turntable(seed)), tuple(np.radians(told)))
         assert result.verdict is Verdict.REFUSED
-        assert "are the rates right" in result.reason
+        assert {Code.TABLE_RATE_MISSING, Code.TABLE_MISFIT} & {*codes(result.reason)}
 
 
 def test_stretches_beyond_the_range_are_left_out_whether_it_is_told_or_not() -> None:
     of = turned(np.eye(3), TABLE_DPS, 4, ImuSpec(scale=(0.9, 0.95), range_dps=80.0))
     result = by_turntable(samples(of), RATES)
     assert result.verdict is Verdict.REFUSED
-    assert "6 of them clipped" in result.reason
+    assert Code.STRETCHES_LEFT_OUT in codes(result.reason)
     left = by_turntable(samples(of), RATES[:2])
     assert left.verdict is Verdict.ACCEPTED
     np.testing.assert_allclose(left.scale, of.truth.k, atol=1e-3)
@@ -76,7 +78,7 @@ def test_an_axis_not_turned_is_asked_for() -> None:
 def test_wrong_rates_are_refused() -> None:
     result = by_turntable(samples(on_a_turntable(5)), tuple(np.radians([31.0, 57.0, 90.0])))
     assert result.verdict is Verdict.REFUSED
-    assert "are the rates right" in result.reason
+    assert {Code.TABLE_RATE_MISSING, Code.TABLE_MISFIT} & {*codes(result.reason)}
     half = by_turntable(samples(on_a_turntable(5)), tuple(np.radians([10.0, 20.0, 30.0])))
     assert half.verdict is Verdict.REFUSED
 

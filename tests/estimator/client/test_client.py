@@ -12,6 +12,7 @@ from estimator.session import DeviceSession
 from tests.estimator.client.test_revision import revision
 from tests.estimator.stream import NAME, corrected_by, info, stream
 from tests.estimator.test_correction import CALIBRATION, chosen
+from tests.sentences import free
 
 WARD = "w"
 
@@ -89,11 +90,11 @@ def test_statuses_infos_and_calibrations(broker: MemoryBroker, client: Client) -
 
 def test_revisions_come_as_they_are_made(broker: MemoryBroker, client: Client) -> None:
     put = publisher(broker, "revision").put
-    put(codec.encode_revision(replace(revision(), device=NAME, reason="first")))
+    put(codec.encode_revision(replace(revision(), device=NAME, reason=free("first"))))
     revisions = client.revisions(NAME, idle_s=0.1)
     put(b"\xff\xfe")
-    put(codec.encode_revision(replace(revision(), device=NAME, reason="second")))
-    assert [r.reason for r in revisions] == ["first", "second"]
+    put(codec.encode_revision(replace(revision(), device=NAME, reason=free("second"))))
+    assert [r.reason for r in revisions] == [free("first"), free("second")]
     assert sum(revisions.refused.values()) == 1
     assert revisions.missed == 0
     assert list(client.revisions(history=False, idle_s=0.05)) == []
@@ -106,10 +107,10 @@ def test_commands_reach_the_estimator_and_bring_back_its_word(broker: MemoryBrok
     def answer(key: str, payload: bytes, reply: Reply) -> None:
         command = codec.decode_command(key, payload)
         asked.append((keys.parse(key).ids["verb"], command))
-        reply(codec.encode_reply(CommandReply(command.request_id, accepted=True, message="so be it")))
+        reply(codec.encode_reply(CommandReply(command.request_id, accepted=True, message=free("so be it"))))
 
     MemoryBus(broker).answer(keys.pattern(WARD, "rpc"), answer)
-    assert client.recalibrate(NAME, "nurse", "strap").message == "so be it"
+    assert client.recalibrate(NAME, "nurse", "strap").message == free("so be it")
     client.cancel(NAME, "nurse")
     client.note(NAME, "nurse", "fell down")
     assert [verb for verb, _ in asked] == ["recalibrate", "cancel", "note"]

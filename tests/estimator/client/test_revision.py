@@ -10,6 +10,7 @@ from bridge.wire.messages import BiasRevision, CorrectedBatch, Quality
 from estimator.client import covers, revised
 from tests.estimator.stream import NAME, corrected_by, stream
 from tests.estimator.test_correction import BIAS, CALIBRATION, chosen
+from tests.sentences import free
 
 START_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
@@ -35,7 +36,7 @@ def revision(**changes: Any) -> BiasRevision:
         sequences=np.array([100, 104, 124], np.uint64),
         times_ns=np.array([START_NS, START_NS + 4 * SECOND // 10, START_NS + 24 * SECOND // 10], np.int64),
         bias=np.array([[0.25, 0, 0.25], [1.25, 0, 0.25], [1.25, 0, -1.75]], np.float32),
-        bias_std=np.array([[3, 4, 0], [3, 4, 0], [1, 0, 0]], np.float32) / np.float32(16), reason="at rest again",
+        bias_std=np.array([[3, 4, 0], [3, 4, 0], [1, 0, 0]], np.float32) / np.float32(16), reason=free("at rest again"),
     )  # fmt: skip
     return replace(plain, **changes)
 

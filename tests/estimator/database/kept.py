@@ -10,6 +10,7 @@ from estimator.service.store import Store
 from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
 from tests.estimator.test_correction import CALIBRATION
+from tests.sentences import free
 
 CALIBRATIONS = [
     replace(CALIBRATION, id=f"c{n}", boot=n, time_ns=n, model="m", firmware="1.0", gyro_range=8.7, rate_hz=104.0)
@@ -28,8 +29,8 @@ def fill(store: Store) -> None:
         store.add_calibration(calibration)
         for minute in range(6):
             store.save_bias(NAME, n, 10 * n + minute, bias(n + minute), history=True)
-    store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", "done", accepted=True)
-    store.add_audit(6, NAME, "cancel", "r2", "nurse", "", "nothing to cancel", accepted=False)
+    store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", free("done"), accepted=True)
+    store.add_audit(6, NAME, "cancel", "r2", "nurse", "", free("nothing to cancel"), accepted=False)
 
 
 def made(folder: Path) -> Path:
@@ -58,5 +59,5 @@ def loaded(store: Store) -> set[object]:
             rows = zip(points.time, points.bias.tolist(), points.std.tolist(), points.temperature_c, strict=True)
             things |= {("point", this, time, *value, *std, celsius) for time, value, std, celsius in rows}
     for verb, request in (("recalibrate", "r1"), ("cancel", "r2"), ("cancel", "r1")):
-        things.add(("answer", verb, request, store.answer(NAME, verb, request)))
+        things.add(("answer", verb, request, repr(store.answer(NAME, verb, request))))
     return things

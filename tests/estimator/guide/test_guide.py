@@ -6,6 +6,7 @@ from math import degrees
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Piece, Turn
 from bridge.sim.script import SessionPlan, TurnPlan, session
 from bridge.wire.messages import State, Verdict
@@ -16,12 +17,13 @@ from estimator.session_knobs import SessionKnobs
 from tests.estimator.batch.sessions import in_poses
 from tests.estimator.guide.scripted import BATCH, batches, follow, steps, turned
 from tests.estimator.stream import NAME, calibration
+from tests.sentences import codes, free
 
 ONE_TURN = ["turn", "turning", "settle"]
 
 
 def keys(told: list[Told]) -> set[str]:
-    return {words.key for one in told for words in one.wrong}
+    return {words.code for one in told for words in one.wrong}
 
 
 def test_a_good_one_needs_no_click() -> None:
@@ -53,8 +55,8 @@ def test_the_easiest_turn_is_asked_for_first() -> None:
 @pytest.mark.parametrize(
     ("bad", "key", "value"),
     [
-        (TurnPlan(0, 180.0), "short", "angle"),
-        (TurnPlan(0, 720.0, 8.0), "long", "angle"),
+        (TurnPlan(0, 180.0), Code.TURN_TOO_SHORT, "angle_deg"),
+        (TurnPlan(0, 720.0, 8.0), Code.TURN_TOO_LONG, "angle_deg"),
     ],
 )
 def test_a_failed_turn_is_explained_and_asked_for_again(bad: TurnPlan, key: str, value: str) -> None:
@@ -63,8 +65,8 @@ def test_a_failed_turn_is_explained_and_asked_for_again(bad: TurnPlan, key: str,
     again = next(one for one in told if one.wrong)
     assert (again.step, again.axis, again.done) == (Step.TURN, 0, (2,))
     assert again.head.key.startswith("again_")
-    assert again.wrong[0].key == key
-    assert value in again.wrong[0].values
+    assert again.wrong[0].code == key
+    assert value in again.wrong[0].params
     assert told[-1].step is Step.DONE
 
 
@@ -76,7 +78,7 @@ def test_turns_that_do_not_fit_are_repeated() -> None:
     told = follow(Guide(), device, batches(calibration(seed=13, plan=missed, after=mended)))
     wrong = next(one for one in told if one.wrong)
     assert (wrong.step, wrong.axis, wrong.needed, wrong.done) == (Step.TURN, 0, (0,), (1, 2))
-    assert [(words.key, words.values) for words in wrong.wrong] == [("open", {"axes": "x"})]
+    assert [(one.code, one.params["axes"]) for one in wrong.wrong] == [(Code.TURNS_OPEN, "x")]
     assert steps(told) == ["warm", "place", *ONE_TURN, *ONE_TURN, *ONE_TURN, *ONE_TURN, "done"]
     assert device.calibration is not None
     assert device.calibration.verdict is Verdict.ACCEPTED
@@ -96,7 +98,7 @@ def test_a_cancel_keeps_the_old_one() -> None:
     told = follow(guide, device, batches(plan), meanwhile)
     assert all(done.values())
     assert steps(told)[-5:] == ["place", *ONE_TURN, "cancelled"]
-    assert [(words.key, words.values) for words in told[-1].wrong] == [("cancelled", {"who": "nurse"})]
+    assert told[-1].wrong == (Code.CALIBRATION_CANCELLED(who="nurse"),)
     # What it rested before it was asked does not count.
     assert next(one.ring for one in told[::-1] if one.step is Step.PLACE) > 0.9
     begin = next(
@@ -148,7 +150,7 @@ def test_a_calibrated_device_is_idle_and_a_lost_one_away() -> None:
     assert guide.told().step is Step.AWAY
     guide.take_status(device.status(1))
     assert guide.told().step is Step.IDLE
-    device.silence("no samples for 3 s")
+    device.silence(free("no samples for 3 s"))
     guide.take_status(device.status(2))
     assert guide.told().step is Step.AWAY
 
@@ -157,12 +159,12 @@ def test_what_is_less_exact_is_said_to_be_so_and_why() -> None:
     device, guide = DeviceSession(NAME), Guide()
     told = follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
     assert (told[-1].picture, told[-1].wrong) == (Picture.WELL, ())
-    jumped = replace(device.status(1), state=State.DEGRADED, reason="at rest it reads 1.20 °/s off")
+    jumped = replace(device.status(1), state=State.DEGRADED, reason=free("at rest it reads 1.20 °/s off"))
     for one, step in ((Guide(), Step.IDLE), (guide, Step.DONE)):
         one.take_status(jumped)
         said = one.told()
         assert (said.step, said.head.key, said.picture) == (step, "degraded", Picture.EDGE)
-        assert [words.values for words in said.wrong] == [{"words": jumped.reason}]
+        assert said.wrong == jumped.reason
 
 
 def stood_on_its_side(last_deg: float) -> tuple[list[Piece], SessionPlan]:
@@ -184,7 +186,7 @@ def test_where_turns_must_be_level_it_is_stood_on_its_side_for_the_third() -> No
     assert keys(told) == set(), "standing it on its side is no turn that went wrong"
     assert told[-1].step is Step.DONE
     assert device.calibration is not None
-    assert "was exactly 360°" not in device.calibration.reason
+    assert Code.TURNS_ASSUMED not in codes(device.calibration.reason)
 
 
 def test_a_level_turn_of_a_wrong_angle_is_measured_by_gravity() -> None:
@@ -199,5 +201,5 @@ def test_a_level_turn_of_a_wrong_angle_is_measured_by_gravity() -> None:
 def test_a_turn_about_the_vertical_is_refused_where_turns_must_be_level() -> None:
     device = DeviceSession(NAME, SessionKnobs(horizontal_turns=True))
     told = follow(Guide(horizontal=True), device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
-    assert "vertical" in keys(told)
+    assert Code.VERTICAL_TURN in keys(told)
     assert device.calibration is None

@@ -6,11 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, State, Status
 from estimator.session import TURNS_LOST, DeviceSession
 from estimator.state import StateStruct, encode
 from tests.estimator.session.lives import again, state, worn
 from tests.estimator.stream import NAME, calibration, feed
+from tests.sentences import codes
 
 #: bytes of a device at 100 samples a second
 MOST_BYTES = 12_000
@@ -94,7 +96,7 @@ def test_turns_of_a_calibration_under_way_are_said_to_be_lost() -> None:
     bytes_ = device.state()
     assert bytes_ is not None
     resumed = DeviceSession.restored(bytes_, None, NAME)
-    assert "turn it about all three" in resumed.status(0).reason
+    assert Code.TURNS_LOST in codes(resumed.status(0).reason)
     assert resumed.sequence.events.as_dict()[TURNS_LOST] == 2
     assert state(resumed) is State.AWAITING_STILL
 

@@ -1,11 +1,12 @@
 """A bias that is doubted, and what ends the doubt."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.sim.script import SessionPlan, TurnPlan, swing
 from bridge.wire.messages import Quality, State
@@ -15,6 +16,7 @@ from estimator.track.doubt import DoubtKnobs
 from estimator.track.tracker import TrackKnobs
 from tests.estimator.session.lives import again, calibrated, off, state
 from tests.estimator.stream import NAME, Stream, calibration, feed, rates, stream
+from tests.sentences import codes, free
 
 
 def test_a_bias_that_jumps_is_doubted_then_learnt(once: Stream) -> None:
@@ -24,7 +26,7 @@ def test_a_bias_that_jumps_is_doubted_then_learnt(once: Stream) -> None:
     outcome = feed(device, first.batches(first=n))
     assert outcome.corrected[-1].quality is Quality.DEGRADED
     assert state(device) is State.DEGRADED
-    (said,) = re.findall(r"at rest it reads (.*) °/s off", device.life.reason)
+    [said] = [one.params["rate_dps"] for one in device.life.reason if one.code == Code.REST_CONTRADICTS_BIAS]
     assert float(said) == pytest.approx(0.6, abs=0.05)
     more = off(first, 0.0, 130.0)
     more = replace(more, gyro=more.gyro + first.gyro.mean(axis=0) - more.gyro.mean(axis=0))
@@ -100,7 +102,7 @@ def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream
     assert np.sqrt(stds[-1] ** 2 - stds[0] ** 2) == pytest.approx(walk, rel=0.1)
     assert corrected[0].quality is Quality.GOOD
     assert corrected[-1].quality is Quality.DEGRADED
-    assert "no rest for" in device.life.reason
+    assert Code.NO_REST_FOR in codes(device.life.reason)
 
 
 @pytest.fixture
@@ -115,17 +117,17 @@ def test_of_a_bias_in_doubt_nobody_says_that_it_is_known(rested: Stream) -> None
     feed(device, rested.batches())
     assert device.status(1).quality is Quality.BIAS_ONLY
     outcome = feed(device, doubtful.batches(first=len(rested)))
-    to_do = "still: now turn it once about x, y, z"
+    to_do = (Code.TURN_NOW(axes="x, y, z"),)
     assert outcome.changed
     assert (state(device), device.status(1).quality) == (State.BIAS_ONLY, Quality.NONE)
-    assert re.fullmatch(to_do + "; at rest it reads 0.2. °/s off.*", device.status(1).reason)
-    device.life.say("went back and forth")
-    assert re.fullmatch("went back and forth; at rest it reads 0.2. °/s off.*", device.status(1).reason)
+    assert codes(device.status(1).reason) == [*codes(to_do), Code.REST_CONTRADICTS_BIAS]
+    device.life.say(free("went back and forth"))
+    assert codes(device.status(1).reason) == [Code.PROFILE_NOTICE, Code.REST_CONTRADICTS_BIAS]
     device.life.say(to_do)
     back = off(doubtful, 0.0, 20.0)
     back = replace(back, gyro=back.gyro + (rested.gyro.mean(axis=0) - back.gyro.mean(axis=0)))
     outcome = feed(device, back.batches(first=len(rested) + len(doubtful)))
-    assert outcome.said == ["the bias was confirmed at rest"]
+    assert outcome.said == [english(Code.BIAS_CONFIRMED())]
     assert (device.status(1).quality, device.status(1).reason) == (Quality.BIAS_ONLY, to_do)
 
 

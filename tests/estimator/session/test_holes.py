@@ -6,13 +6,14 @@ from bridge.wire.messages import Quality, State
 from estimator.session import DeviceSession
 from tests.estimator.session.lives import calibrated, state
 from tests.estimator.stream import NAME, Stream, feed
+from tests.sentences import free
 
 
 def test_a_lost_device_is_not_good_and_comes_back(once: Stream) -> None:
     device = calibrated(once.part(0, once.at(40.0)))
-    assert device.silence("no samples for 3 s")
-    assert not device.silence("no samples for 4 s"), "no news"
-    assert device.status(1).reason == "no samples for 4 s"
+    assert device.silence(free("no samples for 3 s"))
+    assert not device.silence(free("no samples for 4 s")), "no news"
+    assert device.status(1).reason == free("no samples for 4 s")
     assert (device.status(1).state, device.status(1).quality) == (State.LOST, Quality.DEGRADED)
     assert device.recalibrate("nurse", "") is not None
     start = once.at(43.0)

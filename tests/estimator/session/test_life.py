@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import TurnPlan
@@ -15,6 +17,7 @@ from estimator.noise_model import load_model
 from estimator.session import DeviceSession
 from tests.estimator.session.lives import state
 from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates
+from tests.sentences import codes
 
 
 def test_from_power_up_to_good(once: Stream) -> None:
@@ -57,8 +60,8 @@ def test_the_words_say_what_is_missing() -> None:
     device = DeviceSession(NAME)
     outcome = feed(device, of.batches())
     assert state(device) is State.TURNING
-    assert any("turn about y taken; still needed: x, z" in words for words in outcome.said)
-    assert "still needed: x, z" in device.life.reason
+    assert any("turn about y was taken. Turns still needed: x, z." in words for words in outcome.said)
+    assert Code.TURNS_NEEDED in codes(device.life.reason)
     assert device.status(1).axes_done == (1,)
 
 
@@ -69,8 +72,8 @@ def test_a_turn_that_is_too_old_is_not_waited_with() -> None:
     assert (device.learnt.turned, device.learnt.awaited) == ((0,), True)
     outcome = feed(device, of.part(of.at(STALE_S), len(of)).batches(first=of.at(STALE_S)))
     assert (device.learnt.turned, device.learnt.awaited) == ((), False)
-    assert device.life.reason == "the turn about x is too old; still needed: x, y, z"
-    assert outcome.said == [device.life.reason]
+    assert codes(device.life.reason) == [Code.TURN_TOO_OLD, Code.TURNS_NEEDED]
+    assert outcome.said == [english(*device.life.reason)]
 
 
 @pytest.mark.parametrize(("angle", "kind"), [(330.0, "mpu-6050"), (440.0, "icm-20948"), (366.0, "factory-calibrated")])
@@ -81,7 +84,7 @@ def test_a_turn_that_was_not_once_around_is_asked_for_again(angle: float, kind: 
     device = DeviceSession(NAME, knobs_of(load_model(kind)))
     first, second = feed(device, of.batches()).calibrations
     assert first.verdict is Verdict.REPEAT
-    assert first.reason.startswith(f"no turn of 360° if the gyro is what its maker says: z {angle:.0f}°")
+    assert first.reason == (Code.NOT_ONE_TURN(turns=f"z {angle:.0f}°", axes="z"),)
     assert second.verdict is Verdict.ACCEPTED
     np.testing.assert_allclose(np.diag(second.matrix), of.truth.k, atol=1e-3)
 

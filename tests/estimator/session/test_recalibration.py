@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import Quality, State
 from estimator.learnt import CANCELLED_S
 from estimator.session import DeviceSession
@@ -15,7 +16,7 @@ def test_the_old_calibration_stays_in_use_until_the_new_one(once: Stream) -> Non
     old = device.calibration
     assert old is not None
     assert device.recalibrate("nurse", "new strap") is None
-    assert "nurse: new strap" in device.life.reason
+    assert device.life.reason[:2] == (Code.RECALIBRATION_ASKED(who="nurse"), Code.REQUEST_REASON(words="new strap"))
     more = again(once)
     outcome = feed(device, more.batches(first=len(once)))
     assert outcome.calibration is not None
@@ -47,19 +48,19 @@ def test_cancelled_at_any_stage_the_old_one_stays(once: Stream, after_s: float) 
     assert all(b.quality is Quality.GOOD for b in outcome.corrected)
 
 
-@pytest.mark.parametrize("doubt", ["", "no rest for 31 minutes"])
-def test_that_it_was_cancelled_is_said_for_a_minute(once: Stream, doubt: str) -> None:
+@pytest.mark.parametrize("doubt", [(), (Code.NO_REST_FOR(minutes="31"),)], ids=["sure", "doubted"])
+def test_that_it_was_cancelled_is_said_for_a_minute(once: Stream, doubt: Sentences) -> None:
     device = calibrated(once)
     device.tracker.doubt.why = doubt
     device.recalibrate("nurse", "")
     device.cancel("nurse")
-    cancelled = "calibration cancelled by nurse; the old one stays"
+    cancelled = (Code.CALIBRATION_CANCELLED(who="nurse"), Code.OLD_CALIBRATION_STAYS())
     batches = again(once, rest_s=70.0).batches(first=len(once)) if not doubt else shaken(once).batches(first=len(once))
     at = [batch.device_time[-1] - once.time[-1] for batch in batches]
     told = [(feed(device, [batch]).changed, device.life.reason) for batch in batches]
     back = next(n for n, (_, reason) in enumerate(told) if reason != cancelled)
     assert at[back] == pytest.approx(CANCELLED_S, abs=2.0)  # counted in what was learnt, which is up to two seconds old
-    assert told[back] == (True, doubt or "calibrated; the calibration of this boot goes on")
+    assert told[back] == (True, doubt or (Code.CALIBRATION_GOES_ON(),))
     assert state(device) is (State.DEGRADED if doubt else State.TRACKING)
 
 

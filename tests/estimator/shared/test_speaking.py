@@ -3,6 +3,7 @@
 import pytest
 
 from bridge.bus.memory_bus import MemoryBus
+from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire.messages import SampleBatch, State
 from estimator.config import Estimator
@@ -12,6 +13,7 @@ from estimator.service.shell import Service
 from estimator.service.store import Store
 from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
 from tests.estimator.stream import NAME, calibration
+from tests.sentences import codes
 
 
 def silent(both: Both) -> list[SampleBatch]:
@@ -34,7 +36,7 @@ def test_of_a_silent_device_whoever_takes_over_goes_on_to_speak(both: Both) -> N
     after = both.client.statuses(0.1)[NAME]
     assert (after.state, after.boot, after.calibration) == (State.LOST, before.boot, before.calibration)
     assert after.epoch > before.epoch
-    assert "no samples" in after.reason
+    assert Code.NO_SAMPLES in codes(after.reason)
     # It is heard again: by who speaks of it, and as it was.
     both.send(batches[-20:])
     both.pass_(1.2)  # all say their status once a second

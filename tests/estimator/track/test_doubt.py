@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bridge.reasons.codes import Sentences
 from estimator.track.doubt import Doubt
 from estimator.track.evidence import Receipt
 from estimator.track.zaru import UNPROVEN
@@ -16,7 +17,7 @@ def receipt(kind: str, off_dps: float = 0.0, reason: str = "") -> Receipt:
     return Receipt(1.0, kind, off, 1e-8 * np.eye(1), 99.0 * (not accepted), accepted, reason, 1.0)
 
 
-def said(doubt: Doubt, *seconds: list[Receipt]) -> str | None:
+def said(doubt: Doubt, *seconds: list[Receipt]) -> Sentences:
     for receipts in seconds:
         doubt.take(receipts, [])
     return doubt.news(1.0, gravity=False)

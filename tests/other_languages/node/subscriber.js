@@ -93,8 +93,20 @@ function revision(raw) {
   within(raw.bias, 3 * m, -1000, 1000, "bias");
   within(raw.biasStd, 3 * m, 0, 1e6, "bias_std");
   text(raw.calibration, 64, "calibration");
-  text(raw.reason, 500, "reason");
+  sentences(raw.reason, "reason");
   return found;
+}
+
+function sentences(said, name) {
+  check(said.length <= 16, `${name}: ${said.length} sentences`);
+  for (const { code, params } of said) {
+    text(code, 64, name);
+    check(Object.keys(params).length <= 8, `${name}: parameters of ${code}`);
+    for (const [label, value] of Object.entries(params)) {
+      text(label, 64, name);
+      text(value, 500, name);
+    }
+  }
 }
 
 function windows(raw) {
@@ -211,7 +223,7 @@ function take(key, payload) {
       print({ revised: batch.device, boot: batch.boot, number: batch.sequence + BigInt(i), rate, rate_std: std(batch, rate, biasStd) });
     }
   } else if (what === "@windowed") windows(raw).forEach(print);
-  else print({ status: raw.device, state: raw.state, samples_in: big(raw.samplesIn), reason: raw.reason });
+  else print({ status: raw.device, state: raw.state, samples_in: big(raw.samplesIn), reason: raw.reason.map((one) => [one.code, one.params]) });
 }
 
 const bytes = readFileSync(file);

@@ -4,11 +4,12 @@ import pytest
 
 from bridge.drivers.driver import DeviceUnavailable, Notice
 from tests.bridge.ingest.published.scripted import HELLO, Scripted, run, said
+from tests.sentences import free
 
 
 def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO", "bridge.ingest.device_thread")
-    missing = [DeviceUnavailable("script: missing") for _ in range(3)]
+    missing = [DeviceUnavailable(*free("script: missing")) for _ in range(3)]
     driver = Scripted(*missing, [HELLO, said(0)])
     taken = run(driver, lambda _: driver.opened == 4 and not driver._script).take()
     assert [record.message for record in caplog.records] == ["d1: script: missing", "d1: back on script"]
@@ -17,7 +18,7 @@ def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptu
 
 def test_a_device_is_back_once_it_says_something_and_not_its_driver_of_it(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO", "bridge.ingest.device_thread")
-    driver = Scripted(DeviceUnavailable("script: missing"), [Notice("settings", "not answered")])
+    driver = Scripted(DeviceUnavailable(*free("script: missing")), [Notice("settings", free("not answered")[0])])
     run(driver, lambda _: driver.opened == 2 and not driver._script)
     assert [record.message for record in caplog.records] == ["d1: script: missing"]
 
@@ -26,4 +27,4 @@ def test_a_drivers_own_fault_does_not_silence_its_device(caplog: pytest.LogCaptu
     driver = Scripted([HELLO, said(0)], ZeroDivisionError("oops"), [HELLO, said(10)])
     taken = run(driver, lambda _: driver.opened == 2 and not driver._script).take()
     assert sum(map(len, taken.batches)) == 20
-    assert "its driver failed: ZeroDivisionError('oops')" in caplog.text
+    assert "driver failed: ZeroDivisionError('oops')" in caplog.text

@@ -12,11 +12,13 @@ from bridge.drivers import registry
 from bridge.drivers.driver import DriverKind
 from bridge.drivers.stream import StreamOptions
 from bridge.ingest.pump import Pump
+from bridge.reasons.codes import Code
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice
 from bridge.wire.messages import DeviceInfo
 from tests.bridge.ingest.published.hearing import Listener
 from tests.bridge.scan.protocol import KINDS, Talker, lines
+from tests.sentences import codes
 
 
 @pytest.fixture(autouse=True)
@@ -38,22 +40,22 @@ def native(port: PtyPort) -> Device:
     return Device("d1", "native", StreamOptions(port=str(port.link)))
 
 
-def told(listener: Listener, words: str) -> Callable[[], bool]:
-    return lambda: "d1" in listener.infos and words in listener.infos["d1"].trouble
+def told(listener: Listener, code: Code) -> Callable[[], bool]:
+    return lambda: "d1" in listener.infos and code in codes(listener.infos["d1"].trouble)
 
 
-def trouble(broker: MemoryBroker, listener: Listener, device: Device, words: str) -> DeviceInfo:
+def trouble(broker: MemoryBroker, listener: Listener, device: Device, code: Code) -> DeviceInfo:
     with MemoryBus(broker) as bus, Pump("w", Bridge(id="b1", batch_ms=20, devices=(device,)), bus):
-        listener.until(told(listener, words))
+        listener.until(told(listener, code))
     return listener.infos["d1"]
 
 
 def test_another_protocol_is_named(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:
     with talking(tmp_path / "port", lines(n=3000)) as port:
-        said = trouble(broker, listener, native(port), "bytes come, but not native's").trouble
-    assert (
-        said
-        == f"{port.link}: bytes come, but not native's; they look like driver = 'line': put that into the ward's file"
+        said = trouble(broker, listener, native(port), Code.BYTES_OF_ANOTHER).trouble
+    assert said == (
+        Code.BYTES_OF_ANOTHER(place=port.link, driver="native"),
+        Code.LOOKS_LIKE(settings="driver = 'line'"),
     )
 
 
@@ -61,8 +63,8 @@ def test_a_wrong_speed_is_suspected_and_its_bytes_are_counted(
     tmp_path: Path, broker: MemoryBroker, listener: Listener
 ) -> None:
     with talking(tmp_path / "port", bytes((i * 37) % 256 for i in range(5000))) as port:
-        info = trouble(broker, listener, native(port), "another speed, or another protocol?")
-    assert f"`truerate bridge scan --port {port.link}` finds out" in info.trouble
+        info = trouble(broker, listener, native(port), Code.TRY_SCAN)
+    assert Code.TRY_SCAN(place=port.link) in info.trouble
     assert sum(info.events.values()) > 0
 
 
@@ -70,4 +72,4 @@ def test_a_device_that_says_nothing_is_told_from_one_that_is_not_understood(
     tmp_path: Path, broker: MemoryBroker, listener: Listener
 ) -> None:
     with talking(tmp_path / "port", b"") as port:
-        trouble(broker, listener, native(port), "open, but nothing comes; is it on, and sending?")
+        trouble(broker, listener, native(port), Code.NOTHING_COMES)

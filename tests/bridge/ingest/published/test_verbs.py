@@ -33,7 +33,7 @@ def test_list_says_which_devices_are_there(tmp_path: Path, capsys: pytest.Captur
     shown = capsys.readouterr().out
     assert "simulated" in shown
     assert f"{port.link}: present" in shown
-    assert f"{tmp_path}/gone: missing" in shown
+    assert f"{tmp_path}/gone is missing" in shown
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,14 @@ from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
 from bridge.ingest.device_thread import DeviceThread, Taken
 from bridge.ingest.pump import Pump
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Quality, SampleFlag, State, Status
 from tests.bridge.ingest.published.hearing import Listener, accounted, native, published, unbroken
+from tests.sentences import codes
 
 
 def test_devices_are_published_whole_with_their_account_and_their_tokens(
@@ -82,7 +85,7 @@ def test_a_device_that_cannot_be_opened_is_told_of_with_its_trouble(
         port.unplug()
         config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
         with MemoryBus(broker) as bus, Pump("w", config, bus):
-            listener.until(lambda: any("missing; plug" in info.trouble for info in listener.infos.values()))
+            listener.until(lambda: any(Code.PORT_MISSING in codes(info.trouble) for info in listener.infos.values()))
             info = listener.infos["d1"]
             assert (info.boot, info.bridge, info.driver, info.port) == (0, "b1", "native", str(port.link))
             assert [key for key, _ in listener.alive] == ["truerate/@v1/w/alive/bridge/b1"]
@@ -123,14 +126,14 @@ def test_a_replay_is_published_to_its_last_sample(tmp_path: Path, broker: Memory
 def status_of(device: str, boot: int, state: State) -> bytes:
     three = (0.0, 0.0, 0.0)
     return codec.encode_status(
-        Status(device, boot, 1, state, Quality.NONE, "", 0.0, (), three, three, three, "", 0, 0.0, 20.0, 0.0, 0, 0)
+        Status(device, boot, 1, state, Quality.NONE, (), 0.0, (), three, three, three, "", 0, 0.0, 20.0, 0.0, 0, 0)
     )
 
 
 def test_a_bridge_whose_device_is_refused_says_so_once(
     broker: MemoryBroker, listener: Listener, caplog: pytest.LogCaptureFixture
 ) -> None:
-    words = "device d1 is sent by two bridges, b0 and b1: b1's samples are refused; stop one"
+    words = english(Code.TWO_BRIDGES(devices="d1", owner="b0", refused="b1"))
     status = codec.decode_status(keys.build("w", "status", device="d1"), status_of("d1", 1, State.TRACKING))
     config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "simulated", SimulatedOptions()),))
     with MemoryBus(broker) as estimator, MemoryBus(broker) as bus, Pump("w", config, bus) as ward:
