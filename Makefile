@@ -16,7 +16,7 @@ $(STAMP): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --editable .
-	$(BIN)/python -m estimator.loops
+	$(BIN)/python -m estimator.kernels
 	@touch $@
 
 $(DEV): $(STAMP)
@@ -33,7 +33,7 @@ test: setup-dev
 test-lowest: setup-dev
 	$(BIN)/uv venv -q --clear --python $(PYTHON) out/lowest
 	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,mavlink]' --group dev
-	out/lowest/bin/python -m estimator.loops
+	out/lowest/bin/python -m estimator.kernels
 	out/lowest/bin/python -m pytest $(ARGS)
 
 # The documentation site, in out/docs; a warning is an error.
@@ -54,7 +54,7 @@ types: setup-dev
 contracts: setup-dev
 	$(BIN)/lint-imports
 
-# Regenerates the committed protobuf modules; tests/bridge/test_proto.py holds them to the .proto files.
+# Regenerates the committed protobuf modules; tests/bridge/wire/test_proto.py holds them to the .proto files.
 proto: setup-dev
 	$(BIN)/python -m grpc_tools.protoc -I . --python_out=. --pyi_out=. bridge/wire/truerate.proto bridge/wire/columns.proto
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 import msgspec
 from sphinx.pycode import ModuleAnalyzer
 
-from bridge.cli_parser import Parser
-from bridge.config import Bridge, Bus, Router
+from bridge.cli.parser import Parser
+from bridge.config.enrolment import Enrolment
+from bridge.config.schema import Bridge, Bus, Router
 from bridge.drivers.registry import OURS, kinds
-from bridge.enrolled import Enrolment
 from bridge.recording.settings import Recorder
-from estimator.cli import build
-from estimator.config import Estimator
-from estimator.web.settings import Dashboard
+from estimator.cli.main import build
+from estimator.config.dashboard import Dashboard
+from estimator.config.schema import Estimator
 
 TABLES = {
     "bus": Bus,

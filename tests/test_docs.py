@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.cli import build
+from estimator.cli.main import build
 
 ROOT = Path(__file__).parent.parent
 GENERATED = {"command-line.md", "configuration.md"}

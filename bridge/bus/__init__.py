@@ -1,1 +1,4 @@
-"""The bus: one contract, zenoh behind it, and a twin in memory."""
+"""zenoh behind one contract: messages of each publisher in order and once, over losses and restarts.
+
+Begin at `contract`; `zenoh_bus` implements it, `gap_repair` fetches what a subscription lacks.
+"""

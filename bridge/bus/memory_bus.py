@@ -12,8 +12,8 @@ from typing import Any, Self
 
 from bridge.bus.contract import BusError, Message, Reply
 from bridge.bus.handlers import Guarded, HandlerError
-from bridge.bus.inbox import Inbox, newest_last
-from bridge.bus.keyexpr import check_key, check_pattern, check_patterns, matches
+from bridge.bus.key_expressions import check_key, check_pattern, check_patterns, matches
+from bridge.bus.message_queue import MessageQueue, newest_last
 
 
 class MemoryBroker:
@@ -191,11 +191,11 @@ class _Publisher(_Declared):
             return self.cached.maxlen != 0 or any(s.hears(self) for s in self.bus.broker.subscriptions)
 
 
-class _Subscription(_Declared, Inbox):
+class _Subscription(_Declared, MessageQueue):
     caught_up = True
 
     def __init__(self, bus: MemoryBus, patterns: tuple[str, ...], capacity: int, *, history: bool) -> None:
-        Inbox.__init__(self, capacity)
+        MessageQueue.__init__(self, capacity)
         self._patterns, self._history, self._last = patterns, history, dict[_Publisher, int]()
         _Declared.__init__(self, bus, bus.broker.subscriptions)
 
@@ -230,7 +230,7 @@ class _Subscription(_Declared, Inbox):
 
     def close(self) -> None:
         _Declared.close(self)
-        Inbox.close(self)
+        MessageQueue.close(self)
 
 
 class _Answerer(_Declared):

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from bridge.bus import router_file
-from bridge.bus.router import endpoints_of
+from bridge.bus.embedded_router import endpoints_of
 from bridge.bus.routers import secured
 from bridge.bus.zenoh_session import read_settings, with_defaults
+from bridge.pki.certificate_files import Identity
 from bridge.pki.member import Member
-from bridge.pki.papers import Identity
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal
 

@@ -5,9 +5,9 @@ import re
 from collections.abc import Sequence
 
 from bridge.bus import zenoh_settings
-from bridge.bus.access import access_control
+from bridge.bus.access_rules import access_control
+from bridge.pki.certificate_files import Identity
 from bridge.pki.member import Member
-from bridge.pki.papers import Identity
 from bridge.wire import keys
 
 _INNERMOST, _WIDTH = re.compile(r"[\[{][^\[\]{}]*[\]}]"), 100

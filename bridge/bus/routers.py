@@ -1,11 +1,11 @@
-"""Where routers are, and who we are to them."""
+"""Endpoints of routers, and the certificate that is shown to them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import overload
 
-from bridge.pki.papers import Identity, Lasts
+from bridge.pki.certificate_files import Identity, Validity
 
 #: protocols of zenoh endpoints that are encrypted, and know who is at the other end
 SECURED = ("tls", "quic")
@@ -32,15 +32,15 @@ class Routers(Sequence[str]):
         """What of the identity would make every router refuse us, or us every router, now."""
         if self.identity is None:
             return []
-        from bridge.pki.identity import faults  # noqa: PLC0415 - only who has certificates waits until they can be read
+        from bridge.pki.certificate_checks import faults  # noqa: PLC0415 - only who has certificates waits until they can be read
 
         return faults(self.identity, datetime.now(UTC))
 
-    def lasts(self) -> Lasts | None:
+    def lasts(self) -> Validity | None:
         """How long the certificate does, or one above it that ends before; None where none is asked for, or none can be read."""
         if self.identity is None:
             return None
-        from bridge.pki.identity import lasts  # noqa: PLC0415 - as above
+        from bridge.pki.certificate_checks import lasts  # noqa: PLC0415 - as above
 
         try:
             return lasts(self.identity)

@@ -11,12 +11,12 @@ import zenoh
 from zenoh import handlers
 
 from bridge.bus import zenoh_settings
-from bridge.bus.cache import HISTORY
 from bridge.bus.contract import BusError, Reply
+from bridge.bus.gap_repair import GapRepair
 from bridge.bus.handlers import Guarded, HandlerError
-from bridge.bus.keyexpr import check_key, check_pattern, check_patterns
-from bridge.bus.knock import knock
-from bridge.bus.repair import Repair
+from bridge.bus.key_expressions import check_key, check_pattern, check_patterns
+from bridge.bus.publisher_cache import HISTORY
+from bridge.bus.reachability import why_unreachable
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_publisher import Publisher
 from bridge.bus.zenoh_session import (
@@ -57,7 +57,7 @@ class ZenohBus:
         self.declared: set[Declared] = set()  # zenoh takes back what nobody holds
         self._threads: set[threading.Thread] = set()
         self._closed = False
-        self._repair = Repair(self._session, self._subscriptions)
+        self._repair = GapRepair(self._session, self._subscriptions)
         self.run(lambda: self._repair.run(lambda: self._closed), "repair")
         atexit.register(self.close)
 
@@ -207,7 +207,7 @@ class ZenohBus:
 
 def _why(routers: Routers) -> str:
     """What a person can do about it, where nobody answers."""
-    silent = {endpoint: words for endpoint in routers if (words := knock(endpoint))}
+    silent = {endpoint: words for endpoint in routers if (words := why_unreachable(endpoint))}
     said = [f"{endpoint}: {words}" if len(routers) > 1 else words for endpoint, words in silent.items()]
     if len(silent) == len(routers):
         return f": {'; '.join(said)}; start one with `truerate router`"

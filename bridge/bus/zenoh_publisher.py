@@ -2,8 +2,8 @@
 
 import zenoh
 
-from bridge.bus.cache import Cache
 from bridge.bus.contract import BusError
+from bridge.bus.publisher_cache import Cache
 from bridge.bus.zenoh_session import Declared, Home, is_zenohs, said
 
 

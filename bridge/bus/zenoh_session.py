@@ -17,10 +17,10 @@ from typing import Generic, Protocol, TypeVar
 
 import zenoh
 
-from bridge import os_words
 from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError
-from bridge.toml_file import nearest
+from bridge.runtime import os_errors
+from bridge.toml.loader import nearest
 
 _T_co = TypeVar("_T_co", covariant=True)
 _T = TypeVar("_T")
@@ -66,7 +66,7 @@ def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: f
 
 def read_settings(path: str) -> zenoh_settings.Settings:
     """A file of zenoh's own, JSON5, as zenoh understands it: with every default; BusError says what is wrong with it."""
-    if words := os_words.unreadable(Path(path)):
+    if words := os_errors.unreadable(Path(path)):
         raise BusError(f"{path}: {words}")
     with as_bus_error(f"{path}: zenoh cannot read it"):
         return _whole(zenoh.Config.from_file(path))

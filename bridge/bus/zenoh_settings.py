@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from bridge.pki.papers import Identity
+from bridge.pki.certificate_files import Identity
 from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.keys import BY_NAME, ROOT
 
@@ -68,7 +68,7 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
 def secured_router(
     listen: Sequence[str], shed: Sequence[str], identity: Identity, access_control: Settings, join: Sequence[str] = ()
 ) -> Settings:
-    """A router that lets in who has a certificate, by TLS alone, and each only to what is said of it; see bridge.bus.access."""
+    """A router that lets in who has a certificate, by TLS alone, and each to what `access_rules` allows."""
     settings = router(listen, shed)
     link = settings["transport"]["link"]
     link["tx"]["lease"] = round(NETWORK_LEASE_S * 1000)

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterable, Sequence
 import zenoh
 from zenoh import handlers
 
-from bridge.bus.cache import IDENTITY_BYTES, STAMP_BYTES, Source
 from bridge.bus.contract import Message
-from bridge.bus.inbox import Inbox, newest_last
-from bridge.bus.sequences import Gap, Sequences
+from bridge.bus.gap_detection import Gap, GapDetector
+from bridge.bus.message_queue import MessageQueue, newest_last
+from bridge.bus.publisher_cache import IDENTITY_BYTES, STAMP_BYTES, Source
 from bridge.bus.zenoh_session import Declared, Home, Joined
 
 _log = logging.getLogger(__name__)
@@ -22,7 +22,7 @@ _BATCH, _TURNS = 512, 8
 Found = dict[Source, dict[int, Message]]
 
 
-class Subscription(Inbox, Declared):
+class Subscription(MessageQueue, Declared):
     """Queue of the messages of several patterns.
 
     repaired: live messages wait for the history (`begin`), and gaps are asked about (`due`, `answered`) by the session's Repair.
@@ -39,10 +39,10 @@ class Subscription(Inbox, Declared):
         repaired: bool,
         prompt: bool,
     ) -> None:
-        Inbox.__init__(self, capacity)
+        MessageQueue.__init__(self, capacity)
         self.patterns, self.repaired, self._prompt = patterns, repaired, prompt
         self._samples = Joined([one.handler for one in subscribers])
-        self._sequences: Sequences[Message] = Sequences()
+        self._sequences: GapDetector[Message] = GapDetector()
         self._order = threading.Lock()  # messages enter the queue in the order of this lock
         self._begun = threading.Event()
         if not repaired:
@@ -88,11 +88,11 @@ class Subscription(Inbox, Declared):
                 if samples := self._arrived():
                     self._take(samples)
         except zenoh.ZError:
-            Inbox.close(self)
+            MessageQueue.close(self)
 
     def close(self) -> None:
         """See contract.Subscription."""
-        Inbox.close(self)
+        MessageQueue.close(self)
         self._begun.set()
         Declared.close(self)
 
@@ -104,7 +104,7 @@ class Subscription(Inbox, Declared):
         except zenoh.ZError:
             _log.debug("subscription closed")
         finally:
-            Inbox.close(self)
+            MessageQueue.close(self)
 
     def _arrived(self) -> list[zenoh.Sample]:
         found = list[zenoh.Sample]()

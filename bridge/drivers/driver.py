@@ -11,29 +11,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Sentence
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
-
-
-class DeviceUnavailable(Exception):
-    """The device cannot be opened now; the reason says what was tried and what to do. Tried again later.
-
-    soon: to try again costs next to nothing and disturbs nobody, so it is done often.
-    """
-
-    def __init__(self, *reason: Sentence, soon: bool = False) -> None:
-        super().__init__(english(*reason))
-        self.reason, self.soon = reason, soon
-
-
-class DeviceLost(Exception):
-    """An open device went away: unplugged, powered off, end of a file. `over` means it will not come back."""
-
-    def __init__(self, *reason: Sentence, over: bool = False) -> None:
-        super().__init__(english(*reason))
-        self.reason, self.over = reason, over
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ import importlib.util
 from dataclasses import replace
 from typing import Any, Final
 
-from bridge.drivers.assembly import About, Assembly
+from bridge.drivers.byte_stream import StreamOptions, stream_kind
 from bridge.drivers.driver import Event, Notice
-from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.reasons.codes import Code, Sentence
 from bridge.wire.refusal import Tally
 
@@ -60,8 +60,8 @@ class MavlinkDecoder:
         self._said: Sentence | None = None
         self._autopilot = 0
         self._message = ""
-        self._about = About(model="MAVLink")
-        self._assembly = Assembly(self.faults, self._about, None)  # replaced by the first message
+        self._about = DeviceDescription(model="MAVLink")
+        self._assembly = SampleAssembler(self.faults, self._about, None)  # replaced by the first message
         self._held = 0  # samples it has not told of yet
         self._has_temperature = False
         self._parser = self._new_parser()
@@ -138,7 +138,7 @@ class MavlinkDecoder:
         if kind != self._message:
             self.faults.add(OTHER_MESSAGE, self._held)
             self._message, self._held, self._has_temperature = kind, 0, False
-            self._assembly = Assembly(self.faults, self._about, *_CLOCKS[kind])
+            self._assembly = SampleAssembler(self.faults, self._about, *_CLOCKS[kind])
         return True
 
     def _sample(self, kind: str, message: Any, receive_time_ns: int) -> None:
@@ -164,7 +164,7 @@ class MavlinkDecoder:
         self._assembly.add(tick, rates, forces, temperature_c, receive_time_ns=receive_time_ns)
         self._held += 1
 
-    def _know(self, about: About) -> None:
+    def _know(self, about: DeviceDescription) -> None:
         self._about = self._assembly.about = about
 
     def _word(self, enum: str, value: int) -> str:

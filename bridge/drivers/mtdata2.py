@@ -2,11 +2,11 @@
 
 from math import radians
 
-from bridge.drivers.assembly import About, Assembly
+from bridge.drivers.byte_stream import StreamOptions, stream_kind
 from bridge.drivers.driver import Event, Notice
 from bridge.drivers.mtdata2_settings import Settings
-from bridge.drivers.stream import StreamOptions, stream_kind
-from bridge.drivers.timed import Timed
+from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
+from bridge.drivers.time_presence import TimePresence
 from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Data, Message, Messages
 from bridge.framing.packets import BadPacket
@@ -53,8 +53,8 @@ class MtData2Decoder:
         self._asks = self._options.ask or self._options.rate_hz > 0
         self._settings = Settings(self._options.rate_hz)
         self._messages = Messages(self.faults)
-        self._timed = Timed()
-        self._assembly: Assembly | None = None
+        self._timed = TimePresence()
+        self._assembly: SampleAssembler | None = None
         self._celsius: float | None = None
         self._without_rate = 0
         self.opened()
@@ -131,7 +131,7 @@ class MtData2Decoder:
         lost, self._lost = self._lost, 0
         fits = self._timed.fits(timed=data.time is not None)
         if not fits and self._settings.settled and self._timed.settle():
-            self._assembly = Assembly(self.faults, self._about(), TICK_S if self._timed.tells else None, 32)
+            self._assembly = SampleAssembler(self.faults, self._about(), TICK_S if self._timed.tells else None, 32)
             fits = True
         if self._assembly is None or not fits:
             self.faults.add(UNSETTLED if self._assembly is None else UNTIMED)
@@ -173,9 +173,9 @@ class MtData2Decoder:
                 self._lost += missing
         self._counter = counter
 
-    def _about(self) -> About:
+    def _about(self) -> DeviceDescription:
         settings, range_dps = self._settings, self._options.gyro_range_dps
-        return About(settings.model or _MODEL, settings.firmware, radians(range_dps), settings.sends_hz)
+        return DeviceDescription(settings.model or _MODEL, settings.firmware, radians(range_dps), settings.sends_hz)
 
 
 KIND = stream_kind(

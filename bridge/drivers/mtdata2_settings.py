@@ -4,7 +4,7 @@ In its config state, which it is called into and sent out of again; what it is t
 """
 
 from bridge.drivers.driver import Notice
-from bridge.drivers.requests import Requests
+from bridge.drivers.request_queue import RequestQueue
 from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Message, encode
 from bridge.reasons.codes import Code
@@ -24,7 +24,7 @@ class Settings:
     def __init__(self, rate_hz: float) -> None:
         self.model, self.firmware, self.sends_hz = "", "", 0.0
         self._wanted_hz = rate_hz
-        self._requests = Requests(_AGAIN_S, _TIMES)
+        self._requests = RequestQueue(_AGAIN_S, _TIMES)
         self._given_up = False
 
     @property

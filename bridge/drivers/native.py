@@ -2,10 +2,10 @@
 
 from collections import deque
 
+from bridge.drivers.byte_stream import StreamOptions, stream_kind
 from bridge.drivers.driver import Event, Identity, Readings
-from bridge.drivers.stream import StreamOptions, stream_kind
 from bridge.framing import packets
-from bridge.framing.deframer import Deframer, frame
+from bridge.framing.cobs_frames import Deframer, frame
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 

@@ -17,13 +17,14 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
-from bridge import os_words
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Readings
-from bridge.drivers.takes import Take
+from bridge.drivers.driver import DriverKind, Event, Readings
+from bridge.drivers.replay_segments import ReplaySegment
 from bridge.reasons.codes import Code
 from bridge.recording import MAX_BYTES, Reading, RecordingError, load, stretches
 from bridge.recording.stretches import Recorded
+from bridge.runtime import os_errors
 from bridge.transport import host_time
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.wire.refusal import Tally
 
 _MAX_CHUNK = 4096  # samples
@@ -66,7 +67,7 @@ class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 class Playback:
     """What of some takes is due: pure, host seconds since the start are an argument."""
 
-    def __init__(self, takes: Sequence[Take], speed: float) -> None:
+    def __init__(self, takes: Sequence[ReplaySegment], speed: float) -> None:
         self._takes = [take for take in takes if len(take)]
         self._speed = speed
         self._at = 0  # which take
@@ -99,7 +100,7 @@ class Playback:
         return [*([] if first else [take.identity]), *runs]
 
 
-def _run(take: Take, part: slice, receive_time_ns: int) -> Readings:
+def _run(take: ReplaySegment, part: slice, receive_time_ns: int) -> Readings:
     return Readings(
         boot=take.identity.boot,
         sequence=int(take.sequence[part.start]),
@@ -124,7 +125,7 @@ def _recorded(path: Path) -> Recorded:
     try:
         state = path.stat()
     except OSError as error:
-        raise RecordingError(f"{path}: {os_words.why(error)}") from None
+        raise RecordingError(f"{path}: {os_errors.why(error)}") from None
     if state.st_size > MAX_BYTES:
         raise RecordingError(f"{path}: {state.st_size} bytes; at most {MAX_BYTES} are taken")
     with _reading:
@@ -139,13 +140,13 @@ def _read(path: Path, _changed_ns: int) -> Recorded:
     return recorded
 
 
-def _takes(options: ReplayedOptions) -> list[Take]:
+def _takes(options: ReplayedOptions) -> list[ReplaySegment]:
     gyro_range = math.radians(options.gyro_range_dps)
     path = Path(options.file)
     if path.suffix != ".mcap":
         told = {name: getattr(options, name) for name in _READING}
         reading = Reading(**told, accel_file=Path(options.accel_file) if options.accel_file else None)
-        return [Take.of_recording(load(path, reading=reading), secrets.randbits(64), gyro_range)]
+        return [ReplaySegment.of_recording(load(path, reading=reading), secrets.randbits(64), gyro_range)]
     recorded, whom = _recorded(path), options.recorded_device
     found = devices(path)
     if whom is None and len(found) > 1:
@@ -153,7 +154,7 @@ def _takes(options: ReplayedOptions) -> list[Take]:
     if whom is not None and whom not in found:
         raise RecordingError(f"{path}: there are no samples of {whom!r} in it; it has {', '.join(found)}")
     boots = recorded.stretches[whom or found[0]]
-    return [Take.of_stretch(boot, recorded.begin_ns, _SALT, gyro_range) for boot in boots]
+    return [ReplaySegment.of_stretch(boot, recorded.begin_ns, _SALT, gyro_range) for boot in boots]
 
 
 class ReplayedDriver:
@@ -194,7 +195,7 @@ class ReplayedDriver:
 
 
 def _state(options: ReplayedOptions) -> str:
-    return os_words.unreadable(Path(options.file)) or "present"
+    return os_errors.unreadable(Path(options.file)) or "present"
 
 
 KIND = DriverKind(

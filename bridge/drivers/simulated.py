@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
-from bridge.drivers.boots import draw_boot
-from bridge.drivers.driver import DeviceLost, DriverKind, Event
+from bridge.drivers.boot_detection import draw_boot
+from bridge.drivers.driver import DriverKind, Event
 from bridge.drivers.native import NativeDecoder
 from bridge.reasons.codes import Code
 from bridge.transport import host_time
+from bridge.transport.errors import DeviceLost
 
 if TYPE_CHECKING:
     from bridge.sim.virtual_device import VirtualDevice
@@ -75,9 +76,9 @@ class SimulatedDriver:
 
 def _made(options: SimulatedOptions) -> "VirtualDevice":
     # Imported late: who reads a ward's file, as an estimator does, has no use for it.
-    from bridge.sim.script import demo_script  # noqa: PLC0415
+    from bridge.sim.motion_scripts import demo_script  # noqa: PLC0415
     from bridge.sim.virtual_device import demo_device  # noqa: PLC0415
-    from bridge.sim.ward_life import ward_script  # noqa: PLC0415
+    from bridge.sim.ward_script import ward_script  # noqa: PLC0415
 
     # Boot numbers are no earlier run's: the bus would take the samples for known ones.
     script = {"lively": demo_script, "ward": ward_script}[options.life]

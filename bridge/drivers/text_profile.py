@@ -8,15 +8,15 @@ from typing import Any
 
 import msgspec
 
-from bridge.drivers.assembly import About, Assembly
+from bridge.drivers.byte_stream import StreamOptions, stream_kind
 from bridge.drivers.driver import Event, Notice
-from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.framing.lines import ANY_END, Line, Lines
 from bridge.reasons.codes import Code, Sentence
+from bridge.text.line_parser import DECIMAL_TICK_S, CsvReader, Header, Reader, Refused, RegexReader, Row
 from bridge.text.profile import Profile, load_profile, shipped
-from bridge.text.rows import DECIMAL_TICK_S, CsvReader, Header, Reader, Refused, RegexReader, Row
 from bridge.text.units import TIMES
-from bridge.toml_file import ConfigError
+from bridge.toml.loader import ConfigError
 from bridge.transport import address
 from bridge.wire.refusal import Tally
 
@@ -53,7 +53,7 @@ class TextDecoder:
         self._banners = [re.compile(rf"(?:{banner})\Z") for banner in profile.banners]
         self._ignore = [re.compile(pattern) for pattern in profile.ignore]
         device = profile.device
-        self._about = About(
+        self._about = DeviceDescription(
             model=device.model,
             firmware=device.firmware,
             gyro_range=gyro_range or math.radians(device.gyro_range_dps),
@@ -158,18 +158,18 @@ class TextDecoder:
             self._assembly.rebooted()
         return events
 
-    def _assemble(self) -> Assembly:
+    def _assemble(self) -> SampleAssembler:
         time = self._profile.time
         self._tick_s, self._tick_bits = 0.0, 64
         if time is None or not self._clock:
-            return Assembly(self.faults, self._about_it(), None)
+            return SampleAssembler(self.faults, self._about_it(), None)
         if time.width:
             self._tick_s, self._tick_bits = TIMES[time.unit], time.width
         else:
             self._tick_s = DECIMAL_TICK_S
-        return Assembly(self.faults, self._about_it(), self._tick_s, self._tick_bits)
+        return SampleAssembler(self.faults, self._about_it(), self._tick_s, self._tick_bits)
 
-    def _about_it(self) -> About:
+    def _about_it(self) -> DeviceDescription:
         """A clock knows the rate better than whoever wrote it down."""
         if self._profile.time is None or not self._clock:
             return self._about

@@ -3,11 +3,11 @@
 from enum import StrEnum
 from math import log
 
-from bridge.drivers.assembly import About, Assembly
+from bridge.drivers.byte_stream import StreamOptions, stream_kind
 from bridge.drivers.driver import Event, Identity, Notice
-from bridge.drivers.stream import StreamOptions, stream_kind
-from bridge.drivers.timed import Timed
-from bridge.drivers.witmotion_cycle import GYRO_RANGE, Cycles, Sample
+from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
+from bridge.drivers.time_presence import TimePresence
+from bridge.drivers.witmotion_samples import GYRO_RANGE, Cycles, Sample
 from bridge.drivers.witmotion_settings import RATES_HZ, Settings
 from bridge.framing.witmotion import MOTION_REGISTERS, REGISTERS, WitFrames
 from bridge.wire.refusal import Tally
@@ -58,8 +58,8 @@ class WitMotionDecoder:
         self._settings = Settings(self._options.rate_hz, writes=not self._options.keep_settings)
         self._frames = WitFrames(self.faults)
         self._cycles = Cycles(self.faults)
-        self._assembly: Assembly | None = None
-        self._timed = Timed()
+        self._assembly: SampleAssembler | None = None
+        self._timed = TimePresence()
         self._boot = 0  # that was told
         self.opened()
 
@@ -112,7 +112,7 @@ class WitMotionDecoder:
         celsius = self._celsius(sample)
         assembly.add(time_ms, sample.gyro, sample.accel, celsius, receive_time_ns=receive_time_ns)
 
-    def _decided(self, *, timed: bool, now_ns: int) -> Assembly | None:
+    def _decided(self, *, timed: bool, now_ns: int) -> SampleAssembler | None:
         """Where a sample goes; None while, or as long as, it does not fit what the device is: one that tells time, or none."""
         assembly = self._assembly
         if self._timed.fits(timed=timed):
@@ -123,7 +123,7 @@ class WitMotionDecoder:
         rate_hz = 0.0 if timed else self._promised_hz(now_ns)
         if not self._settled or not (timed or rate_hz) or not self._timed.settle():
             return None
-        self._assembly = Assembly(self.faults, self._about(rate_hz), 1e-3 if timed else None)
+        self._assembly = SampleAssembler(self.faults, self._about(rate_hz), 1e-3 if timed else None)
         return self._assembly
 
     @property
@@ -151,10 +151,10 @@ class WitMotionDecoder:
                 self._boot = event.boot
         return events
 
-    def _about(self, rate_hz: float | None = None) -> About:
+    def _about(self, rate_hz: float | None = None) -> DeviceDescription:
         if rate_hz is None:
             rate_hz = 0.0 if self._timed.tells or self._assembly is None else self._assembly.about.rate_hz
-        return About(_MODEL, self._settings.firmware, GYRO_RANGE, rate_hz, divided_hz=_FASTEST_HZ)
+        return DeviceDescription(_MODEL, self._settings.firmware, GYRO_RANGE, rate_hz, divided_hz=_FASTEST_HZ)
 
     def _celsius(self, sample: Sample) -> float | None:
         words = {Word.ACCEL: sample.accel_word, Word.GYRO: sample.gyro_word}

@@ -7,7 +7,7 @@ serial answer does not say which register it is of, so one question is open at a
 import struct
 
 from bridge.drivers.driver import Notice
-from bridge.drivers.requests import Requests
+from bridge.drivers.request_queue import RequestQueue
 from bridge.reasons.codes import Code, Sentence
 
 CONTENT, RATE, VERSION, STILL_TIME = 0x02, 0x03, 0x2E, 0x63
@@ -33,7 +33,7 @@ class Settings:
         self._wanted_hz = rate_hz
         self._writes = writes
         self._noticed: Sentence | None = None
-        self._requests = Requests(_AGAIN_S, _TIMES, _SPACING_S)
+        self._requests = RequestQueue(_AGAIN_S, _TIMES, _SPACING_S)
 
     def begin(self, *, checked: bool) -> None:
         """Ask and set everything: the device was opened, or has booted. checked: it speaks the serial form."""

@@ -4,9 +4,9 @@ from collections import deque
 from math import radians
 from typing import NamedTuple
 
-from bridge.drivers.assembly import About, Assembly, Vector
+from bridge.drivers.byte_stream import StreamOptions, stream_kind
 from bridge.drivers.driver import Battery, Event, Identity, Notice
-from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler, Vector
 from bridge.drivers.ximu3_settings import SAMPLES_HZ, Settings
 from bridge.framing.lines import Line, Lines
 from bridge.framing.packets import BadPacket
@@ -52,7 +52,7 @@ class Ximu3Decoder:
             options.rate_hz if options else None, writes=options is None or not options.keep_settings
         )
         self._lines = Lines(LONGEST)
-        self._assembly = Assembly(self.faults, self._about(), 1e-6)
+        self._assembly = SampleAssembler(self.faults, self._about(), 1e-6)
         self._said = {error: deque[str](maxlen=_REMEMBERED) for error in (False, True)}
         self._temperature_c: float | None = None
         self._time_us = 0  # of the latest sample
@@ -162,10 +162,10 @@ class Ximu3Decoder:
                 self._boot = event.boot
         return events
 
-    def _about(self) -> About:
+    def _about(self) -> DeviceDescription:
         settings = self._settings
         hardware = f" (hardware {settings.hardware})" if settings.hardware else ""
-        return About(
+        return DeviceDescription(
             model=f"{settings.name or _MODEL} {settings.serial}".rstrip(),
             firmware=settings.firmware + hardware,
             gyro_range=_GYRO_RANGE,

@@ -8,7 +8,7 @@ import json
 from typing import Any
 
 from bridge.drivers.driver import Notice
-from bridge.drivers.requests import Requests
+from bridge.drivers.request_queue import RequestQueue
 from bridge.framing.ximu3 import Reply, plain
 from bridge.reasons.codes import Code, Sentence
 
@@ -34,7 +34,7 @@ class Settings:
         self._divisor = None if chosen_hz is None else divisor_of(chosen_hz)
         self._may_write = writes
         self._noticed: Sentence | None = None
-        self._requests = Requests(_AGAIN_S, _TIMES)
+        self._requests = RequestQueue(_AGAIN_S, _TIMES)
         self.ask()
 
     def ask(self) -> None:

@@ -3,10 +3,10 @@
 import math
 
 from bridge.drivers.driver import Battery, Identity, Notice
-from bridge.ingest.timeline import Timeline
+from bridge.ingest.sample_clock import SampleClock
 from bridge.reasons.codes import Code, Sentence, Sentences
-from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo
+from bridge.wire.validation import MAX_TEXTS
 
 _NOBODY = Identity(
     boot=0,
@@ -21,7 +21,7 @@ _NOBODY = Identity(
 )
 
 
-class Account:
+class DeviceInfoBuilder:
     """The latest battery state and notices of one device, with its fixed names: device, bridge, driver, port."""
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
@@ -44,7 +44,7 @@ class Account:
         self,
         identity: Identity | None,
         boot: int,
-        timeline: Timeline,
+        timeline: SampleClock,
         samples: int,
         time_ns: int,
         dropped: dict[str, int],

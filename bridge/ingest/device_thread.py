@@ -7,13 +7,14 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice
+from bridge.drivers.driver import Driver, Event, Notice
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_readings import joined
-from bridge.ingest.no_data_reason import ended, why
+from bridge.ingest.no_data_reason import ended, no_data_reason
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
 from bridge.transport import host_time
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
@@ -160,7 +161,7 @@ class DeviceThread:
         if time.monotonic() - self._heard_s > _SILENT_S:
             self._there = False
             self._release()
-            self._complain(why(self._driver, self._intake.driver))
+            self._complain(no_data_reason(self._driver, self._intake.driver))
             self._heard_s = time.monotonic()
 
     def _recover(self) -> None:

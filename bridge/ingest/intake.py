@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from bridge.drivers.driver import Event, Identity, Readings
 from bridge.ingest import plausibility
 from bridge.ingest.bad_sample_ratio import BadSampleRatio
-from bridge.ingest.counters import Counters, Counts, Followed
-from bridge.ingest.device_info import Account
+from bridge.ingest.counter_unwrapping import CounterUnwrapper, Counts, Followed
+from bridge.ingest.device_info import DeviceInfoBuilder
+from bridge.ingest.sample_clock import SampleClock, SampleTimes
 from bridge.ingest.sensor_faults import SensorFaults
-from bridge.ingest.timeline import Stamps, Timeline
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Sentence, Sentences
-from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
+from bridge.wire.validation import MAX_TEXTS
 
 BEFORE_IDENTITY = "before_identity"
 _NO_TEMPERATURE, _RATE_DIFFERS, _LATE = "temperature_missing", "rate_differs", "late"
@@ -41,20 +41,20 @@ class Intake:
         self.said: list[str] = []  # for the log; whoever writes it empties it
         self.host_set_ns = 0  # what is published is by a clock so much ahead of that of the readings
         self._device = device
-        self._account = Account(device, bridge, driver, place)
+        self._account = DeviceInfoBuilder(device, bridge, driver, place)
         self._identity: Identity | None = None
         self._unsaid = 0  # reboots since the identity's that the device did not tell
         self._begin()
 
     def _begin(self) -> None:
         """Reset the state that belongs to one boot."""
-        self.timeline = Timeline()
+        self.timeline = SampleClock()
         self._silent = 0  # samples missing in silences that are counted
         self._shares = BadSampleRatio()
         self.samples_in = 0
         self.samples = 0
         self.dropped = Tally()
-        self._counters = Counters()
+        self._counters = CounterUnwrapper()
         self._old = 0  # samples in a row that were no news
         self._next: int | None = None  # the sequence that would go on without a hole
         self._sensor = SensorFaults(self.events)
@@ -166,7 +166,7 @@ class Intake:
             for run in plausibility.runs(n, good)
         ]
 
-    def _stamps(self, last: int, ticks: Counts, receive_time_ns: int, identity: Identity) -> Stamps:
+    def _stamps(self, last: int, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
         """When good samples were taken; last is the number of their last."""
         if self.timeline.observe(last, int(ticks[-1]), receive_time_ns, identity):
             self.events.add(_RATE_DIFFERS)
@@ -224,7 +224,7 @@ class Intake:
             self.dropped.add(reason, n)
 
     def _batch(
-        self, readings: Readings, identity: Identity, sequence: int, run: slice, stamps: Stamps, begin: int
+        self, readings: Readings, identity: Identity, sequence: int, run: slice, stamps: SampleTimes, begin: int
     ) -> SampleBatch:
         """The samples of a run as a batch; `begin` is where its stamps begin."""
         gyro = np.ascontiguousarray(readings.gyro[run], np.float32)

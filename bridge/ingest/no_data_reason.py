@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 
+from bridge.diagnose.protocol_guess import candidates, guesses
 from bridge.drivers import registry
+from bridge.drivers.byte_stream import StreamDriver
 from bridge.drivers.driver import Driver
-from bridge.drivers.stream import StreamDriver
 from bridge.reasons.codes import Code, Sentence, Sentences
-from bridge.scan.guess import candidates, guesses
 from bridge.transport.transport import Chunk
 
 
-def why(driver: Driver, name: str) -> Sentences:
+def no_data_reason(driver: Driver, name: str) -> Sentences:
     """The same while nothing changes. name: the driver's, as in the ward's file."""
     if not isinstance(driver, StreamDriver):
         return (Code.NOTHING_UNDERSTOOD(place=driver.place),)

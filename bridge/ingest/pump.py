@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Self
 
 from bridge.bus.contract import Bus, BusError, Declared, Publisher
-from bridge.config import Bridge, Device
+from bridge.config.schema import Bridge, Device
 from bridge.ingest.device_thread import DeviceThread, Taken
 from bridge.ingest.duplicate_bridges import DuplicateBridges
 from bridge.ingest.intake import Intake

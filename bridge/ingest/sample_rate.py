@@ -4,7 +4,7 @@ _WINDOW_S = 10.0
 _DIFFERS, _AGREES = 0.02, 0.01  # of the nominal rate
 
 
-class SendingRate:
+class SampleRateMeter:
     """Of one boot. hz: samples per host second over the last ten seconds or so, missing ones included; 0 until known.
 
     steady_hz: where two stretches of ten seconds, one after the other, last agreed; 0 until they do.

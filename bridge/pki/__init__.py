@@ -1,1 +1,4 @@
-"""Certificates, which say who is who on the bus: made here, or brought along."""
+"""Certificates and roles: made here, or brought along, and checked before they are shown to a router.
+
+Begin at `member` (who a certificate is for) and `folder` (a ward's authority).
+"""

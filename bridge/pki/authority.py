@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 from cryptography.x509.oid import NameOID
 
-from bridge.pki.identity import ISSUER_OF
+from bridge.pki.certificate_checks import ISSUER_OF
 from bridge.pki.member import Member, Role
 
 DAYS, CA_DAYS = 90, 3650

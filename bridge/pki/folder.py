@@ -11,9 +11,9 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from bridge.pki.authority import DAYS, EARLIER, Pair, check_hosts, issue, new_authority, new_issuer
-from bridge.pki.identity import Identity, certificates, hosts_of, lasts_of, signer
+from bridge.pki.certificate_checks import Identity, certificates, hosts_of, lasts_of, signer
+from bridge.pki.certificate_files import Validity
 from bridge.pki.member import Member
-from bridge.pki.papers import Lasts
 
 _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.txt"
 
@@ -114,7 +114,7 @@ class Folder:
             )
         return now
 
-    def members(self) -> Iterator[tuple[Member, Lasts]]:
+    def members(self) -> Iterator[tuple[Member, Validity]]:
         """Each member whose certificate is not revoked, and how long that certificate is valid."""
         for path in sorted(self.path.glob("*.pem")):
             try:
@@ -124,7 +124,7 @@ class Folder:
             if member == self.current(member):
                 yield member, lasts_of(certificates(str(path))[0])
 
-    def authority_lasts(self) -> Lasts:
+    def authority_lasts(self) -> Validity:
         """How long the authority's certificate is valid."""
         if not (path := self.path / f"{_CA}.pem").exists():
             raise self._none()

@@ -1,4 +1,4 @@
-"""Who a certificate is for: a role and a name, as its common name says them. Pure."""
+"""The role and the name in a certificate's common name. Pure."""
 
 from dataclasses import dataclass
 from enum import Enum

@@ -1,6 +1,6 @@
-"""Recordings: readers and writers of files, the recorder of a ward, recovery, surveys and exports.
+"""Recordings: readers and writers of MCAP, .npz, CSV and BIDS, the recorder of a ward, recovery and surveys.
 
-`load` reads a file of any kind as a Recording. Names are looked up late: who only records does not wait for NumPy.
+Public door: `load` reads one device's samples from any file, in SI units.
 """
 
 from typing import TYPE_CHECKING

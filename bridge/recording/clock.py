@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.recording.recording import TICK_S, Floats
-from bridge.wording import count
+from bridge.terminal.plurals import count
 
 Indices = NDArray[np.intp]
 _COUNTERS = tuple(float(1 << bits) for bits in (16, 24, 31, 32))

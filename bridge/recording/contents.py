@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bridge.os_words import why
 from bridge.recording.error import RecordingError, check_file
-from bridge.recording.kinds import KINDS, PACKAGE, Said
 from bridge.recording.mcap_reader import Entry, McapReader
+from bridge.recording.message_kinds import KINDS, PACKAGE, Said
 from bridge.recording.recording_file import ABOUT
+from bridge.runtime.os_errors import why
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal, Tally
 

@@ -6,12 +6,12 @@ from typing import BinaryIO
 
 import numpy as np
 
-from bridge.recording import kinds
+from bridge.recording import message_kinds
 from bridge.recording.error import RecordingError
 from bridge.recording.export import WRITERS
 from bridge.recording.files import new_file
-from bridge.recording.kinds import KINDS
 from bridge.recording.mcap_writer import McapWriter
+from bridge.recording.message_kinds import KINDS
 from bridge.recording.recording import TICK_S, Recording, Told
 from bridge.recording.recording_file import ABOUT
 from bridge.recording.stretches import Stretch
@@ -91,7 +91,12 @@ def _write_mcap(file: BinaryIO, of: Stretch) -> None:
 
     def channel(what: str) -> int:
         key = keys.build(_WARD, what, bridge=of.bridge, device=of.device)
-        return writer.channel(kinds.topic(key), kinds.PACKAGE + KINDS[what].schema, kinds.DESCRIPTORS, kinds.facts(key))
+        return writer.channel(
+            message_kinds.topic(key),
+            message_kinds.PACKAGE + KINDS[what].schema,
+            message_kinds.DESCRIPTORS,
+            message_kinds.facts(key),
+        )
 
     if of.info is not None:
         writer.add(channel("info"), int(of.time_ns[0]), int(of.time_ns[0]), codec.encode_info(of.info))

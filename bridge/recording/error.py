@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from bridge import os_words
+from bridge.runtime import os_errors
 
 MAX_BYTES = 1 << 29  # of a file that is read into arrays, and of what it unpacks to
 
@@ -13,5 +13,5 @@ class RecordingError(Exception):
 
 def check_file(path: Path) -> None:
     """Raise RecordingError for a path that cannot be read, without opening it: a pipe would block."""
-    if why := os_words.unreadable(path):
+    if why := os_errors.unreadable(path):
         raise RecordingError(f"{path}: cannot be read: {why}")

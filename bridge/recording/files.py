@@ -9,8 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from bridge.os_words import why
 from bridge.recording.error import RecordingError
+from bridge.runtime.os_errors import why
 
 PART = ".part"
 

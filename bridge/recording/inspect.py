@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bridge.recording.plausible import quietest
+from bridge.recording.plausibility import quietest
 from bridge.recording.recording import Recording
 
 _AXES = "xyz"

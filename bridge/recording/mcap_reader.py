@@ -21,7 +21,7 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from bridge.recording.error import RecordingError
-from bridge.wording import count
+from bridge.terminal.plurals import count
 
 #: bytes that a chunk may unpack to, and records in it: a few kilobytes can be a bomb; writers make chunks of some megabytes
 MAX_UNPACKED, MAX_RECORDS = 1 << 26, 200_000

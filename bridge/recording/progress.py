@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from bridge.bus.missed import words
+from bridge.bus.missed_messages import describe_missed
 from bridge.recording.recorder import WardRecorder
-from bridge.wording import count
+from bridge.terminal.plurals import count
 
 _EVERY_S = 60.0
 _SILENT_S = 3.0
@@ -29,7 +29,7 @@ def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping
         f"{recorder.size / 1e6:.1f} MB",
     ]
     if missed:
-        parts.append(words(missed))
+        parts.append(describe_missed(missed))
     if refused := account.refused.total():
         parts.append(f"{refused} refused")
     if account.not_recorded:

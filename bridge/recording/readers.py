@@ -13,14 +13,14 @@ import numpy as np
 from bridge.recording import stretches
 from bridge.recording.error import MAX_BYTES, RecordingError, check_file
 from bridge.recording.npz_reader import read_npz
-from bridge.recording.plausible import believed_accel, check_gyro, doubts_of_gyro
+from bridge.recording.plausibility import believed_accel, check_gyro, doubts_of_gyro
 from bridge.recording.reading import AS_SAID, Reading
 from bridge.recording.recording import TICK_S, Recording, Told
 from bridge.recording.stretches import Stretch
 from bridge.recording.table import Table, recording_of
 from bridge.recording.text.reader import read_text
+from bridge.terminal.plurals import count
 from bridge.wire.messages import Calibration
-from bridge.wording import count
 
 __all__ = ["MAX_BYTES", "READERS", "TICK_S", "Reading", "Recording", "RecordingError", "Told", "load"]
 

@@ -9,17 +9,17 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus, BusError, Message, Subscription
 from bridge.bus.routers import Routers
-from bridge.bus.self_test import self_test
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.process import stopped_by_signal
 from bridge.recording.error import RecordingError
 from bridge.recording.files import Folder, recorded_in
-from bridge.recording.kinds import KINDS, SAMPLES
+from bridge.recording.message_kinds import KINDS, SAMPLES
 from bridge.recording.progress import Screen, line
 from bridge.recording.recorder import MOST_REPEATED, Knobs, WardRecorder
 from bridge.recording.settings import Recorder
+from bridge.runtime.signals import stopped_by_signal
 from bridge.wire import keys
 from bridge.wire.keys import Key
 from bridge.wire.refusal import Refusal

@@ -11,15 +11,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bridge.bus.contract import Message
-from bridge.recording import kinds
+from bridge.recording import message_kinds
 from bridge.recording.files import Folder, recorded_in
-from bridge.recording.kinds import KINDS, PRIVATE, Kind, Said
 from bridge.recording.mcap_writer import MAX_CHANNELS
+from bridge.recording.message_kinds import KINDS, PRIVATE, Kind, Said
 from bridge.recording.recording_file import MOST_OF_A_BRIDGE, Item, RecordingFile
+from bridge.terminal.plurals import count
 from bridge.wire import keys
 from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
 from bridge.wire.refusal import Refusal, Tally
-from bridge.wording import count
 
 _log = logging.getLogger(__name__)
 
@@ -152,7 +152,7 @@ class WardRecorder:
 
     def _put(self, item: Item, wall_ns: int) -> bool:
         """Write a message; False where there are too many channels."""
-        if self._file is None or self._file.put(item, kinds.log_ns(item.own_ns, wall_ns)):
+        if self._file is None or self._file.put(item, message_kinds.log_ns(item.own_ns, wall_ns)):
             self.account.messages += self._file is not None
             return True
         self.account.not_recorded += 1

@@ -1,11 +1,14 @@
 """A recording of one device: samples at their own times, whatever file they come from."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from bridge.recording.error import RecordingError
+from bridge.recording.plausibility import FASTEST_HZ, SLOWEST_HZ
+from bridge.wire.codec import MAX_ACCEL, MAX_RATE
 from bridge.wire.messages import Calibration
 
 Floats = NDArray[np.float64]
@@ -19,6 +22,24 @@ class Told(NamedTuple):
     tick_period_s: float
     sequence: NDArray[np.int64]
     flags: NDArray[np.uint32]
+
+
+def _vectors(name: str, values: ArrayLike, n: int | None, limit: float, unit: str) -> Floats:
+    """A copy (n, 3), finite and within the limit; raises RecordingError."""
+    array = np.array(values, np.float64)
+    if array.ndim != 2 or array.shape[1] != 3 or n not in (None, len(array)):
+        raise RecordingError(
+            f"{name} has shape {array.shape}; ({'n' if n is None else n}, 3) is expected, a row a sample"
+        )
+    if len(array) < 2:
+        raise RecordingError(f"{name} has {len(array)} sample; at least 2 are needed")
+    for said, bad in (("not finite", ~np.isfinite(array)), ("", np.abs(array) > limit)):
+        if bad.any():
+            at, axis = np.argwhere(bad)[0]
+            value = said or f"{array[at, axis]:g} {unit.partition(';')[0]}"
+            more = "" if said else f"; up to {limit:g} {unit}"
+            raise RecordingError(f"{name} is {value} at sample {at}{more}")
+    return array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +65,21 @@ class Recording:
     boot: int = 0
     #: what was understood, mended or doubted as it was read, for a person
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def from_arrays(cls, gyro: ArrayLike, accel: ArrayLike | None, rate_hz: float, *, name: str = "arrays") -> Self:
+        """A recording of arrays: gyro (n, 3) rad/s and accel (n, 3) m/s² or None, in the device's frame, sampled at rate_hz.
+
+        The arrays are copied. name stands in messages. Raises RecordingError.
+        """
+        if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+            raise RecordingError(
+                f"rate_hz is {rate_hz:g}: give the output data rate, {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
+            )
+        rates = _vectors("gyro", gyro, None, MAX_RATE, "rad/s; is it in degrees per second?")
+        n = len(rates)
+        force = None if accel is None else _vectors("accel", accel, n, MAX_ACCEL, "m/s²; is it in milli-g?")
+        return cls(np.arange(n) / rate_hz, rates, force, None, rate_hz, name)
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -4,10 +4,10 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
-from bridge.recording import kinds
+from bridge.recording import message_kinds
 from bridge.recording.files import Output, with_part
-from bridge.recording.kinds import Kind
 from bridge.recording.mcap_writer import MAX_CHANNELS, McapWriter
+from bridge.recording.message_kinds import Kind
 from bridge.wire import keys
 
 #: the metadata record every file of ours begins with
@@ -46,9 +46,9 @@ class RecordingFile:
             if len(self._channels) >= MAX_CHANNELS or (bridge and self._of_bridges[bridge] >= MOST_OF_A_BRIDGE):
                 return False
             self._of_bridges[bridge] += 1
-            schema = kinds.PACKAGE + item.kind.schema
-            facts = kinds.facts(item.key)
-            channel = self.writer.channel(kinds.topic(item.key), schema, kinds.DESCRIPTORS, facts)
+            schema = message_kinds.PACKAGE + item.kind.schema
+            facts = message_kinds.facts(item.key)
+            channel = self.writer.channel(message_kinds.topic(item.key), schema, message_kinds.DESCRIPTORS, facts)
             self._channels[item.key] = channel
         self.writer.add(channel, log_ns, item.own_ns, item.payload)
         return True

@@ -7,14 +7,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from bridge.os_words import why
 from bridge.recording.error import RecordingError, check_file
 from bridge.recording.files import PART, in_use, new_file
-from bridge.recording.kinds import PACKAGE
 from bridge.recording.mcap_reader import McapReader
 from bridge.recording.mcap_writer import McapWriter
+from bridge.recording.message_kinds import PACKAGE
 from bridge.recording.recording_file import ABOUT
-from bridge.wording import count
+from bridge.runtime.os_errors import why
+from bridge.terminal.plurals import count
 
 Tell = Callable[[int, int], None]
 

@@ -5,11 +5,11 @@ from typing import Any
 
 from rich.console import Console
 
-from bridge.columns import Column, Columns
 from bridge.reasons.catalogue import english, sentences_as_json
 from bridge.recording.survey import Boot, Device, Survey
+from bridge.terminal.plurals import count
+from bridge.terminal.tables import Column, Columns
 from bridge.wire.keys import boot_id
-from bridge.wording import count
 
 _COLUMNS = (
     Column("device", least=20),

@@ -11,8 +11,8 @@ from bridge.reasons.catalogue import in_words
 from bridge.recording.contents import Tell
 from bridge.recording.error import RecordingError
 from bridge.recording.survey import Boot, Device, survey
+from bridge.terminal.plurals import count
 from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, SampleBatch, Verdict
-from bridge.wording import count
 
 Singles = NDArray[np.float32]
 #: quality of a sample of which no corrected rate was recorded

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.recording.clock import ClockFault, mend
 from bridge.recording.error import RecordingError
-from bridge.recording.plausible import (
+from bridge.recording.plausibility import (
     FASTEST_HZ,
     SLOWEST_HZ,
     believed_accel,
@@ -23,8 +23,8 @@ from bridge.recording.plausible import (
 from bridge.recording.reading import Reading
 from bridge.recording.recording import Floats, Recording
 from bridge.recording.repeats import repeated, repeated_without_time
+from bridge.terminal.plurals import count
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
-from bridge.wording import count
 
 _log = logging.getLogger(__name__)
 _MAX_TIME_S = 1e10  # since whatever epoch: 300 years

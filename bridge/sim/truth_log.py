@@ -5,8 +5,8 @@ from threading import Lock
 
 import numpy as np
 
-from bridge.sim.imperfection import Truth
-from bridge.sim.source import TrueSamples
+from bridge.sim.imu_errors import Truth
+from bridge.sim.sample_source import TrueSamples
 
 _BOOTS_KEPT = 64
 

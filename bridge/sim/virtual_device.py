@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.framing.deframer import Deframer, frame
+from bridge.framing.cobs_frames import Deframer, frame
 from bridge.framing.packets import MAX_SAMPLES, Data, Hello, decode_rate, encode_data, encode_hello, encode_identify
-from bridge.sim.imperfection import DEMO_SPEC, ImuSpec, Truth
-from bridge.sim.script import demo_script
-from bridge.sim.source import Samples, SimulatedSource, Source, TrueSamples
+from bridge.sim.imu_errors import DEMO_SPEC, ImuSpec, Truth
+from bridge.sim.motion_scripts import demo_script
+from bridge.sim.sample_source import Samples, SimulatedSource, Source, TrueSamples
 from bridge.sim.truth_log import TruthLog
-from bridge.sim.ward_life import Life
+from bridge.sim.ward_script import Life
 
 TICK_S = 1e-6
 _MASK_32 = 0xFFFFFFFF

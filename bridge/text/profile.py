@@ -37,11 +37,11 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from bridge.reasons.codes import Code, Sentence
-from bridge.shipped import file_of
-from bridge.shipped import shipped as in_folders
 from bridge.text.units import ACCELERATIONS, RATES, STANDARD_GRAVITY, TIMES, in_si
-from bridge.toml_file import load, nearest
-from bridge.wire.checks import MAX_SENTENCE
+from bridge.toml.loader import load, nearest
+from bridge.toml.shipped import file_of
+from bridge.toml.shipped import shipped as in_folders
+from bridge.wire.validation import MAX_SENTENCE
 
 _HERE = Path(__file__).parent.parent
 _FOLDERS = (_HERE / "profiles", _HERE.parent / "configs" / "profiles")  # of an installed package; of a checkout

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import radians
 from typing import Final
 
-from bridge.toml_file import nearest
+from bridge.toml.loader import nearest
 
 STANDARD_GRAVITY: Final = 9.80665
 COUNTS: Final = "counts"

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from bridge.toml_file import nearest
-from bridge.transport import ble_port, file_port, serial_state, tcp_port, udp_port
+from bridge.toml.loader import nearest
+from bridge.transport import ble_port, file_port, serial_errors, tcp_port, udp_port
 from bridge.transport.ble_port import BlePort
 from bridge.transport.file_port import FilePort
 from bridge.transport.serial_port import SerialPort
@@ -25,7 +25,7 @@ class Scheme:
     state: Callable[[str], str]
 
 
-_SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_state.state)
+_SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_errors.state)
 SCHEMES: dict[str, Scheme] = {
     "tcp": Scheme(tcp_port.EXAMPLE, TcpPort, tcp_port.state),
     "udp": Scheme(udp_port.EXAMPLE, UdpPort, udp_port.state),

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from typing import Final, NamedTuple
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.reasons.codes import Code
 from bridge.transport import ble_loop, ble_radio, host_time, url
 from bridge.transport.ble_radio import BleakRadio, Connection, Radio, RadioFault
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 

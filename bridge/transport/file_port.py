@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import unquote
 
-from bridge import os_words
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.reasons.codes import Code
+from bridge.runtime import os_errors
 from bridge.transport import host_time, url
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
@@ -42,7 +42,7 @@ class FilePort:
         try:
             self._file = self._path.open("rb")
         except OSError as error:
-            raise DeviceUnavailable(Code.PLACE_FAILED(place=self.place, error=os_words.why(error))) from None
+            raise DeviceUnavailable(Code.PLACE_FAILED(place=self.place, error=os_errors.why(error))) from None
         self._closed.clear()
         self._due, self._then_s = 0.0, time.monotonic()
 
@@ -92,4 +92,4 @@ def state(address: str) -> str:
 
 
 def _state(path: Path) -> str:
-    return os_words.unreadable(path) or "present"
+    return os_errors.unreadable(path) or "present"

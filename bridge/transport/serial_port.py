@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import serial
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.reasons.codes import Code, Sentence
-from bridge.transport import host_time, serial_state
-from bridge.transport.holders import holders
+from bridge.transport import host_time, serial_errors
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
+from bridge.transport.port_holders import holders
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
@@ -53,7 +53,7 @@ class SerialPort:
         self.close()
         if not os.path.exists(self.place):  # noqa: PTH110 - asked often, of many missing ports: half the cost of Path
             raise DeviceUnavailable(Code.PORT_MISSING(place=self.place), soon=True)
-        if serial_state.no_port(self.place):
+        if serial_errors.no_port(self.place):
             raise DeviceUnavailable(Code.NOT_A_SERIAL_PORT(place=self.place))
         opened = serial.Serial(exclusive=True, write_timeout=_WRITE_TIMEOUT_S, timeout=0.2)
         try:
@@ -62,8 +62,8 @@ class SerialPort:
             _stay_powered(opened.fileno())
         except (*_FAULTS, ValueError) as error:
             _close(opened)
-            said = serial_state.cause(error, self.place)
-            raise DeviceUnavailable(said, soon=serial_state.settling(error)) from None
+            said = serial_errors.cause(error, self.place)
+            raise DeviceUnavailable(said, soon=serial_errors.settling(error)) from None
         wake = os.eventfd(0)
         poll = select.poll()
         for fd in (opened.fileno(), wake):

@@ -4,10 +4,10 @@ import contextlib
 import select
 import socket
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
-from bridge.transport import host_time, net_fault, url
+from bridge.transport import host_time, network_errors, url
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
@@ -35,7 +35,7 @@ class TcpPort:
             self._socket = _connected(self._address)
             self._socket.settimeout(0.0)
         except OSError as error:
-            raise DeviceUnavailable(net_fault.cause(error, self.place)) from None
+            raise DeviceUnavailable(network_errors.cause(error, self.place)) from None
 
     def read(self, timeout_s: float) -> Chunk:
         """What came; raises DeviceLost."""
@@ -44,7 +44,7 @@ class TcpPort:
             data = _received(opened, timeout_s)
         except OSError as error:
             self._opened()
-            raise DeviceLost(net_fault.loss(error, self.place)) from None
+            raise DeviceLost(network_errors.loss(error, self.place)) from None
         if data is None:
             return Chunk(b"", host_time.now_ns())
         if not data:
@@ -66,7 +66,7 @@ class TcpPort:
         except ConnectionError:
             pass
         except OSError as error:
-            raise DeviceLost(net_fault.loss(error, self.place)) from None
+            raise DeviceLost(network_errors.loss(error, self.place)) from None
 
     def close(self) -> None:
         """Disconnect, ending a read in another thread."""
@@ -109,7 +109,7 @@ def state(address: str) -> str:
     try:
         _connected(parsed(address)).close()
     except OSError as error:
-        return english(net_fault.cause(error, f"tcp://{address}"))
+        return english(network_errors.cause(error, f"tcp://{address}"))
     return "present"
 
 

@@ -5,10 +5,10 @@ import socket
 import threading
 import time
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
-from bridge.transport import host_time, net_fault, udp_listener, url
+from bridge.transport import host_time, network_errors, udp_listener, url
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.transport import Chunk
 from bridge.transport.udp_listener import Channel, Heard, Listener, Peer, Taken
 from bridge.wire.refusal import Tally
@@ -42,7 +42,7 @@ class UdpPort:
             hosts = _numbers(self._from) if self._from else frozenset[str]()
             self._joined = udp_listener.join(self._host, self._port, hosts)
         except OSError as error:
-            raise DeviceUnavailable(net_fault.cause(error, self.place)) from None
+            raise DeviceUnavailable(network_errors.cause(error, self.place)) from None
         except Taken as taken:
             raise DeviceUnavailable(Code.PORT_TAKEN(place=self.place, taken=taken, example=EXAMPLE)) from None
         self._closed.clear()
@@ -106,7 +106,7 @@ def state(address: str) -> str:
     try:
         udp_listener.bound(host, port).close()
     except OSError as error:
-        return english(net_fault.cause(error, f"udp://{address}"))
+        return english(network_errors.cause(error, f"udp://{address}"))
     return "free to be listened on"
 
 

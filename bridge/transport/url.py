@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from urllib.parse import parse_qsl
 
-from bridge.toml_file import nearest
+from bridge.toml.loader import nearest
 
 
 def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str, int]:

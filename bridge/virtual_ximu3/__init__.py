@@ -1,1 +1,4 @@
-"""Shows the devices of a ward to x-io's own programs, each as a virtual x-IMU3 on the network."""
+"""A ward's devices shown as x-IMU3s to the programs of x-io Technologies.
+
+Begin at `device`, which has no I/O.
+"""

@@ -6,7 +6,7 @@ import math
 import socket
 from typing import NamedTuple, Self
 
-from bridge import os_words
+from bridge.runtime import os_errors
 from bridge.virtual_ximu3.device import VirtualXimu3
 
 ANNOUNCED_AT = 10_000
@@ -46,7 +46,7 @@ class Port:
             self._socket.bind(at)
         except OSError as error:
             self._socket.close()
-            raise OSError(f"port {at.host}:{at.port}: {os_words.why(error)}; choose another port") from None
+            raise OSError(f"port {at.host}:{at.port}: {os_errors.why(error)}; choose another port") from None
         self._socket.settimeout(0.0)
 
     @property

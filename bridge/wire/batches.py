@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.wire import checks
 from bridge.wire import columns_pb2 as columns
-from bridge.wire.checks import clean
+from bridge.wire import validation
 from bridge.wire.envelope import parse_key, read, same_id
 from bridge.wire.messages import VERSION, CorrectedBatch, Quality, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Refusal
+from bridge.wire.validation import clean
 
 MAX_SAMPLES = 1024  # the most that fit the size limit with every column
 MAX_RATE = 1000.0  # rad/s, of a reading or a bias; no gyroscope reaches it
@@ -63,8 +63,8 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
     return SampleBatch(
         device=raw.device,
         boot=raw.boot,
-        sequence=checks.whole(raw.sequence, "sequence", MAX_SEQUENCE),
-        receive_time_ns=checks.time_ns(raw.receive_time_ns, "receive_time_ns"),
+        sequence=validation.whole(raw.sequence, "sequence", MAX_SEQUENCE),
+        receive_time_ns=validation.time_ns(raw.receive_time_ns, "receive_time_ns"),
         start_time_ns=raw.start_time_ns,
         tick_period_s=raw.tick_period_s,
         clock_rate=raw.clock_rate,
@@ -100,7 +100,7 @@ class CorrectedEncoder:
         """What comes next was corrected by this calibration; told: (3,) each of TOLD."""
         message = self._message
         message.quality = int(quality)
-        message.calibration = clean(calibration, checks.MAX_NAME)
+        message.calibration = clean(calibration, validation.MAX_NAME)
         for name in TOLD:
             setattr(message, name, column_of(told[name], _FLOAT))
 
@@ -140,21 +140,21 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
     return CorrectedBatch(
         device=raw.device,
         boot=raw.boot,
-        sequence=checks.whole(raw.sequence, "sequence", MAX_SEQUENCE),
+        sequence=validation.whole(raw.sequence, "sequence", MAX_SEQUENCE),
         start_time_ns=raw.start_time_ns,
         tick_period_s=raw.tick_period_s,
         clock_rate=raw.clock_rate,
         ticks=ticks,
         rate=floats_of(raw.rate, "rate", 3 * n, MAX_CORRECTED).reshape(n, 3),
         flags=flags_of(raw.flags, n),
-        quality=checks.member(Quality, raw.quality, "quality"),
+        quality=validation.member(Quality, raw.quality, "quality"),
         noise_std=noise_std,
         bias_std=bias_std,
         scale_std=scale_std,
         cross_std=cross_std,
         bias=floats_of(raw.bias, "bias", 3, MAX_RATE),
-        calibration=checks.text(raw.calibration, "calibration"),
-        epoch=checks.whole(raw.epoch, "epoch", checks.MAX_EPOCH),
+        calibration=validation.text(raw.calibration, "calibration"),
+        epoch=validation.whole(raw.epoch, "epoch", validation.MAX_EPOCH),
         flicker_std=flicker_std,
     )
 
@@ -200,11 +200,11 @@ def _ticks(column: bytes) -> NDArray[np.uint64]:
 
 def _times(raw: columns.SampleBatch | columns.CorrectedBatch, ticks: NDArray[np.uint64]) -> None:
     """Whether the host's time of the first sample, and of the last, can be said."""
-    start_ns = checks.time_ns(raw.start_time_ns, "start_time_ns")
-    period_s = checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0)
-    rate = checks.number(raw.clock_rate, "clock_rate", 1e-4, 1e4)
-    if start_ns + float(ticks[-1] - ticks[0]) * (period_s * rate * 1e9) > checks.MAX_TIME_NS:
-        raise Refusal(Reason.RANGE, f"the last sample is taken later than {checks.MAX_TIME_NS} ns")
+    start_ns = validation.time_ns(raw.start_time_ns, "start_time_ns")
+    period_s = validation.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0)
+    rate = validation.number(raw.clock_rate, "clock_rate", 1e-4, 1e4)
+    if start_ns + float(ticks[-1] - ticks[0]) * (period_s * rate * 1e9) > validation.MAX_TIME_NS:
+        raise Refusal(Reason.RANGE, f"the last sample is taken later than {validation.MAX_TIME_NS} ns")
 
 
 def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:

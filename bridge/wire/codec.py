@@ -16,9 +16,8 @@ from bridge.wire.batches import (
     encode_corrected,
     encode_samples,
 )
-from bridge.wire.envelope import MAX_PAYLOAD
-from bridge.wire.estimators import MAX_HOLDINGS, decode_checkpoint, decode_owned, encode_checkpoint, encode_owned
-from bridge.wire.records import (
+from bridge.wire.cluster_messages import MAX_HOLDINGS, decode_checkpoint, decode_owned, encode_checkpoint, encode_owned
+from bridge.wire.control_messages import (
     decode_calibration,
     decode_command,
     decode_info,
@@ -32,6 +31,7 @@ from bridge.wire.records import (
     encode_reply,
     encode_status,
 )
+from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.revisions import MAX_POINTS, decode_revision, encode_revision
 from bridge.wire.windows import MAX_WINDOWS, decode_windows, encode_windows
 

@@ -1,4 +1,4 @@
-"""What the doors turn away: a reason that can be counted, and the tally that counts it."""
+"""Reasons for refused messages and samples, and the tally that counts them."""
 
 from collections import Counter
 from enum import StrEnum

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from bridge.wire import checks
 from bridge.wire import truerate_pb2 as pb
+from bridge.wire import validation
 from bridge.wire.batches import MAX_RATE, MAX_SEQUENCE, MAX_STD
-from bridge.wire.checks import MAX_TIME_NS, clean
 from bridge.wire.envelope import parse_key, read, same_id
 from bridge.wire.messages import VERSION, BiasRevision
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.sentences import decoded, encoded
+from bridge.wire.validation import MAX_TIME_NS, clean
 
 MIN_POINTS, MAX_POINTS = 2, 1536  # the most that fit the size limit with every text
 MAX_ELEMENT = 10.0  # of a matrix
@@ -21,7 +21,7 @@ def encode_revision(revision: BiasRevision) -> bytes:
         version=VERSION,
         device=revision.device,
         boot=revision.boot,
-        calibration=clean(revision.calibration, checks.MAX_NAME),
+        calibration=clean(revision.calibration, validation.MAX_NAME),
         time_ns=revision.time_ns,
         matrix=revision.matrix.ravel().tolist(),
         sequences=revision.sequences.tolist(),
@@ -42,16 +42,16 @@ def decode_revision(key: str, payload: bytes) -> BiasRevision:
         raise Refusal(Reason.LENGTH, f"{n} points; {MIN_POINTS} to {MAX_POINTS} are taken")
     if len(raw.times_ns) != n:
         raise Refusal(Reason.LENGTH, f"times_ns has {len(raw.times_ns)} values; {n} are expected")
-    bias = checks.vector(raw.bias, "bias", 3 * n, -MAX_RATE, MAX_RATE)
-    bias_std = checks.vector(raw.bias_std, "bias_std", 3 * n, 0.0, MAX_STD)
+    bias = validation.vector(raw.bias, "bias", 3 * n, -MAX_RATE, MAX_RATE)
+    bias_std = validation.vector(raw.bias_std, "bias_std", 3 * n, 0.0, MAX_STD)
     return BiasRevision(
         device=raw.device,
         boot=raw.boot,
-        calibration=checks.text(raw.calibration, "calibration"),
-        time_ns=checks.time_ns(raw.time_ns, "time_ns"),
-        matrix=checks.vector(raw.matrix, "matrix", 9, -MAX_ELEMENT, MAX_ELEMENT).reshape(3, 3),
-        sequences=np.array(checks.rising(raw.sequences, "sequences", MAX_SEQUENCE), np.uint64),
-        times_ns=np.array(checks.rising(raw.times_ns, "times_ns", MAX_TIME_NS), np.int64),
+        calibration=validation.text(raw.calibration, "calibration"),
+        time_ns=validation.time_ns(raw.time_ns, "time_ns"),
+        matrix=validation.vector(raw.matrix, "matrix", 9, -MAX_ELEMENT, MAX_ELEMENT).reshape(3, 3),
+        sequences=np.array(validation.rising(raw.sequences, "sequences", MAX_SEQUENCE), np.uint64),
+        times_ns=np.array(validation.rising(raw.times_ns, "times_ns", MAX_TIME_NS), np.int64),
         bias=bias.astype(np.float32).reshape(n, 3),
         bias_std=bias_std.astype(np.float32).reshape(n, 3),
         reason=decoded(raw.reason, "reason"),

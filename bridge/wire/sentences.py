@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 
 from bridge.reasons.codes import Sentence, Sentences
 from bridge.wire import truerate_pb2 as pb
-from bridge.wire.checks import MAX_NAME, MAX_SENTENCE, MAX_TEXTS, clean, text
 from bridge.wire.refusal import Reason, Refusal
+from bridge.wire.validation import MAX_NAME, MAX_SENTENCE, MAX_TEXTS, clean, text
 
 _MAX_PARAMS = 8
 

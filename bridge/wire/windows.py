@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from bridge.wire import checks
 from bridge.wire import columns_pb2 as columns
+from bridge.wire import validation
 from bridge.wire.batches import (
     MAX_CORRECTED,
     MAX_RATE,
@@ -15,10 +15,10 @@ from bridge.wire.batches import (
     packed_flags,
     stds_of,
 )
-from bridge.wire.checks import MAX_TIME_NS, clean
 from bridge.wire.envelope import parse_key, read, same_id
 from bridge.wire.messages import VERSION, Quality, WindowBatch
 from bridge.wire.refusal import Reason, Refusal
+from bridge.wire.validation import MAX_TIME_NS, clean
 
 MAX_WINDOWS = 64
 #: no window has more samples
@@ -51,7 +51,7 @@ def encode_windows(batch: WindowBatch) -> bytes:
         scale_std=column_of(batch.scale_std, _FLOAT),
         cross_std=column_of(batch.cross_std, _FLOAT),
         bias=column_of(batch.bias, _FLOAT),
-        calibration=clean(batch.calibration, checks.MAX_NAME),
+        calibration=clean(batch.calibration, validation.MAX_NAME),
         flicker_std=column_of(batch.flicker_std, _FLOAT),
     ).SerializeToString()
 
@@ -73,7 +73,7 @@ def decode_windows(key: str, payload: bytes) -> WindowBatch:
     return WindowBatch(
         device=raw.device,
         boot=raw.boot,
-        window_s=checks.number(raw.window_s, "window_s", 1e-3, 60.0),
+        window_s=validation.number(raw.window_s, "window_s", 1e-3, 60.0),
         sequences=sequences,
         times_ns=times_ns,
         samples=samples,
@@ -86,13 +86,13 @@ def decode_windows(key: str, payload: bytes) -> WindowBatch:
         rate_std=_deviations(raw.rate_std, "rate_std", m, MAX_CORRECTED),
         rate_min=_vectors(raw.rate_min, "rate_min", m, MAX_CORRECTED),
         rate_max=_vectors(raw.rate_max, "rate_max", m, MAX_CORRECTED),
-        quality=checks.member(Quality, raw.quality, "quality"),
+        quality=validation.member(Quality, raw.quality, "quality"),
         noise_std=noise_std,
         bias_std=bias_std,
         scale_std=scale_std,
         cross_std=cross_std,
         bias=floats_of(raw.bias, "bias", 3, MAX_RATE),
-        calibration=checks.text(raw.calibration, "calibration"),
+        calibration=validation.text(raw.calibration, "calibration"),
         flicker_std=flicker_std,
     )
 
@@ -104,7 +104,7 @@ def _rising(column: bytes, name: str, high: int) -> bytes:
         raise Refusal(
             Reason.LENGTH, f"{name} has {len(column)} bytes; 8 a window, 1 to {MAX_WINDOWS} windows are taken"
         )
-    checks.rising(np.frombuffer(column, _UINT64).tolist(), name, high)
+    validation.rising(np.frombuffer(column, _UINT64).tolist(), name, high)
     return column
 
 

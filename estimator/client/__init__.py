@@ -1,10 +1,6 @@
 """The Python way to subscribe: corrected rates, revisions, status and calibrations of a ward, and commands to its estimator.
 
-from estimator.client import Client
-
-    with Client(ward="demo") as ward:
-        for batch in ward.corrected():  # or `async for`
-            print(batch.device, batch.quality.name, batch.rate[-1], "std", batch.rate_std[-1])
+Public door: `Client`.
 """
 
 from bridge.bus.contract import BusError

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Self, TypeVar
 
 from bridge.bus.contract import Bus, BusError, Declared, Subscription
-from bridge.config import LOCAL
+from bridge.config.schema import LOCAL
 from bridge.wire import codec, keys
 from bridge.wire.messages import (
     BiasRevision,

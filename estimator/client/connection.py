@@ -4,9 +4,9 @@ import logging
 import threading
 from collections.abc import Sequence
 
+from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus
 from bridge.bus.routers import Routers
-from bridge.bus.self_test import self_test
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.pki.member import Role
 
@@ -36,7 +36,7 @@ def denied(bus: Bus, endpoints: Sequence[str], ward: str) -> tuple[str, ...]:
         return ()
     for words in routers.soon():
         log.warning("%s", words)
-    from bridge.pki.identity import member_of  # noqa: PLC0415 - only who has certificates waits until they can be read
+    from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - only who has certificates waits until they can be read
 
     member = member_of(routers.identity)
     fit = ", ".join(role.value for role in SUBSCRIBERS)

@@ -1,4 +1,7 @@
-"""The estimator's SQLite file: opened, checked, written, backed up and restored. The only package that imports sqlite3."""
+"""The estimator's SQLite file: opened, checked, written, backed up and restored. The only room that imports sqlite3.
+
+Public door: `Database`.
+"""
 
 from estimator.database.backups import Backups, back_up, restore, set_asides
 from estimator.database.database import Database, Row

@@ -2,7 +2,7 @@
 
 import sqlite3
 
-from bridge import os_words
+from bridge.runtime import os_errors
 
 #: to a person who names a file that is no store
 ADVICE = "`[estimator] store` in the ward's file says where it is: --config WARD.toml, or --store FILE"
@@ -36,5 +36,5 @@ def translated(path: str, error: Exception) -> StoreError:
         return Damaged(path, error)
     if isinstance(error, (sqlite3.OperationalError, OSError)) and code != sqlite3.SQLITE_ERROR:
         advice = "check that the folder exists, both are this user's to write, and the disk has room"
-        return Unavailable(f"store {path}: {os_words.said(error)}; {advice}")
+        return Unavailable(f"store {path}: {os_errors.said(error)}; {advice}")
     return StoreError(f"store {path}: {error}")

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bridge import os_words
+from bridge.runtime import os_errors
 from estimator.database.errors import StoreError
 
 log = logging.getLogger(__name__)
@@ -34,7 +34,7 @@ def owned(path: str) -> Iterator[None]:
             raise StoreError(
                 f"store {path}: {place} is a symbolic link, a file of its own is needed: remove it"
             ) from None
-        log.warning("%s: %s: whether another estimator has the store is not known", place, os_words.why(error))
+        log.warning("%s: %s: whether another estimator has the store is not known", place, os_errors.why(error))
         yield
         return
     try:

@@ -1,1 +1,4 @@
-"""The demonstration: a whole small ward in about a minute, judged against its own truth."""
+"""The demonstration: a whole small ward in about a minute, judged against the simulator's truth.
+
+Begin at `run`.
+"""

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.sim.virtual_device import VirtualDevice
 from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, Status
-from estimator import rotation
+from estimator.geometry import rotation
 
 Floats = NDArray[np.float64]
 MIN_SAMPLES = 200

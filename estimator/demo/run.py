@@ -9,14 +9,14 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bridge.columns import Column, Columns
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
-from estimator import figures
-from estimator.demo.audience import Boot, Subscriber, Watcher
+from bridge.terminal.tables import Column, Columns
+from estimator.demo import figure
 from estimator.demo.judge import Judgement, in_words, judge
+from estimator.demo.subscribers import Boot, Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
-from estimator.gyro import AXES
-from estimator.screen import Screen, table
+from estimator.geometry.gyro_model import AXES
+from estimator.terminal.ward_table import LiveTable, table
 
 NAMES = ("ankle-left", "ankle-right", "back", "chest", "wrist-left", "wrist-right")
 REBOOTED = "chest"
@@ -67,7 +67,7 @@ def run(console: Console, picture: Path, seed: int) -> bool:
 def _live(console: Console, ward: Ward, devices: dict[str, VirtualDevice], watcher: Watcher) -> None:
     begin = time.monotonic()
     waiting, rebooted, told = list(NAMES), False, False
-    with Screen(console) as screen:
+    with LiveTable(console) as screen:
         while (elapsed := time.monotonic() - begin) < LATEST_S:
             while waiting and elapsed >= STAGGER_S * (len(NAMES) - len(waiting)):
                 name = waiting.pop(0)
@@ -114,7 +114,7 @@ def _summary(
     failures += _count(console, devices, subscribers)
     if judgements:
         picture.parent.mkdir(parents=True, exist_ok=True)
-        figures.demo(judgements, picture)
+        figure.demo(judgements, picture)
         console.print(f"\nPicture: {picture}")
     for failure in failures:
         console.print(f"[red]not right:[/red] {failure}")

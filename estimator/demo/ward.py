@@ -16,7 +16,7 @@ from typing import IO, Self
 
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice
-from estimator.batch.names import DEFAULT
+from estimator.calibration.method_names import DEFAULT
 
 WARD = "demo"
 #: below what Linux and others give to outgoing connections
@@ -98,7 +98,7 @@ class Ward:
         """Start processes by name: `router`, `estimator`, `bridge`, `dashboard`; in any order, each waits for what it needs."""
         for name in names:
             process = self._processes[name] = subprocess.Popen(
-                [sys.executable, "-m", "estimator.cli", *self._arguments[name]],
+                [sys.executable, "-m", "estimator.cli.main", *self._arguments[name]],
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""Which messages of a device are taken, and in which order: duplicates, boots, leaps, bridges and holes are all known here.
+"""Admission of messages: duplicates, boots, leaps, bridges and gaps; in which order messages are taken.
 
 Pure; `now` is seconds of a steady clock.
 """
@@ -7,9 +7,9 @@ from bisect import insort
 from typing import NamedTuple
 
 from bridge.wire.refusal import Reason
-from estimator.device.samples import Samples
-from estimator.device.sequence import Sequence
-from estimator.device.source import BEGINS, Ruling, Source
+from estimator.device.bridge_choice import BEGINS, BridgeChoice, Ruling
+from estimator.device.sequence_numbers import SequenceNumbers
+from estimator.samples.sample_buffer import Samples
 
 #: how long a hole is waited for, and how many samples are held meanwhile
 WAIT_S, WINDOW = 0.1, 1024
@@ -25,7 +25,8 @@ class _Held(NamedTuple):
 class ReorderBuffer:
     """Messages of one boot that came before their turn wait until what is missing before them comes, or is late.
 
-    Repeated samples pass through: `Sequence` counts them. `held` lies in the order of its numbers; truthy while anything is
+    Repeated samples pass through: `SequenceNumbers` counts them. `held` lies in the order of its numbers; truthy
+    while anything is
     held. begins: the number to begin with, if known.
     """
 
@@ -83,7 +84,7 @@ class Admission:
     """
 
     def __init__(self, silence_s: float) -> None:
-        self.source, self.sequence = Source(silence_s), Sequence()
+        self.source, self.sequence = BridgeChoice(silence_s), SequenceNumbers()
         #: messages that wait for what is missing before them
         self.waiting = ReorderBuffer()
         #: the boot of samples that were refused as old, and when they came
@@ -134,7 +135,7 @@ class Admission:
         for late in self.waiting.drop():
             self.sequence.refuse(late, reason)
 
-    def restart(self, lost: int, uncounted: int, last_ns: int) -> Sequence:
+    def restart(self, lost: int, uncounted: int, last_ns: int) -> SequenceNumbers:
         """The session has failed: the counts of the next one. last_ns: when what it took last was received. See Sequence.anew."""
         before = self.sequence
         self.waiting = ReorderBuffer(before.next or 0)

@@ -1,9 +1,11 @@
-"""Every picture truerate makes; the only package that imports matplotlib."""
+"""Pictures of devices, noise, recordings and trackers. Only this room and `study.figures`, `demo.figure` import matplotlib.
+
+Begin at `style`.
+"""
 
 from estimator.figures.histories import history
 from estimator.figures.noise import allan
 from estimator.figures.recordings import corrected
-from estimator.figures.wards import demo
 
 __all__ = [
     "allan",

@@ -10,11 +10,11 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from bridge.terminal.plurals import count
 from bridge.wire.messages import Floats
-from bridge.wording import count
 from estimator.figures.style import AXES, COLOURS
-from estimator.gyro import SIGMAS
-from estimator.history import Biases, History
+from estimator.geometry.gyro_model import SIGMAS
+from estimator.service.history import Biases, History
 
 #: of a device that was just switched on
 _LEAST = timedelta(minutes=2)

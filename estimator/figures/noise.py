@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from estimator.allan_fit import Noise, shapes
-from estimator.allan_report import COEFFICIENTS, said
 from estimator.figures.style import AXES, COLOURS
-from estimator.identification import AtRest
+from estimator.noise.allan_fit import Noise, shapes
+from estimator.offline.noise_identification import AtRest
+from estimator.reports.noise import COEFFICIENTS, said
 
 Floats = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from bridge.recording import Recording
 from bridge.wire.messages import Quality
-from estimator.corrected import Corrected
 from estimator.figures.style import AXES, COLOURS
+from estimator.offline.corrected_recording import CorrectedRecording
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def binned(time_s: Floats, rate_hz: float) -> Bins:
     return Bins(edges, time, shown)
 
 
-def corrected(recording: Recording, found: Corrected, path: Path) -> None:
+def corrected(recording: Recording, found: CorrectedRecording, path: Path) -> None:
     """A row an axis: raw and corrected rate, and bias with ± 2 σ; the background is the quality; temperature below."""
     warm = recording.temperature_c
     rows = 3 if warm is None else 4
@@ -78,7 +78,7 @@ def corrected(recording: Recording, found: Corrected, path: Path) -> None:
     figure.savefig(path)
 
 
-def _qualities(found: Corrected) -> str:
+def _qualities(found: CorrectedRecording) -> str:
     seconds = found.seconds()
     return ", ".join(f"{name} {100 * part / sum(seconds.values()):.0f} %" for name, part in seconds.items())
 

@@ -1,1 +1,4 @@
-"""What a person who calibrates a device by hand is told, step by step. Pure: it follows the stream and needs no click."""
+"""What a person who calibrates a device by hand is told, step by step. Pure: it follows the stream and needs no click.
+
+Begin at `guide`.
+"""

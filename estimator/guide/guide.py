@@ -5,12 +5,12 @@ from math import pi
 
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import SampleBatch, State, Status
-from estimator.batch.names import BY_MOVEMENTS, DEFAULT
-from estimator.batch.recognise import TurnKnobs
-from estimator.guide.hand import Hand
-from estimator.guide.steps import Picture, Step, Told, Words
-from estimator.gyro import AXES
-from estimator.stillness import StillnessKnobs
+from estimator.calibration.method_names import BY_MOVEMENTS, DEFAULT
+from estimator.calibration.turn_recognition import TurnKnobs
+from estimator.geometry.gyro_model import AXES
+from estimator.guide.hand_motion import Hand
+from estimator.guide.steps import Instruction, Picture, Step, Words
+from estimator.stillness.detector import StillnessKnobs
 
 CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 _CALIBRATED = (State.TRACKING, State.DEGRADED)
@@ -119,39 +119,39 @@ class Guide:
             self._sides = ()
             self.hand.begin_rest()  # what it rested before does not count
 
-    def told(self) -> Told:
+    def told(self) -> Instruction:
         """What is to be told now."""
         sides = self._sides if self.method in BY_MOVEMENTS else None
         ways = self._way(0), self._way(1), self._way(2)
         return replace(self._now(), rebooted=self._rebooted, ways=ways, sides=sides)
 
-    def _now(self) -> Told:
+    def _now(self) -> Instruction:
         status = self._status
         said = frozenset[str]() if status is None else {one.code for one in status.reason}
         if status is not None and status.state is State.UNKNOWN and Code.ROUTER_GONE in said:
-            return Told(Step.BROKEN, Picture.NOTHING, Words("broken"))
+            return Instruction(Step.BROKEN, Picture.NOTHING, Words("broken"))
         unused = status is not None and (status.state is State.UNKNOWN or not _UNUSED.isdisjoint(said))
         if status is not None and unused and (why := wrong_in(status.reason)):
-            return Told(Step.REFUSED, Picture.NOTHING, Words("refused"), wrong=why)
+            return Instruction(Step.REFUSED, Picture.NOTHING, Words("refused"), wrong=why)
         if status is None or status.state in (State.UNKNOWN, State.LOST):
-            return Told(Step.AWAY, Picture.NOTHING, Words("away"))
+            return Instruction(Step.AWAY, Picture.NOTHING, Words("away"))
         if status.state is State.WARMING:
-            return Told(Step.WARM, Picture.EDGE, Words("warm"), needed=self._order(()))
+            return Instruction(Step.WARM, Picture.EDGE, Words("warm"), needed=self._order(()))
         if status.state in _CALIBRATED:
             return self._over(status)
         return self._under_way(status)
 
-    def _over(self, status: Status) -> Told:
+    def _over(self, status: Status) -> Instruction:
         self._rebooted = False
         why, exact = wrong_in(status.reason), status.state is State.TRACKING
         if self._began and status.calibration == self._before:
-            return Told(Step.CANCELLED, Picture.EDGE, Words("cancelled_old"), wrong=why)
+            return Instruction(Step.CANCELLED, Picture.EDGE, Words("cancelled_old"), wrong=why)
         step, words, ring = (Step.DONE, Words("done"), 1.0) if self._began else (Step.IDLE, Words("idle"), 0.0)
         if exact:
-            return Told(step, Picture.WELL, words, ring, done=self._order(()))
-        return Told(step, Picture.EDGE, Words("degraded"), ring, done=self._order(()), wrong=why)
+            return Instruction(step, Picture.WELL, words, ring, done=self._order(()))
+        return Instruction(step, Picture.EDGE, Words("degraded"), ring, done=self._order(()), wrong=why)
 
-    def _under_way(self, status: Status) -> Told:
+    def _under_way(self, status: Status) -> Instruction:
         hand = self.hand
         done = status.axes_done
         needed = self._order(done)
@@ -159,7 +159,7 @@ class Guide:
         if self._horizontal:
             wrong = tuple(one for one in wrong if not self._is_standing_up(one))
         if status.state is State.AWAITING_STILL:
-            return Told(
+            return Instruction(
                 Step.PLACE, Picture.EDGE, Words("place"), hand.rested, done=done, needed=needed, wrong=wrong,
             )  # fmt: skip
         if self.method in BY_MOVEMENTS:
@@ -169,9 +169,11 @@ class Guide:
         axis = needed[0] if needed else 0
         way = self._way(axis)
         if way is Picture.SIDE:
-            return Told(Step.STAND, Picture.POSE, Words("stand"), axis=axis, done=done, needed=needed, wrong=wrong)
+            return Instruction(
+                Step.STAND, Picture.POSE, Words("stand"), axis=axis, done=done, needed=needed, wrong=wrong
+            )
         words = Words(f"{'again' if wrong else 'turn'}_{way}", {"axis": AXES[axis]})
-        return Told(Step.TURN, way, words, 0.0, 0.0, axis, done, needed, wrong)
+        return Instruction(Step.TURN, way, words, 0.0, 0.0, axis, done, needed, wrong)
 
     def _is_standing_up(self, one: Sentence) -> bool:
         """Whether a movement that was no turn only stood the device on its side, or the device has been stood so since."""
@@ -179,21 +181,21 @@ class Guide:
             return float(one.params["angle_deg"]) < _QUARTER
         return one.code == Code.VERTICAL_TURN and self._way(AXES.index(one.params["axis"])) is not Picture.SIDE
 
-    def _between_poses(self, status: Status) -> Told:
+    def _between_poses(self, status: Status) -> Instruction:
         """A rest on each side, movements between them; the estimator says when they show the whole matrix."""
         hand = self.hand
         wrong = tuple(one for one in wrong_in(status.reason) if one.code not in _OF_TURNS)
         if hand.still_s > 0 and not hand.settled:
-            return Told(Step.SETTLE, Picture.EDGE, Words("settle"), hand.rested, wrong=wrong)
+            return Instruction(Step.SETTLE, Picture.EDGE, Words("settle"), hand.rested, wrong=wrong)
         key = self.method if len(self._sides) < SIDES else "more"
-        return Told(Step.POSE, Picture.POSE, Words(f"pose_{key}"), len(self._sides) / SIDES, wrong=wrong)
+        return Instruction(Step.POSE, Picture.POSE, Words(f"pose_{key}"), len(self._sides) / SIDES, wrong=wrong)
 
     @property
     def _sure(self) -> bool:
         """Whether rests count now: a calibration is under way, and they are of this boot."""
         return self._status is not None and self._status.state in CALIBRATING and self.hand.boot == self._status.boot
 
-    def _turning(self, status: Status, done: tuple[int, ...], needed: tuple[int, ...]) -> Told:
+    def _turning(self, status: Status, done: tuple[int, ...], needed: tuple[int, ...]) -> Instruction:
         hand = self.hand
         axis = hand.axis
         about = axis if axis is not None else needed[0] if needed else 0
@@ -201,12 +203,12 @@ class Guide:
         picture = self._way(about)
         whole = abs(angle) >= _FULL / TurnKnobs().k_max
         if hand.settled or (hand.still_s > 0 and whole):
-            return Told(
+            return Instruction(
                 Step.SETTLE, Picture.EDGE, Words("settle"), hand.rested, angle, axis, done, needed,
             )  # fmt: skip
         words = Words("turning") if axis is None else Words("turning_about", {"axis": AXES[axis]})
         ring = min(1.0, abs(angle) / _FULL)
-        return Told(Step.TURNING, picture, words, ring, angle, axis, done, needed)
+        return Instruction(Step.TURNING, picture, words, ring, angle, axis, done, needed)
 
     def _judging(self, status: Status) -> bool:
         """Whether a turn goes on, or is over and nothing was said of it yet."""

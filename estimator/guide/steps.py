@@ -49,7 +49,7 @@ class Picture(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Instruction:
     """What is told now.
 
     ring: 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING). angle: rad turned about `axis`, signed.

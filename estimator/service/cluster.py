@@ -11,12 +11,12 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Holding, Move, Owned
 from bridge.wire.refusal import Refusal, Tally
 from estimator.client.decoder import Decoder
+from estimator.service.checkpoints import Checkpoints, checkpoint_of
 from estimator.service.device import Device
+from estimator.service.device_roster import MAX_DEVICES
 from estimator.service.membership import LEASE_S, Membership
 from estimator.service.ownership import BEYOND
-from estimator.service.replay import ReplayLog
-from estimator.service.replicas import Replicas, checkpoint_of
-from estimator.service.roster import MAX_DEVICES
+from estimator.service.replay_log import ReplayLog
 
 log = logging.getLogger(__name__)
 
@@ -45,7 +45,7 @@ class Cluster:
     ) -> None:
         now = time.monotonic()
         self.membership = Membership(own, peers, now)
-        self.replicas = Replicas(MAX_DEVICES)
+        self.replicas = Checkpoints(MAX_DEVICES)
         self._bus, self._now_ns, self._counts = bus, now_ns, counts
         self._replay = ReplayLog()
         #: whether there ever was another estimator

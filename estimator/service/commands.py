@@ -1,4 +1,4 @@
-"""Commands from people: taken in on a thread of the bus, done and answered on the service's own.
+"""Commands from people: who may give them, received on a thread of the bus, done on the service's own.
 
 A command sent again with the same request id gets the same answer, changes nothing, and is counted: so a recording of commands
 that is played does nothing. A command that waited too long is not done. It is answered once it is written down.

@@ -11,12 +11,12 @@ from bridge.bus.contract import Message
 from bridge.wire import codec, keys
 from bridge.wire import columns_pb2 as messages_pb2
 from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES, MAX_SEQUENCE
-from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.messages import VERSION, SampleFlag
 from bridge.wire.refusal import Refusal
-from estimator.device.samples import UNFIT, WIDTH, Samples
-from estimator.loops.samples import unpacked
+from bridge.wire.validation import MAX_TIME_NS
+from estimator.kernels.samples import unpacked
+from estimator.samples.sample_buffer import UNFIT, WIDTH, Samples
 
 #: largest gyro, accel, °C and host time; all flags that there are, those that make a reading unfit, and its °C
 _LIMITS = np.array(

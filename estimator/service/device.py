@@ -10,11 +10,11 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowBatch
 from bridge.wire.refusal import Reason
 from estimator.device.admission import Admission
-from estimator.device.correct import Cut, Rates
-from estimator.service import published
+from estimator.device.batch_correction import Cut, Rates
+from estimator.device.session import DeviceSession
+from estimator.device.session_knobs import SessionKnobs
+from estimator.service import output
 from estimator.service.overload import OVERLOADED, UNKEPT
-from estimator.session import DeviceSession
-from estimator.session_knobs import SessionKnobs
 
 #: messages kept for late and returning subscribers: as many corrected ones as a bridge keeps of 50 ms, and some more
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
@@ -79,7 +79,7 @@ class Device:
         self.announced_at = ANNOUNCED_AT
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
-        self._encoder = published.Encoder(name, epoch)
+        self._encoder = output.Encoder(name, epoch)
 
     @property
     def counted(self) -> Counted:
@@ -120,7 +120,7 @@ class Device:
 
     def say_windows(self, batch: WindowBatch) -> None:
         """Publish windows, if they can be said."""
-        fit = published.windows(batch)
+        fit = output.windows(batch)
         if fit is not None and self._windowed is not None:
             self._windowed.put(codec.encode_windows(fit))
 
@@ -180,7 +180,7 @@ class Device:
 
     def say_revision(self, revision: BiasRevision) -> None:
         """Publish what the bias of the past was, if there is anything in it that can be said."""
-        fit = published.revision(revision)
+        fit = output.revision(revision)
         if fit is not None and (self._publishers or self._announced()):
             self._say("revision", codec.encode_revision(fit))
 
@@ -204,7 +204,7 @@ class Device:
             silent_s=silent_s,
             more=more,
         )
-        return published.status(said)
+        return output.status(said)
 
     def delay(self) -> float:
         """Seconds from the receipt of a sample to its publication, once since the last call; NaN when none was published."""

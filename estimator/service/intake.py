@@ -12,17 +12,17 @@ from bridge.reasons.catalogue import english
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Refusal, Tally
 from estimator.client.decoder import Decoder
-from estimator.device.correct import Cut, correct
-from estimator.device.samples import Samples
-from estimator.device.source import BEGINS, Ruling
-from estimator.outcome import Outcome
-from estimator.service.boots import Boots
+from estimator.device.batch_correction import Cut, correct
+from estimator.device.bridge_choice import BEGINS, Ruling
+from estimator.device.outcome import Outcome
+from estimator.samples.sample_buffer import Samples
+from estimator.service.boot_start import Boots
 from estimator.service.decode import decode
 from estimator.service.device import Device
-from estimator.service.isolation import Isolation
-from estimator.service.replay import DONE, Resumed
-from estimator.service.roster import Roster
-from estimator.service.stock import Stock
+from estimator.service.device_roster import DeviceRoster
+from estimator.service.fault_isolation import FaultIsolation
+from estimator.service.periodic_checks import PeriodicChecks
+from estimator.service.replay_log import DONE, Resumed
 
 log = logging.getLogger(__name__)
 
@@ -38,10 +38,10 @@ class Intake:
 
     def __init__(
         self,
-        devices: Roster,
+        devices: DeviceRoster,
         boots: Boots,
-        stock: Stock,
-        guarded: Isolation,
+        stock: PeriodicChecks,
+        guarded: FaultIsolation,
         resumed: Resumed,
         counts: Tally,
         tell: Callable[[Device, Outcome], None],

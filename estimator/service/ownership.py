@@ -13,7 +13,7 @@ from functools import lru_cache
 from hashlib import blake2b
 from zlib import crc32
 
-from bridge.wire.checks import MAX_EPOCH
+from bridge.wire.validation import MAX_EPOCH
 
 _OWN_BITS = 16
 OWN = (1 << _OWN_BITS) - 1

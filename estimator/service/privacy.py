@@ -4,7 +4,7 @@ import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from estimator.config import Ward
+from estimator.config.schema import Ward
 
 _READ, _ENTER = stat.S_IROTH, stat.S_IXOTH
 

@@ -8,17 +8,18 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from importlib import import_module
 
+from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus, BusError, Declared
-from bridge.bus.self_test import self_test
-from bridge.config import listening
-from bridge.health import Health
+from bridge.bus.startup import claim_id, wait_for_router
+from bridge.config.schema import listening
 from bridge.pki.member import Role
-from bridge.process import alone, connected, stopped_by_signal
-from estimator.config import Ward
+from bridge.runtime.health_server import HealthServer
+from bridge.runtime.signals import stopped_by_signal
+from estimator.config.schema import Ward
 from estimator.database import Database, StoreError
 from estimator.database.owner import owned
-from estimator.loops.compiled import ready
-from estimator.service.vitals import Vitals
+from estimator.kernels.compiled import ready
+from estimator.service.health import ServiceHealth
 
 log = logging.getLogger(__name__)
 
@@ -37,11 +38,11 @@ def run(ward: Ward) -> None:
         raise ValueError("no estimator is configured")
     gc.set_threshold(_CYCLES)
     kernels = _load()
-    vitals = Vitals(expects=bool(ward.bridge and ward.bridge.devices), routers=ward.bus.routers)
+    vitals = ServiceHealth(expects=bool(ward.bridge and ward.bridge.devices), routers=ward.bus.routers)
     with stopped_by_signal() as stop, ExitStack() as stack:
         if ward.estimator.health:
             try:
-                stack.enter_context(Health(listening(ward.estimator.health), vitals.asked))
+                stack.enter_context(HealthServer(listening(ward.estimator.health), vitals.asked))
             except OSError:
                 _look_for_another(ward, ward.estimator.id, stop)  # which would be why
                 raise
@@ -53,7 +54,7 @@ def run(ward: Ward) -> None:
             stack.enter_context(owned(ward.estimator.store))  # it may just have been ending
         database = Database(ward.estimator.store, patient=True, alone=True, backups=ward.estimator.backups)
         stack.callback(database.close)
-        bus = connected(routers, stop, patient=True)
+        bus = wait_for_router(routers, stop, patient=True)
         if bus is None:
             return
         stack.enter_context(bus)
@@ -62,11 +63,11 @@ def run(ward: Ward) -> None:
         others = set[str]()
         stack.enter_context(closing(look_round(bus, ward.ward, ward.estimator.id, _load_service, others.add)))
         kernels.result()
-        from estimator.service.clerk import Clerk  # noqa: PLC0415 - see _load_service
-        from estimator.service.shell import Service  # noqa: PLC0415
+        from estimator.service.run_loop import Service  # noqa: PLC0415
         from estimator.service.store import Store  # noqa: PLC0415
+        from estimator.service.store_writer import StoreWriter  # noqa: PLC0415 - see _load_service
 
-        clerk = Clerk(database)
+        clerk = StoreWriter(database)
         stack.callback(clerk.close)
         store = Store(database)
         Service(
@@ -84,7 +85,7 @@ def run(ward: Ward) -> None:
 def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
     """Raise BusError where an estimator of our own id is there already; a router that cannot be asked is no news now."""
     try:
-        bus = connected(ward.bus.routers, stop, patient=False)
+        bus = wait_for_router(ward.bus.routers, stop, patient=False)
     except BusError:
         return
     if bus is not None:
@@ -104,7 +105,7 @@ def _load() -> Future[None]:
 
 def _load_service() -> None:
     """Load the service while it is waited for what others say."""
-    import_module("estimator.service.shell")
+    import_module("estimator.service.run_loop")
 
 
 def look_round(
@@ -115,4 +116,4 @@ def look_round(
     another: Callable[[str], object] = lambda _: None,
 ) -> Declared:
     """Watch the other estimators of the ward, another(id) is told of each; raises BusError when one has our own id."""
-    return alone(bus, ward, "estimator", own, another, meanwhile)
+    return claim_id(bus, ward, "estimator", own, another, meanwhile)

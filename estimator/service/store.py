@@ -19,11 +19,11 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
 from estimator.database import Database, Row, StoreError
-from estimator.remembered import Remembered
-from estimator.restore import differing, restore_key
+from estimator.device.prior_knowledge import PriorKnowledge
+from estimator.device.restore_key import differing, restore_key
 from estimator.service.retention import BOOTS, POINTS, THIN
-from estimator.track.bias_filter import OWN, BiasState
-from estimator.track.learning import Points
+from estimator.tracking.bias_filter import OWN, BiasState
+from estimator.tracking.temperature_learning import Points
 
 __all__ = ["BOOTS", "POINTS", "REPEATED", "Before", "Store", "StoreError"]
 
@@ -232,17 +232,17 @@ class Store:
             return bool(row["accepted"]), read_sentences(row["message"])
         return None
 
-    def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
+    def recall(self, device: str, boot: int, now_ns: int) -> PriorKnowledge | None:
         """The calibration of this very boot, if it has one, with the bias since, and its age at now_ns."""
         calibration = self.calibrated(device, boot)
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
             if (kept := _kept(row)) is not None:
                 age_s = (now_ns - row["time_ns"]) / 1e9
-                found = Remembered(calibration, kept.state(), age_s, kept.doubted, kept.asked)
+                found = PriorKnowledge(calibration, kept.state(), age_s, kept.doubted, kept.asked)
                 if calibration is not None and kept.calibration != calibration.id:
                     return found.under(calibration)
                 return found
-        return None if calibration is None else Remembered(calibration, None)
+        return None if calibration is None else PriorKnowledge(calibration, None)
 
     def session(self, device: str, boot: int) -> tuple[bytes, str]:
         """The whole session of this very boot, as an estimator stopped in order left it, and the bridge it was heard from."""

@@ -1,7 +1,4 @@
-"""State as bytes: typed structs by msgspec, arrays as shape and float64 values, all of it deflated; checked when it is read.
-
-Each stateful class keeps what evolves in one struct, apart from its knobs and from constants: copying that is saving it.
-"""
+"""State as bytes: typed structs by msgspec, arrays as shape and float64 values, all of it deflated; checked when it is read."""
 
 import zlib
 from typing import Any, TypeVar

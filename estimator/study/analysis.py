@@ -12,8 +12,8 @@ import numpy as np
 from msgspec import Struct
 from rich.console import RenderableType
 
-from bridge.columns import Column, Columns
-from bridge.sim.paper import PaperPlan
+from bridge.sim.paper_sessions import PaperPlan
+from bridge.terminal.tables import Column, Columns
 from estimator.study import simulation
 from estimator.study.simulation import METHODS
 from estimator.study.study import Arrays, Finding, Job, Parts, Scenario, Study, generator
@@ -38,7 +38,7 @@ class Factor(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Base(Struct, frozen=True, forbid_unknown_fields=True):
-    """What does not vary: see bridge.sim.paper.PaperPlan."""
+    """What does not vary: see bridge.sim.paper_sessions.PaperPlan."""
 
     noise_dps: float
     rate_hz: float
@@ -177,7 +177,7 @@ def tables(found: Analysis) -> Sequence[RenderableType]:
 
 def draw(found: Analysis, folder: Path) -> Sequence[str]:
     """A panel a cause."""
-    from estimator.figures.sweeps import analysis  # noqa: PLC0415 - matplotlib takes a second to load
+    from estimator.study.figures.sweeps import analysis  # noqa: PLC0415 - matplotlib takes a second to load
 
     analysis(found, folder / "analysis")
     return ("analysis",)

@@ -5,7 +5,7 @@ from pathlib import Path
 from msgspec import structs
 from rich.console import Console
 
-from bridge.toml_file import ConfigError
+from bridge.toml.loader import ConfigError
 from estimator.study import report
 from estimator.study.real import RealScenario
 from estimator.study.registry import STUDIES

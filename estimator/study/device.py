@@ -9,12 +9,12 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from bridge.recording import Recording
-from bridge.shipped import file_of
-from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
+from bridge.sim.imu_errors import ImuErrorModel, ImuSpec, Truth
 from bridge.sim.motion import GRAVITY, Motion, Piece
-from bridge.sim.script import SessionPlan, TurnPlan, flat, session
-from bridge.toml_file import load
-from estimator.noise_model import load_model
+from bridge.sim.motion_scripts import SessionPlan, TurnPlan, flat, session
+from bridge.toml.loader import load
+from bridge.toml.shipped import file_of
+from estimator.noise.device_model import load_model
 from estimator.study.study import FOLDERS
 
 Floats = NDArray[np.float64]
@@ -89,7 +89,7 @@ def load_device(name: str) -> Device:
 
 
 class Hand(Struct, frozen=True, forbid_unknown_fields=True):
-    """How the device is turned by hand: see bridge.sim.script.SessionPlan."""
+    """How the device is turned by hand: see bridge.sim.motion_scripts.SessionPlan."""
 
     rest_s: float
     turn_s: tuple[float, float]
@@ -149,7 +149,7 @@ def record(
         accel_noise=device.accel_noise,
         temperature_c=(_ROOM_C, _ROOM_C),
     )
-    read = Imperfection(spec, rng, truth).read(motion)
+    read = ImuErrorModel(spec, rng, truth).read(motion)
     limit = np.radians(device.range_dps)
     made = Recording(time_s, read.gyro, read.accel, None, device.rate_hz, device.name, gyro_range=float(limit))
     return Recorded(made, motion.rate, ends_s)

@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Struct
 from rich.console import RenderableType
 
-from bridge.columns import Column, Columns
+from bridge.terminal.tables import Column, Columns
 from estimator.study import simulation
 from estimator.study.simulation import METHODS, PARAMETERS, WORDS, Simulation
 from estimator.study.spread import Spread, holds, spread
@@ -106,7 +106,7 @@ def tables(found: Errors) -> Sequence[RenderableType]:
 
 def draw(found: Errors, folder: Path) -> Sequence[str]:
     """Box plots."""
-    from estimator.figures.simulations import errors  # noqa: PLC0415 - matplotlib takes a second to load
+    from estimator.study.figures.simulations import errors  # noqa: PLC0415 - matplotlib takes a second to load
 
     errors(found, folder / "errors")
     return ("errors",)

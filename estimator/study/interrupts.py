@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def unheard() -> Iterator[None]:
+def ignore_interrupts() -> Iterator[None]:
     """Processes that are started meanwhile never hear of it."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Struct
 from rich.console import RenderableType
 
-from bridge.columns import Column, Columns
+from bridge.terminal.tables import Column, Columns
 from estimator.study.spread import Spread, spread
 from estimator.study.study import Arrays, Finding, Job, Parts, Study
 from estimator.study.verification import WORDS, Inputs, Verification, VerificationScenario, inputs, jobs, verify
@@ -110,7 +110,7 @@ def tables(found: Magnitude) -> Sequence[RenderableType]:
 
 def draw(found: Magnitude, folder: Path) -> Sequence[str]:
     """Magnitudes over time."""
-    from estimator.figures.traces import magnitude  # noqa: PLC0415 - matplotlib takes a second to load
+    from estimator.study.figures.traces import magnitude  # noqa: PLC0415 - matplotlib takes a second to load
 
     magnitude(found, folder / "magnitude")
     return ("magnitude",)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.sim.paper import PaperSessions
-from estimator import rotation
-from estimator.batch.closure_fit import Evidence, fit, linearise
+from bridge.sim.paper_sessions import PaperSessions
+from estimator.calibration.closure_fit import Evidence, fit, linearise
+from estimator.geometry import rotation
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from rich.console import RenderableType
 
-from bridge.columns import Column, Columns
-from estimator import rotation
+from bridge.terminal.tables import Column, Columns
+from estimator.geometry import rotation
 from estimator.study.spread import Spread, spread
 from estimator.study.study import Arrays, Finding, Job, Parts, Study
 from estimator.study.verification import WORDS, Inputs, VerificationScenario, inputs, jobs, verify
@@ -121,7 +121,7 @@ def tables(found: Orientation) -> Sequence[RenderableType]:
 
 def draw(found: Orientation, folder: Path) -> Sequence[str]:
     """Angles over time, before and after."""
-    from estimator.figures.traces import orientation  # noqa: PLC0415 - matplotlib takes a second to load
+    from estimator.study.figures.traces import orientation  # noqa: PLC0415 - matplotlib takes a second to load
 
     orientation(found, folder / "orientation")
     return ("orientation",)

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 
-from bridge.columns import Column, Columns
 from bridge.recording import Recording
-from bridge.sim.imperfection import ImuSpec
-from bridge.sim.script import TurnPlan
-from bridge.sim.session import Session, simulate_session
+from bridge.sim.calibration_session import Session, simulate_session
+from bridge.sim.imu_errors import ImuSpec
+from bridge.sim.motion_scripts import TurnPlan
+from bridge.terminal.tables import Column, Columns
 from bridge.wire.messages import Verdict
-from estimator import offline
-from estimator.batch.axes import MAPPINGS
-from estimator.batch.result import Result
-from estimator.session_knobs import SessionKnobs
-from estimator.study.interrupts import unheard
+from estimator.calibration.axis_alignment import MAPPINGS
+from estimator.calibration.result import Result
+from estimator.device.session_knobs import SessionKnobs
+from estimator.offline import recordings
+from estimator.study.interrupts import ignore_interrupts
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
@@ -226,7 +226,7 @@ def try_one(job: tuple[str, int, str]) -> tuple[str, bool, bool, bool]:
     """(kind, accepted, wrong, too sure) of one kind, seed and method."""
     kind, seed, method = job
     trial = (good if kind == GOOD else {**BAD, **UNDETECTABLE}[kind])(seed)
-    result, _ = offline.calibrate(trial.recording, method, knobs=trial.knobs)
+    result, _ = recordings.calibrate(trial.recording, method, knobs=trial.knobs)
     return kind, result.verdict is Verdict.ACCEPTED, is_wrong(result, trial.k), is_too_sure(result, trial.k)
 
 
@@ -243,7 +243,7 @@ def run(console: Console, runs: int, method: str, workers: int | None) -> None:
     jobs += [(kinds[seed % len(kinds)], seed, method) for seed in range(runs)]
     jobs += [(undetectable[seed % len(undetectable)], seed, method) for seed in range(runs // 5)]
     seen, accepted, wrong, too_sure = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
-    with unheard():
+    with ignore_interrupts():
         started = multiprocessing.get_context("spawn").Pool(workers)
     with started as pool:
         found = pool.imap_unordered(try_one, jobs, chunksize=16)

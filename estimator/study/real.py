@@ -7,10 +7,10 @@ import numpy as np
 from msgspec import Struct
 from rich.console import RenderableType
 
-from bridge.columns import Column, Columns
 from bridge.reasons.catalogue import english
 from bridge.recording import Recording, load
-from estimator import offline
+from bridge.terminal.tables import Column, Columns
+from estimator.offline import recordings
 from estimator.study.study import Arrays, Job, Parts, Scenario, Study
 
 METHODS = ("turn360", "closure", "transitions", "accel_aided")
@@ -69,11 +69,11 @@ def results(of: RealScenario, parts: Parts) -> Real:
     (part,) = parts.values()
     accel = part["accel"] if len(part["accel"]) else None
     recording = Recording(part["time"], part["gyro"], accel, None, float(part["rate"]), Path(of.recording).name)
-    closed, _ = offline.calibrate(recording, "closure")
+    closed, _ = recordings.calibrate(recording, "closure")
     turns = {turn.axis: turn for turn in closed.turns}
     rows = [Row("imucal", "", "", [1 / k for k in of.imucal.reading_per_rate], None, list(of.imucal.closure_deg))]
     for method in METHODS:
-        result, _ = offline.calibrate(recording, method)
+        result, _ = recordings.calibrate(recording, method)
         if not np.isfinite(result.covariance).all():
             rows.append(Row(method, result.verdict.name.lower(), english(*result.reason), None, None, None))
             continue
@@ -110,7 +110,7 @@ def tables(found: Real) -> Sequence[RenderableType]:
 
 def draw(found: Real, folder: Path) -> Sequence[str]:
     """Scale factors and closures, method by method."""
-    from estimator.figures.real import real  # noqa: PLC0415 - matplotlib takes a second to load
+    from estimator.study.figures.real import real  # noqa: PLC0415 - matplotlib takes a second to load
 
     real(found, folder / "real")
     return ("real",)

@@ -9,8 +9,8 @@ from pathlib import Path
 import jinja2
 from rich.console import Console
 
-from bridge.cli_parser import sentence
-from bridge.columns import Column, Columns
+from bridge.cli.parser import sentence
+from bridge.terminal.tables import Column, Columns
 from estimator.study.paper import ITEMS, Item
 from estimator.study.runner import Done
 from estimator.study.study import Finding

@@ -19,7 +19,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from estimator.study.interrupts import unheard
+from estimator.study.interrupts import ignore_interrupts
 from estimator.study.study import Arrays, Job, Parts, Scenario, Study
 
 AnyStudy = Study[Any, Any, Any]
@@ -92,7 +92,7 @@ def _spread(workers: int | None, tasks: Sequence[Any]) -> Iterator[Iterator[tupl
         yield map(_do, tasks)
         return
     # Started anew and not copied: a copy of a process with threads may hang.
-    with unheard():
+    with ignore_interrupts():
         started = multiprocessing.get_context("spawn").Pool(workers)
     with started as pool:
         yield pool.imap_unordered(_do, tasks)

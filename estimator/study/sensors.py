@@ -9,7 +9,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from rich.console import RenderableType
 
-from bridge.columns import Column, Columns
+from bridge.terminal.tables import Column, Columns
 from estimator.study.device import PaperColumn
 from estimator.study.simulation import PARAMETERS
 from estimator.study.spread import Spread, holds, spread
@@ -159,7 +159,7 @@ def tables(found: Sensors) -> Sequence[RenderableType]:
 
 def draw(found: Sensors, folder: Path) -> Sequence[str]:
     """Differences from the turntable's truth, a figure a sensor."""
-    from estimator.figures.sensors import sensor  # noqa: PLC0415 - matplotlib takes a second to load
+    from estimator.study.figures.sensors import sensor  # noqa: PLC0415 - matplotlib takes a second to load
 
     for name in found.labels:
         sensor(found, name, folder / name)

@@ -7,7 +7,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from bridge.sim.motion import Piece, Still, Turn
-from bridge.sim.script import machine
+from bridge.sim.motion_scripts import machine
 
 Floats = NDArray[np.float64]
 _WOBBLE_HARMONICS = 4

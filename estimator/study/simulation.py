@@ -10,8 +10,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from bridge.sim.paper import PaperGyro, PaperPlan, draw_gyro, simulate
-from estimator.batch.closure import ClosureKnobs
+from bridge.sim.paper_sessions import PaperGyro, PaperPlan, draw_gyro, simulate
+from estimator.calibration.closure import ClosureKnobs
 from estimator.study import many
 from estimator.study.study import Arrays, Job, Parts, Scenario, generator
 

@@ -10,8 +10,8 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from rich.console import RenderableType
 
-from bridge.shipped import file_of
-from bridge.toml_file import load
+from bridge.toml.loader import load
+from bridge.toml.shipped import file_of
 from estimator.study.names import STUDIES
 
 S = TypeVar("S", bound="Scenario")

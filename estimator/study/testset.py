@@ -8,7 +8,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from rich.console import RenderableType
 
-from bridge.columns import Column, Columns
+from bridge.terminal.tables import Column, Columns
 from estimator.study import simulation
 from estimator.study.simulation import METHODS, WORDS, Simulation
 from estimator.study.spread import Spread, spread
@@ -123,7 +123,7 @@ def tables(found: Testset) -> Sequence[RenderableType]:
 
 def draw(found: Testset, folder: Path) -> Sequence[str]:
     """Box plots."""
-    from estimator.figures.simulations import testset  # noqa: PLC0415 - matplotlib takes a second to load
+    from estimator.study.figures.simulations import testset  # noqa: PLC0415 - matplotlib takes a second to load
 
     testset(found, folder / "testset")
     return ("testset",)

@@ -12,7 +12,7 @@ from msgspec import Struct
 
 from bridge.sim.motion import Piece
 from bridge.wire.messages import Verdict
-from estimator import offline
+from estimator.offline import recordings
 from estimator.study.device import Device, Hand, load_device, milli_g, record
 from estimator.study.sessions import AccelAided, Servomotor, Turntable
 from estimator.study.study import Arrays, Job, Scenario, generator
@@ -79,7 +79,7 @@ def work(of: Inputs, job: Job) -> Arrays:
         recorded = record(of.devices[name], pieces, rng, zero_g=zero_g)
         recording = recorded.until(np.inf, accel=accel)
         begun = perf_counter()
-        result, _ = offline.calibrate(recording, method, recording.gyro_range, tuple(np.radians(rates)))
+        result, _ = recordings.calibrate(recording, method, recording.gyro_range, tuple(np.radians(rates)))
         took.append(perf_counter() - begun)
         variance = np.diag(result.covariance)
         found.append([*result.scale, *-np.degrees(result.bias)])

@@ -7,13 +7,14 @@ import numpy as np
 from msgspec import Struct
 from rich.console import RenderableType
 
-from bridge.columns import Column, Columns
 from bridge.recording import Recording
-from bridge.sim.paper import PaperPlan, simulate
-from estimator import offline
-from estimator.batch.capture import Samples
-from estimator.batch.session import CalibrationSession, TurnFound
-from estimator.stillness import Stillness
+from bridge.sim.paper_sessions import PaperPlan, simulate
+from bridge.terminal.tables import Column, Columns
+from estimator.calibration.capture import Samples
+from estimator.calibration.session import CalibrationSession
+from estimator.calibration.session_events import TurnFound
+from estimator.offline import recordings
+from estimator.stillness.detector import Stillness
 from estimator.study.simulation import PARAMETERS, gyro_of
 from estimator.study.study import Arrays, Finding, Job, Parts, Scenario, Study, generator
 
@@ -79,7 +80,7 @@ def results(of: TypicalScenario, parts: Parts) -> Typical:
     gyro = part["gyro"]
     time_s = np.arange(1, len(gyro) + 1) / of.rate_hz
     recording = Recording(time_s, gyro, None, None, of.rate_hz, "typical")
-    result, _ = offline.calibrate(recording, "turn360")
+    result, _ = recordings.calibrate(recording, "turn360")
     truth = gyro_of(of.seed, of.set_number)
     std = np.sqrt(np.diag(result.covariance))
     values = zip(
@@ -128,7 +129,7 @@ def tables(found: Typical) -> Sequence[RenderableType]:
 
 def draw(found: Typical, folder: Path) -> Sequence[str]:
     """The readings, stages shaded."""
-    from estimator.figures.traces import typical  # noqa: PLC0415 - matplotlib takes a second to load
+    from estimator.study.figures.traces import typical  # noqa: PLC0415 - matplotlib takes a second to load
 
     typical(found, folder / "typical")
     return ("typical",)

@@ -8,9 +8,9 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from bridge.sim.motion import Piece, Still
-from bridge.sim.script import machine
+from bridge.sim.motion_scripts import machine
 from bridge.wire.messages import Verdict
-from estimator import offline
+from estimator.offline import recordings
 from estimator.study.device import Device, Hand, Recorded, load_device, record
 from estimator.study.sessions import turn_s
 from estimator.study.study import Job, Scenario, generator
@@ -73,7 +73,7 @@ def verify(of: Inputs, job: Job) -> Verification:
     recorded = record(device, [*by_hand, *turning], rng)
     calibrated_s = float(recorded.ends_s[len(by_hand) - 1])
     session = recorded.until(calibrated_s)
-    found = {method: offline.calibrate(session, method, session.gyro_range)[0] for method in METHODS}
+    found = {method: recordings.calibrate(session, method, session.gyro_range)[0] for method in METHODS}
     after = recorded.recording.time_s > calibrated_s
     reading = recorded.recording.gyro[after]
     column = device.paper["turn360"]

@@ -1,1 +1,4 @@
-"""The dashboard, a ward on a page: pure views of what the bus says, frames encoded once for all viewers, a small server."""
+"""The dashboard: pure views of what the bus says, frames encoded once for all viewers, a small server.
+
+Begin at `ward_state` (all that was heard) and `app`.
+"""

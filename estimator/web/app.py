@@ -16,11 +16,11 @@ from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
 from estimator.web import device_pages, guide_pages, live, pages, report_pages
-from estimator.web.api import places
+from estimator.web.api import routes as places
 from estimator.web.broadcast import Broadcast
-from estimator.web.desk import Desk
-from estimator.web.fault import Fault
 from estimator.web.guard import Guard, dress
+from estimator.web.http_error import Fault
+from estimator.web.site import Desk
 
 STATIC = Path(__file__).parent / "static"
 

@@ -6,7 +6,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from estimator.web.desk import VERBS
+from estimator.web.site import VERBS
 
 #: obeys a request for a verb
 Obey = Callable[[Request, str], Awaitable[Response]]

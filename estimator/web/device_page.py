@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from math import degrees, isfinite, nan
 
 from bridge.wire.messages import Calibration, DeviceInfo, State, Status
-from estimator.guide.compare import stds
-from estimator.gyro import AXES, SIGMAS
-from estimator.texts import Texts
-from estimator.web import words
-from estimator.web.known import Known, Story
+from estimator.geometry.gyro_model import AXES, SIGMAS
+from estimator.guide.comparison import stds
+from estimator.language.texts import Texts
+from estimator.web import number_format as words
+from estimator.web.device_trail import Mark
 from estimator.web.tiles import Tile, tile, troubles
-from estimator.web.trail import Mark
+from estimator.web.ward_state import Known, Story
 
 _RECALIBRATES = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING, State.TRACKING, State.DEGRADED)
 _CANCELS = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)

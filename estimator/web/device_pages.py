@@ -8,17 +8,17 @@ from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from bridge.reasons.codes import Code
-from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.messages import CommandReply
+from bridge.wire.validation import MAX_SENTENCE
 from estimator.guide.guide import CALIBRATING
-from estimator.texts import texts
+from estimator.language.texts import texts
 from estimator.web.commanding import commands
-from estimator.web.desk import VERBS, Desk
 from estimator.web.device_page import device_page
-from estimator.web.fault import Fault
-from estimator.web.form import fields
+from estimator.web.http_error import Fault
 from estimator.web.language import language
 from estimator.web.pages import own, show
+from estimator.web.request_form import fields
+from estimator.web.site import VERBS, Desk
 
 
 def routes() -> list[BaseRoute]:

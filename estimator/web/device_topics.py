@@ -7,13 +7,13 @@ import numpy as np
 
 from bridge.wire.messages import SampleBatch
 from estimator.client import Corrected, Stream
-from estimator.web import topics, words
+from estimator.web import number_format, topics
 from estimator.web.device_page import device_page
-from estimator.web.heading import Heading, Lost
+from estimator.web.device_trail import Trail
+from estimator.web.heading_drift import Heading, Lost
 from estimator.web.hub import Frame
 from estimator.web.topics import Sources
 from estimator.web.traces import Points, Traces
-from estimator.web.trail import Trail
 from estimator.web.ward_topics import RATES_S
 
 #: points of heading are told so often
@@ -96,7 +96,7 @@ class TraceTopic:
     def _headings(self) -> str:
         """Since when, and each second of it: time, as read, as read less the first bias, σ of the corrected; degrees."""
         heading = self._heading
-        since = words.clock(round(heading.since_s * 1e9)) if heading.since_s else ""
+        since = number_format.clock(round(heading.since_s * 1e9)) if heading.since_s else ""
         about = {"since": since, "vertical": heading.vertical, "turned": degrees(heading.turned)}
         points = [_in_degrees(point) for point in heading.points]
         return topics.text(self._topic, {**about, "now": _in_degrees(heading.now), "points": points})

@@ -7,9 +7,9 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from bridge.health import own_host
-from estimator.web.api import places
-from estimator.web.fault import Fault
+from bridge.runtime.health_server import own_host
+from estimator.web.api import routes
+from estimator.web.http_error import Fault
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; "
@@ -85,6 +85,6 @@ def dress(path: str, headers: MutableHeaders) -> None:
 
 def _answer(path: str, fault: Fault) -> Response:
     """No page: it would be one of ours under a foreign name."""
-    if path.startswith(places.ROOT):
-        return places.refused(fault)
+    if path.startswith(routes.ROOT):
+        return routes.refused(fault)
     return PlainTextResponse(fault.message + "\n", fault.status)

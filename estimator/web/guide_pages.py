@@ -7,10 +7,10 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from estimator.guide.guide import Guide
-from estimator.web.desk import Desk
 from estimator.web.guide_view import guide_view
 from estimator.web.language import language
 from estimator.web.pages import show
+from estimator.web.site import Desk
 
 
 def routes() -> list[BaseRoute]:

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from math import ceil, degrees, isfinite
 
 from bridge.wire.messages import Calibration, State
-from estimator.guide.compare import compared, differing, last_before
+from estimator.geometry.gyro_model import AXES
+from estimator.guide.comparison import compared, differing, last_before
 from estimator.guide.guide import CALIBRATING, SIDES
-from estimator.guide.hand import Hand
-from estimator.guide.steps import Picture, Step, Told, Words
-from estimator.gyro import AXES
-from estimator.texts import LANGUAGES, Texts, texts
-from estimator.web import words
+from estimator.guide.hand_motion import Hand
+from estimator.guide.steps import Instruction, Picture, Step, Words
+from estimator.language.texts import LANGUAGES, Texts, texts
+from estimator.web import number_format
 from estimator.web.device_page import interval
-from estimator.web.known import Known
 from estimator.web.tiles import troubles
+from estimator.web.ward_state import Known
 
 _RESTS = (Step.PLACE, Step.SETTLE)
 _OVER = (Step.IDLE, Step.DONE, Step.CANCELLED)
@@ -76,7 +76,7 @@ class GuideView:
     say: Mapping[str, Said]
 
 
-def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
+def guide_view(told: Instruction, known: Known, device: str, now: float) -> GuideView:
     """What is to be shown now of a device that was heard of."""
     story = known.stories[device]
     status = story.status
@@ -100,11 +100,11 @@ def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
     )
 
 
-def unless_broken(told: Told, known: Known, device: str, now: float) -> Told:
+def unless_broken(told: Instruction, known: Known, device: str, now: float) -> Instruction:
     """What is told, or, where the ward itself keeps it from being heard, that: it is not the device's fault."""
     if not known.broken(device, now):
         return told
-    return Told(Step.BROKEN, Picture.NOTHING, Words("broken"), rebooted=told.rebooted)
+    return Instruction(Step.BROKEN, Picture.NOTHING, Words("broken"), rebooted=told.rebooted)
 
 
 def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
@@ -125,10 +125,12 @@ def against(calibration: Calibration, before: Calibration | None, t: Texts) -> s
     if before is None:
         return t("guide.first")
     axes = ", ".join(AXES[axis] for axis in differing(compared(calibration, before)))
-    return t(f"guide.{'differs' if axes else 'same'}", when=words.clock(before.time_ns), axes=axes)
+    return t(f"guide.{'differs' if axes else 'same'}", when=number_format.clock(before.time_ns), axes=axes)
 
 
-def _said(told: Told, known: Known, calibration: Calibration | None, before: Calibration | None, t: Texts) -> Said:
+def _said(
+    told: Instruction, known: Known, calibration: Calibration | None, before: Calibration | None, t: Texts
+) -> Said:
     percent, angle = round(100 * told.ring), f"{abs(degrees(told.angle)):.0f}°"
     progress = {Step.TURNING: t("guide.turned", angle=angle), Step.TURN: t("guide.turned", angle="0°")}
     progress[Step.POSE] = t("guide.sides", seen=len(told.sides or ()))
@@ -145,7 +147,7 @@ def _said(told: Told, known: Known, calibration: Calibration | None, before: Cal
     )
 
 
-def _turns(told: Told, t: Texts) -> list[Turn]:
+def _turns(told: Instruction, t: Texts) -> list[Turn]:
     found = []
     turning = told.step in (Step.TURN, Step.STAND, Step.TURNING, Step.SETTLE)
     if told.sides is not None and told.step not in _OVER:
@@ -165,7 +167,7 @@ def _side(side: int, seen: Sequence[int], t: Texts) -> Turn:
     return Turn(AXES[side // 2], Picture.POSE, mark, t(f"guide.{way}"), t(f"guide.{mark}"))
 
 
-def _tone(told: Told) -> str:
+def _tone(told: Instruction) -> str:
     if told.step in (Step.AWAY, Step.BROKEN, Step.REFUSED):
         return "bad"
     if told.step in _OVER:
@@ -173,7 +175,7 @@ def _tone(told: Told) -> str:
     return "ask" if told.wrong else "busy"
 
 
-def _centre(told: Told) -> str:
+def _centre(told: Instruction) -> str:
     """What is counted: seconds that are left, or degrees turned."""
     if told.step in _RESTS:
         return "✓" if told.ring >= 1 else f"{ceil((1 - told.ring) * _REST_S)} s"

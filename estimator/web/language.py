@@ -3,7 +3,7 @@
 from starlette.requests import Request
 from starlette.responses import Response
 
-from estimator.texts import LANGUAGES, chosen
+from estimator.language.texts import LANGUAGES, chosen
 
 COOKIE = "truerate-language"
 _YEAR_S = 365 * 86400

@@ -14,7 +14,7 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from bridge.wire.refusal import Tally
-from estimator.web.address import neighbourhood
+from estimator.web.client_address import neighbourhood
 
 log = logging.getLogger(__name__)
 

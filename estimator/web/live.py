@@ -9,9 +9,9 @@ from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from estimator.web import topics
-from estimator.web.address import neighbourhood
-from estimator.web.desk import Desk
+from estimator.web.client_address import neighbourhood
 from estimator.web.hub import TOPICS, Hub, Viewer
+from estimator.web.site import Desk
 
 #: whoever has not said what it watches by then is no page of ours
 FIRST_S = 15.0

@@ -11,12 +11,12 @@ from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 from starlette.templating import Jinja2Templates
 
-from estimator.texts import LANGUAGES, texts
+from estimator.language.texts import LANGUAGES, texts
 from estimator.web import cookie
-from estimator.web.desk import Desk
-from estimator.web.fault import Fault
-from estimator.web.form import fields
+from estimator.web.http_error import Fault
 from estimator.web.language import keep, language
+from estimator.web.request_form import fields
+from estimator.web.site import Desk
 from estimator.web.tiles import ward_page
 
 TEMPLATES = Jinja2Templates(Path(__file__).parent / "templates")

@@ -6,7 +6,7 @@ from functools import cache
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
-from estimator.web.settings import Person
+from estimator.config.dashboard import Person
 
 MIN_LENGTH = 10
 _HASHER = PasswordHasher()

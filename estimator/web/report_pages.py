@@ -10,13 +10,13 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from estimator.history import History
-from estimator.texts import texts
-from estimator.web import reports, words
-from estimator.web.desk import Desk
-from estimator.web.fault import Fault
+from estimator.language.texts import texts
+from estimator.service.history import History
+from estimator.web import number_format, reports
+from estimator.web.http_error import Fault
 from estimator.web.language import language
 from estimator.web.pages import show
+from estimator.web.site import Desk
 
 
 def routes() -> list[BaseRoute]:
@@ -64,6 +64,6 @@ def _drawn(of: History) -> bytes:
 
 
 def _report(request: Request, template: str, page: object, **more: object) -> Response:
-    zone = words.zone_name(datetime.now().astimezone())
-    values = {"page": page, "made": words.clock(time.time_ns()), "zone": zone, "version": version("truerate")}
+    zone = number_format.zone_name(datetime.now().astimezone())
+    values = {"page": page, "made": number_format.clock(time.time_ns()), "zone": zone, "version": version("truerate")}
     return show(request, template, {**values, **more})

@@ -7,14 +7,14 @@ from math import degrees
 import numpy as np
 
 from bridge.wire.messages import Calibration, Status
-from estimator.guide.compare import last_before
-from estimator.gyro import AXES
-from estimator.history import Biases, History
-from estimator.texts import Texts
-from estimator.web import words
+from estimator.geometry.gyro_model import AXES
+from estimator.guide.comparison import last_before
+from estimator.language.texts import Texts
+from estimator.service.history import Biases, History
+from estimator.web import number_format
 from estimator.web.guide_view import Axis, against, rows
-from estimator.web.known import Known, Story
 from estimator.web.tiles import NEEDS, toned, troubles, word
+from estimator.web.ward_state import Known, Story
 
 #: times the least standard deviation of a bias beyond which a point says nothing beside it
 _UNSURE = 20.0
@@ -83,11 +83,11 @@ def certificate(calibration: Calibration, known: Iterable[Calibration], status: 
         ("what", f"{c.model} {c.firmware}".strip()),
         ("range", f"±{degrees(c.gyro_range):.0f} °/s" if c.gyro_range else ""),
         ("rate", f"{c.rate_hz:g} Hz" if c.rate_hz else ""),
-        ("when", words.clock(c.time_ns)),
+        ("when", number_format.clock(c.time_ns)),
         ("who", c.who or t("report.nobody")),
         ("method", c.method),
         ("reason", t.text(c.reason)),
-        ("temperature", words.temperature(c.temperature_c)),
+        ("temperature", number_format.temperature(c.temperature_c)),
         ("noise", f"{noise} °/s" if np.any(c.noise_std) else ""),
         ("boot", f"{c.boot:016x}"),
         ("id", c.id),
@@ -99,11 +99,13 @@ def certificate(calibration: Calibration, known: Iterable[Calibration], status: 
         in_use=status is not None and status.calibration == c.id,
         facts=[(t(f"report.{name}"), value) for name, value in facts if value],
         result=rows(c, before) if c.parameters else (),
-        matrix=[[f"{value:.5f}".replace("-", words.MINUS) for value in row] for row in c.matrix] if whole else (),
+        matrix=[[f"{value:.5f}".replace("-", number_format.MINUS) for value in row] for row in c.matrix]
+        if whole
+        else (),
         turns=[
             TurnLine(
                 AXES[turn.axis],
-                f"{words.signed(degrees(turn.angle), 1)}°",
+                f"{number_format.signed(degrees(turn.angle), 1)}°",
                 f"{degrees(turn.closure_error):.2f}°",
                 f"{turn.duration_s:.1f} s",
             )
@@ -127,9 +129,9 @@ def summary(known: Known, now: float, t: Texts) -> Summary:
             state=word(row.state, t),
             tone=toned(row),
             reason=t.text(row.reason),
-            calibrated=words.clock(status.calibrated_time_ns) if status and status.calibrated_time_ns else "",
+            calibrated=number_format.clock(status.calibrated_time_ns) if status and status.calibrated_time_ns else "",
             who=made.who if made else "",
-            battery=words.battery(row.battery_percent, t, charging=row.charging),
+            battery=number_format.battery(row.battery_percent, t, charging=row.charging),
             result=rows(made, before) if made else (),
         )
     return Summary(

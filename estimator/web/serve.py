@@ -7,24 +7,25 @@ import socket
 import threading
 from pathlib import Path
 
-from bridge import os_words
+from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus
 from bridge.bus.routers import Routers
-from bridge.bus.self_test import self_test
-from bridge.config import listening
+from bridge.bus.startup import wait_for_router
+from bridge.config.schema import listening
 from bridge.pki.member import Role
-from bridge.process import asked_by, connected
+from bridge.runtime import os_errors
+from bridge.runtime.signals import asked_by
 from estimator.client import Client
-from estimator.config import Ward
-from estimator.device_knobs import Treatment, treatment
+from estimator.config.dashboard import Dashboard
+from estimator.config.device_settings import Treatment, treatment
+from estimator.config.schema import Ward
 from estimator.web import device_topics, guide_topics, topics, ward_topics
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
-from estimator.web.desk import Desk
 from estimator.web.hub import Hub
-from estimator.web.known import Known
 from estimator.web.listener import CONNECTIONS, Listener, make_room
-from estimator.web.settings import Dashboard
+from estimator.web.site import Desk
+from estimator.web.ward_state import Known
 
 __all__ = ["Server", "device_topics", "guide_topics", "run", "ward_topics"]
 
@@ -60,7 +61,7 @@ class Server:
         try:
             listener = socket.create_server((host, port), family=family, backlog=128)
         except OSError as error:
-            why = os_words.why(error)
+            why = os_errors.why(error)
             raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; --listen takes another") from error
         log.info("the dashboard of ward %s is at %s", self._ward, _place(host, listener.getsockname()[1]))
         with listener:
@@ -105,7 +106,7 @@ def routers_of(ward: Ward) -> Routers:
         return ward.bus.routers_as(Role.COMMANDER)
     routers = ward.bus.routers_as(Role.VIEWER, Role.COMMANDER)
     if routers.identity is not None:
-        from bridge.pki.identity import member_of  # noqa: PLC0415 - as in bridge.bus.routers
+        from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - as in bridge.bus.routers
 
         if (member := member_of(routers.identity)).role is Role.VIEWER:
             log.warning(
@@ -126,7 +127,7 @@ async def _serve(server: Server, ward: Ward) -> None:
     buses: list[Bus] = []
 
     def find() -> None:
-        data, control = (connected(routers, stop, patient=True) for _ in range(2))
+        data, control = (wait_for_router(routers, stop, patient=True) for _ in range(2))
         buses.extend(bus for bus in (data, control) if bus is not None)
         for words in self_test(control, routers, ward.ward) if control is not None else ():
             log.error("%s", words)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import sha256
 
-from estimator.texts import Texts
+from estimator.language.texts import Texts
 
 #: so many at a time; of more the oldest ends
 SESSIONS = 500

@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
-from estimator.web.fault import Fault
+from estimator.web.http_error import Fault
 
 T = TypeVar("T")
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bridge.wire.messages import State
-from estimator.gyro import AXES
-from estimator.texts import Texts
-from estimator.ward_view import SILENT, TRACKING, UNKNOWN, URGENCY, Row, charge_it
-from estimator.web import words
-from estimator.web.known import Known, Story
+from estimator.geometry.gyro_model import AXES
+from estimator.language.texts import Texts
+from estimator.overview.ward import SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, charge_it
+from estimator.web import number_format
+from estimator.web.ward_state import Known, Story
 
 #: what colour and shape a state has; each is told by its word too
 TONES = {
@@ -109,7 +109,7 @@ def troubles(known: Known, t: Texts) -> list[str]:
     return [t.text((trouble,)) for trouble in known.troubles()]
 
 
-def tile(row: Row, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
+def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
     """One device."""
     status, info = story.status, story.info
     told_hz, measured_hz = (info.rate_hz, info.measured_rate_hz) if info else (0.0, 0.0)
@@ -128,14 +128,18 @@ def tile(row: Row, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
         reason=t.text(row.reason),
         notices=t.text(notices),
         quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
-        bias=words.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
-        calibrated=words.ago(calibrated_ns, now_ns, t) if calibrated_ns else t("words.uncalibrated") if status else "",
+        bias=number_format.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
+        calibrated=number_format.ago(calibrated_ns, now_ns, t)
+        if calibrated_ns
+        else t("words.uncalibrated")
+        if status
+        else "",
         rest=_rest(row, now_ns, t) if status else "",
-        rate=words.rate(measured_hz or row.rate_hz, told_hz, t),
-        gaps=words.gaps(row.gaps, row.missing_samples, t) if status else "",
-        battery=words.battery(row.battery_percent, t, charging=row.charging),
+        rate=number_format.rate(measured_hz or row.rate_hz, told_hz, t),
+        gaps=number_format.gaps(row.gaps, row.missing_samples, t) if status else "",
+        battery=number_format.battery(row.battery_percent, t, charging=row.charging),
         battery_low=row.low_battery,
-        temperature=words.temperature(status.temperature_c) if status else "",
+        temperature=number_format.temperature(status.temperature_c) if status else "",
         turns="".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
         if status and calibrating
         else "",
@@ -148,14 +152,14 @@ def tile(row: Row, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
     )
 
 
-def toned(row: Row) -> str:
+def toned(row: DeviceRow) -> str:
     """The tone of a device: a low battery asks for a person however well it is."""
     return "ask" if row.low_battery and TONES[row.state] not in NEEDS else TONES[row.state]
 
 
-def _rest(row: Row, now_ns: int, t: Texts) -> str:
+def _rest(row: DeviceRow, now_ns: int, t: Texts) -> str:
     age_s = row.evidence_age_s
-    return t("words.no_rest") if age_s is None else words.ago(now_ns - round(age_s * 1e9), now_ns, t)
+    return t("words.no_rest") if age_s is None else number_format.ago(now_ns - round(age_s * 1e9), now_ns, t)
 
 
 def _rebooted(story: Story, now_ns: int, t: Texts) -> str:
@@ -163,15 +167,15 @@ def _rebooted(story: Story, now_ns: int, t: Texts) -> str:
     if not rebooted(story):
         return ""
     boot = story.boots[story.boot]
-    ago = words.ago(boot.time_ns, now_ns, t)
+    ago = number_format.ago(boot.time_ns, now_ns, t)
     return t("words.rebooted_by", ago=ago, cause=t.label(boot.cause)) if boot.cause else t("words.rebooted", ago=ago)
 
 
-def _stale(row: Row, story: Story, now: float, t: Texts) -> str:
+def _stale(row: DeviceRow, story: Story, now: float, t: Texts) -> str:
     """Of when the numbers are, where they are not of now."""
     if row.state not in ("lost", SILENT, UNKNOWN) or story.heard_s is None:
         return ""
-    return t("words.as_of", ago=t("words.ago", age=words.lasting(now - story.heard_s, t)))
+    return t("words.as_of", ago=t("words.ago", age=number_format.lasting(now - story.heard_s, t)))
 
 
 def rebooted(story: Story) -> bool:

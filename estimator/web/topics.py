@@ -14,10 +14,10 @@ import msgspec
 
 from bridge.wire.keys import ID
 from estimator.client import Client
-from estimator.device_knobs import Treatment
-from estimator.texts import LANGUAGES, Texts, texts
+from estimator.config.device_settings import Treatment
+from estimator.language.texts import LANGUAGES, Texts, texts
 from estimator.web.hub import Frame
-from estimator.web.known import Known
+from estimator.web.ward_state import Known
 
 
 @dataclass(slots=True)

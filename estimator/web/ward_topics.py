@@ -8,7 +8,7 @@ from bridge.wire.codec import Rates
 from estimator.client import Stream
 from estimator.web import topics
 from estimator.web.hub import Frame
-from estimator.web.strips import Strips
+from estimator.web.rate_strips import Strips
 from estimator.web.tiles import ward_page
 from estimator.web.topics import Sources
 

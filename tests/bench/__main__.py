@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bridge.columns import Column, Columns
+from bridge.terminal.tables import Column, Columns
 
 GROUPS = {
     "calibration": ("calibration", "closure_honesty", "gravity_methods", "machines", "clipping"),

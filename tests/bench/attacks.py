@@ -293,13 +293,13 @@ def run(which: str, after_s: float, fuzz_s: float) -> list[str]:
             f'[dashboard]\nlisten = "127.0.0.1:{web}"\n'
             f'[[dashboard.people]]\nname = "nurse"\npassword = "{hashed(PASSWORD)}"\n'
         )
-        stack.enter_context(process("estimator.cli", "router", "--config", str(config), log=folder / "router.log"))
+        stack.enter_context(process("estimator.cli.main", "router", "--config", str(config), log=folder / "router.log"))
         if not listens(endpoint, 20.0):
             raise RuntimeError("the router does not listen")
         log = folder / "estimator.log"
-        estimator = stack.enter_context(process("estimator.cli", "estimator", "serve", str(config), log=log))
+        estimator = stack.enter_context(process("estimator.cli.main", "estimator", "serve", str(config), log=log))
         dashboard = stack.enter_context(
-            process("estimator.cli", "dashboard", "--config", str(config), log=folder / "dashboard.log")
+            process("estimator.cli.main", "dashboard", "--config", str(config), log=folder / "dashboard.log")
         )
         until = time.monotonic() + 40
         while "serves ward" not in log.read_text() or not listens(f"tcp/127.0.0.1:{web}", 1.0):

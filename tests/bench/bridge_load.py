@@ -73,11 +73,13 @@ def measure(kind: str, n: int, per_packet: int, batch_ms: float, seconds: float,
         ports = json.loads(senders.stdout.readline())
         config = folder / "ward.toml"
         config.write_text(_config(endpoint, ports, batch_ms))
-        stack.enter_context(process("estimator.cli", "router", "--listen", endpoint, log=folder / "router.log"))
+        stack.enter_context(process("estimator.cli.main", "router", "--listen", endpoint, log=folder / "router.log"))
         listens(endpoint, 20.0)
         bus = stack.enter_context(ZenohBus([endpoint], open_timeout_s=20.0))
         raw = bus.subscribe(keys.pattern("bench", "raw"))
-        bridge = stack.enter_context(process("estimator.cli", "bridge", "run", str(config), log=folder / "bridge.log"))
+        bridge = stack.enter_context(
+            process("estimator.cli.main", "bridge", "run", str(config), log=folder / "bridge.log")
+        )
         end = time.monotonic() + _WARM_UP_S + 0.01 * n
         heard: set[str] = set()
         while time.monotonic() < end or len(heard) < n:

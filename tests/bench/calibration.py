@@ -13,14 +13,15 @@ from rich.console import Console
 from rich.table import Table
 
 from bridge.recording import Recording
-from bridge.sim.session import simulate_session
-from estimator import offline, rotation
-from estimator.batch import closure, turn360
-from estimator.batch.capture import Capture, Samples
-from estimator.batch.methods import METHODS
-from estimator.batch.result import Result
-from estimator.batch.session import CalibrationSession
-from estimator.stillness import Stillness
+from bridge.sim.calibration_session import simulate_session
+from estimator.calibration import closure, turn360
+from estimator.calibration.capture import Capture, Samples
+from estimator.calibration.methods import METHODS
+from estimator.calibration.result import Result
+from estimator.calibration.session import CalibrationSession
+from estimator.geometry import rotation
+from estimator.offline import recordings
+from estimator.stillness.detector import Stillness
 
 GOAL_MS, ROUNDS = 3.0, 200
 
@@ -63,7 +64,7 @@ def main() -> int:
         "closure with its verdict": lambda: METHODS["closure"](found),
         "turn360: Algorithm 1, covariance": lambda: turn360.estimate(found),
         f"attitudes of three turns of {n} samples": lambda: rotation.chained(steps),
-        "a whole recording, recognition included": lambda: offline.calibrate(recording),
+        "a whole recording, recognition included": lambda: recordings.calibrate(recording),
     }
     table = Table(box=None, pad_edge=False)
     for heading in (f"one session of {s.time_s[-1]:.0f} s at {s.rate_hz:g} Hz", "median ms", "goal"):

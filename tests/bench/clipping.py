@@ -21,7 +21,7 @@ from rich.table import Table
 from bridge.reasons.catalogue import english
 from bridge.recording import Recording
 from bridge.wire.messages import Verdict
-from estimator import offline
+from estimator.offline import recordings
 
 Floats = NDArray[np.float64]
 RATE_HZ = 104.0
@@ -96,7 +96,7 @@ def tried(job: tuple[int, str, int]) -> tuple[int, str, bool, bool, str]:
     number, shape, seed = job
     case = CASES[number]
     recording, k = session(seed, shape, case)
-    result, _ = offline.calibrate(recording, gyro_range=np.radians(case.range_dps) if case.told else 0.0)
+    result, _ = recordings.calibrate(recording, gyro_range=np.radians(case.range_dps) if case.told else 0.0)
     accepted = result.verdict is Verdict.ACCEPTED
     error, std = np.abs(result.scale - k), np.sqrt(np.diag(result.covariance)[3:6])
     return (

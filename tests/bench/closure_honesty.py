@@ -20,11 +20,11 @@ from rich.table import Table
 
 from bridge.reasons.catalogue import english
 from bridge.recording import Recording
-from bridge.sim.imperfection import Imperfection, ImuSpec, draw
+from bridge.sim.imu_errors import ImuErrorModel, ImuSpec, draw
 from bridge.sim.motion import Motion, Piece, Spin, Turn
-from bridge.sim.script import SessionPlan, flat, session
+from bridge.sim.motion_scripts import SessionPlan, flat, session
 from bridge.wire.messages import Verdict
-from estimator import offline
+from estimator.offline import recordings
 
 Floats = NDArray[np.float64]
 RATE_HZ, FULL_SCALE = 104.0, np.radians(250.0)
@@ -86,7 +86,7 @@ def simulated(kind: Kind, seed: int, *, accel: bool) -> tuple[Recording, Floats]
     if kind.misalignment:
         across = kind.misalignment * device_rng.choice([-1.0, 1.0], (3, 3)) * (1 - np.eye(3))
         truth = replace(truth, matrix=truth.k[:, None] * (np.eye(3) + across))
-    readings = Imperfection(spec, device_rng, truth).read(motion)
+    readings = ImuErrorModel(spec, device_rng, truth).read(motion)
     share = np.abs(readings.gyro - readings.bias) / FULL_SCALE
     gyro = readings.gyro + (readings.gyro - readings.bias) * (kind.cubic * share**2 + kind.bent * share)
     return Recording(time, gyro, readings.accel if accel else None, None, RATE_HZ, "simulated"), truth.k
@@ -112,7 +112,7 @@ def tried(job: tuple[str, bool, int, str]) -> tuple[str, bool, Verdict, Floats, 
     """One session: its kind, whether with an accelerometer, verdict, error of k (3,), covariance of k (3, 3), reason."""
     name, accel, seed, method = job
     recording, k = simulated(KINDS[name], seed, accel=accel)
-    result, _ = offline.calibrate(recording, method)
+    result, _ = recordings.calibrate(recording, method)
     return name, accel, result.verdict, result.scale - k, result.covariance[3:6, 3:6], english(*result.reason)
 
 

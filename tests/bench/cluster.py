@@ -33,9 +33,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from bridge.bus.contract import Message
-from bridge.bus.router import Router
+from bridge.bus.embedded_router import Router
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.columns import Column, Columns
+from bridge.terminal.tables import Column, Columns
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Owned
 from estimator.client.reorder_buffer import ReorderBuffer
@@ -110,7 +110,7 @@ class Cluster:
             + stream.listed(self._devices),
             encoding="utf-8",
         )
-        process = self._stack.enter_context(_process("estimator.cli", "estimator", "serve", str(config)))
+        process = self._stack.enter_context(_process("estimator.cli.main", "estimator", "serve", str(config)))
         self.processes[name] = process
 
     def poll(self, wait_s: float = 0.01) -> None:

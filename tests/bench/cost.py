@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from estimator.gyro import PriorKnobs, uncalibrated
-from estimator.loops.compiled import ready
-from estimator.stillness import Stillness
-from estimator.track.tracker import Tracker, TrackKnobs
+from estimator.geometry.gyro_model import PriorKnobs, uncalibrated
+from estimator.kernels.compiled import ready
+from estimator.stillness.detector import Stillness
+from estimator.tracking.tracker import Tracker, TrackKnobs
 from tests.sim.day import Day, simulate_day
 
 Floats = NDArray[np.float64]

@@ -25,7 +25,7 @@ from tests.web.talk import about, said
 
 WARD, DEVICES, RATE_HZ, BATCH_S = "bench", 60, 104.0, 0.05
 NAMES = [f"bed-{n // 3:02d}-{('chest', 'wrist', 'ankle')[n % 3]}" for n in range(DEVICES)]
-CLI = ("-m", "estimator.cli")
+CLI = ("-m", "estimator.cli.main")
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from tests.ward.killed import HEARD_S, Kill, killed
 
 GOAL_S = 2.0
-_COMMAND = "from estimator import cli, config; cli.build('estimator'); from estimator.service import serve"
+_COMMAND = "from estimator.cli.main import build; build('estimator'); from estimator.service import serve"
 _STARTS = {
     "an interpreter": "pass",
     "and numpy, zenoh": "import numpy, zenoh",

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.enrolled import Enrolment
+from bridge.config.enrolment import Enrolment
 from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
@@ -33,8 +33,8 @@ from estimator.client import Client
 from estimator.demo.ward import free_port, listens
 from tests.bench.load.stream import BRIDGE, WARD, Fleet, name
 from tests.bench.suffering import Healthy, process
-from tests.estimator import hostile
 from tests.estimator.served import Served
+from tests.estimator.service import hostile
 from tests.estimator.stream import calibration
 from tests.sentences import codes
 
@@ -114,12 +114,12 @@ def flooded(devices: int, seconds: float, hz: float, floods: Sequence[str]) -> l
             f'ward = "{WARD}"\n[bus]\nconnect = ["{endpoint}"]\n[router]\nlisten = ["{endpoint}"]\n'
             f'[devices]\nenrolled = [{enrolled}]\n[estimator]\nid = "e"\nstore = "{folder}/store.sqlite3"\n'
         )
-        words = ("estimator.cli", "router", "--config", str(config))
+        words = ("estimator.cli.main", "router", "--config", str(config))
         router = stack.enter_context(process(*words, log=folder / "router.log"))
         if not listens(endpoint, 20.0):
             raise RuntimeError("the router does not listen")
         log = folder / "estimator.log"
-        estimator = stack.enter_context(process("estimator.cli", "estimator", "serve", str(config), log=log))
+        estimator = stack.enter_context(process("estimator.cli.main", "estimator", "serve", str(config), log=log))
         while "serves ward" not in log.read_text():
             time.sleep(0.1)
         healthy = Healthy(endpoint)

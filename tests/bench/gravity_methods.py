@@ -21,12 +21,12 @@ from rich.table import Table
 
 from bridge.reasons.catalogue import english
 from bridge.recording import Recording
-from bridge.sim.imperfection import Imperfection, ImuSpec
+from bridge.sim.imu_errors import ImuErrorModel, ImuSpec
 from bridge.sim.motion import Motion
-from bridge.sim.script import flat, poses
+from bridge.sim.motion_scripts import flat, poses
 from bridge.wire.messages import Verdict
-from estimator import offline
-from estimator.batch.carry import COLUMN, ROW
+from estimator.calibration.gravity_propagation import COLUMN, ROW
+from estimator.offline import recordings
 from tests.bench.pose_simulator import Device, Hand, Move, simulate
 
 Floats = NDArray[np.float64]
@@ -165,7 +165,7 @@ def _by_bridge(device: Device, seed: int) -> tuple[Recording, Floats]:
         accel_scale=device.accel_scale,
         rrw_dps_per_sqrt_s=device.walk_dps_per_sqrt_s,
     )
-    imperfection = Imperfection(spec, part)
+    imperfection = ImuErrorModel(spec, part)
     readings = imperfection.read(Motion(pieces, flat(script)).advance(time))
     return Recording(time, readings.gyro, readings.accel, None, _RATE_HZ, ""), imperfection.truth.matrix
 
@@ -173,7 +173,7 @@ def _by_bridge(device: Device, seed: int) -> tuple[Recording, Floats]:
 def score(case: Case, seed: int) -> Score:
     """Calibrate one session and compare with the truth."""
     recording, true = recorded(case, seed)
-    result, _ = offline.calibrate(recording, case.method)
+    result, _ = recordings.calibrate(recording, case.method)
     if result.verdict is not Verdict.ACCEPTED:
         return Score(False, False, np.nan, np.nan, np.nan, np.nan, english(*result.reason))
     full = len(result.parameters) == 12

@@ -23,12 +23,12 @@ from rich.progress import track
 from rich.table import Table
 from scipy.stats import chi2
 
-from bridge.sim.imperfection import ImuSpec
-from estimator.device_knobs import FLICKER
-from estimator.gyro import GyroModel, PriorKnobs, uncalibrated
-from estimator.stillness import Stillness
-from estimator.track.bias_filter import BiasKnobs
-from estimator.track.tracker import Tracker, TrackKnobs
+from bridge.sim.imu_errors import ImuSpec
+from estimator.config.device_settings import FLICKER
+from estimator.geometry.gyro_model import GyroModel, PriorKnobs, uncalibrated
+from estimator.stillness.detector import Stillness
+from estimator.tracking.bias_filter import BiasKnobs
+from estimator.tracking.tracker import Tracker, TrackKnobs
 from tests.sim.day import Day, simulate_day, worn_spec
 from tests.sim.scenes import rests_and_motion, steady_walk, turned_by_hand, walk_with_pauses
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from rich.console import Console
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.config import Bridge, Device
-from bridge.drivers.stream import StreamOptions
+from bridge.config.schema import Bridge, Device
+from bridge.drivers.byte_stream import StreamOptions
 from bridge.ingest.pump import Pump
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device

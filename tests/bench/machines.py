@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.reasons.catalogue import english
-from bridge.sim.imperfection import ImuSpec
-from bridge.sim.script import machine
+from bridge.sim.imu_errors import ImuSpec
+from bridge.sim.motion_scripts import machine
 from bridge.wire.messages import Verdict
-from estimator.batch.bias_wander import WanderKnobs
-from estimator.batch.capture import Samples
-from estimator.batch.methods import BY_RATES
-from estimator.batch.result import Result
+from estimator.calibration.bias_wander import WanderKnobs
+from estimator.calibration.capture import Samples
+from estimator.calibration.methods import BY_RATES
+from estimator.calibration.result import Result
 from tests.bench.machine_witness import Plan, Read, Unit, recorded
 from tests.estimator.stream import stream
 

@@ -6,8 +6,8 @@ import numpy as np
 import vqf
 from scipy.spatial.transform import Rotation, Slerp
 
-from estimator import rotation
-from estimator.track.gravity import G
+from estimator.geometry import rotation
+from estimator.tracking.gravity import G
 from tests.bench.broad import Trial
 from tests.bench.trackers import Floats
 

@@ -28,7 +28,7 @@ def cpu_s(pid: int) -> float:
 
 def main(devices: int = 100, seconds: float = 30.0) -> None:
     """Print a line."""
-    truerate = [sys.executable, "-m", "estimator.cli"]
+    truerate = [sys.executable, "-m", "estimator.cli.main"]
     router = subprocess.Popen([*truerate, "router", "--listen", ENDPOINT], stderr=subprocess.DEVNULL)
     try:
         time.sleep(1.5)

@@ -22,7 +22,7 @@ from rich.progress import track
 from rich.table import Table
 
 from bridge.sim.body import Activity
-from estimator.track.bias_filter import BiasKnobs
+from estimator.tracking.bias_filter import BiasKnobs
 from tests.bench import broad
 from tests.bench.optical import matrix_of
 from tests.bench.trackers import Floats, Prior, Track, ours

@@ -24,7 +24,7 @@ from estimator.demo.ward import free_port
 
 ROUTER = """
 import sys, threading
-from bridge.bus.router import Router
+from bridge.bus.embedded_router import Router
 with Router([sys.argv[1]]):
     print("up", flush=True)
     threading.Event().wait()

@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bridge.framing.deframer import frame
+from bridge.framing.cobs_frames import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
 
 RATE_HZ = 104.0

@@ -8,8 +8,8 @@ from time import process_time
 
 from rich.console import Console
 
+from bridge.bus.embedded_router import Router
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.bus.router import Router
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import codec, keys
 from estimator.client import Client

@@ -134,11 +134,11 @@ def run(trouble: str, seconds: float) -> Suffered:
             _CONFIG.format(ward=WARD, endpoint=endpoint, folder=folder) + listed(DEVICES), encoding="utf-8"
         )
         env = {"LD_PRELOAD": str(_slow_disk(folder))} if trouble == "slow disk" else None
-        stack.enter_context(process("estimator.cli", "router", "--config", str(config), log=folder / "router.log"))
+        stack.enter_context(process("estimator.cli.main", "router", "--config", str(config), log=folder / "router.log"))
         if not listens(endpoint, 20.0):
             raise RuntimeError("the router does not listen")
         log = folder / "estimator.log"
-        stack.enter_context(process("estimator.cli", "estimator", "serve", str(config), env=env, log=log))
+        stack.enter_context(process("estimator.cli.main", "estimator", "serve", str(config), env=env, log=log))
         while "serves ward" not in log.read_text():
             time.sleep(0.1)
         healthy = Healthy(endpoint)

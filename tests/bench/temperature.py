@@ -19,14 +19,14 @@ from rich.progress import track
 from rich.table import Table
 
 from bridge.wire.messages import BootCause, DeviceInfo
-from estimator.gyro import GyroModel
-from estimator.service.record import HISTORY_S
+from estimator.geometry.gyro_model import GyroModel
 from estimator.service.store import Store
-from estimator.stillness import Stillness
-from estimator.track.bias_filter import OWN, BiasFilter, BiasState
-from estimator.track.learning import learn
-from estimator.track.temperature import TemperatureLaw
-from estimator.track.tracker import Tracker, TrackKnobs
+from estimator.service.store_access import HISTORY_S
+from estimator.stillness.detector import Stillness
+from estimator.tracking.bias_filter import OWN, BiasFilter, BiasState
+from estimator.tracking.temperature_law import TemperatureLaw
+from estimator.tracking.temperature_learning import learn
+from estimator.tracking.tracker import Tracker, TrackKnobs
 from tests.sim.day import Day, simulate_day, worn_spec
 from tests.sim.warmth import ROOM_C
 

@@ -15,7 +15,7 @@ from tests.bench.load.__main__ import CROWD, QUICKEST, ratios
 from tests.bench.load.__main__ import unreached as unreached_by_load
 from tests.bench.load.run import Middle, Took
 from tests.bench.load.stream import BRIDGE, WARD, Fleet, lives
-from tests.bridge.codec.examples import FIXED
+from tests.bridge.wire.examples import FIXED
 from tests.ward.killed import KEPT_S, Holes, discontinued
 
 

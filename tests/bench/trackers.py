@@ -12,11 +12,11 @@ import numpy as np
 import vqf
 from numpy.typing import NDArray
 
-from estimator.gyro import GyroModel
-from estimator.stillness import Stillness
-from estimator.track.bias_filter import BiasKnobs
-from estimator.track.tracker import Tracker as OurTracker
-from estimator.track.tracker import TrackKnobs
+from estimator.geometry.gyro_model import GyroModel
+from estimator.stillness.detector import Stillness
+from estimator.tracking.bias_filter import BiasKnobs
+from estimator.tracking.tracker import Tracker as OurTracker
+from estimator.tracking.tracker import TrackKnobs
 
 Floats = NDArray[np.float64]
 

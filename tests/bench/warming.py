@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bridge.recording import Recording
-from estimator.offline import correct
+from estimator.offline.recordings import correct
 from tests.sim.day import Day, simulate_day
 
 _RATE_HZ, _FIRST_REST_S, _LATE_S = 52.0, 60.0, 600.0

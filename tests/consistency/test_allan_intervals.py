@@ -2,8 +2,8 @@
 
 import pytest
 
-from estimator.allan_fit import Noise, identify
-from tests.estimator.rest import at_rest
+from estimator.noise.allan_fit import Noise, identify
+from tests.estimator.stillness.rest import at_rest
 
 RUNS = 60
 

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from bridge.sim.imperfection import ImuSpec
+from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion import Still
-from bridge.sim.script import swing
-from estimator.gyro import PriorKnobs
-from estimator.session import DeviceSession
-from estimator.session_knobs import SessionKnobs
-from estimator.track.bias_filter import OWN, BiasFilter, BiasKnobs, BiasState, start
-from estimator.track.evidence import GATES, Evidence
-from estimator.track.tracker import TrackKnobs
+from bridge.sim.motion_scripts import swing
+from estimator.device.session import DeviceSession
+from estimator.device.session_knobs import SessionKnobs
+from estimator.geometry.gyro_model import PriorKnobs
+from estimator.tracking.bias_filter import OWN, BiasFilter, BiasKnobs, BiasState, start
+from estimator.tracking.evidence import GATES, Evidence
+from estimator.tracking.tracker import TrackKnobs
 from tests.estimator.stream import NAME, calibration, feed, stream
-from tests.estimator.track.worn import Worn
+from tests.estimator.tracking.worn import Worn
 
 #: parts whose bias walks and follows temperature as the knobs below believe; a coefficient is uniform within its limits
 RRW_DPS = 0.002

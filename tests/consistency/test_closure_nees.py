@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.sim.imperfection import ImuSpec
-from bridge.sim.paper import PaperPlan
-from bridge.sim.session import simulate_session
-from estimator.batch import closure
-from estimator.batch.capture import Capture, Samples
-from estimator.batch.closure import ClosureKnobs
-from estimator.batch.methods import METHODS
-from estimator.batch.replacement import Replacement
-from estimator.batch.result import Result
-from estimator.batch.session import CalibrationSession
-from estimator.stillness import Stillness
+from bridge.sim.calibration_session import simulate_session
+from bridge.sim.imu_errors import ImuSpec
+from bridge.sim.paper_sessions import PaperPlan
+from estimator.calibration import closure
+from estimator.calibration.capture import Capture, Samples
+from estimator.calibration.closure import ClosureKnobs
+from estimator.calibration.methods import METHODS
+from estimator.calibration.replacement_error import Replacement
+from estimator.calibration.result import Result
+from estimator.calibration.session import CalibrationSession
+from estimator.stillness.detector import Stillness
 from estimator.study import simulation
 
 Floats = NDArray[np.float64]

@@ -6,8 +6,8 @@ The whole table: python -m tests.bench.machines.
 import numpy as np
 import pytest
 
-from estimator.batch.bias_wander import WanderKnobs
-from estimator.noise_model import GENERIC, load_model
+from estimator.calibration.bias_wander import WanderKnobs
+from estimator.noise.device_model import GENERIC, load_model
 from tests.bench.machines import calibrated, cases
 
 CASES = {case.name: case for case in cases()}

@@ -3,17 +3,17 @@
 import numpy as np
 
 from bridge.recording import Recording
-from bridge.sim.imperfection import DEMO_SPEC
-from bridge.sim.script import demo_script
-from bridge.sim.source import SimulatedSource
+from bridge.sim.imu_errors import DEMO_SPEC
+from bridge.sim.motion_scripts import demo_script
+from bridge.sim.sample_source import SimulatedSource
 from bridge.wire.messages import Quality
-from estimator.corrected import Corrected
-from estimator.offline import calibrate, correct
+from estimator.offline.corrected_recording import CorrectedRecording
+from estimator.offline.recordings import calibrate, correct
 
 _FAST = np.radians(20.0)
 
 
-def rebooted(seed: int) -> tuple[Corrected, np.ndarray]:
+def rebooted(seed: int) -> tuple[CorrectedRecording, np.ndarray]:
     """A device's second boot, whose scale is another, by the calibration of its first; and its true rates (n, 3)."""
     source, rng = SimulatedSource(demo_script, DEMO_SPEC, 104.0), np.random.default_rng(seed)
     boots, rates = [], []

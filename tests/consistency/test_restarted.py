@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.offline import _batches
-from estimator.remembered import Remembered
-from estimator.session import DeviceSession
-from estimator.track.bias_filter import BiasKnobs, start
+from estimator.device.prior_knowledge import PriorKnowledge
+from estimator.device.session import DeviceSession
+from estimator.offline.recordings import _batches
+from estimator.tracking.bias_filter import BiasKnobs, start
 from tests.bench.warming import recording
-from tests.estimator.test_correction import CALIBRATION
+from tests.estimator.device.test_correction import CALIBRATION
 from tests.sim.day import simulate_day
 
 _EVERY_S = 100.0
@@ -25,7 +25,7 @@ def doubts(seed: int) -> tuple[int, list[str]]:
     begun = start(
         known, cov, float(of.time_s[at]), BiasKnobs(), temperature_c=float(day.temperature_c[at]), powered=0.0
     )
-    kept, restarts, said = Remembered(made, begun), 0, list[str]()
+    kept, restarts, said = PriorKnowledge(made, begun), 0, list[str]()
     session: DeviceSession | None = None
     begins_s = float(of.time_s[at])
     for batch in _batches(of, 0.0, round(of.rate_hz)):
@@ -34,7 +34,7 @@ def doubts(seed: int) -> tuple[int, list[str]]:
             continue
         if session is None or now >= begins_s + _EVERY_S:
             if session is not None:
-                kept = Remembered(made, session.checkpoint(), doubted=session.tracker.doubt.stands)
+                kept = PriorKnowledge(made, session.checkpoint(), doubted=session.tracker.doubt.stands)
                 restarts += 1
             session, begins_s = DeviceSession("recorded"), now
             session.begin_boot(1, now, kept, None, float(day.temperature_c[round(now * of.rate_hz)]))

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from bridge.recording import Recording
-from bridge.sim.imperfection import ImuSpec
-from bridge.sim.script import TurnPlan
-from bridge.sim.session import Session, simulate_session
+from bridge.sim.calibration_session import Session, simulate_session
+from bridge.sim.imu_errors import ImuSpec
+from bridge.sim.motion_scripts import TurnPlan
 from bridge.wire.messages import Verdict
-from estimator import offline
-from estimator.batch.result import Result
+from estimator.calibration.result import Result
+from estimator.offline import recordings
 
 Plan = Callable[[np.random.Generator], tuple[TurnPlan, ...]]
 
 
 def calibrated(of: Session, keep: slice = slice(None)) -> Result:
     recording = Recording(of.time_s[keep], of.gyro[keep], of.accel[keep], None, of.rate_hz, "")
-    return offline.calibrate(recording, "transitions")[0]
+    return recordings.calibrate(recording, "transitions")[0]
 
 
 def wrong(result: Result, of: Session) -> bool:

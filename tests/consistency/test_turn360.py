@@ -5,10 +5,10 @@ import pytest
 
 from bridge.reasons.codes import Code
 from bridge.recording import Recording
-from bridge.sim.session import simulate_session
+from bridge.sim.calibration_session import simulate_session
 from bridge.wire.messages import Verdict
-from estimator import offline
-from estimator.batch.methods import BY_MOVEMENTS, METHODS
+from estimator.calibration.methods import BY_MOVEMENTS, METHODS
+from estimator.offline import recordings
 from estimator.study import protocols
 from tests.sentences import codes
 
@@ -21,7 +21,7 @@ def test_its_accuracy_is_the_papers_best() -> None:
     k, bias = [], []
     for seed in range(200):
         s = simulate_session(seed, rests_s=3.0, turn_s=(4.0, 6.0))
-        result, _ = offline.calibrate(Recording(s.time_s, s.gyro, None, None, s.rate_hz, ""), "turn360")
+        result, _ = recordings.calibrate(Recording(s.time_s, s.gyro, None, None, s.rate_hz, ""), "turn360")
         assert result.verdict is Verdict.ACCEPTED, result.reason
         k.append(result.scale - s.truth.k)
         bias.append(np.degrees(result.bias - s.bias[0]))
@@ -37,7 +37,7 @@ def test_good_sessions_of_all_kinds_are_accepted_and_right(method: str) -> None:
     n = 110
     for seed in range(n):
         trial = protocols.good(seed)
-        result, passed = offline.calibrate(trial.recording, method)
+        result, passed = recordings.calibrate(trial.recording, method)
         if result.verdict is not Verdict.ACCEPTED:
             refused.append(f"{seed}: {result.reason} {passed}")
             continue
@@ -57,7 +57,7 @@ NEVER = tuple(protocols.BAD)[:5]
 def test_no_bad_protocol_is_accepted_wrong(kind: str, method: str) -> None:
     for seed in range(40 if kind in NEVER else 16):
         trial = protocols.BAD[kind](seed)
-        result, _ = offline.calibrate(trial.recording, method, knobs=trial.knobs)
+        result, _ = recordings.calibrate(trial.recording, method, knobs=trial.knobs)
         assert not protocols.is_wrong(result, trial.k), (seed, result.reason, result.scale, trial.k)
         assert kind not in NEVER or result.verdict is not Verdict.ACCEPTED, (seed, result.reason)
 
@@ -65,5 +65,5 @@ def test_no_bad_protocol_is_accepted_wrong(kind: str, method: str) -> None:
 @pytest.mark.parametrize("kind", protocols.UNDETECTABLE)
 def test_what_nothing_shows_is_said(kind: str) -> None:
     for seed in range(8):
-        result, _ = offline.calibrate(protocols.UNDETECTABLE[kind](seed).recording)
+        result, _ = recordings.calibrate(protocols.UNDETECTABLE[kind](seed).recording)
         assert result.verdict is not Verdict.ACCEPTED or Code.TURNS_ASSUMED in codes(result.reason)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from bridge.recording import load
 from bridge.recording.recording import Recording
-from bridge.sim.script import TurnPlan
-from bridge.sim.session import simulate_session
-from estimator.offline import calibrate
+from bridge.sim.calibration_session import simulate_session
+from bridge.sim.motion_scripts import TurnPlan
+from estimator.offline.recordings import calibrate
 
 SOURCE = Path(__file__).parents[2] / "embedded"
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror"]

@@ -10,11 +10,11 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import CommandReply, DeviceInfo, SampleBatch, Status
 from estimator.client import Client, Corrected
-from estimator.config import Estimator
+from estimator.config.schema import Estimator
 from estimator.database import Database
-from estimator.service.clerk import Clerk
-from estimator.service.shell import Service
+from estimator.service.run_loop import Service
 from estimator.service.store import Store
+from estimator.service.store_writer import StoreWriter
 from tests.estimator.stream import NAME
 
 WARD = "w"
@@ -36,7 +36,7 @@ class Ward:
         self.status: Subscription = MemoryBus(self.broker).subscribe(keys.pattern(WARD, "status"))
         self.start()
 
-    def start(self, clerk: Callable[[Database], Clerk | None] = lambda _: None) -> None:
+    def start(self, clerk: Callable[[Database], StoreWriter | None] = lambda _: None) -> None:
         self.store = Store(self.path, patient=True)
         self._bus = MemoryBus(self.broker)
         writes = clerk(self.store.database)

@@ -9,11 +9,11 @@ import pytest
 
 from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.enrolled import Enrolment
+from bridge.config.enrolment import Enrolment
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, DeviceInfo, SampleBatch
-from estimator.config import Estimator
-from estimator.service.shell import Service
+from estimator.config.schema import Estimator
+from estimator.service.run_loop import Service
 from estimator.service.store import Store
 
 WARD, BRIDGE = "w", "bridge"
@@ -76,7 +76,7 @@ class Served:
         self.raw, self.info = Before(), Before()
 
     def __enter__(self) -> Self:
-        self._patch.setattr("estimator.service.shell.time.monotonic", lambda: self.now)
+        self._patch.setattr("estimator.service.run_loop.time.monotonic", lambda: self.now)
         settings = Estimator(id="e", silence_s=2.0)
         self.service = Service(WARD, settings, self._bus, self.store, lambda: NOW_NS, enrolment=self._enrolment)
         self.service._raw, self.service._info = self.raw, self.info  # type: ignore[assignment]

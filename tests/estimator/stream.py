@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.recording import Recording
-from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
+from bridge.sim.imu_errors import ImuErrorModel, ImuSpec, Truth
 from bridge.sim.motion import Motion, Piece, Still
-from bridge.sim.script import SessionPlan, TurnPlan, flat, session
+from bridge.sim.motion_scripts import SessionPlan, TurnPlan, flat, session
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch
-from estimator.correction import Correction
-from estimator.device.correct import Cut, batch_of, correct
-from estimator.device.samples import Samples
-from estimator.outcome import Outcome
-from estimator.remembered import Remembered
-from estimator.session import DeviceSession
+from estimator.device.batch_correction import Cut, batch_of, correct
+from estimator.device.correction import Correction
+from estimator.device.outcome import Outcome
+from estimator.device.prior_knowledge import PriorKnowledge
+from estimator.device.session import DeviceSession
+from estimator.samples.sample_buffer import Samples
 
 Floats = NDArray[np.float64]
 NAME = "chest"
@@ -107,7 +107,7 @@ def stream(
     rng = np.random.default_rng(seed)
     ticks = np.round(np.arange(1, int(duration_s * rate_hz) + 1) / (rate_hz * 1e-6)).astype(np.int64)
     motion = Motion(pieces, flat(rng) if attitude is None else attitude).advance(np.asarray(ticks * 1e-6, np.float64))
-    sensor = Imperfection(spec or ImuSpec(), rng)
+    sensor = ImuErrorModel(spec or ImuSpec(), rng)
     read = sensor.read(motion)
     return Stream(
         ticks, read.gyro, read.accel, read.temperature_c, motion.rate, read.bias, sensor.truth, rate_hz, motion.attitude
@@ -144,7 +144,7 @@ class Fed(Outcome):
         return next(reversed(self.calibrations), None)
 
 
-def feed(device: DeviceSession, batches: Iterable[SampleBatch], remembered: Remembered | None = None) -> Fed:
+def feed(device: DeviceSession, batches: Iterable[SampleBatch], remembered: PriorKnowledge | None = None) -> Fed:
     """As the service does: a new boot is begun, then the batch is handled. All that came of it in one Outcome."""
     total = Fed()
     for batch in batches:

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from bridge.diagnose.protocol_guess import Candidate, candidates
 from bridge.drivers import registry
 from bridge.drivers.driver import Battery, Identity, Notice, Readings
-from bridge.scan.guess import Candidate, candidates
 from tests.fuzz.seeds import SEEDS
 
 _LIFE = 2000  # executions of one decoder

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from estimator import rotation
-from estimator.stillness import Stillness, Window
-from estimator.track.bias_filter import OWN, BiasFilter, BiasKnobs, start
-from estimator.track.evidence import GATES, Evidence
+from estimator.geometry import rotation
+from estimator.stillness.detector import Stillness, Window
+from estimator.tracking.bias_filter import OWN, BiasFilter, BiasKnobs, start
+from estimator.tracking.evidence import GATES, Evidence
 
 Floats = NDArray[np.float64]
 RATES = arrays(np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=st.floats(-20, 20))

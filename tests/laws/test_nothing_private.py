@@ -13,7 +13,7 @@ FORBIDDEN = ("os._exit", "gc.freeze", "sys.modules", "uvicorn.protocols", "ctype
 PUBLIC = {"_asdict", "_replace", "_fields", "_make"}
 #: what is still to go, by file
 KNOWN = {
-    "bridge/doctor/machine.py": {"ctypes"},  # adjtimex is in no Python library
+    "bridge/diagnose/machine.py": {"ctypes"},  # adjtimex is in no Python library
     "estimator/web/listener.py": {"uvicorn.protocols"},
 }
 

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.recording import Recording
 from bridge.sim.motion import Still
-from bridge.sim.script import swing
+from bridge.sim.motion_scripts import swing
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFlag, Status
-from estimator.config import Estimator
-from estimator.device_knobs import knobs_of
-from estimator.noise_model import GENERIC, load_model
-from estimator.offline import correct
-from estimator.service.shell import Service
+from estimator.config.device_settings import knobs_of
+from estimator.config.schema import Estimator
+from estimator.noise.device_model import GENERIC, load_model
+from estimator.offline.recordings import correct
+from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.stream import NAME, Stream, calibration
 

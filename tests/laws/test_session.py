@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.sim.motion import Still
-from bridge.sim.script import swing
+from bridge.sim.motion_scripts import swing
 from bridge.wire.messages import CorrectedBatch, Quality
-from estimator.session import DeviceSession
+from estimator.device.session import DeviceSession
 from tests.estimator.stream import NAME, Stream, calibration, feed
 from tests.sentences import free
 

@@ -11,9 +11,9 @@ from typing import Self
 
 from bridge.bus import router_file, zenoh_settings
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.sim.imperfection import DEMO_SPEC
-from bridge.sim.script import demo_script
-from bridge.sim.source import SimulatedSource, TrueSamples
+from bridge.sim.imu_errors import DEMO_SPEC
+from bridge.sim.motion_scripts import demo_script
+from bridge.sim.sample_source import SimulatedSource, TrueSamples
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice
 from bridge.wire import codec, keys
 from estimator.client import Client, Stream

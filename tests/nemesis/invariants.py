@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from bridge.sim.source import TrueSamples
+from bridge.sim.sample_source import TrueSamples
 from bridge.wire.messages import Quality, SampleFlag, Verdict
-from estimator.service.law import EVENT
+from estimator.service.conservation import EVENT
 from tests.nemesis.history import Boot, Heard, History
 from tests.nemesis.losses import invented, lost
 

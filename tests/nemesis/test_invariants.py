@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bridge.sim.source import TrueSamples
+from bridge.sim.sample_source import TrueSamples
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, Status, Verdict
 from estimator.client import Miss
-from estimator.service.law import EVENT
-from estimator.session import DeviceSession
+from estimator.device.session import DeviceSession
+from estimator.service.conservation import EVENT
 from tests.nemesis.history import Boot, Done, Heard, History, Sent
 from tests.nemesis.invariants import broken
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bridge.bus.contract import Message
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.config import LOCAL
+from bridge.config.schema import LOCAL
 from bridge.wire import keys
 
 KINDS = ("corrected", "revision", "status", "@windowed")

@@ -26,8 +26,8 @@ from bridge.wire import truerate_pb2 as pb
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleFlag
 from bridge.wire.refusal import Refusal
 from estimator.client import Client, revised
-from estimator.session import DeviceSession
-from estimator.windowed import Second, windows
+from estimator.device.session import DeviceSession
+from estimator.device.window_summary import Second, windows
 from tests.estimator.stream import NAME, calibration, feed
 from tests.other_languages.dump import pack
 from tests.sentences import free

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.sim.body import Activity, Body
-from bridge.sim.imperfection import Imperfection, ImuSpec, Truth, draw
-from bridge.sim.life import Wearer
+from bridge.sim.imu_errors import ImuErrorModel, ImuSpec, Truth, draw
 from bridge.sim.quaternion import Array
+from bridge.sim.wearer import Wearer
 from tests.sim.warmth import ROOM_C, SKIN_C, Temperature, Warmth
 
 Float32s = NDArray[np.float32]
@@ -84,14 +84,14 @@ def simulate_day(
     truth = draw(spec, np.random.default_rng([seed, 0]))
     life_rng, sensor_rng, warmth_rng = np.random.default_rng([seed, 1 + boot]).spawn(3)
     changed = np.radians(_TURN_ON_DPS) * sensor_rng.normal(size=3)
-    sensor = Imperfection(spec, sensor_rng, replace(truth, turn_on_bias=truth.turn_on_bias + changed))
+    sensor = ImuErrorModel(spec, sensor_rng, replace(truth, turn_on_bias=truth.turn_on_bias + changed))
     body = Body(Wearer(life_rng).life(), life_rng.uniform(-0.2, 0.2, 3), anyhow(life_rng))
     return recorded(body, sensor, Warmth(warmth_rng), hours * 3600, rate_hz, progress)
 
 
 def recorded(
     body: Body,
-    sensor: Imperfection,
+    sensor: ImuErrorModel,
     warmth: Temperature,
     duration_s: float,
     rate_hz: float,

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bridge.sim.source import Samples, Sensor
+from bridge.sim.sample_source import Samples, Sensor
 
 _BLOCK_S = 1.0
 

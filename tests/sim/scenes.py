@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.sim.body import Activity, Body, Stretch
-from bridge.sim.imperfection import Imperfection, ImuSpec
-from bridge.sim.life import Wearer
+from bridge.sim.imu_errors import ImuErrorModel, ImuSpec
 from bridge.sim.motion import Motion, Still
+from bridge.sim.motion_scripts import SessionPlan, flat, session, worn
 from bridge.sim.quaternion import Array
-from bridge.sim.script import SessionPlan, flat, session, worn
+from bridge.sim.wearer import Wearer
 from tests.sim.day import Day, anyhow, recorded, worn_spec
 from tests.sim.warmth import Warmth
 
@@ -44,7 +44,7 @@ def slow_turn(
     spec = spec or worn_spec(rate_hz)
     duration_s = sum(one.duration_s for one in stretches)
     steady = Steps(rng, 0.0, spec.temperature_c[0], duration_s)
-    return recorded(body, Imperfection(spec, sensor_rng), steady, duration_s, rate_hz)
+    return recorded(body, ImuErrorModel(spec, sensor_rng), steady, duration_s, rate_hz)
 
 
 def rests_and_motion(
@@ -81,7 +81,7 @@ def rests_and_motion(
     )
     steps = Steps(warmth_rng, step_k, spec.temperature_c[0], seconds)
     body = Body(life(), attitude=anyhow(rng))
-    return recorded(body, Imperfection(spec, sensor_rng), steps, seconds, rate_hz)
+    return recorded(body, ImuErrorModel(spec, sensor_rng), steps, seconds, rate_hz)
 
 
 def walk_with_pauses(
@@ -97,7 +97,7 @@ def walk_with_pauses(
             yield from wearer.leg_and_pause()
 
     body = Body(life(), attitude=anyhow(rng))
-    imperfect = Imperfection(spec or worn_spec(rate_hz), sensor_rng)
+    imperfect = ImuErrorModel(spec or worn_spec(rate_hz), sensor_rng)
     return recorded(body, imperfect, Warmth(warmth_rng), rest_s + walk_s, rate_hz)
 
 
@@ -108,7 +108,7 @@ def steady_walk(
     rng, sensor_rng, warmth_rng = np.random.default_rng([seed, 5]).spawn(3)
     wearer = Wearer(rng)
     body = Body(iter([wearer.table(rest_s), wearer.leg(walk_s)]), attitude=anyhow(rng))
-    imperfect = Imperfection(spec or worn_spec(rate_hz), sensor_rng)
+    imperfect = ImuErrorModel(spec or worn_spec(rate_hz), sensor_rng)
     return recorded(body, imperfect, Warmth(warmth_rng), rest_s + walk_s, rate_hz)
 
 
@@ -120,7 +120,7 @@ def turned_by_hand(seed: int, rate_hz: float = 50.0, *, spec: ImuSpec | None = N
     duration_s = sum(piece.duration_s for piece in pieces)
     motion = Motion(pieces, flat(rng))
     time_s = np.arange(1, int(duration_s * rate_hz) + 1) / rate_hz
-    true, imperfect = motion.advance(time_s), Imperfection(spec or worn_spec(rate_hz, calibrated=False), sensor_rng)
+    true, imperfect = motion.advance(time_s), ImuErrorModel(spec or worn_spec(rate_hz, calibrated=False), sensor_rng)
     read = imperfect.read(true)
     columns = (read.gyro, read.accel, read.temperature_c, read.bias, true.rate, true.attitude)
     gyro, accel, temperature_c, bias, rate, attitude = (np.asarray(column, np.float32) for column in columns)

@@ -11,8 +11,8 @@ from math import radians
 
 import numpy as np
 
-from estimator import rotation
-from estimator.batch.capture import Floats, Movement, Rest, Samples
+from estimator.calibration.capture import Floats, Movement, Rest, Samples
+from estimator.geometry import rotation
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from bridge.recording import Recording
 from bridge.wire.messages import Verdict
-from estimator import offline
-from estimator.batch import closure
-from estimator.batch.capture import Capture, Rest, Samples, TurnCapture
-from estimator.batch.closure import ClosureKnobs
-from estimator.batch.replacement import Replacement
-from estimator.gyro import least_step
+from estimator.calibration import closure
+from estimator.calibration.capture import Capture, Rest, Samples, TurnCapture
+from estimator.calibration.closure import ClosureKnobs
+from estimator.calibration.replacement_error import Replacement
+from estimator.geometry.gyro_model import least_step
+from estimator.offline import recordings
 
 pytestmark = pytest.mark.data
 Floats = NDArray[np.float64]
@@ -68,7 +68,7 @@ def test_and_so_does_the_whole_way_from_the_stream(shared_data: Path, name: str)
     with np.load(shared_data / "simulated" / f"{name}.npz") as data:
         gyro, rate = data["gyro_rad_s"].astype(float), float(data["rate_hz"])
         recording = Recording(np.arange(1, len(gyro) + 1) / rate, gyro, None, None, rate, name)
-        result, _ = offline.calibrate(recording)
+        result, _ = recordings.calibrate(recording)
         assert result.verdict is Verdict.ACCEPTED
         assert result.method == "closure"
         k_prototype = np.degrees(data["closure_std"][3:])
@@ -81,7 +81,7 @@ def test_imucals_session_closes(shared_data: Path) -> None:
         gyro, accel, rate = data["gyro_rad_s"], data["accel_m_s2"], float(data["rate_hz"])
     recording = Recording(np.arange(1, len(gyro) + 1) / rate, gyro, accel, None, rate, "imucal")
     for used in (recording, Recording(recording.time_s, gyro, None, None, rate, "imucal, gyro only")):
-        result, _ = offline.calibrate(used)
+        result, _ = recordings.calibrate(used)
         assert result.verdict is Verdict.ACCEPTED
         errors = [degrees(turn.closure_error) for turn in result.turns]
         assert np.all(np.array(errors) <= [0.06, 0.03, 0.012]), errors

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from bridge.sim.imperfection import ImuSpec
+from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion import Piece, Still, Swing, Turn
-from bridge.sim.script import SessionPlan, TurnPlan, session
-from estimator.batch.capture import Rest, Samples
-from estimator.batch.carry import TransitionKnobs, collect
-from estimator.batch.transitions import fit
-from estimator.gyro import least_step
+from bridge.sim.motion_scripts import SessionPlan, TurnPlan, session
+from estimator.calibration.capture import Rest, Samples
+from estimator.calibration.gravity_propagation import TransitionKnobs, collect
+from estimator.calibration.transitions import fit
+from estimator.geometry.gyro_model import least_step
 from tests.estimator.stream import Stream, stream
 from tests.truth.hand_held import hand_held
 

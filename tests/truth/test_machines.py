@@ -7,7 +7,7 @@ import pytest
 
 from bridge.recording import load
 from bridge.wire.messages import Verdict
-from estimator.offline import calibrate
+from estimator.offline.recordings import calibrate
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,10 @@ import pytest
 
 from bridge.recording import load
 from bridge.wire.messages import Verdict
-from estimator import offline
-from estimator.batch import turn360
-from tests.estimator.batch.literal import algorithm1
-from tests.estimator.batch.sessions import capture
+from estimator.calibration import turn360
+from estimator.offline import recordings
+from tests.estimator.calibration.literal import algorithm1
+from tests.estimator.calibration.sessions import capture
 from tests.estimator.stream import NAME, Stream, feed
 
 pytestmark = pytest.mark.data
@@ -23,7 +23,7 @@ SESSIONS = [
 def test_a_real_table_session_from_the_stream_alone(shared_data: Path) -> None:
     """imucal's NilsPod: six poses, three turns, each pushed in four; the paper's algorithm found K = these."""
     recording = load(shared_data / "imucal" / "ferraris_session.npz")
-    result, passed_over = offline.calibrate(recording)
+    result, passed_over = recordings.calibrate(recording)
     assert result.verdict is Verdict.ACCEPTED
     np.testing.assert_allclose(result.scale, [0.9728, 1.0179, 1.0018], atol=2e-3)
     np.testing.assert_allclose(np.degrees(-result.bias), [0.5947, 0.3680, -0.0602], atol=0.03)
@@ -44,7 +44,7 @@ def test_algorithm_1_agrees_with_an_independent_prototype(shared_data: Path, nam
     """The prototype was told the stages; where the rests begin and end explains the difference."""
     path = shared_data / "simulated" / f"{name}.npz"
     file = np.load(path)
-    result, _ = offline.calibrate(load(path), "turn360")
+    result, _ = recordings.calibrate(load(path), "turn360")
     assert result.verdict is Verdict.ACCEPTED
     tolerance = 1e-4 if "noise0.03" in name else 4e-4
     np.testing.assert_allclose(result.scale, file["algorithm1_k"], atol=tolerance)
@@ -60,7 +60,7 @@ def test_where_algorithm_1_is_wrong_it_says_so(shared_data: Path) -> None:
     scores = []
     for name in SESSIONS:
         path = shared_data / "simulated" / f"{name}.npz"
-        result, _ = offline.calibrate(load(path), "turn360")
+        result, _ = recordings.calibrate(load(path), "turn360")
         scores.append((result.scale - np.load(path)["truth_k"]) / np.sqrt(np.diag(result.covariance)[3:]))
     assert np.abs(scores).max() < 2.5
     assert np.sqrt(np.mean(np.square(scores))) < 1.2
@@ -89,13 +89,13 @@ def test_the_literal_algorithm_on_a_recorded_session(shared_data: Path) -> None:
     ],
 )
 def test_real_movement_that_is_no_session_calibrates_nothing(shared_data: Path, path: str) -> None:
-    result, _ = offline.calibrate(load(shared_data / f"{path}.npz"))
+    result, _ = recordings.calibrate(load(shared_data / f"{path}.npz"))
     assert result.verdict is not Verdict.ACCEPTED
 
 
 def test_real_quantised_stillness_is_known_at_4_degrees_per_second(shared_data: Path) -> None:
     """An MPU-6050 whose bias is far beyond what fixed limits take for rest."""
-    from estimator.session import DeviceSession
+    from estimator.device.session import DeviceSession
 
     recording = load(shared_data / "sunsided_mpu6050" / "unmoved-x-pointing-forward.npz")
     n = len(recording)
@@ -114,7 +114,7 @@ def test_real_quantised_stillness_is_known_at_4_degrees_per_second(shared_data: 
 
 def test_rests_of_real_wear_track_the_bias(shared_data: Path) -> None:
     """BROAD: bias from rests against the mean of the marked rests."""
-    from estimator.session import DeviceSession
+    from estimator.device.session import DeviceSession
 
     for name in (
         "04_undisturbed_slow_rotation_with_breaks_A",

@@ -8,8 +8,8 @@ import pytest
 from bridge.reasons.codes import Code, Sentence
 from bridge.recording import load
 from bridge.wire.messages import Verdict
-from estimator import offline
-from estimator.batch.result import Result
+from estimator.calibration.result import Result
+from estimator.offline import recordings
 from tests.sentences import codes
 
 pytestmark = pytest.mark.data
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.data
 def calibrated(folder: Path, name: str) -> tuple[Result, list[str], np.ndarray]:
     """The result, why movements were passed over, and the true scale factors (3,)."""
     path = folder / "sessions" / f"{name}.npz"
-    result, passed_over = offline.calibrate(load(path))
+    result, passed_over = recordings.calibrate(load(path))
     with np.load(path) as data:
         return result, passed_over, data["true_k"]
 

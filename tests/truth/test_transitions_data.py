@@ -8,13 +8,13 @@ import pytest
 
 from bridge.recording import load
 from bridge.wire.messages import Verdict
-from estimator import offline
-from estimator.batch.capture import Floats, Rest, Samples
-from estimator.batch.carry import Problem, TransitionKnobs, Transitions, collect
-from estimator.batch.session import CalibrationSession
-from estimator.batch.transitions import estimate, fit
-from estimator.gyro import least_step
-from estimator.stillness import Stillness
+from estimator.calibration.capture import Floats, Rest, Samples
+from estimator.calibration.gravity_propagation import Problem, TransitionKnobs, Transitions, collect
+from estimator.calibration.session import CalibrationSession
+from estimator.calibration.transitions import estimate, fit
+from estimator.geometry.gyro_model import least_step
+from estimator.offline import recordings
+from estimator.stillness.detector import Stillness
 from tests.truth.hand_held import hand_held
 
 pytestmark = pytest.mark.data
@@ -55,7 +55,7 @@ def test_imucal_carries_gravity_through_movements_not_fitted(shared_data: Path) 
 
 
 def test_imucal_is_calibrated_whole(shared_data: Path) -> None:
-    result, passed_over = offline.calibrate(load(shared_data / "imucal" / "ferraris_session.npz"), "transitions")
+    result, passed_over = recordings.calibrate(load(shared_data / "imucal" / "ferraris_session.npz"), "transitions")
     assert (result.verdict, passed_over) == (Verdict.ACCEPTED, [])
     assert len(result.parameters) == 12
     np.testing.assert_allclose(result.scale, [0.9728, 1.0179, 1.0018], atol=2.5e-3)  # by closure of its turns
@@ -76,8 +76,8 @@ def test_a_full_matrix_lowers_what_the_diagonal_leaves(shared_data: Path, name: 
 @pytest.mark.parametrize("name", ["imu0", "imu3"])
 def test_the_classical_method_agrees_within_what_both_say(shared_data: Path, name: str) -> None:
     recording = load(shared_data / "mikoff_mpu9150" / f"{name}.npz")
-    ours, _ = offline.calibrate(recording, "transitions")
-    classical, _ = offline.calibrate(recording, "accel_aided")
+    ours, _ = recordings.calibrate(recording, "transitions")
+    classical, _ = recordings.calibrate(recording, "accel_aided")
     assert classical.verdict is Verdict.ACCEPTED
     # The classical frame has the accelerometer's x axis for its own, ours the nearest orthogonal one.
     std = np.sqrt(np.diag(ours.covariance)[3:6] + np.diag(classical.covariance)[3:6])

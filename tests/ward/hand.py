@@ -6,10 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 from playwright.sync_api import Page, expect
 
-from bridge.sim.imperfection import DEMO_SPEC
+from bridge.sim.imu_errors import DEMO_SPEC
 from bridge.sim.motion import Motion, Piece, Still
-from bridge.sim.script import SessionPlan, TurnPlan, flat, session
-from bridge.sim.source import SimulatedSource
+from bridge.sim.motion_scripts import SessionPlan, TurnPlan, flat, session
+from bridge.sim.sample_source import SimulatedSource
 from bridge.sim.virtual_device import VirtualDevice
 from tests.ward.parts import WAITING
 

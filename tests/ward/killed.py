@@ -22,10 +22,10 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Floats, Quality, Verdict
 from estimator.client import Client
 from estimator.database import inspect
-from estimator.demo.audience import Watcher
+from estimator.demo.subscribers import Watcher
 from estimator.demo.ward import WARD, Ward
 from estimator.service.store import Store
-from estimator.track.bias_filter import BiasKnobs
+from estimator.tracking.bias_filter import BiasKnobs
 from tests.ward.parts import add_simulated, living, wait
 
 _SPEED = 10.0

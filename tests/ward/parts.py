@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.sim.imperfection import DEMO_SPEC
-from bridge.sim.script import demo_script
-from bridge.sim.session import Session
-from bridge.sim.source import SimulatedSource
+from bridge.sim.calibration_session import Session
+from bridge.sim.imu_errors import DEMO_SPEC
+from bridge.sim.motion_scripts import demo_script
+from bridge.sim.sample_source import SimulatedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice
 from bridge.wire.messages import CorrectedBatch, Quality
-from estimator.demo.audience import Subscriber, Watcher
+from estimator.demo.subscribers import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
 from tests.sim.recorded_source import RecordedSource
 

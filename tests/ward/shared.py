@@ -12,8 +12,8 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, SampleBatch
 from estimator.client import Client
-from estimator.config import Estimator
-from estimator.service.shell import Service
+from estimator.config.schema import Estimator
+from estimator.service.run_loop import Service
 from estimator.service.store import Store
 
 WARD, BRIDGE = "shared", "b1"

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from bridge.bus.contract import BusError
-from bridge.bus.router import Router
+from bridge.bus.embedded_router import Router
 from tests.ward.shared import Shared, shared
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("cluster"), pytest.mark.timeout(180)]

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Error, Page, expect
 
-from estimator import history
 from estimator.demo.ward import Ward
+from estimator.service import history
 from estimator.service.store import Store
 from tests.ward.parts import living
 from tests.web.conftest import OUT, PASSWORD, PEOPLE

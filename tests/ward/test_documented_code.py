@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bridge.sim.motion import Still
-from bridge.sim.script import swing
+from bridge.sim.motion_scripts import swing
 from estimator.demo.ward import WARD, Ward
 from tests.estimator.stream import calibration
 from tests.ward.parts import add_simulated
@@ -55,7 +55,7 @@ def test_an_example_runs_as_printed(code: str, ward: Ward) -> None:
         "--speed",
         "10",
     ]
-    played = subprocess.Popen([sys.executable, "-m", "estimator.cli", *replay])
+    played = subprocess.Popen([sys.executable, "-m", "estimator.cli.main", *replay])
     try:
         ran = subprocess.run([sys.executable, "-c", here], capture_output=True, text=True, timeout=120, check=False)
     finally:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from estimator import history
 from estimator.demo.ward import Ward
+from estimator.service import history
 from estimator.service.store import Store
 from tests.ward.hand import Hand, Table
 from tests.ward.test_dashboard import _open
@@ -53,7 +53,7 @@ def test_a_newcomer_from_the_ward_page_to_the_verdict(
     ward: Ward, page: Page, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     expect(page.locator(".tile")).to_have_count(1)
-    words = [sys.executable, "-m", "estimator.cli", "calibrate", "--live", NAME, "--config", str(ward.config)]
+    words = [sys.executable, "-m", "estimator.cli.main", "calibrate", "--live", NAME, "--config", str(ward.config)]
     told = tmp_path / "terminal"
     with told.open("wb") as out:
         terminal = subprocess.Popen([*words, "--lang", "en", "--seconds", "100"], stdout=out, stdin=subprocess.DEVNULL)

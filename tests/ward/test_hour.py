@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from estimator.demo.audience import Watcher
+from estimator.demo.subscribers import Watcher
 from estimator.demo.ward import WARD, Ward, free_port
 from tests.bridge.asking import get
 from tests.conftest import Effort

@@ -12,9 +12,9 @@ import pytest
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import keys
 from bridge.wire.messages import State
-from estimator.cli import main
+from estimator.cli.main import main
 from estimator.database import back_up
-from estimator.demo.audience import Subscriber, Watcher
+from estimator.demo.subscribers import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward, free_port
 from estimator.service.store import Store
 from tests.bridge.asking import get
@@ -75,7 +75,7 @@ def test_health_and_status_of_a_ward_that_runs_and_of_one_that_does_not(
     assert [get(port, "/healthz") for port in ports] == [(200, "ok\n")] * 2
     ready = [(200, "ok\n")] * 2
     wait("readiness", lambda: [get(port, "/readyz") for port in ports] == ready, running.watcher, running.ward)
-    assert f'truerate_bridge_heard{{device="{NAME}"}} 1.0' in get(running.bridge_port, "/metrics")[1]
+    assert f'truerate_bridge_device_connected{{device="{NAME}"}} 1.0' in get(running.bridge_port, "/metrics")[1]
     tracking = f'truerate_state{{device="{NAME}",state="tracking"}} 1.0'
     wait(
         "the metrics of this second",

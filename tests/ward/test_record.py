@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.bus.router import Router
+from bridge.bus.embedded_router import Router
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.recording import load
 from bridge.recording.stretches import read
 from bridge.recording.survey import survey
 from bridge.wire import keys
 from bridge.wire.messages import Quality
-from estimator.cli import main
-from estimator.demo.audience import Subscriber, Watcher
+from estimator.cli.main import main
+from estimator.demo.subscribers import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward, free_port
-from estimator.offline import correct
+from estimator.offline.recordings import correct
 from tests.bridge.recording import crowd
 from tests.bridge.recording.kills import killed
 from tests.ward.parts import living, numbers, wait
@@ -35,7 +35,7 @@ def recorder(endpoint: str, folder: Path, *words: str, ward: str = WARD, file_li
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
 
-    command = [sys.executable, "-m", "estimator.cli", "record", "--ward", ward, "--connect", endpoint]
+    command = [sys.executable, "-m", "estimator.cli.main", "record", "--ward", ward, "--connect", endpoint]
     return subprocess.Popen(
         [*command, "--out", str(folder), "--wait", "30", *words],
         stderr=subprocess.PIPE,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import Quality, State
-from estimator.demo.audience import Subscriber, Watcher
+from estimator.demo.subscribers import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
 from tests.ward.parts import good_calibrations, living, numbers, wait
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.sim.session import simulate_session
+from bridge.sim.calibration_session import simulate_session
 from bridge.sim.virtual_device import VirtualDevice
 from bridge.wire.messages import Calibration, Quality, Verdict
-from estimator.batch.names import DEFAULT
+from estimator.calibration.method_names import DEFAULT
 from estimator.client import Client
-from estimator.demo.audience import Subscriber, Watcher
+from estimator.demo.subscribers import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
 from estimator.service.store import Store
 from tests.ward.parts import numbers, recorded, simulated_session, subscribers, wait

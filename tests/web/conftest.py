@@ -12,9 +12,9 @@ from argon2 import PasswordHasher
 from playwright.sync_api import Browser, ConsoleMessage, Dialog, Page, Request
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from estimator.config.dashboard import Dashboard, Person
 from estimator.demo.ward import free_port
 from estimator.web.serve import Server
-from estimator.web.settings import Dashboard, Person
 from tests.web.talk import WARD, Talk
 
 PASSWORD = "correct horse battery"

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from bridge.sim.motion import Piece, Still
 from bridge.wire.messages import CommandReply
-from estimator.session import DeviceSession
+from estimator.device.session import DeviceSession
 from tests.estimator.guide.scripted import BATCH
 from tests.estimator.stream import NAME, feed, stream
 from tests.web.talk import Talk, about

@@ -20,7 +20,7 @@ from bridge.wire.messages import (
     State,
     Status,
 )
-from estimator.session import DeviceSession
+from estimator.device.session import DeviceSession
 from tests.estimator.stream import info
 from tests.sentences import free
 

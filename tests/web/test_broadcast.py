@@ -14,8 +14,8 @@ from estimator.client import Client
 from estimator.web import topics
 from estimator.web.broadcast import AGAIN_S, LINGER_S, Broadcast
 from estimator.web.hub import WAITING, Frame, Hub, Viewer
-from estimator.web.known import Known
 from estimator.web.topics import Sources
+from estimator.web.ward_state import Known
 from estimator.web.ward_topics import SPARKS
 from tests.web.talk import WARD, Talk, said
 from tests.web.test_views import NOW, S, corrected, raw

@@ -15,8 +15,8 @@ from playwright.sync_api import Page, WebSocketRoute, expect
 
 from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause, CommandReply, CorrectedBatch, Note, Quality, SampleBatch, State, Status
-from estimator.web import words
-from tests.estimator.test_correction import CALIBRATION
+from estimator.web import number_format as words
+from tests.estimator.device.test_correction import CALIBRATION
 from tests.sentences import free
 from tests.web.conftest import PASSWORD, Site
 from tests.web.talk import about, said

@@ -14,13 +14,13 @@ import pytest
 from starlette.requests import Request
 
 from bridge.wire.messages import Calibration
+from estimator.overview.ward import matches
 from estimator.service.store import Store
-from estimator.ward_view import matches
 from estimator.web import report_pages
-from estimator.web.fault import Fault
-from estimator.web.known import CALIBRATIONS
+from estimator.web.http_error import Fault
 from estimator.web.shared_work import WAITING, SharedWork
-from tests.estimator.test_correction import CALIBRATION
+from estimator.web.ward_state import CALIBRATIONS
+from tests.estimator.device.test_correction import CALIBRATION
 from tests.web.conftest import Site, served
 from tests.web.talk import about, said
 from tests.web.test_http import Asking, error

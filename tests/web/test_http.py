@@ -14,11 +14,11 @@ from starlette.websockets import WebSocketDisconnect
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.reasons.catalogue import sentences_as_json
 from bridge.wire.messages import CommandReply, Status
-from estimator import calibration_file
-from estimator.web.attempts import FREE
+from estimator.config.dashboard import Dashboard
+from estimator.offline import calibration_file
+from estimator.web.login_attempts import FREE
 from estimator.web.serve import Server
-from estimator.web.settings import Dashboard
-from tests.estimator.test_correction import CALIBRATION
+from tests.estimator.device.test_correction import CALIBRATION
 from tests.sentences import free
 from tests.web.conftest import PASSWORD, PEOPLE
 from tests.web.talk import WARD, Talk, about, said

@@ -15,14 +15,14 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from bridge.wire.messages import Note
+from estimator.config.dashboard import Dashboard, Person
 from estimator.service.store import Store
 from estimator.web import hub, listener, live
-from estimator.web.attempts import FREE
-from estimator.web.known import CALIBRATIONS
 from estimator.web.live import WISH_S, WISHES, Pace
+from estimator.web.login_attempts import FREE
 from estimator.web.serve import Server
-from estimator.web.settings import Dashboard, Person
-from tests.estimator.test_correction import CALIBRATION
+from estimator.web.ward_state import CALIBRATIONS
+from tests.estimator.device.test_correction import CALIBRATION
 from tests.web.conftest import PASSWORD, PEOPLE, Site, served
 from tests.web.talk import WARD, about, said
 from tests.web.test_http import BEARER, LIVE, URL, Asking, error

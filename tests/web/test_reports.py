@@ -11,8 +11,8 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from bridge.wire.messages import State, Turn, Verdict
-from estimator.web import words
-from tests.estimator.test_correction import CALIBRATION
+from estimator.web import number_format
+from tests.estimator.device.test_correction import CALIBRATION
 from tests.sentences import free
 from tests.web.conftest import Site
 from tests.web.talk import about, said
@@ -73,7 +73,7 @@ def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".paper")).to_contain_text("−359.8°")
     assert page.locator(".figure").evaluate("picture => picture.decode().then(() => picture.naturalWidth)") > 1000
     # When it was is said with its zone, and the picture below is in the same.
-    zone = words.zone_name(datetime.now().astimezone())
+    zone = number_format.zone_name(datetime.now().astimezone())
     expect(page.locator(".facts")).to_contain_text(re.compile(rf"\d\d:\d\d:\d\d {re.escape(zone)}"))
     expect(page.locator(".paper")).to_contain_text(f"Times in {zone}.")
     expect(page.locator(".signs")).to_contain_text("Turned by:")

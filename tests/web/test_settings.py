@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from bridge.config import ConfigError, load
-from estimator.cli import main
-from estimator.config import Ward
+from bridge.config.schema import ConfigError, load
+from estimator.cli.main import main
+from estimator.config.schema import Ward
 from estimator.web.passwords import Passwords
 from estimator.web.serve import routers_of
 
@@ -69,7 +69,7 @@ def test_who_gives_no_password_is_told_so(capsys: pytest.CaptureFixture[str], mo
         raise EOFError
 
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("estimator.cli_dashboard.getpass.getpass", ended)
+    monkeypatch.setattr("estimator.cli.dashboard.getpass.getpass", ended)
     assert main(["dashboard", "password", "--name", "nurse"]) == 2
     assert "truerate: no password was given" in capsys.readouterr().err
 

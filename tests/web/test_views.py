@@ -9,18 +9,18 @@ from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
 from bridge.wire.codec import Rates
 from bridge.wire.messages import NO_REST_S, BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
-from estimator.texts import texts
-from estimator.ward_view import URGENCY
-from estimator.web import words
+from estimator.language.texts import texts
+from estimator.overview.ward import URGENCY
+from estimator.web import number_format as words
 from estimator.web.device_page import device_page
-from estimator.web.heading import Heading
-from estimator.web.known import FORGET_S, LOOKED_S, STRANGERS, Known
+from estimator.web.device_trail import POINTS, Trail
+from estimator.web.heading_drift import Heading
+from estimator.web.rate_strips import Strips
 from estimator.web.reports import past
-from estimator.web.strips import Strips
 from estimator.web.tiles import ward_page
 from estimator.web.traces import ALONE_S, Traces
-from estimator.web.trail import POINTS, Trail
-from tests.estimator.test_correction import CALIBRATION
+from estimator.web.ward_state import FORGET_S, LOOKED_S, STRANGERS, Known
+from tests.estimator.device.test_correction import CALIBRATION
 from tests.web.talk import about, said
 
 S = 10**9
@@ -117,7 +117,7 @@ def test_devices_that_only_a_bridge_speaks_of_hide_nobody_and_are_said() -> None
 
 
 def test_a_device_with_a_status_takes_the_place_of_one_that_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("estimator.web.known.DEVICES", 3)
+    monkeypatch.setattr("estimator.web.ward_state.DEVICES", 3)
     ward = known(said("a"), about("b"), about("c"), said("d"), said("e"), said("f"))
     assert [(name, story.number) for name, story in ward.stories.items()] == [("a", 0), ("d", 1), ("e", 2)]
     assert ward.left_out.as_dict() == {"devices": 1}

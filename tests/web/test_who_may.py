@@ -2,8 +2,8 @@
 
 import pytest
 
-from estimator.web.address import neighbourhood
-from estimator.web.attempts import ADDRESS_FREE, FORGET_S, FREE, NAME_FREE, Attempts
+from estimator.web.client_address import neighbourhood
+from estimator.web.login_attempts import ADDRESS_FREE, FORGET_S, FREE, NAME_FREE, Attempts
 from estimator.web.sessions import SESSIONS, Sessions
 
 

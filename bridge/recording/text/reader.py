@@ -16,7 +16,7 @@ from bridge.recording.text.rows import Read, TooLong, read_rows
 from bridge.recording.text.source import blocks
 from bridge.recording.text.times import seconds_of
 from bridge.recording.units import ACCEL, STANDARD_GRAVITY, TIME
-from bridge.wording import count
+from bridge.terminal.plurals import count
 
 #: of the largest value: more than rounding to what people print
 _AGREED = 1e-3

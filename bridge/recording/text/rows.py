@@ -8,7 +8,7 @@ import numpy as np
 
 from bridge.recording.recording import Floats
 from bridge.recording.text.layout import Layout, split
-from bridge.wording import count
+from bridge.terminal.plurals import count
 
 _MOST = 1 << 25  # rows: eight hours at 1165 Hz
 

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from bridge.os_words import why
 from bridge.recording.error import RecordingError
+from bridge.runtime.os_errors import why
 
 #: of a text: what `correct` writes for a day at 100 Hz has 3 GB; columns that are not used cost no memory
 MAX_TEXT_BYTES = 1 << 32

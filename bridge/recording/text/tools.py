@@ -15,8 +15,8 @@ from pathlib import Path
 from msgspec import Struct
 
 from bridge.recording.units import ACCEL, GYRO, TIME, unit_in
-from bridge.shipped import file_of, shipped
-from bridge.toml_file import load
+from bridge.toml.loader import load
+from bridge.toml.shipped import file_of, shipped
 
 _HERE = Path(__file__).parent
 _FOLDERS = (

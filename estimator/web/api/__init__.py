@@ -1,1 +1,1 @@
-"""The same ward for programs: JSON over HTTP, described by an OpenAPI document that is made of the types it answers with."""
+"""The ward for programs: JSON over HTTP, with an OpenAPI document made of the types it answers with."""

@@ -12,11 +12,11 @@ from bridge.reasons.catalogue import sentences_as_json
 from bridge.reasons.codes import Sentences
 from bridge.wire.keys import boot_id
 from bridge.wire.messages import Calibration
-from estimator import calibration_file
-from estimator.gyro import AXES
-from estimator.ward_view import TRACKING, Row, chosen
-from estimator.web.known import Known, Story
+from estimator.geometry.gyro_model import AXES
+from estimator.offline import calibration_file
+from estimator.overview.ward import TRACKING, DeviceRow, chosen
 from estimator.web.tiles import NEEDS, toned
+from estimator.web.ward_state import Known, Story
 
 #: calibrations that are answered at once, and the most that may be asked for
 PAGE, MOST = 50, 500
@@ -154,7 +154,7 @@ class Error(Struct, frozen=True):
     error: ErrorWords
 
 
-def devices(known: Known, rows: list[Row], only: list[str]) -> Devices:
+def devices(known: Known, rows: list[DeviceRow], only: list[str]) -> Devices:
     """Those of the rows that are chosen; head count and troubles are of the whole ward."""
     return Devices(
         ward=known.ward,
@@ -166,7 +166,7 @@ def devices(known: Known, rows: list[Row], only: list[str]) -> Devices:
     )
 
 
-def device(row: Row, story: Story) -> Device:
+def device(row: DeviceRow, story: Story) -> Device:
     """One device."""
     status, info = story.status, story.info
     return Device(

@@ -11,11 +11,11 @@ import numpy as np
 
 from bridge.bus.contract import Message, Publisher
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.process import stopped_by_signal
+from bridge.runtime.signals import stopped_by_signal
 from bridge.wire import columns_pb2 as columns
 from bridge.wire import keys
 from bridge.wire.messages import VERSION, Quality
-from estimator.gyro import corrected
+from estimator.geometry.gyro_model import corrected
 from estimator.service.device import CACHES
 from tests.bench.load.stream import WARD
 

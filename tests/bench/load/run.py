@@ -91,9 +91,9 @@ def run(load: Load, middle: Middle, wait_s: float = 120.0) -> Took:
         command = {
             Middle.RELAY: ["tests.bench.load.relay", endpoint],
             Middle.RECODE: ["tests.bench.load.relay", endpoint, "recode"],
-            Middle.ESTIMATOR: ["estimator.cli", "estimator", "serve", str(config)],
+            Middle.ESTIMATOR: ["estimator.cli.main", "estimator", "serve", str(config)],
         }[middle]
-        with _process("estimator.cli", "router", "--listen", endpoint) as router:
+        with _process("estimator.cli.main", "router", "--listen", endpoint) as router:
             if not listens(endpoint, 20.0):
                 raise RuntimeError("the router does not listen")
             with _process(*command) as worker:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bridge.columns import Column, Columns
+from bridge.terminal.tables import Column, Columns
 from tests.bench.network.guarded import ROUTERS, Guarded, guarded
 from tests.bench.network.judge import disputed_until, judged
 from tests.bench.network.lan import impossible

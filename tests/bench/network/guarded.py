@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from bridge.bus import router_file
+from bridge.pki.certificate_checks import Identity
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 from estimator.service.ownership import owner
 from tests.bench.network.lan import Lan
@@ -98,7 +98,7 @@ class Guarded:
     def start(self, name: str) -> None:
         """A machine's process."""
         role, file = _ROLES[name[0]], str(self._file(name))
-        program = [sys.executable, "-m", "estimator.cli"]
+        program = [sys.executable, "-m", "estimator.cli.main"]
         if role == "router":
             program += ["router", "--config", file]
         elif role == "viewer":

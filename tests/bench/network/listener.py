@@ -7,10 +7,10 @@ import json
 import sys
 import time
 
-from bridge.toml_file import load
+from bridge.toml.loader import load
 from bridge.wire import codec, keys
 from estimator.client import Client, Miss
-from estimator.config import Ward
+from estimator.config.schema import Ward
 
 #: who does not want to miss anything waits for a router that is gone, and for repeats through lines that lose packets
 PATIENT_S = 40.0

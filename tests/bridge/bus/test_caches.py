@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from bridge.bus import repair
+from bridge.bus import gap_repair
 from bridge.bus.contract import Bus
 from bridge.bus.zenoh_bus import ZenohBus
 from tests.bridge.bus.worlds import ZenohWorld, collect, eventually, meet, numbers
@@ -117,7 +117,7 @@ def test_a_borrowed_identity_under_another_key_takes_no_numbers_away(a: Bus, b: 
 def test_a_question_that_never_ends_keeps_nothing_waiting_for_ever(
     world: ZenohWorld, monkeypatch: pytest.MonkeyPatch, stranger: zenoh.Session
 ) -> None:
-    monkeypatch.setattr(repair, "_OVER_S", 0.3)
+    monkeypatch.setattr(gap_repair, "_OVER_S", 0.3)
     kept = stranger.declare_queryable("t/*/@adv/mine", zenoh.handlers.FifoChannel(100))
     questions = list[zenoh.Query]()
     with world.bus() as a, world.bus() as b:

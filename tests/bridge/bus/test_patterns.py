@@ -3,7 +3,7 @@
 import pytest
 
 from bridge.bus.contract import Bus, BusError
-from bridge.bus.keyexpr import matches
+from bridge.bus.key_expressions import matches
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from tests.bridge.bus.worlds import collect, meet
 

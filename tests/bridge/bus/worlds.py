@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 from bridge.bus.contract import Bus, BusError, Message, Publisher, Subscription
+from bridge.bus.embedded_router import Router
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.bus.router import Router
 from bridge.bus.zenoh_bus import ZenohBus
 
 

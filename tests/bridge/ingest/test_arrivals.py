@@ -7,9 +7,9 @@ import pytest
 
 from bridge.drivers.native import NativeDecoder
 from bridge.ingest.intake import Intake
-from bridge.sim.imperfection import ImuSpec
+from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion import Motion, Still
-from bridge.sim.source import SimulatedSource
+from bridge.sim.sample_source import SimulatedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice
 from bridge.wire.messages import SampleBatch, SampleFlag
 

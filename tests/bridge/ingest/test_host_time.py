@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bridge.config import Device
-from bridge.drivers.stream import StreamDriver
+from bridge.config.schema import Device
+from bridge.drivers.byte_stream import StreamDriver
 from bridge.ingest.device_thread import DeviceThread
 from bridge.ingest.intake import Intake
 from bridge.transport import address, host_time

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from bridge.pki.folder import Folder, utc_now
-from estimator.cli import main
+from estimator.cli.main import main
 from tests.bridge.pki.office import DAY
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from bridge.bus import router_file
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
+from bridge.pki.certificate_checks import Identity
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 
 WARD = "w"
@@ -72,7 +72,7 @@ class GuardedWard:
 def running_router(file: Path, endpoint: str) -> Iterator[None]:
     """`truerate router --config FILE`, from when it listens until the end."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "estimator.cli", "router", "--config", str(file)], stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "estimator.cli.main", "router", "--config", str(file)], stderr=subprocess.PIPE, text=True
     )
     try:
         address, _, port = endpoint.partition("/")[2].rpartition(":")

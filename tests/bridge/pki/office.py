@@ -4,7 +4,7 @@ from datetime import timedelta
 from pathlib import Path
 
 from bridge.pki.member import Member
-from estimator.cli import main
+from estimator.cli.main import main
 
 DAY = timedelta(days=1)
 

@@ -13,8 +13,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 from bridge.bus import zenoh_settings
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.pki.authority import Pair, issue, new_authority, new_issuer
+from bridge.pki.certificate_checks import Identity
 from bridge.pki.folder import utc_now
-from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 from bridge.wire import keys
 from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard, stranger

@@ -17,8 +17,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 from cryptography.x509.oid import NameOID
 
 from bridge.bus import router_file, zenoh_settings
+from bridge.pki.certificate_checks import Identity, faults
 from bridge.pki.folder import utc_now
-from bridge.pki.identity import Identity, faults
 from bridge.pki.member import Member, Role
 from tests.bridge.pki.guarded_ward import free_port, running_router
 

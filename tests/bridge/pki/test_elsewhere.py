@@ -7,8 +7,8 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 
 from bridge.pki.authority import issue, new_authority, new_issuer
+from bridge.pki.certificate_checks import Identity, certificates, common_name, faults
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity, certificates, common_name, faults
 from bridge.pki.member import Member, Role
 from tests.bridge.pki.office import B1, DAY
 

@@ -5,17 +5,17 @@ from pathlib import Path
 
 import pytest
 
+from bridge.bus.router_watch import RouterWatch
 from bridge.bus.routers import Routers
-from bridge.doctor.finding import Level
-from bridge.doctor.router import certificate
-from bridge.health import Health
-from bridge.ingest.vitals import Vitals as BridgeVitals
+from bridge.diagnose.finding import Level
+from bridge.diagnose.router import certificate
+from bridge.ingest.health import BridgeHealth as BridgeVitals
+from bridge.pki.certificate_checks import Identity
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity
 from bridge.pki.member import Member
-from bridge.router_watch import RouterWatch
-from estimator.cli import main
-from estimator.service.vitals import Note, Vitals
+from bridge.runtime.health_server import HealthServer
+from estimator.cli.main import main
+from estimator.service.health import Note, ServiceHealth
 from tests.bridge.asking import get
 from tests.bridge.pki.office import DAY
 
@@ -73,11 +73,11 @@ def test_who_is_not_let_in_any_more_says_why_that_may_be(
 
 def test_metrics_say_when_it_ends_and_readyz_why_there_is_no_router(tmp_path: Path) -> None:
     holder = Holder(tmp_path, 0)
-    estimator = Vitals(clock=lambda: 1.0, routers=holder.routers)
+    estimator = ServiceHealth(clock=lambda: 1.0, routers=holder.routers)
     estimator.note(Note(1.0, connected=False, store=""))
     bridge = BridgeVitals(list, lambda: float("inf"), lambda: False, holder.routers)
     for vitals in (estimator, bridge):
-        with Health(("127.0.0.1", 0), vitals.asked) as health:
+        with HealthServer(("127.0.0.1", 0), vitals.asked) as health:
             _, said = get(health.port, "/metrics")
             values = dict(line.rsplit(" ", 1) for line in said.splitlines() if line.startswith("truerate_"))
             ends = float(values["truerate_certificate_ends_timestamp_seconds"])

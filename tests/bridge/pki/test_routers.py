@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from bridge.pki.certificate_checks import certificates, common_name, verified
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import certificates, common_name, verified
 from bridge.pki.member import Member
-from estimator.cli import main
+from estimator.cli.main import main
 from tests.bridge.pki.office import B1, run
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.cli import main
+from estimator.cli.main import main
 
 DOC = Path(__file__).parents[3] / "docs" / "security.md"
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from bridge.bus.access_self_test import self_test
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.bus.routers import Routers
-from bridge.bus.self_test import self_test
 from bridge.pki.folder import utc_now
 from bridge.pki.member import Member
-from estimator.cli import main
+from estimator.cli.main import main
 from estimator.client import Client
 from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
 
@@ -39,7 +39,9 @@ def test_each_role_finds_itself_known_and_a_stranger_does_not(tmp_path: Path) ->
                 words for words in self_test(bus, ward.routers("bridge:b1"), "w2", wait_s=0.5) if "drops all" in words
             ]
         process = subprocess.Popen(
-            [sys.executable, "-m", "estimator.cli", "bridge", "run", str(config)], stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "estimator.cli.main", "bridge", "run", str(config)],
+            stderr=subprocess.PIPE,
+            text=True,
         )
         try:
             assert process.stderr is not None
@@ -79,7 +81,7 @@ def test_a_recorder_and_a_virtual_ximu3_are_told_that_they_are_denied(
         f'ward = "{WARD}"\n[bus]\nconnect = ["{ward.endpoint}"]\nca = "{files.ca}"\ncertificate = "{files.certificate}"\n'
         f'key = "{files.key}"\n[recorder]\nfolder = "{tmp_path}"\n'
     )
-    monkeypatch.setattr("bridge.cli_ximu3.show", lambda *_: None)
+    monkeypatch.setattr("bridge.cli.ximu3.show", lambda *_: None)
     with ward.running():
         for verb in (["record", "--wait", "1"], ["bridge", "ximu3"]):
             caplog.clear()

@@ -7,10 +7,10 @@ import pytest
 
 from bridge.bus import router_check, router_file
 from bridge.bus.contract import BusError
+from bridge.pki.certificate_checks import Identity
 from bridge.pki.folder import Folder
-from bridge.pki.identity import Identity
 from bridge.pki.member import Member
-from estimator.cli import main
+from estimator.cli.main import main
 
 FILES = Path(__file__).parents[3] / "configs" / "zenoh"
 AT = Folder(Path("/etc/truerate/pki"))

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import pytest
 
 from bridge.bus import router_file
-from bridge.config import Bus, ConfigError
+from bridge.config.schema import Bus, ConfigError
 from bridge.pki.authority import issue
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.member import Member, Role
-from estimator.cli import main
+from estimator.cli.main import main
 
 TEXT = """
 ward = "w"
@@ -251,9 +251,9 @@ def test_a_router_that_others_reach_without_a_certificate_is_said(
     ward.write_text('ward = "w"\n[router]\nlisten = ["tcp/0.0.0.0:7447"]\n', "utf-8")
     assert main(["config", "check", str(ward)]) == 2
     assert words in capsys.readouterr().err
-    monkeypatch.setattr("bridge.cli_router.Router", lambda *_, **__: nullcontext(SimpleNamespace(listen=())))
+    monkeypatch.setattr("bridge.cli.router.Router", lambda *_, **__: nullcontext(SimpleNamespace(listen=())))
     monkeypatch.setattr(
-        "bridge.cli_router.stopped_by_signal", lambda: nullcontext(SimpleNamespace(wait=lambda _: True))
+        "bridge.cli.router.stopped_by_signal", lambda: nullcontext(SimpleNamespace(wait=lambda _: True))
     )
     for how in (["--config", str(ward)], ["--listen", "tcp/0.0.0.0:7447"]):
         caplog.clear()

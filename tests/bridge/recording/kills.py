@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from bridge.bus.router import Router
+from bridge.bus.embedded_router import Router
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.recording.error import RecordingError
 from bridge.recording.recover import recover
@@ -47,7 +47,9 @@ def _one_go(
     for folder in folders:
         folder.mkdir()
         words = ["record", "--ward", WARD, "--connect", endpoint, "--out", str(folder), "--rotate", "10s"]
-        recorders.append(subprocess.Popen([sys.executable, "-m", "estimator.cli", *words], stderr=subprocess.DEVNULL))
+        recorders.append(
+            subprocess.Popen([sys.executable, "-m", "estimator.cli.main", *words], stderr=subprocess.DEVNULL)
+        )
     try:
         deadline = time.monotonic() + 30
         while not all(any(folder.iterdir()) for folder in folders):

@@ -8,7 +8,7 @@ import pytest
 
 from bridge.bus.contract import Message
 from bridge.drivers import replayed
-from bridge.recording import kinds, load
+from bridge.recording import load, message_kinds
 from bridge.recording.error import RecordingError
 from bridge.recording.files import Folder
 from bridge.recording.mcap_writer import McapWriter
@@ -214,7 +214,7 @@ def test_what_is_refused_is_said_by_all_who_read_it(tmp_path: Path, caplog: pyte
     writer = McapWriter(file, "truerate", {"ward": WARD})
     for device in ("one", "two"):
         facts = {"key": keys.build(WARD, "raw", bridge="bridge-1", device="one")}  # of the second, another's
-        channel = writer.channel(f"raw/bridge-1/{device}", "truerate.v1.SampleBatch", kinds.DESCRIPTORS, facts)
+        channel = writer.channel(f"raw/bridge-1/{device}", "truerate.v1.SampleBatch", message_kinds.DESCRIPTORS, facts)
         for message in only("raw", run(device, 0, 100)):
             writer.add(channel, NOW, NOW, message.payload)
     writer.finish()
@@ -236,7 +236,7 @@ def test_a_foreign_schema_costs_its_messages_and_not_the_file(tmp_path: Path) ->
     foreign = writer.channel("camera", "foxglove.Image", b"", {})
     writer.add(foreign, NOW, NOW, b"?")
     key = keys.build(WARD, "raw", bridge="bridge-1", device="one")
-    ours = writer.channel("raw/bridge-1/one", "truerate.v1.SampleBatch", kinds.DESCRIPTORS, {"key": key})
+    ours = writer.channel("raw/bridge-1/one", "truerate.v1.SampleBatch", message_kinds.DESCRIPTORS, {"key": key})
     for message in only("raw", run("one", 0, 200)):
         writer.add(ours, NOW, NOW, message.payload)
     writer.flush()

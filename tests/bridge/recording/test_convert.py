@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.recording import load
-from estimator.cli import main
+from estimator.cli.main import main
 from tests.bridge.recording.text.session import right, table, turns
 
 TIME, GYRO, ACCEL = turns()

@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC
 
-from bridge.recording import kinds
+from bridge.recording import message_kinds
 from bridge.recording.error import RecordingError
 from bridge.recording.mcap_reader import MAX_UNPACKED, Entry, McapReader
 from bridge.recording.mcap_writer import McapWriter
@@ -33,7 +33,9 @@ def write(file: BytesIO, chunks: int = 5, each: int = 4, *, finish: bool = True)
         for number in range(each):
             topic = TOPICS[number % 2 if chunk >= 2 else 0]
             if topic not in channels:
-                channels[topic] = writer.channel(topic, "truerate.v1.SampleBatch", kinds.DESCRIPTORS, {"key": topic})
+                channels[topic] = writer.channel(
+                    topic, "truerate.v1.SampleBatch", message_kinds.DESCRIPTORS, {"key": topic}
+                )
             at = chunk * each + number
             writer.add(channels[topic], BEGIN_NS + at, BEGIN_NS - at, payload(at))
         writer.flush()
@@ -104,7 +106,7 @@ def test_a_whole_file_is_whole() -> None:
     assert [entry.topic for entry in entries[8:10]] == list(TOPICS)
     assert (reader.finished, reader.trouble, reader.good) == (True, [], len(file.getvalue()))
     assert reader.facts == {"truerate": {"ward": "w"}}
-    assert reader.descriptors == {"truerate.v1.SampleBatch": kinds.DESCRIPTORS}
+    assert reader.descriptors == {"truerate.v1.SampleBatch": message_kinds.DESCRIPTORS}
 
 
 @pytest.mark.parametrize("finish", [False, True])

@@ -11,13 +11,13 @@ from rich.console import Console
 
 from bridge.bus.contract import BusError
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.config import Root
+from bridge.config.schema import Root
 from bridge.recording.error import RecordingError
 from bridge.recording.record import record
 from bridge.recording.recover import recover
 from bridge.recording.settings import Recorder, seconds
 from bridge.recording.survey import survey
-from bridge.toml_file import ConfigError, load
+from bridge.toml.loader import ConfigError, load
 from tests.bridge.recording.crowd import WARD, Crowd
 
 NOWHERE = ("tcp/127.0.0.1:1",)

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.config import Bridge, Device
+from bridge.config.schema import Bridge, Device
 from bridge.drivers import replayed
-from bridge.drivers.driver import DeviceUnavailable
+from bridge.drivers.replay_segments import ReplaySegment
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
-from bridge.drivers.takes import Take
 from bridge.ingest.pump import Pump
 from bridge.recording import Reading, stretches
 from bridge.recording.files import Folder
 from bridge.recording.reading import as_table
 from bridge.recording.recorder import WardRecorder
 from bridge.recording.stretches import Stretch, read
+from bridge.transport.errors import DeviceUnavailable
 from bridge.wire import keys
 from tests.bridge.recording.crowd import STEP, TICK_S, WARD
 from tests.bridge.recording.test_contents import KNOBS, S, about, recorded, run
@@ -74,7 +74,9 @@ def test_every_sample_is_due_when_it_was_taken(tmp_path: Path) -> None:
     part = [*run("one", 0, 100), *run("one", 0, 50, boot=8, later_ns=8 * S), *run("two", 0, 100, later_ns=S)]
     found = read(recorded(tmp_path, part))
     first, second, other = (
-        Take.of_stretch(stretch, found.begin_ns, salt=5) for name in ("one", "two") for stretch in found.stretches[name]
+        ReplaySegment.of_stretch(stretch, found.begin_ns, salt=5)
+        for name in ("one", "two")
+        for stretch in found.stretches[name]
     )
     np.testing.assert_allclose(first.due_s, np.arange(100) * STEP * TICK_S, atol=1e-9)
     np.testing.assert_allclose(second.due_s, 8 + np.arange(50) * STEP * TICK_S, atol=1e-9)

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.sim.body import Activity, Body, Lived
-from bridge.sim.life import Wearer
 from bridge.sim.motion import GRAVITY
+from bridge.sim.wearer import Wearer
 from tests.sim.day import Day, anyhow, simulate_day, worn_spec
 from tests.sim.scenes import rests_and_motion, slow_turn
 from tests.sim.warmth import ROOM_C

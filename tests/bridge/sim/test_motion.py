@@ -4,7 +4,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.sim.motion import GRAVITY, Motion, Piece, Still, TrueMotion
-from bridge.sim.script import SessionPlan, TurnPlan, demo_script, session, worn
+from bridge.sim.motion_scripts import SessionPlan, TurnPlan, demo_script, session, worn
 from tests.sim.attitude import integrate
 
 START = np.array([0.5, -0.5, 0.5, 0.5])

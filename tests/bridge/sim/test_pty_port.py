@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import serial
 
-from bridge.framing.deframer import Deframer, frame
+from bridge.framing.cobs_frames import Deframer, frame
 from bridge.framing.packets import Data, Hello, decode, encode_identify
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bridge.framing.deframer import Deframer, frame
+from bridge.framing.cobs_frames import Deframer, frame
 from bridge.framing.packets import Data, Hello, decode, encode_identify, encode_rate
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
 from tests.sim.recorded_source import RecordedSource

@@ -9,7 +9,7 @@ import pytest
 from bridge.drivers.driver import Identity, Readings
 from bridge.drivers.text_profile import KIND, TextDecoder, TextOptions
 from bridge.text.profile import Profile, load_profile
-from bridge.toml_file import ConfigError, options
+from bridge.toml.loader import ConfigError, options
 
 GOOD = """
 summary = "s"

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable
-from bridge.drivers.stream import StreamOptions
+from bridge.drivers.byte_stream import StreamOptions
 from bridge.transport import address
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.file_port import FilePort
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 from bridge.reasons.codes import Code, Sentence
-from bridge.transport import serial_state
-from bridge.transport.holders import Holder
+from bridge.transport import serial_errors
+from bridge.transport.port_holders import Holder
 
 ONE, TWO = Holder(7, "python"), Holder(8, "minicom")
 
@@ -21,6 +21,6 @@ ONE, TWO = Holder(7, "python"), Holder(8, "minicom")
 def test_who_has_it_open(
     having: list[Holder], bridges: set[int], said: Sentence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serial_state, "holders", lambda _: having)
-    monkeypatch.setattr(serial_state, "is_bridge", lambda pid: pid in bridges)
-    assert serial_state.busy("/dev/x") == said
+    monkeypatch.setattr(serial_errors, "holders", lambda _: having)
+    monkeypatch.setattr(serial_errors, "is_bridge", lambda pid: pid in bridges)
+    assert serial_errors.busy("/dev/x") == said

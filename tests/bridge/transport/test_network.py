@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.transport import address, udp_listener
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.tcp_port import TcpPort
 from bridge.transport.transport import Chunk, Transport
 from bridge.transport.udp_port import OTHERS, OVERFLOW, UdpPort

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from bridge.transport import serial_state
-from bridge.transport.holders import Holder, holders, locked
+from bridge.transport import serial_errors
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
+from bridge.transport.port_holders import Holder, holders, locked
 from bridge.transport.serial_port import SerialPort
 
 
@@ -57,13 +57,13 @@ def test_the_lines_are_not_lowered_on_close_at_any_speed(pty: PtyPort, baud: int
 
 def test_a_second_reader_is_told_who_has_the_port(pty: PtyPort) -> None:
     first, second = SerialPort(str(pty.link), 9600), SerialPort(str(pty.link), 9600)
-    assert (serial_state.state(str(pty.link)), locked(str(pty.link))) == ("present", False)
+    assert (serial_errors.state(str(pty.link)), locked(str(pty.link))) == ("present", False)
     first.open()
     assert locked(os.path.realpath(pty.link))
     with pytest.raises(DeviceUnavailable, match=rf"is busy: \S+ \(process {os.getpid()}\) has it open") as busy:
         second.open()
     assert not busy.value.soon
-    assert serial_state.state(str(pty.link)).startswith(f"{pty.link} is busy: ")
+    assert serial_errors.state(str(pty.link)).startswith(f"{pty.link} is busy: ")
     first.close()
     second.open()
     second.close()

@@ -8,10 +8,10 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality
 from estimator.client.client import Client
-from estimator.session import DeviceSession
+from estimator.device.session import DeviceSession
 from tests.estimator.client.test_revision import revision
+from tests.estimator.device.test_correction import CALIBRATION, chosen
 from tests.estimator.stream import NAME, corrected_by, info, stream
-from tests.estimator.test_correction import CALIBRATION, chosen
 from tests.sentences import free
 
 WARD = "w"

@@ -8,8 +8,8 @@ import pytest
 
 from bridge.wire.messages import BiasRevision, CorrectedBatch, Quality
 from estimator.client import covers, revised
+from tests.estimator.device.test_correction import BIAS, CALIBRATION, chosen
 from tests.estimator.stream import NAME, corrected_by, stream
-from tests.estimator.test_correction import BIAS, CALIBRATION, chosen
 from tests.sentences import free
 
 START_NS = 1_700_000_000_000_000_000

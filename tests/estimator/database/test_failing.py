@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from estimator.database import Database, Unavailable, inspect
-from estimator.service.clerk import Clerk
 from estimator.service.store import Store
+from estimator.service.store_writer import StoreWriter
 from tests.estimator.database.faults import FailingCalls, full_disk
 from tests.estimator.database.kept import CALIBRATIONS, bias, fill, loaded, made
 from tests.estimator.stream import NAME, info
@@ -59,7 +59,7 @@ def test_whichever_call_fails_everything_is_written_in_the_end(tmp_path: Path, f
     """In its order, and what is acknowledged is there at once, for another process too."""
     path, calls = tmp_path / "a.sqlite3", FailingCalls(first, many)
     store = Store(Database(path, patient=True, connect=calls))
-    clerk, acknowledged = Clerk(store.database, thread=False), list[str]()
+    clerk, acknowledged = StoreWriter(store.database, thread=False), list[str]()
     for n in range(1, 5):
         c = replace(CALIBRATIONS[0], id=f"c{n}", boot=n)
         clerk.do(lambda c=c: store.add_calibration(c), lambda error, c=c: acknowledged.append(f"{c.id} {error}"))  # type: ignore[misc]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.cli import main
+from estimator.cli.main import main
 from estimator.database import Database, StoreError
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from estimator.service.clerk import Clerk
 from estimator.service.store import Store
+from estimator.service.store_writer import StoreWriter
 from tests.estimator.database.kept import CALIBRATIONS, bias
 from tests.estimator.stream import NAME
 
@@ -17,7 +17,7 @@ from tests.estimator.stream import NAME
 def write(path: str, number: int, said: Callable[[int], None]) -> None:
     """Calibrations of boots from a number on, each with a bias; said: told the number of each once it is acknowledged."""
     store = Store(path)
-    clerk = Clerk(store.database)
+    clerk = StoreWriter(store.database)
     while True:
         number += 1
         c = replace(CALIBRATIONS[0], id=f"k{number}", boot=number, time_ns=number)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.device.admission import WAIT_S, WINDOW, ReorderBuffer
-from estimator.device.samples import Samples
+from estimator.samples.sample_buffer import Samples
 from tests.estimator.stream import stream
 
 

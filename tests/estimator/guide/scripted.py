@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Iterable
 
-from bridge.sim.script import SessionPlan, TurnPlan
+from bridge.sim.motion_scripts import SessionPlan, TurnPlan
 from bridge.wire.messages import SampleBatch
+from estimator.device.session import DeviceSession
 from estimator.guide.guide import Guide
-from estimator.guide.steps import Told
-from estimator.session import DeviceSession
+from estimator.guide.steps import Instruction
 from tests.estimator.stream import Stream, calibration, feed
 
 #: samples of a batch, as a bridge sends them
@@ -27,7 +27,7 @@ def follow(
     session: DeviceSession,
     sent: Iterable[SampleBatch],
     meanwhile: Callable[[float], None] = lambda _: None,
-) -> list[Told]:
+) -> list[Instruction]:
     """What is told after each batch; `meanwhile` gets the device's time and may ask for something."""
     told = []
     for batch in sent:
@@ -39,7 +39,7 @@ def follow(
     return told
 
 
-def steps(told: Iterable[Told]) -> list[str]:
+def steps(told: Iterable[Instruction]) -> list[str]:
     """The steps in order, each once while it lasts."""
     found: list[str] = []
     for one in told:

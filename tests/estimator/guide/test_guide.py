@@ -8,13 +8,13 @@ import pytest
 
 from bridge.reasons.codes import Code
 from bridge.sim.motion import Piece, Turn
-from bridge.sim.script import SessionPlan, TurnPlan, session
+from bridge.sim.motion_scripts import SessionPlan, TurnPlan, session
 from bridge.wire.messages import State, Verdict
+from estimator.device.session import DeviceSession
+from estimator.device.session_knobs import SessionKnobs
 from estimator.guide.guide import Guide
-from estimator.guide.steps import Picture, Step, Told
-from estimator.session import DeviceSession
-from estimator.session_knobs import SessionKnobs
-from tests.estimator.batch.sessions import in_poses
+from estimator.guide.steps import Instruction, Picture, Step
+from tests.estimator.calibration.sessions import in_poses
 from tests.estimator.guide.scripted import BATCH, batches, follow, steps, turned
 from tests.estimator.stream import NAME, calibration
 from tests.sentences import codes, free
@@ -22,7 +22,7 @@ from tests.sentences import codes, free
 ONE_TURN = ["turn", "turning", "settle"]
 
 
-def keys(told: list[Told]) -> set[str]:
+def keys(told: list[Instruction]) -> set[str]:
     return {words.code for one in told for words in one.wrong}
 
 

@@ -12,7 +12,7 @@ import pytest
 
 @pytest.mark.parametrize("study", ["errors", "protocols"])
 def test_workers_that_are_interrupted_print_no_traceback(study: str, tmp_path: Path) -> None:
-    run = "import sys; from estimator.command import main; sys.exit(main())"
+    run = "import sys; from estimator.cli.entry import main; sys.exit(main())"
     words = [sys.executable, "-c", run, "study", study, "--runs", "20000", "--workers", "2"]
     with subprocess.Popen(
         words, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bridge.sim.paper import PaperPlan, PaperSessions, draw_gyro, simulate
-from estimator.batch import closure, turn360
-from estimator.batch.capture import Capture, Rest, Samples, TurnCapture
-from estimator.batch.closure import ClosureKnobs
-from estimator.batch.replacement import Replacement
-from estimator.gyro import least_step
+from bridge.sim.paper_sessions import PaperPlan, PaperSessions, draw_gyro, simulate
+from estimator.calibration import closure, turn360
+from estimator.calibration.capture import Capture, Rest, Samples, TurnCapture
+from estimator.calibration.closure import ClosureKnobs
+from estimator.calibration.replacement_error import Replacement
+from estimator.geometry.gyro_model import least_step
 from estimator.study import many
 
 

@@ -8,7 +8,7 @@ import pytest
 from msgspec import structs
 from rich.console import Console
 
-from estimator.cli import main
+from estimator.cli.main import main
 from estimator.study.errors import STUDY, ErrorsScenario
 from estimator.study.runner import Runner
 

@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Readings
+from bridge.drivers.driver import Event, Identity, Readings
 from bridge.ingest.device_thread import DeviceThread
 from bridge.ingest.intake import Intake
+from bridge.transport.errors import DeviceUnavailable
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from bridge.drivers.driver import DeviceUnavailable, Notice
+from bridge.drivers.driver import Notice
+from bridge.transport.errors import DeviceUnavailable
 from tests.bridge.ingest.published.scripted import HELLO, Scripted, run, said
 from tests.sentences import free
 

@@ -7,17 +7,17 @@ from typing import cast
 import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.config import Bridge, Device
+from bridge.config.schema import Bridge, Device
 from bridge.drivers import registry
+from bridge.drivers.byte_stream import StreamOptions
 from bridge.drivers.driver import DriverKind
-from bridge.drivers.stream import StreamOptions
 from bridge.ingest.pump import Pump
 from bridge.reasons.codes import Code
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice
 from bridge.wire.messages import DeviceInfo
+from tests.bridge.diagnose.protocol import KINDS, Talker, lines
 from tests.bridge.ingest.published.hearing import Listener
-from tests.bridge.scan.protocol import KINDS, Talker, lines
 from tests.sentences import codes
 
 

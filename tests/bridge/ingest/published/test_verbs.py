@@ -6,17 +6,17 @@ from typing import Any
 
 import pytest
 
-from bridge import cli, cli_router
+from bridge.cli import bridge, router
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from estimator.cli import main
+from estimator.cli.main import main
 
 
 def parsed(*arguments: str) -> Any:
     parser = argparse.ArgumentParser()
     verbs = parser.add_subparsers(required=True)
-    cli.add_verbs(verbs)
-    cli_router.add_verbs(verbs)
+    bridge.add_verbs(verbs)
+    router.add_verbs(verbs)
     return parser.parse_args(arguments)
 
 

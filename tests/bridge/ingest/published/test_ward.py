@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.config import Bridge, Device
+from bridge.config.schema import Bridge, Device
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
 from bridge.ingest.device_thread import DeviceThread, Taken

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.recording import Reading, RecordingError, load
-from estimator.offline import calibrate
+from estimator.offline.recordings import calibrate
 
 Floats = NDArray[np.float64]
 K, BIAS_DPS, G = np.array([1.03, 0.98, 1.01]), np.array([0.8, -1.2, 0.5]), 9.80665

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bridge.drivers.capture import load_capture
 from bridge.recording import Reading, load
-from bridge.recording.capture import load_capture
-from estimator.cli import main
-from estimator.offline import calibrate
+from estimator.cli.main import main
+from estimator.offline.recordings import calibrate
 from tests.bridge.recording.text.session import refusal, right
 
 FIELD = Path(__file__).parents[4].parent / "shared" / "data" / "field"

@@ -1,0 +1,60 @@
+"""Tests whether a router's rules allow what our role needs, and nothing else: zenoh denies silently."""
+
+import threading
+from collections.abc import Callable, Sequence
+
+from bridge.bus.contract import Bus, BusError
+from bridge.bus.routers import Routers
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.wire import keys
+
+WAIT_S = 2.0
+_AFTER_S = 0.1  # each token is told of by a thread of its own
+_NOBODY = "nobody"
+
+
+def self_test(
+    bus: Bus, routers: Routers, ward: str, open_bus: Callable[[Sequence[str]], Bus] = ZenohBus, wait_s: float = WAIT_S
+) -> list[str]:
+    """What is wrong, in words; nothing where no certificates are asked for.
+
+    A second session shows two tokens, first one that nobody may show, then our own; `bus` must see only the second.
+    """
+    if routers.identity is None:
+        return []
+    from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - only who has certificates waits until they can be read
+
+    member = member_of(routers.identity)
+    own = keys.build(ward, "alive/probe", role=member.role.value, name=member.name)
+    forbidden = keys.build(ward, "alive/probe", role=_NOBODY, name=_NOBODY)
+    seen = {own: threading.Event(), forbidden: threading.Event()}
+
+    def on_change(key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+        if alive:
+            seen[key].set()
+
+    where = ", ".join(routers)
+    watches = [bus.watch_alive(key, on_change) for key in seen]
+    try:
+        with open_bus(routers) as other:
+            other.declare_alive(forbidden)
+            other.declare_alive(own)
+            if seen[own].wait(wait_s):
+                seen[forbidden].wait(_AFTER_S)
+    except BusError as error:
+        return [f"it could not be tried what {where} lets {member.common_name} do: {error}"]
+    finally:
+        for watch in watches:
+            watch.close()
+    wrong = []
+    if not seen[own].is_set():
+        wrong.append(
+            f"the router at {where} drops all that {member.common_name} says and hears in ward {ward}: its rules do not name it,"
+            " or the name was revoked; write its file anew (truerate pki router) and start it again"
+        )
+    if seen[forbidden].is_set():
+        wrong.append(
+            f"the router at {where} has no rules: whoever has a certificate may do everything in ward {ward}; give it a file"
+            " that `truerate pki router` wrote"
+        )
+    return wrong

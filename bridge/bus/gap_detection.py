@@ -1,0 +1,156 @@
+"""Messages of many publishers, each in order and exactly once, and which gaps to ask a publisher's cache about. Pure."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, NamedTuple, TypeVar
+
+from bridge.bus.publisher_cache import Source
+
+_T = TypeVar("_T")
+
+#: pause before a gap is asked about once more; it doubles up to the second value
+PAUSE_S, LONGEST_PAUSE_S = 0.05, 4.0
+#: a gap that no cache can tell about is given up after so long: a bridge's cache reaches back about as far
+PATIENCE_S = 30.0
+#: messages, of all publishers together, that may wait behind gaps
+MOST_HELD = 1 << 16
+#: publishers that are remembered: whoever may publish may invent any number
+MOST_SOURCES = 1 << 16
+
+
+class Gap(NamedTuple):
+    """Ask this publisher for all messages from number `start` on."""
+
+    source: Source
+    start: int
+
+
+@dataclass(slots=True)
+class _State(Generic[_T]):
+    #: number of the message to hand on next, and the highest that is known to have been sent
+    next: int = 0
+    newest: int = -1
+    #: whether a message was handed on: what lies before the first is history, and never missed
+    begun: bool = False
+    held: dict[int, _T] = field(default_factory=dict)
+    #: since when nothing came of asking, when to ask next, how often that was in vain, and whether an answer is awaited
+    since_s: float = 0.0
+    due_s: float = 0.0
+    tries: int = 0
+    asked: bool = False
+
+
+class GapDetector(Generic[_T]):
+    """Sequence state of every publisher. Methods return the messages to hand on now."""
+
+    def __init__(self) -> None:
+        self._states: dict[Source, _State[_T]] = {}
+        self._lacking: dict[Source, _State[_T]] = {}
+        self._held = 0
+        #: messages lost for good, by key
+        self.missed: Counter[str] = Counter()
+
+    def take(self, source: Source, number: int, message: _T, now_s: float) -> Sequence[_T]:
+        """A message that came live."""
+        state = self._state(source)
+        if number < state.next:
+            return ()
+        if number == state.next and not state.held:
+            state.next, state.begun = number + 1, True
+            if source in self._lacking:
+                self._review(source, state, now_s)
+            return (message,)
+        self._hold(state, {number: message})
+        ready = self._settle(source, state, state.newest) if self._held > MOST_HELD else self._run(state)
+        self._review(source, state, now_s)
+        return ready
+
+    def heard(self, source: Source, number: int, now_s: float) -> None:
+        """A publisher's cache says that its newest message has this number."""
+        state = self._state(source)
+        state.newest = max(state.newest, number)
+        self._review(source, state, now_s)
+
+    def history(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
+        """What a publisher's cache held when the subscription began."""
+        state = self._state(source)
+        ready = self._fill(source, state, found)
+        self._review(source, state, now_s)
+        return ready
+
+    def due(self, now_s: float, most: int = 64) -> list[Gap]:
+        """Gaps to ask about now; each must be `answered`."""
+        gaps = list[Gap]()
+        for source, state in self._lacking.items():
+            if not state.asked and state.due_s <= now_s and len(gaps) < most:
+                state.asked = True
+                gaps.append(Gap(source, state.next))
+        return gaps
+
+    def answered(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
+        """What a publisher's cache had. Nothing means that the publisher was out of reach: it is asked again."""
+        state, before = self._state(source), self._state(source).next
+        ready = self._fill(source, state, found)
+        state.asked = False
+        if state.next > before:
+            state.tries, state.since_s = 0, now_s
+        elif now_s - state.since_s >= PATIENCE_S:
+            ready += self._settle(source, state, state.newest)
+            state.newest = state.next - 1
+        state.due_s = now_s + min(PAUSE_S * 2**state.tries, LONGEST_PAUSE_S)
+        state.tries += 1
+        self._review(source, state, now_s)
+        return ready
+
+    def _state(self, source: Source) -> _State[_T]:
+        state = self._states.get(source)
+        if state is None:
+            while len(self._states) >= MOST_SOURCES:
+                oldest = next(iter(self._states))
+                self._held -= len(self._states.pop(oldest).held)
+                self._lacking.pop(oldest, None)
+            state = self._states[source] = _State()
+        elif len(self._states) > MOST_SOURCES // 2:  # publishers that still speak outlive invented ones
+            self._states[source] = self._states.pop(source)
+        return state
+
+    def _hold(self, state: _State[_T], found: Mapping[int, _T]) -> None:
+        before = len(state.held)
+        state.held.update((number, message) for number, message in found.items() if number >= state.next)
+        self._held += len(state.held) - before
+        state.newest = max(state.newest, *found)
+
+    def _fill(self, source: Source, state: _State[_T], found: Mapping[int, _T]) -> list[_T]:
+        """Hand on a cache's messages and those that follow; a message missing in the answer is lost."""
+        if not found:
+            return []
+        self._hold(state, found)
+        return self._settle(source, state, max(found))
+
+    def _settle(self, source: Source, state: _State[_T], last: int) -> list[_T]:
+        """Hand on held messages up to `last`, and count the gaps between them as missed."""
+        ready: list[_T] = []
+        for number in sorted(number for number in state.held if number <= last):
+            if number in state.held:
+                if state.begun and number > state.next:
+                    self.missed[source.key] += number - state.next
+                state.next = number
+                ready += self._run(state)
+        return ready
+
+    def _run(self, state: _State[_T]) -> list[_T]:
+        ready: list[_T] = []
+        while state.next in state.held:
+            ready.append(state.held.pop(state.next))
+            state.next, state.begun = state.next + 1, True
+        self._held -= len(ready)
+        return ready
+
+    def _review(self, source: Source, state: _State[_T], now_s: float) -> None:
+        if state.newest < state.next:
+            state.tries = 0
+            self._lacking.pop(source, None)
+        elif source not in self._lacking:
+            self._lacking[source] = state
+            state.since_s = state.due_s = now_s

@@ -1,0 +1,204 @@
+"""A session's thread: gap repair, liveliness watchers and answers.
+
+It answers for the session's own caches, and asks other publishers' caches for what its subscriptions lack.
+"""
+
+import contextlib
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any, TypeVar
+
+import zenoh
+from zenoh import handlers
+
+from bridge.bus.handlers import HandlerError
+from bridge.bus.publisher_cache import HISTORY, PARAMETERS, SESSION_BYTES, Cache, Caches, Source
+from bridge.bus.zenoh_session import CHANNEL, Channel, said
+from bridge.bus.zenoh_subscription import Found, Subscription, by_source
+
+_T = TypeVar("_T")
+_log = logging.getLogger(__name__)
+
+#: how often the thread looks at its channels, and while it waits for answers: zenoh cannot wait for several channels
+_TICK_S, _TURN_S = 0.025, 0.005
+#: timeout of a query, and when a query counts as over although zenoh does not say so
+PAST_S = 2.0
+_OVER_S = 2 * PAST_S
+#: how often publishers that have paused are asked for the number of their last message, which no later one shows to be lost
+_LAST_S = 2.0
+#: publishers silent for longer are not asked, but for some seconds after a router came back, when the outage is added
+_LAST_WITHIN_S, _AFTER_S = 40.0, 10.0
+#: queries that may wait; the oldest is dropped when more come, and its asker asks again
+_QUESTIONS = 4096
+#: queries answered, and tokens told, before the thread turns to its other work
+_AT_ONCE = 1024
+
+
+@dataclass(slots=True, eq=False)
+class _Question:
+    replies: Channel[zenoh.Reply]
+    then: Callable[[Found], None]
+    over_s: float
+    found: list[zenoh.Sample] = field(default_factory=list)
+
+    def over(self) -> bool:
+        """Take the replies that came; whether all have come."""
+        try:
+            while (reply := self.replies.try_recv()) is not None:
+                if reply.ok is not None:
+                    self.found.append(reply.ok)
+        except zenoh.ZError:
+            return True
+        return time.monotonic() >= self.over_s
+
+
+class GapRepair:
+    """Caches, questions, answers and liveliness watchers of one session. Everything but `run` may be called from any thread."""
+
+    def __init__(self, session: zenoh.Session, subscriptions: Callable[[], Iterator[Subscription]]) -> None:
+        self._session, self._subscriptions = session, subscriptions
+        self._name, self._numbers, self._lock = os.urandom(SESSION_BYTES), count(), threading.Lock()
+        self._caches, self._cached = Caches(), 0
+        self._asked: dict[str, Channel[zenoh.Query]] = {}
+        self._queryables = list[object]()  # zenoh takes back what nobody holds
+        self._watched = list[tuple[Channel[Any], Callable[[Any], None]]]()
+        self._questions = list[_Question]()
+        self._last_s = 0.0
+        self._routers: set[str] = set()
+        self._there_s = self._changed_s = time.monotonic()
+
+    def keep(self, key: str, size: int) -> Cache:
+        """Make a publisher's cache, and answer for it from now on."""
+        cache = Cache(key, size, self._name, next(self._numbers))
+        with self._lock:
+            self._cached += size
+            if (place := self._caches.add(cache)) is not None:
+                asked = f"{place}/*/{HISTORY}/{self._name.hex()}".removeprefix("/")
+                ring: handlers.RingChannel[zenoh.Query] = handlers.RingChannel(_QUESTIONS)
+                queryable = self._session.declare_queryable(asked, ring)
+                self._queryables.append(queryable)
+                self._asked = self._asked | {place: queryable.handler}
+        return cache
+
+    def forget(self, cache: Cache) -> None:
+        """Answer no more for the cache of a closed publisher."""
+        with self._lock:
+            self._cached -= cache.size
+            self._caches.discard(cache)
+
+    def watch(self, channel: Channel[_T], handle: Callable[[_T], None]) -> None:
+        """Call handle for each thing that comes, a token or a query, on this thread, until the channel is closed."""
+        self._watched = [*self._watched, (channel, handle)]
+
+    def begin(self, subscription: Subscription, most: int | None) -> None:
+        """Fetch the history of a new subscription: of each publisher the last `most` messages, or all."""
+        what = "" if most is None else f"most={most}"
+        left, past = [len(subscription.patterns)], Found()
+
+        def came(found: Found) -> None:
+            past.update(found)
+            left[0] -= 1
+            if not left[0]:
+                subscription.begin(past)
+
+        for pattern in subscription.patterns:
+            self._ask(f"{pattern}/{HISTORY}/*", what, came)
+
+    def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
+        """Query caches; replies come in the channel that is returned."""
+        return self._session.get(
+            f"{place}?{what}",
+            handlers.FifoChannel(CHANNEL + self._cached),  # has room for all that our own thread answers
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            timeout=PAST_S,
+        )
+
+    def run(self, over: Callable[[], bool]) -> None:
+        """Work until `over` says so."""
+        while not over():
+            time.sleep(_TURN_S if self._questions else _TICK_S)
+            try:
+                self._answer()
+                self._hand_on()
+                self._listen()
+                for subscription in self._subscriptions():
+                    subscription.poll()
+                self._ask_about_gaps()
+                if time.monotonic() >= self._last_s + _LAST_S:
+                    self._last_s = time.monotonic()
+                    self._ask_for_last()
+            except zenoh.ZError as error:
+                if not self._session.is_closed():
+                    _log.error("gap repair failed and goes on: %s", said(error))
+
+    def _ask(self, place: str, what: str, then: Callable[[Found], None]) -> None:
+        self._questions.append(_Question(self.past(place, what), then, time.monotonic() + _OVER_S))
+
+    def _answer(self) -> None:
+        """Answer queries to our caches."""
+        for place, questions in self._asked.items():
+            for _ in range(_AT_ONCE):
+                if (query := questions.try_recv()) is None:
+                    break
+                with query:  # leaving tells that no more is to come
+                    pattern = str(query.key_expr).rpartition(f"/{HISTORY}/")[0]
+                    asked = {name: value for name in PARAMETERS if (value := query.parameters.get(name)) is not None}
+                    try:
+                        for cache, (number, payload) in self._caches.found(place, pattern, asked):
+                            query.reply(cache.key, payload, attachment=cache.stamp(number))
+                    except (ValueError, KeyError, zenoh.ZError) as error:
+                        _log.debug("%s was not answered: %s", pattern, error)
+
+    def _hand_on(self) -> None:
+        """Pass on complete answers of other caches."""
+        for question in list(self._questions):
+            if question.over():
+                self._questions.remove(question)
+                question.then(by_source(question.found))
+
+    def _listen(self) -> None:
+        """Have tokens and queries handled."""
+        for watched in self._watched:
+            channel, handle = watched
+            try:
+                for _ in range(_AT_ONCE):
+                    if (one := channel.try_recv()) is None:
+                        break
+                    with contextlib.suppress(HandlerError):  # already logged; the next one may well be handled
+                        handle(one)
+            except zenoh.ZError:
+                self._watched = [one for one in self._watched if one is not watched]
+
+    def _ask_about_gaps(self) -> None:
+        for subscription in self._subscriptions():
+            for source, start in subscription.due():
+
+                def then(found: Found, to: Subscription = subscription, source: Source = source) -> None:
+                    to.answered(source, found)
+
+                try:
+                    self._ask(source.place, f"publisher={source.publisher};from={start}", then)
+                except zenoh.ZError as error:  # somebody published under a key that cannot be asked for
+                    _log.debug("%s cannot be asked: %s", source.key, said(error))
+                    then({})
+
+    def _ask_for_last(self) -> None:
+        now_s, routers = time.monotonic(), {str(zid) for zid in self._session.info.routers_zid()}
+        if routers != self._routers:
+            self._routers, self._changed_s = routers, now_s
+        within_s = _LAST_WITHIN_S
+        if now_s - self._changed_s < _AFTER_S:
+            within_s += now_s - self._there_s
+        elif routers:
+            self._there_s = now_s
+        for subscription in self._subscriptions():
+            if subscription.repaired and subscription.caught_up:
+                for pattern in subscription.patterns:
+                    self._ask(f"{pattern}/{HISTORY}/*", f"last={within_s:.0f}", subscription.heard)

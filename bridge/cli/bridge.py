@@ -1,0 +1,170 @@
+"""The verbs `truerate bridge ...`: arguments in, exit code out."""
+
+import argparse
+import logging
+import time
+from contextlib import AbstractContextManager, closing, nullcontext
+from pathlib import Path
+
+from bridge.bus.access_self_test import self_test
+from bridge.bus.contract import Bus
+from bridge.bus.router_watch import RouterWatch
+from bridge.bus.routers import Routers
+from bridge.bus.startup import claim_id, wait_for_router
+from bridge.cli import profiles, scan, ximu3
+from bridge.cli.parser import Verbs, add_group, add_guarded
+from bridge.cli.reading_options import add_reading, reading_of
+from bridge.cli.ward_options import add_ward, ward_of
+from bridge.config.schema import Bridge, ConfigError, Device, Root, listening, load
+from bridge.drivers import registry
+from bridge.ingest.health import BridgeHealth
+from bridge.ingest.pump import Pump
+from bridge.pki.member import Role
+from bridge.recording.error import RecordingError
+from bridge.recording.reading import as_table
+from bridge.runtime.health_server import HealthServer
+from bridge.runtime.signals import stopped_by_signal
+from bridge.terminal.console import plain_console
+from bridge.terminal.plurals import count
+from bridge.terminal.tables import Column, Columns
+
+_DONE, _NOT_USED = 0, 1
+_LOOK_S = 0.2
+_log = logging.getLogger(__name__)
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `bridge` to the command; each verb of it sets `run(args) -> exit code`."""
+    run_example = "truerate bridge run configs/ward.toml"
+    inner = add_group(verbs, "bridge", "read devices and publish them", run_example).add_subparsers(
+        metavar="VERB", required=True
+    )
+    verb = add_guarded(inner, "run", _run, "read the devices of a file and publish them", run_example)
+    verb.add_argument("config", type=Path, metavar="CONFIG", help="the ward's TOML file")
+    does = "show the drivers, and whether a file's devices are there"
+    verb = add_guarded(inner, "list", _list, does, "truerate bridge list configs/ward.toml")
+    verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="the ward's TOML file")
+    does = "listen at every port, and guess which device is there"
+    example = "truerate bridge scan; truerate bridge scan --port tcp://10.0.0.5:8000"
+    scan.add_arguments(add_guarded(inner, "scan", scan.scan, does, example))
+    does = "publish a recording as if it were a device, or a ward's as if it were the ward"
+    example = "truerate bridge replay walk.npz --device wrist-01; truerate bridge replay ward-3-20260801T101500Z.mcap --speed 10"
+    _add_replay(add_guarded(inner, "replay", _replay, does, example))
+    does = "show devices of a ward as x-IMU3s, to x-io's GUI and whatever reads those"
+    example = "truerate bridge ximu3 --config configs/ward.toml --device chest --udp 127.0.0.1:8000"
+    ximu3.add_arguments(add_guarded(inner, "ximu3", ximu3.shown, does, example))
+    does = "list the profiles of devices that print lines"
+    add_guarded(inner, "profiles", profiles.profiles, does, "truerate bridge profiles")
+    does = "show what a profile understands of a captured file"
+    example = "truerate bridge try nano-33-ble capture.txt --seconds 60"
+    profiles.add_try(add_guarded(inner, "try", profiles.try_profile, does, example))
+
+
+def _add_replay(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("file", type=Path, metavar="FILE", help="a recording, .npz or text, or a ward's, .mcap")
+    verb.add_argument(
+        "--device", metavar="ID", help="the device it stands for; of a .mcap only this one (default: all)"
+    )
+    verb.add_argument("--speed", type=float, default=1.0, metavar="N", help="how many times faster (default 1)")
+    add_reading(verb, device=False)
+    add_ward(verb)
+
+
+def _run(args: argparse.Namespace) -> int:
+    root = load(args.config, Root)
+    if root.bridge is None:
+        raise ConfigError(f"{args.config}: it has no table [bridge]")
+    if not root.bridge.devices:
+        raise ConfigError(f"{args.config}: [bridge]: it has no [[bridge.devices]]")
+    routers = root.bus.routers_as(Role.BRIDGE, name=root.bridge.id)
+    return _serve(root.ward, root.bridge, routers, patient=True)
+
+
+def _replay(args: argparse.Namespace) -> int:
+    root = ward_of(args, Root)
+    # A bad file is said at once, not tried again and again.
+    tables = _of_a_ward(args) if args.file.suffix.lower() == ".mcap" else _of_a_device(args)
+    bridge = Bridge(
+        id=f"replay-{tables[0]['id']}"[:32] if len(tables) == 1 else "replay",
+        devices=tuple(Device.from_table(table) for table in tables),
+    )
+    return _serve(root.ward, bridge, root.bus.routers_as(Role.BRIDGE, name=bridge.id), patient=False)
+
+
+def _of_a_ward(args: argparse.Namespace) -> list[dict[str, object]]:
+    """A table for each device of a ward's recording, or for the one that is wanted."""
+    from bridge.drivers import replayed  # noqa: PLC0415 - a bridge that runs is not kept waiting by what reads recordings
+
+    there = replayed.devices(args.file)
+    if args.device is not None and args.device not in there:
+        raise RecordingError(f"{args.file}: there are no samples of {args.device!r} in it; it has {', '.join(there)}")
+    played = [args.device] if args.device else there
+    return [{**_replayed(args), "id": device, "recorded_device": device} for device in played]
+
+
+def _of_a_device(args: argparse.Namespace) -> list[dict[str, object]]:
+    if not args.file.is_file():
+        raise RecordingError(f"{args.file}: {'not a file' if args.file.exists() else 'there is no such file'}")
+    from bridge.recording import load as load_recording  # noqa: PLC0415 - as above
+
+    reading = reading_of(args)
+    recorded = load_recording(args.file, reading=reading).device
+    if not (device := args.device or recorded):
+        raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
+    return [{**_replayed(args), "id": device, **as_table(reading)}]
+
+
+def _replayed(args: argparse.Namespace) -> dict[str, object]:
+    return {"driver": "replayed", "file": str(args.file), "speed": args.speed}
+
+
+def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int:
+    """Publish until stopped, or until every recording is over. Patient: wait for a router rather than give up."""
+    with stopped_by_signal() as stop:
+        bus = wait_for_router(connect, stop, patient=patient)
+        if bus is None:
+            return _DONE
+        for words in self_test(bus, connect, ward):
+            _log.error("%s", words)
+        with (
+            bus,
+            closing(claim_id(bus, ward, "bridge", bridge.id)),
+            Pump(ward, bridge, bus) as running,
+            _health(bridge, running, bus, connect),
+        ):
+            _log.info(
+                "bridge %s: %s of ward %s to %s",
+                bridge.id,
+                count(len(bridge.devices), "device"),
+                ward,
+                ", ".join(connect),
+            )
+            watched = RouterWatch(_log, _LOOK_S, connect)
+            while not stop.wait(_LOOK_S) and not running.over:
+                watched.look(time.monotonic(), connected=bus.connected)
+            if running.over and running.refused:
+                names = ", ".join(sorted(running.refused))
+                _log.error("what was played of %s was not used: play it as another device, by --device", names)
+                return _NOT_USED
+    return _DONE
+
+
+def _health(bridge: Bridge, running: Pump, bus: Bus, routers: Routers) -> AbstractContextManager[object]:
+    if not bridge.health:
+        return nullcontext()
+    vitals = BridgeHealth(lambda: running.infos, lambda: running.turned_s, lambda: bus.connected, routers)
+    return HealthServer(listening(bridge.health), vitals.asked)
+
+
+def _list(args: argparse.Namespace) -> int:
+    known = Columns([Column("driver", least=12), Column("what it reads", least=20)], headings=False)
+    for kind in registry.kinds().values():
+        known.add(kind.name, kind.summary)
+    plain_console().print(known)
+    if args.config:
+        bridge = load(args.config, Root).bridge
+        print(f"\n{args.config}:")
+        for device in bridge.devices if bridge else ():
+            state = registry.kinds()[device.driver].state(device.options)
+            print(f"  {device.id:<32} {device.driver:<12} {device.make().place}: {state}")
+    return _DONE

@@ -1,0 +1,120 @@
+"""A parser of arguments that names the nearest word where one is misspelt, and what verbs are added to it by."""
+
+import argparse
+import re
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NoReturn, Protocol, TypeVar
+
+from bridge.toml.loader import ConfigError, nearest
+
+P_co = TypeVar("P_co", covariant=True)
+Run = Callable[[argparse.Namespace], int]
+
+_OPTION = re.compile(r"--?[a-z][\w-]*")
+_NO_CHOICE = re.compile(r"(?P<where>.*)invalid choice: '(?P<word>.*)' \(choose from (?P<known>.*)\)", re.DOTALL)
+
+
+class Verbs(Protocol[P_co]):
+    """What `add_subparsers` of argparse gives."""
+
+    def add_parser(self, name: str, **how: Any) -> P_co:
+        """The parser of a verb."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors name the nearest word, and that tells its commands."""
+
+    def add_subparsers(self, **how: Any) -> "argparse._SubParsersAction[Any]":
+        """See argparse."""
+        self._verbs = super().add_subparsers(**how)
+        return self._verbs
+
+    @property
+    def commands(self) -> "dict[str, Parser]":
+        """The parser of each command, by the command's name."""
+        verbs = getattr(self, "_verbs", None)
+        return dict(verbs.choices) if verbs else {}
+
+    def parse_known_args(  # type: ignore[override] # argparse's overloads say no more
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """See argparse; what is left over is refused here, where the verb's options are known."""
+        given, over = super().parse_known_args(args, namespace)
+        if over:
+            self.error(_left_over(over, _OPTION.findall(self.format_usage())))
+        return given, over
+
+    def error(self, message: str) -> NoReturn:
+        """See argparse, in one line; the nearest word stands where all would."""
+        if match := _NO_CHOICE.fullmatch(message):
+            known = re.findall(r"[\w-]+", match["known"])
+            message = f"{match['where']}unknown {match['word']!r}; {nearest(match['word'], known)}"
+        self.exit(2, f"{self.prog}: {message} (`{self.prog} --help` says more)\n")
+
+
+def _left_over(words: Sequence[str], options: Iterable[str]) -> str:
+    wrong = next((word for word in words if word.startswith("-")), "").partition("=")[0]
+    if wrong:
+        return f"unknown option {wrong!r}; {nearest(wrong, (one for one in options if one.startswith('--')))}"
+    return f"unexpected {' '.join(map(repr, words))}"
+
+
+class Version(argparse.Action):
+    """Say which truerate this is; looked up when it is asked, for that takes a moment."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="show program's version number and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """See argparse."""
+        from importlib.metadata import version  # noqa: PLC0415
+
+        print(f"{parser.prog} {version('truerate')}")
+        parser.exit()
+
+
+def seed(text: str) -> int:
+    """Of random numbers; for argparse."""
+    if not (text.isdecimal() and int(text) < 1 << 31):
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {(1 << 31) - 1} is expected")
+    return int(text)
+
+
+def sentence(words: str) -> str:
+    """What a verb does, as a sentence."""
+    return f"{words[:1].upper()}{words[1:]}{'' if words.endswith(('.', '?')) else '.'}"
+
+
+def add_verb(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Callable[[argparse.Namespace], int | None], help_text: str
+) -> argparse.ArgumentParser:
+    """Add a verb that calls run with the parsed arguments."""
+    parser = verbs.add_parser(name, help=help_text, description=sentence(help_text))
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_group(verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, example: str) -> argparse.ArgumentParser:
+    """Add a verb that has an example, and maybe verbs of its own."""
+    return verbs.add_parser(name, help=does, description=sentence(does), epilog=f"Example: {example}")
+
+
+def add_guarded(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Run, does: str, example: str
+) -> argparse.ArgumentParser:
+    """Add a verb whose ValueErrors are errors of who gave the arguments."""
+    verb = add_group(verbs, name, does, example)
+    verb.set_defaults(run=_guarded(run))
+    return verb
+
+
+def _guarded(run: Run) -> Run:
+    """What was given and cannot be is an error of who gave it, as in a file; how errors are said is the command's."""
+
+    def guarded(args: argparse.Namespace) -> int:
+        try:
+            return run(args)
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
+
+    return guarded

@@ -1,0 +1,64 @@
+"""The verbs `truerate bridge profiles` and `try`: list text profiles, try one on a captured file."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import Final
+
+from bridge.diagnose.profile_trial import attempt, report
+from bridge.runtime.logs import printable_lines
+from bridge.terminal.console import plain_console
+from bridge.terminal.plurals import count
+from bridge.terminal.tables import Column, Columns
+from bridge.text.profile import load_profile, shipped
+
+MAX_FILE: Final = 64_000_000
+_DONE, _FAILED = 0, 1
+#: of what devices print nearly all is of these; read at another speed, nothing is
+_PRINTED, _MOSTLY = frozenset(b"\t\r\n" + bytes(range(32, 127))), 0.9
+
+
+def profiles(_: argparse.Namespace) -> int:
+    """`truerate bridge profiles`: those that come with truerate."""
+    known = Columns([Column("profile", least=16), Column("of what", least=20)], headings=False)
+    for name in shipped():
+        known.add(name, load_profile(name).summary)
+    plain_console().print(known)
+    return _DONE
+
+
+def add_try(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `truerate bridge try`."""
+    parser.add_argument("profile", metavar="PROFILE", help="a profile's name, or the path of its .toml")
+    parser.add_argument("file", type=Path, metavar="FILE", help="what the device printed: cat /dev/ttyACM0 > FILE")
+    parser.add_argument("--seconds", type=float, metavar="S", help="how long it was listened to")
+    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="its rate, if it tells no time")
+
+
+def try_profile(args: argparse.Namespace) -> int:
+    """`truerate bridge try`: 0 if any sample was understood."""
+    for option, given in (("--seconds", args.seconds), ("--rate-hz", args.rate_hz)):
+        if given is not None and not 0 < given < math.inf:
+            raise ValueError(f"{option} is {given:g}; more than 0 is expected, or leave it out where nobody knows")
+    profile = load_profile(args.profile)
+    with args.file.open("rb") as file:
+        data = file.read(MAX_FILE)
+    trial = attempt(profile, data, args.rate_hz or 0.0)
+    print(printable_lines("\n".join([f"{args.profile}: {profile.summary}", *report(trial, args.seconds or 0.0)])))
+    if not trial.samples:
+        print(f"\n{args.file}: {_came(data)}")
+    return _DONE if trial.samples else _FAILED
+
+
+def _came(data: bytes) -> str:
+    """What a file holds of which nothing was understood, and what to do."""
+    if not data.strip():
+        return (
+            f"{count(len(data), 'byte')}, and nothing in them: the device printed nothing, or not there; `truerate bridge scan`"
+            " listens at every port, at all speeds"
+        )
+    printed = sum(byte in _PRINTED for byte in data)
+    came = f"{count(len(data), 'byte')} in {count(len(data.splitlines()), 'line')}, none of them a sample"
+    if printed < _MOSTLY * len(data):
+        return f"{came}; much is no text: was it listened to at another speed? `truerate bridge scan` finds it, stty sets it"
+    return f"{came}: is it another profile's (`truerate bridge profiles`), or were the first seconds all there was?"

@@ -1,0 +1,242 @@
+"""The verbs `truerate record` and `truerate recording ...`: arguments in, exit code out."""
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bridge.cli.parser import Verbs
+from bridge.cli.reading_options import add_reading, reading_of
+from bridge.cli.ward_options import add_ward, ward_of
+from bridge.config.schema import ConfigError, Root
+from bridge.pki.member import Role
+from bridge.recording.error import RecordingError
+from bridge.recording.settings import Recorder
+from bridge.runtime.logs import printable
+from bridge.terminal.console import plain_console
+from bridge.terminal.progress import Bar
+from bridge.toml.loader import options
+
+if TYPE_CHECKING:
+    from bridge.recording.recording import Recording
+
+Run = Callable[[argparse.Namespace], int | None]
+
+RECORD = """Writes all that a ward says, readings, corrected rates, status, calibrations, notes, into DIR/WARD-TIME.mcap: a file
+that Foxglove and PlotJuggler open. While it is written it ends in .part; if the power goes, at most the last second is
+missing, and `truerate recording recover` makes a whole file of the rest. Stop with Ctrl-C.
+examples:
+  truerate record --config configs/ward.toml --out recordings
+  truerate record --ward demo --device chest --rotate 10min --seconds 3600
+  truerate note chest "patient sat up" --config configs/ward.toml      a mark, in the recording too"""
+EXPORT = """A file for each boot of each device, with the corrected rates beside the readings, and events.csv with boots,
+or where the recording of one began, calibrations and notes. `truerate calibrate` and `truerate correct` take them, and the
+.mcap itself too.
+examples:
+  truerate recording export ward-3-20260801T101500Z.mcap --npz out/session
+  truerate recording export recordings/*.mcap --bids out/dataset --subject 01 --task ward"""
+
+
+INSPECT = """examples:
+  truerate recording inspect session.csv
+  truerate recording inspect log.txt --gyro-unit deg/s --rate-hz 100"""
+CONVERT = """examples:
+  truerate recording convert export.csv session.npz --gyro-unit deg/s
+  truerate recording convert sd-card.bin session.mcap --driver witmotion --device wrist-01
+  truerate recording convert log.txt session.npz --profile openlog-artemis"""
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `record` and `recording`; each sets `run(args) -> exit code`."""
+    verb = _verb(verbs, "record", _record, "record all that a ward says, until Ctrl-C", RECORD)
+    add_ward(verb, "take ward, routers and the table [recorder] from this file")
+    verb.add_argument("--out", dest="folder", metavar="DIR", help="where files go (default: recordings)")
+    verb.add_argument("--device", dest="devices", action="append", metavar="ID", help="only this one; may be repeated")
+    verb.add_argument("--rotate", metavar="TIME", help="a new file after so long: 10min, 1h, never (default: 1h)")
+    verb.add_argument("--rotate-mb", type=float, metavar="MB", help="a new file at this size (default: 500)")
+    verb.add_argument("--keep-free-mb", type=float, metavar="MB", help="room left on the disk (default: 200)")
+    verb.add_argument(
+        "--wait",
+        dest="wait_s",
+        type=float,
+        metavar="S",
+        help="how long to wait for a router and a device (default: 10)",
+    )
+    verb.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
+
+    recording = verbs.add_parser(
+        "recording",
+        help="look into recordings of a ward, mend and export them",
+        description="Example: truerate recording info ward-3-20260801T101500Z.mcap",
+        epilog="`truerate bridge replay FILE` plays one as if it were the ward; `calibrate`, `correct` and `allan` take one too.",
+    )
+    inner = recording.add_subparsers(metavar="VERB", required=True)
+    verb = _verb(inner, "info", _info, "devices, boots, rates, gaps, calibrations and notes")
+    verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="one recording, of one or several files")
+    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+
+    verb = _verb(inner, "export", _export, "as .npz, .csv or BIDS-Motion", EXPORT)
+    verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="one recording, of one or several files")
+    form = verb.add_mutually_exclusive_group(required=True)
+    for name in ("npz", "csv", "bids"):
+        form.add_argument(f"--{name}", type=Path, metavar="DIR", help=f"write {name} files into this folder")
+    verb.add_argument("--device", action="append", metavar="ID", help="only this one; may be repeated")
+    verb.add_argument("--subject", default="01", help="of a BIDS dataset: a pseudonym (default: %(default)s)")
+    verb.add_argument("--session", default="", help="of a BIDS dataset (default: none)")
+    verb.add_argument("--task", default="ward", help="of a BIDS dataset (default: %(default)s)")
+
+    verb = _verb(
+        inner,
+        "inspect",
+        _inspect,
+        "what is understood of any file: rate, gaps, noise, gravity, what is doubtful",
+        INSPECT,
+    )
+    verb.add_argument("file", type=Path, metavar="FILE", help="a recording: .npz, .mcap, or text of any tool")
+    add_reading(verb)
+    _add_capture(verb)
+    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+
+    verb = _verb(
+        inner, "convert", _convert, "any file, or a capture of a device's bytes, to .npz, .csv or .mcap", CONVERT
+    )
+    verb.add_argument("file", type=Path, metavar="IN", help="a recording, or what a device sent")
+    verb.add_argument("out", type=Path, metavar="OUT", help="a new file: .npz, .csv or .mcap")
+    add_reading(verb)
+    _add_capture(verb)
+
+    verb = _verb(inner, "recover", _recover, "make a whole file of one that was cut short, and say what is lost")
+    verb.add_argument("file", type=Path, metavar="FILE", help="such as ward-3-20260801T101500Z.mcap.part; it stays")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="what to write (default: beside it)")
+
+
+def _add_capture(verb: argparse.ArgumentParser) -> None:
+    how = verb.add_mutually_exclusive_group()
+    how.add_argument(
+        "--driver", default="", metavar="NAME", help="the file has a device's bytes: witmotion, mtdata2, ximu3 …"
+    )
+    how.add_argument(
+        "--profile", default="", metavar="NAME", help="the file has a device's lines: a profile, or a .toml"
+    )
+
+
+def _verb(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Run, does: str, more: str = ""
+) -> argparse.ArgumentParser:
+    verb = verbs.add_parser(
+        name,
+        help=does,
+        description=f"{does[0].upper()}{does[1:]}.",
+        epilog=more,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verb.set_defaults(run=run)
+    return verb
+
+
+def _record(given: argparse.Namespace) -> int:
+    from bridge.recording.record import record  # noqa: PLC0415 - only this verb needs a bus
+
+    said = {name: getattr(given, name) for name in Recorder.__struct_fields__ if getattr(given, name, None) is not None}
+    if "devices" in said:
+        said["devices"] = tuple(said["devices"])
+    try:
+        root = ward_of(given, Root)
+        settings = options({**_table(root.recorder), **said}, Recorder)
+    except ValueError as error:
+        raise ConfigError(f"record: {error}") from None
+    if given.seconds is not None and not given.seconds > 0:
+        raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
+    return record(
+        root.ward,
+        root.bus.routers_as(Role.RECORDER),
+        settings,
+        plain_console(stderr=True),
+        seconds=given.seconds,
+    )
+
+
+def _table(settings: Recorder) -> dict[str, Any]:
+    return {name: getattr(settings, name) for name in Recorder.__struct_fields__}
+
+
+def _info(given: argparse.Namespace) -> int:
+    from bridge.recording.report import as_json, show  # noqa: PLC0415 - arrays and protobuf are slow to load
+    from bridge.recording.survey import survey  # noqa: PLC0415
+
+    with Bar() as bar:
+        found = survey(given.files, bar.on("reading"))
+    if given.json:
+        print(json.dumps(as_json(found)))
+    else:
+        show(plain_console(), found)
+    return 1 if found.trouble else 0
+
+
+def _loaded(given: argparse.Namespace) -> "Recording":
+    from bridge.recording.readers import load  # noqa: PLC0415
+
+    if given.driver or given.profile:
+        from bridge.drivers.capture import load_capture  # noqa: PLC0415
+
+        return load_capture(given.file, given.driver, given.profile, reading_of(given))
+    mcap = given.file.suffix.lower() == ".mcap"
+    return load(given.file, device=given.device if mcap else None, reading=reading_of(given))
+
+
+def _inspect(given: argparse.Namespace) -> None:
+    from bridge.recording.inspect import findings, sentences  # noqa: PLC0415
+
+    found = findings(_loaded(given))
+    if given.json:
+        print(json.dumps({**found._asdict(), "gaps": [gap._asdict() for gap in found.gaps]}))
+        return
+    for line in sentences(found):
+        print(printable(line))
+
+
+def _convert(given: argparse.Namespace) -> None:
+    from bridge.recording.convert import check_ending, convert  # noqa: PLC0415
+    from bridge.recording.files import check_new  # noqa: PLC0415
+
+    check_ending(given.out)
+    check_new([given.out])
+    recording = _loaded(given)
+    begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
+    device = given.device or recording.device or "recorded"
+    convert(recording, given.out, device, begin_ns)
+    print(
+        printable(
+            f"{given.out}: {len(recording)} samples of {device}, {recording.time_s[-1]:.1f} s at {recording.rate_hz:.6g} Hz"
+        )
+    )
+
+
+def _recover(given: argparse.Namespace) -> None:
+    from bridge.recording.recover import recover  # noqa: PLC0415
+
+    with Bar() as bar:
+        recovered = recover(given.file, given.out, bar.on("recovering"))
+    for line in recovered.said():
+        print(printable(line))
+
+
+def _export(given: argparse.Namespace) -> None:
+    from bridge.recording import bids, export, stretches  # noqa: PLC0415
+
+    session = bids.Session(given.subject, given.task, given.session)
+    with Bar() as bar:
+        recorded = stretches.read(given.files, tell=bar.on("reading"))
+    if given.device:
+        recorded = recorded.only(given.device)
+    if not recorded.stretches:
+        raise RecordingError(f"{given.files[0]}: there are no samples in it to export")
+    if given.bids:
+        paths = bids.export_bids(recorded, given.bids, session)
+    else:
+        paths = export.export(recorded, given.npz or given.csv, ".npz" if given.npz else ".csv")
+    for path in paths:
+        print(path)
+    for words in recorded.trouble:
+        print(printable(f"note: {words}"))

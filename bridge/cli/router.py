@@ -1,0 +1,77 @@
+"""The verb `truerate router`: zenoh's router, by a ward's file or by one of its own."""
+
+import argparse
+import logging
+from datetime import UTC, datetime
+from pathlib import Path
+
+from bridge.bus import router_check
+from bridge.bus.contract import BusError
+from bridge.bus.embedded_router import Router
+from bridge.bus.router_check import RouterFile
+from bridge.bus.routers import Routers
+from bridge.cli.parser import Verbs, add_guarded
+from bridge.config import router_cross_checks
+from bridge.config.schema import LOCAL, ConfigError, Root, check_endpoints, load
+from bridge.pki.certificate_checks import faults
+from bridge.pki.member import Role
+from bridge.runtime.signals import stopped_by_signal
+from bridge.wire import keys
+
+_DONE = 0
+#: how often a router says that its certificate ends soon
+_SELDOM_S = 12 * 3600.0
+_ENDS = "the certificate that this router began with ends on %s: renew it, and start the router again"
+_log = logging.getLogger(__name__)
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `router`."""
+    example = f"truerate router --listen {LOCAL}"
+    verb = add_guarded(verbs, "router", router, "run zenoh's router here", example)
+    verb.add_argument("--listen", action="append", metavar="ENDPOINT", help=f"where to listen (default {LOCAL})")
+    verb.add_argument(
+        "--config", type=Path, help="take the endpoints from this ward's file; or a file for zenohd, .json5"
+    )
+
+
+def router(args: argparse.Namespace) -> int:
+    """Run it until it is stopped; ValueError where an argument is none."""
+    written = args.config and args.config.suffix in (".json5", ".json")
+    file = _looked_through(args.config) if written else None
+    lasts = Routers(file.listen, file.identity).lasts() if file else None
+    with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as running:
+        _log.info("router: listening on %s", ", ".join(running.listen))
+        while True:  # of the certificate that it began with: of a new one it knows nothing
+            if lasts and datetime.now(UTC) >= lasts.soon:
+                _log.warning(_ENDS, f"{lasts.ends:%Y-%m-%d %H:%M} UTC")
+            if stop.wait(_SELDOM_S):
+                return _DONE
+
+
+def _looked_through(path: Path) -> RouterFile:
+    """Read and check a router's file. Raises BusError where its certificate cannot be used."""
+    file = router_check.read(path)
+    if file.identity is not None and (wrong := faults(file.identity, datetime.now(UTC), (Role.ROUTER,))):
+        raise BusError("\n".join(wrong))
+    for words in (*file.faults, *router_cross_checks.faults(file)):
+        _log.warning("%s: %s", path, words)
+    return file
+
+
+def _listening_router(args: argparse.Namespace, *, written: bool) -> Router:
+    if written:
+        if args.listen:
+            raise ValueError(f"{args.config} says where to listen, and what is safe there: change it in the file")
+        return Router.of_file(args.config)
+    root = load(args.config, Root) if args.config else None
+    if root is not None and root.bus.identity is not None and not args.listen:
+        raise ConfigError(
+            f"{args.config}: by its [bus] a router asks for certificates, which this one would not: `truerate pki router` writes"
+            " a file for one that does, `truerate router --config router.json5`"
+        )
+    listen = root.router.listen if root else (LOCAL,)
+    listen = check_endpoints(args.listen, "--listen") if args.listen else listen
+    for words in router_check.open_to_others(listen):
+        _log.warning("%s", words)
+    return Router(listen, shed=keys.VIEWED)

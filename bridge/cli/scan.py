@@ -1,0 +1,63 @@
+"""The verb `truerate bridge scan`: which device is on which port, and what to write into the ward's file."""
+
+import argparse
+
+from bridge.diagnose import scan_report
+from bridge.diagnose.port_probe import bauds, examine
+from bridge.diagnose.protocol_guess import candidates
+from bridge.diagnose.serial_ports import Found, find
+from bridge.drivers import registry
+from bridge.terminal.console import plain_console
+from bridge.transport import address
+
+_DONE, _NOTHING = 0, 1
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """What it takes."""
+    verb.add_argument(
+        "--port",
+        action="append",
+        metavar="PORT",
+        help="this one: /dev/..., tcp://host:port, udp://:port, file:///path; may be given again (default: all serial ports)",
+    )
+    verb.add_argument(
+        "--baud",
+        action="append",
+        type=int,
+        metavar="N",
+        help="this speed only; may be given again (default: the usual ones)",
+    )
+    verb.add_argument(
+        "--seconds", type=float, default=1.5, metavar="S", help="how long to listen at each speed (default 1.5)"
+    )
+
+
+def scan(args: argparse.Namespace) -> int:
+    """Print a table, what is to be said, and what to paste; ValueError where an argument is none."""
+    tried = candidates(registry.kinds().values())
+    speeds = args.baud or bauds(tried)
+    if not 0.1 <= args.seconds <= 60:
+        raise ValueError(f"--seconds is {args.seconds:g}; 0.1 to 60 is taken")
+    for port in args.port or ["any"]:
+        for speed in speeds:
+            address.check(port, speed)
+    found = [Found(port) for port in args.port] if args.port else find()
+    console = plain_console()
+    if not found:
+        console.print(
+            "No serial port is plugged in: there is nothing under /dev/serial/by-id, no /dev/ttyUSB* and no /dev/ttyACM*. "
+            "Plug a device in, with a cable that carries data; or name a port with --port."
+        )
+        return _NOTHING
+    with plain_console(stderr=True).status("") as status:
+        verdicts = [examine(each, tried, speeds, args.seconds, status.update) for each in found]
+    console.print(scan_report.table(verdicts))
+    for verdict in verdicts:
+        if verdict.words:
+            console.print(f"{verdict.found.port}: {verdict.words}", markup=False, highlight=False, soft_wrap=True)
+    if not (snippet := scan_report.snippet(verdicts)):
+        return _NOTHING
+    console.print("\nFor the ward's file:\n", highlight=False)
+    console.print(snippet, markup=False, highlight=False, soft_wrap=True)
+    return _DONE

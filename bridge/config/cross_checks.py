@@ -1,0 +1,142 @@
+"""Checks whether the files of a ward go together: ids, endpoints, certificates, and the rules of routers."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from bridge.bus.router_check import RouterFile, open_to_others
+from bridge.bus.routers import Routers, secured
+from bridge.config.router_cross_checks import faults as router_faults
+from bridge.config.router_cross_checks import host_of, hosts_at, is_for, port_of, reaches
+from bridge.config.schema import Root
+from bridge.pki.certificate_checks import faults as identity_faults
+from bridge.pki.certificate_checks import member_of
+from bridge.pki.member import Member, Role
+
+#: settings that the estimators of a ward must have alike, for they take over each other's devices
+_ALIKE = ("method", "model", "models", "horizontal_turns", "warming_s", "silence_s")
+
+
+def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datetime) -> list[str]:
+    """All that is wrong, each a sentence that begins with the file; `now` judges the certificates."""
+    return [
+        *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
+        *(f"{path}: {words}" for path, root in wards.items() for words in _of_ward(root, now)),
+        *_twice(wards),
+        *_otherwise(wards),
+        *(f"{path}: {words}" for path, root in wards.items() if routers for words in _between(root, routers)),
+    ]
+
+
+def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[str]:
+    """Certificates that end within days, each a sentence that begins with the file."""
+    for path, root in wards.items():
+        yield from (f"{path}: [bus]: {words}" for words in root.bus.routers.soon())
+    for router in routers:
+        yield from (f"{router.path}: {words}" for words in Routers(router.listen, router.identity).soon())
+
+
+def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
+    """Devices given a model of their own that are not there, as far as these files tell; sentences as above."""
+    for path, root in wards.items():
+        listed = {
+            one.id
+            for other in wards.values()
+            if other.ward == root.ward and other.bridge
+            for one in other.bridge.devices
+        }
+        there = set(root.devices.read()) if root.devices is not None else listed
+        models: Mapping[str, str] = root.estimator.models if root.estimator is not None and there else {}
+        for device in sorted(models.keys() - there):
+            close = get_close_matches(device, there, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            yield f"{path}: [estimator]: models: {device!r} is not enrolled, nor a device of these files{hint}"
+
+
+def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
+    yield from (*router.faults, *router_faults(router))
+    if router.identity is not None:
+        yield from identity_faults(router.identity, now, (Role.ROUTER,))
+
+
+def _of_ward(root: Root, now: datetime) -> Iterator[str]:
+    yield from (f"[router]: listen: {words}" for words in open_to_others(root.router.listen))
+    if root.bus.identity is None:
+        return
+    wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if role is not Role.ROUTER))
+    yield from (f"[bus]: {words}" for words in wrong)
+    if (member := _member(root)) is None:
+        return
+    # One certificate may stand in a file that says more of the ward; but not for somebody else of its role.
+    tables = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
+    table: Any = tables.get(member.role)
+    if member.role in tables and (table is None or table.id != member.name):
+        there = f"its id is {table.id!r}" if table is not None else "there is none"
+        yield f"[bus]: the certificate is for {member.label}; of [{member.role.value}] {there}"
+
+
+def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:
+    """A bridge, an estimator or a device that two files have."""
+    seen: dict[tuple[str, str, str], Path] = {}
+    for path, root in wards.items():
+        for what, name in _names(root):
+            before = seen.setdefault((root.ward, what, name), path)
+            if before != path:
+                yield f"{path}: {what} {name!r} of ward {root.ward!r} is in {before} too: give one of them another"
+
+
+def _names(root: Root) -> Iterator[tuple[str, str]]:
+    if root.bridge is not None:
+        yield "bridge", root.bridge.id
+        yield from (("device", device.id) for device in root.bridge.devices)
+    if root.estimator is not None:
+        yield "estimator", root.estimator.id
+
+
+def _otherwise(wards: Mapping[Path, Root]) -> Iterator[str]:
+    """Estimators of one ward that would treat its devices differently."""
+    first: dict[str, tuple[Path, dict[str, Any]]] = {}
+    for path, root in wards.items():
+        if (table := root.estimator) is None:
+            continue
+        here = {f"[estimator] {knob}": getattr(table, knob) for knob in _ALIKE}
+        here["[devices]"] = root.devices.read() if root.devices is not None else None
+        before, there = first.setdefault(root.ward, (path, here))
+        yield from (
+            f"{path}: {what} is not that of {before}: estimators of one ward take over each other's devices, and must treat"
+            " them alike"
+            for what, value in here.items()
+            if value != there[what]
+        )
+
+
+def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
+    ports = {port_of(endpoint) for router in routers for endpoint in router.listen}
+    for endpoint in root.bus.connect:
+        hosts = [host for one in routers if port_of(endpoint) in map(port_of, one.listen) for host in hosts_at(one)]
+        if port_of(endpoint) not in ports:
+            yield f"[bus]: connect: no router listens at {endpoint}; they do at {', '.join(e for r in routers for e in r.listen)}"
+        elif secured(endpoint) and hosts and not any(is_for(host, host_of(endpoint)) for host in hosts):
+            yield (
+                f"[bus]: connect: {endpoint}: the router's certificate is for {', '.join(hosts)} alone, and we would not talk to"
+                " it by another name: truerate pki issue router:NAME --host names all of them"
+            )
+    if (member := _member(root)) is None:
+        return
+    for router in [one for one in routers if any(reaches(endpoint, one) for endpoint in root.bus.connect)] or routers:
+        if (root.ward, member.common_name) not in router.places:
+            wards = ", ".join(sorted(ward for ward, name in router.places if name == member.common_name))
+            instead = f" (it has for {member.common_name} in ward {wards})" if wards else ""
+            yield (
+                f"[bus]: {router.path} has no rules for {member.common_name} in ward {root.ward!r}{instead}: what it says and"
+                " asks would be dropped silently"
+            )
+
+
+def _member(root: Root) -> Member | None:
+    try:
+        return member_of(root.bus.identity) if root.bus.identity is not None else None
+    except ValueError:
+        return None  # said already

@@ -1,0 +1,69 @@
+"""Enrolled devices of a ward: the [devices] table of its file, or a file of its own that may change at any time."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from msgspec import Struct
+
+from bridge.runtime import os_errors
+from bridge.wire.keys import check_id
+from bridge.wire.refusal import Refusal
+
+#: of a list; more is no list of a ward
+MOST_BYTES = 1_000_000
+
+
+class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The devices that are let in. Without this table every device is."""
+
+    #: device ids: `wrist-01` by any bridge, `bridge-1/wrist-01` by that bridge only
+    enrolled: tuple[str, ...] = ()
+    #: file with more device ids, one a line, `#` begins a comment; read again when it changes
+    file: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.enrolled and not self.file:
+            raise ValueError(
+                'give enrolled = ["wrist-01", …] or a file of ids; without [devices] every device is taken'
+            )
+        places(self.enrolled)
+        if self.file:
+            self.read()
+
+    def read(self) -> dict[str, str]:
+        """The bridge of every enrolled device, "" for any; ValueError says what is wrong with the file."""
+        if not self.file:
+            return places(self.enrolled)
+        if words := os_errors.unreadable(Path(self.file)):
+            raise ValueError(f"file {self.file!r}: {words}")
+        try:
+            with Path(self.file).open("rb") as file:
+                text = file.read(MOST_BYTES + 1)
+            if len(text) > MOST_BYTES:
+                raise ValueError(f"more than {MOST_BYTES} bytes")
+            lines = (line.partition("#")[0].strip() for line in text.decode("utf-8-sig").splitlines())
+            return places((*self.enrolled, *filter(None, lines)))
+        except UnicodeDecodeError:
+            raise ValueError(f"file {self.file!r} is not UTF-8 text: save it as UTF-8 in your editor") from None
+        except (OSError, ValueError) as error:
+            raise ValueError(
+                f"file {self.file!r}: {os_errors.why(error) if isinstance(error, OSError) else error}"
+            ) from None
+
+
+def places(entries: Iterable[str]) -> dict[str, str]:
+    """Devices and their bridges, as they are enrolled; ValueError where an entry is none, or two say different things."""
+    found: dict[str, str] = {}
+    for entry in entries:
+        bridge, _, device = entry.rpartition("/")
+        try:
+            check_id(device, "an enrolled device")
+            if bridge or entry.startswith("/"):
+                check_id(bridge, "the bridge of an enrolled device")
+        except Refusal as refusal:
+            raise ValueError(refusal.detail) from None
+        if found.setdefault(device, bridge) != bridge:
+            raise ValueError(
+                f"{device!r} is enrolled twice, by {found[device] or 'any bridge'} and {bridge or 'any bridge'}"
+            )
+    return found

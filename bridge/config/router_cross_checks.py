@@ -1,0 +1,61 @@
+"""Checks a router's ward file against its zenoh file, and which router an endpoint leads to."""
+
+from collections.abc import Iterator
+
+from bridge.bus.router_check import RouterFile
+from bridge.config.schema import ANYWHERE
+from bridge.pki.certificate_checks import ISSUER_OF, certificates, common_name, hosts_of, member_of
+
+_ANEW = "`truerate pki router` writes both files of a router, copy both"
+
+
+def faults(router: RouterFile) -> Iterator[str]:
+    """Members whom a router lets in without having rules for them, and the other way round."""
+    try:
+        trusted = [common_name(one) for one in certificates(router.identity.ca)] if router.identity else []
+        own = {member_of(router.identity).common_name} if router.identity else set()
+    except ValueError:
+        return  # said elsewhere
+    there = {name.removeprefix(ISSUER_OF) for name in trusted if name.startswith(ISSUER_OF)}
+    if not there or router.identity is None:
+        return  # a site's own authority
+    known = router.members | own
+    if more := sorted(there - known):
+        yield f"{router.identity.ca} lets in {', '.join(more)}, revoked maybe, whom the rules do not know: {_ANEW}"
+    if missing := sorted(known - there):
+        yield f"{router.identity.ca} does not let in {', '.join(missing)}, whom the rules know: {_ANEW}"
+
+
+def reaches(endpoint: str, router: RouterFile) -> bool:
+    """Whether an endpoint leads to a router: by its port, and the names of its certificate or the address it listens at."""
+    hosts = hosts_at(router) or [host_of(listen) for listen in router.listen]
+    return port_of(endpoint) in map(port_of, router.listen) and any(
+        host in ANYWHERE or is_for(host, host_of(endpoint)) for host in hosts
+    )
+
+
+def hosts_at(router: RouterFile) -> list[str]:
+    """Names and addresses in a router's certificate; none where that is not at hand."""
+    try:
+        return hosts_of(certificates(router.identity.certificate)[0]) if router.identity else []
+    except ValueError:
+        return []
+
+
+def host_of(endpoint: str) -> str:
+    """The name or address in an endpoint."""
+    address = endpoint.partition("/")[2].partition("#")[0].partition("?")[0]
+    return address.rpartition(":")[0].strip("[]").lower()
+
+
+def is_for(certified: str, host: str) -> bool:
+    """Whether a name in a certificate is that of a host; a `*` stands for one part."""
+    name = certified.lower()
+    return name == host or (name.startswith("*.") and name[2:] == host.partition(".")[2])
+
+
+def port_of(endpoint: str) -> tuple[str, str]:
+    """Protocol and port; of a Unix socket its path."""
+    protocol, _, address = endpoint.partition("/")
+    bare = address.partition("#")[0].partition("?")[0]
+    return protocol, bare if protocol.startswith("unixsock") else bare.rpartition(":")[2]

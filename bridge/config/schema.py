@@ -1,0 +1,216 @@
+"""The ward file's schema. One file serves the bridge and the estimator; each types its own tables.
+
+The estimator's root is a subclass of `Root` that gives `estimator` and `dashboard` types of their own; here any table passes.
+"""
+
+import re
+from collections.abc import Sequence
+from typing import Any, Final, Self
+
+from msgspec import Struct
+
+from bridge.bus.routers import Routers, secured
+from bridge.config.enrolment import Enrolment
+from bridge.drivers import registry
+from bridge.drivers.driver import Driver
+from bridge.pki.certificate_files import Identity
+from bridge.pki.member import Role
+from bridge.recording.settings import Recorder
+from bridge.toml.loader import ConfigError, load, nearest, options
+from bridge.wire.keys import check_id
+from bridge.wire.refusal import Refusal
+
+__all__ = ["Bridge", "Bus", "ConfigError", "Device", "Root", "Router", "check", "check_endpoints", "load"]
+
+LOCAL = "tcp/127.0.0.1:7447"
+PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")
+#: hosts to listen at that stand for all of a machine's
+ANYWHERE = ("0.0.0.0", "::", "*")  # noqa: S104 - what files say is looked through
+_ADDRESS = re.compile(r"[^?#\s]+:(\d{1,5})(?:[?#].*)?\Z")
+
+
+def check(text: object, what: str) -> str:
+    """An id of the configuration; ValueError says what one looks like."""
+    try:
+        return check_id(text, what)
+    except Refusal as refusal:
+        raise ValueError(refusal.detail) from None
+
+
+def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
+    """Endpoints as zenoh takes them; ValueError begins with `key`, be it of a file or of a command line."""
+    if not endpoints:
+        raise ValueError(f"{key} needs at least one endpoint, such as {LOCAL!r}")
+    if twice := [endpoint for endpoint in dict.fromkeys(endpoints) if endpoints.count(endpoint) > 1]:
+        raise ValueError(f"{key}: {twice[0]!r} is there twice; another router's endpoint, or one alone")
+    for endpoint in endpoints:
+        protocol, _, address = endpoint.partition("/")
+        if not (protocol and address and endpoint.isprintable()):
+            raise ValueError(f"{key}: {endpoint!r} is no endpoint; one looks like {LOCAL!r}")
+        if protocol not in PROTOCOLS:
+            raise ValueError(f"{key}: {endpoint!r}: unknown protocol {protocol!r}; {nearest(protocol, PROTOCOLS)}")
+        if protocol == "unixsock-stream":
+            continue
+        if not (match := _ADDRESS.match(address)):
+            raise ValueError(f"{key}: {endpoint!r} has no port; one looks like {LOCAL!r}")
+        if int(match[1]) > 65535:
+            raise ValueError(f"{key}: {endpoint!r}: port {match[1]} is none; 65535 is the highest")
+    return tuple(endpoints)
+
+
+def listening(address: str) -> tuple[str, int]:
+    """The host and port of `host:port`, as health has it; ValueError says what one looks like."""
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal() or not 1 <= int(port) <= 65535 or not address.isprintable():
+        raise ValueError(f"health is {address!r}; an address to listen on looks like '127.0.0.1:9464'")
+    return host.removeprefix("[").removesuffix("]"), int(port)
+
+
+def clash(address: str, other: str) -> bool:
+    """Whether two programs of one machine cannot both listen there."""
+    (host, port), (there, its) = (listening(one.replace("localhost", "127.0.0.1")) for one in (address, other))
+    return port == its and (host == there or not {host, there}.isdisjoint(ANYWHERE))
+
+
+class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The routers to connect to, and the certificate to show them."""
+
+    #: zenoh endpoints of the routers, the nearest first: `tcp/127.0.0.1:7447`, `tls/ward-3.example:7447`
+    connect: tuple[str, ...] = (LOCAL,)
+    #: for `tls/...`: PEM file of the authority that signed all certificates
+    ca: str = ""
+    #: for `tls/...`: PEM file of this program's certificate
+    certificate: str = ""
+    #: for `tls/...`: PEM file of the certificate's private key; mode 0600
+    key: str = ""
+
+    def __post_init__(self) -> None:
+        check_endpoints(self.connect, "connect")
+        files = {"ca": self.ca, "certificate": self.certificate, "key": self.key}
+        missing = [name for name, path in files.items() if not path]
+        if 0 < len(missing) < len(files):
+            raise ValueError(f"{', '.join(missing)} missing: ca, certificate and key go together")
+        for endpoint in self.connect:
+            if secured(endpoint) and missing:
+                raise ValueError(f"connect: {endpoint!r} needs ca, certificate and key; `truerate pki` makes them")
+            if not secured(endpoint) and not missing:
+                raise ValueError(
+                    f"connect: {endpoint!r} shows nobody a certificate; one that does looks like 'tls/10.0.0.5:7447'"
+                )
+
+    @property
+    def identity(self) -> Identity | None:
+        """Who we are, where certificates are asked for."""
+        return Identity(self.ca, self.certificate, self.key) if self.key else None
+
+    @property
+    def routers(self) -> Routers:
+        """Where to go, and as whom."""
+        return Routers(self.connect, self.identity)
+
+    def routers_as(self, *roles: Role, name: str = "") -> Routers:
+        """The same for whoever has one of the roles, and the name where it matters.
+
+        Else ConfigError: a router would let anybody of the ward in, and silently give or take nothing.
+        """
+        if self.identity is not None:
+            from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - as in bridge.bus.routers
+
+            try:
+                member = member_of(self.identity)
+            except ValueError as error:
+                raise ConfigError(f"[bus]: {error}") from None
+            if member.role not in roles or (name and member.name != name):
+                wanted = " or ".join(f"{role.value}:{name}" if name else role.value for role in roles)
+                raise ConfigError(
+                    f"[bus]: {self.certificate} is for {member.label}, and routers would refuse it this silently; here a"
+                    f" certificate for {wanted} is needed: truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
+                )
+        return self.routers
+
+
+class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where `truerate router` listens."""
+
+    #: zenoh endpoints
+    listen: tuple[str, ...] = (LOCAL,)
+
+    def __post_init__(self) -> None:
+        check_endpoints(self.listen, "listen")
+
+
+class Device:
+    """One [[bridge.devices]]: its id, the name of its driver, and the options that driver takes."""
+
+    __slots__ = ("driver", "id", "options")
+
+    def __init__(self, id: str, driver: str, options: Struct) -> None:  # noqa: A002 - as in the file
+        self.id: Final = id
+        self.driver: Final = driver
+        self.options: Final = options
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any]) -> Self:
+        """As the file has it: `id`, `driver`, and beside them what the driver takes."""
+        rest = dict(table)
+        for key in ("id", "driver"):
+            if key not in rest:
+                raise ValueError(f"the key {key!r} is missing")
+        device, name = check(rest.pop("id"), "id"), rest.pop("driver")
+        kinds = registry.kinds()
+        if not isinstance(name, str) or name not in kinds:
+            raise ValueError(f"unknown driver {name!r}; {nearest(str(name), kinds)}")
+        return cls(device, name, options(rest, kinds[name].options))
+
+    def make(self) -> Driver:
+        """A driver of this device, not yet open."""
+        return registry.kinds()[self.driver].make(self.options)
+
+
+class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The bridge: its id, how often it publishes, and its devices."""
+
+    #: name of the bridge in keys and certificates
+    id: str
+    #: milliseconds between two messages of a device, 5 to 1000
+    batch_ms: float = 50.0
+    #: address of /metrics, /healthz and /readyz, for example `127.0.0.1:9465`
+    health: str = ""
+    #: one table `[[bridge.devices]]` for each device; see below
+    devices: tuple[Device, ...] = ()
+
+    def __post_init__(self) -> None:
+        check(self.id, "id")
+        if self.health:
+            listening(self.health)
+        if not 5 <= self.batch_ms <= 1000:
+            raise ValueError(f"batch_ms is {self.batch_ms:g}; 5 to 1000 is taken")
+        seen: dict[str, int] = {}
+        for number, device in enumerate(self.devices, 1):
+            if device.id in seen:
+                raise ValueError(f"devices #{seen[device.id]} and #{number} have the same id {device.id!r}")
+            seen[device.id] = number
+        ports: dict[str, str] = {}
+        for device in self.devices:
+            port = getattr(device.options, "port", None)
+            if port is None:
+                continue
+            if port in ports:
+                raise ValueError(f"devices {ports[port]!r} and {device.id!r} have the same port {port!r}")
+            ports[port] = device.id
+
+
+class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The whole file."""
+
+    ward: str
+    bus: Bus = Bus()
+    router: Router = Router()
+    bridge: Bridge | None = None
+    devices: Enrolment | None = None
+    recorder: Recorder = Recorder()
+    estimator: Any = None
+    dashboard: Any = None
+
+    def __post_init__(self) -> None:
+        check(self.ward, "ward")

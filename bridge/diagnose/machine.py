@@ -1,0 +1,134 @@
+"""Checks of the machine: clock, disk, Python, packages, and how many bridges it runs."""
+
+import ctypes
+import os
+import shutil
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
+from bridge.transport.port_holders import PROC, command, is_bridge
+
+_UNSYNCHRONISED = 0x40  # STA_UNSYNC of adjtimex(2)
+_LITTLE_BYTES, _NONE_BYTES = 2_000_000_000, 100_000_000
+_WATCHED = ("eclipse-zenoh", "protobuf", "filterpy")
+_OLDEST = (3, 11)
+
+
+class _Timex(ctypes.Structure):
+    """The beginning of struct timex, and room for the rest."""
+
+    _fields_ = (
+        ("modes", ctypes.c_int),
+        ("offset", ctypes.c_long),
+        ("freq", ctypes.c_long),
+        ("maxerror", ctypes.c_long),
+        ("esterror", ctypes.c_long),
+        ("status", ctypes.c_int),
+        ("rest", ctypes.c_char * 512),
+    )
+
+
+def clock_status() -> int | None:
+    """What the kernel says of its clock, STA_* of adjtimex(2); None where it says nothing."""
+    timex = _Timex()
+    try:
+        told = ctypes.CDLL(None).adjtimex(ctypes.byref(timex))
+    except (AttributeError, OSError):
+        return None
+    return int(timex.status) if told >= 0 else None
+
+
+def clock(status: int | None) -> list[Finding]:
+    """Whether the clock is kept right by another one: recordings and machines are put together by it."""
+    if status is None:
+        return [warning("clock", "cannot be asked whether it is synchronised", "see `timedatectl`")]
+    if status & _UNSYNCHRONISED:
+        return [warning("clock", "not synchronised with any other", "sudo timedatectl set-ntp true, or install chrony")]
+    return [ok("clock", "synchronised")]
+
+
+def disk(
+    places: dict[str, Path], free: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
+) -> list[Finding]:
+    """Whether each folder, by what is kept there, can be written to and has room."""
+    return [_room(what, folder.absolute(), free) for what, folder in places.items()]
+
+
+def bridges(proc: Path = PROC) -> list[Finding]:
+    """Whether two bridges serve one file: they would fight for its ports."""
+    files: dict[str, list[int]] = defaultdict(list)
+    for entry in proc.glob("[0-9]*"):
+        pid = int(entry.name)
+        if is_bridge(pid, proc):
+            files[_served(pid, proc)].append(pid)
+    twice = {file: sorted(pids) for file, pids in files.items() if len(pids) > 1}
+    return [
+        trouble(
+            "bridges",
+            f"{file}: {len(pids)} bridges run with it, processes {', '.join(map(str, pids))}",
+            f"stop all but one: kill {pids[-1]}",
+        )
+        for file, pids in twice.items()
+    ] or [ok("bridges", f"{len(files)} running" if files else "none running")]
+
+
+def packages(
+    wanted: Sequence[str] | None = None,
+    installed: Callable[[str], str] = version,
+    python: tuple[int, ...] = sys.version_info[:3],
+) -> list[Finding]:
+    """Whether what is installed is what truerate asks for."""
+    findings = []
+    if python < _OLDEST:
+        findings.append(trouble("Python", ".".join(map(str, python)), "install Python 3.11 or newer"))
+    for requirement in map(Requirement, requires("truerate") or () if wanted is None else wanted):
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        findings.append(_package(requirement, installed))
+    kept = [finding for finding in findings if finding.level is not Level.OK or finding.check in _WATCHED]
+    return kept or [ok("packages", "as asked for")]
+
+
+def _package(requirement: Requirement, installed: Callable[[str], str]) -> Finding:
+    do = f"pip install '{requirement.name}{requirement.specifier}', or make a fresh environment"
+    try:
+        found = installed(requirement.name)
+    except PackageNotFoundError:
+        return trouble(requirement.name, "not installed", do)
+    if requirement.specifier.contains(found, prereleases=True):
+        return ok(requirement.name, found)
+    return trouble(requirement.name, f"{found}, but {requirement.specifier} is needed", do)
+
+
+def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
+    check = f"disk, {what}"
+    # Where we may not look `exists` raises an error.
+    there = next(path for path in (folder, *folder.parents) if os.path.exists(path))  # noqa: PTH110
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        return trouble(
+            check, f"{there} cannot be written to", f"sudo install -d -o $USER {folder}, or choose another place"
+        )
+    bytes_free = free(there)
+    said = f"{there}: {bytes_free / 1e9:.1f} GB free"
+    if bytes_free < _NONE_BYTES:
+        return trouble(check, said, "make room, or choose another place")
+    if bytes_free < _LITTLE_BYTES:
+        return warning(check, said, "make room soon, or choose another place")
+    return ok(check, said)
+
+
+def _served(pid: int, proc: Path) -> str:
+    """The ward's file of a bridge, in full where its folder is known."""
+    words = command(pid, proc)
+    after = words[words.index("run") + 1 :] if "run" in words else []  # it may have ended meanwhile
+    file = next((word for word in after if not word.startswith("-")), "")
+    try:
+        return str((proc / str(pid) / "cwd").readlink() / file)
+    except OSError:
+        return file

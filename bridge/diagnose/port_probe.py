@@ -1,0 +1,122 @@
+"""Probe one port: open it at one speed after another, until a driver understands its bytes."""
+
+import contextlib
+import os
+import string
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from bridge.diagnose.protocol_guess import Candidate, Guess, booted_by, guesses
+from bridge.diagnose.serial_ports import Found
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
+from bridge.transport import address, host_time, serial_errors
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
+from bridge.transport.port_holders import holders
+from bridge.transport.transport import Chunk, Transport
+
+COMMON_BAUDS = (115_200, 9600, 57_600, 230_400, 460_800, 921_600, 38_400, 19_200)
+_SILENT_SPEEDS = 2  # nothing at these, nothing at any
+_READ_S = 0.1
+_ENOUGH_BYTES = 1 << 20
+_ALIKE = 0.05
+_ODD_BYTES = 0.05  # of a text
+_SHOWN = 48  # bytes
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a port has: a guess and its speed (0 where a port has none), or why there is none; words say what to do."""
+
+    found: Found
+    guess: Guess | None
+    baud: int
+    words: str
+
+
+def bauds(tried: Iterable[Candidate]) -> list[int]:
+    """Speeds to try, those of the drivers first."""
+    return list(dict.fromkeys([*(candidate.baud for candidate in tried if candidate.baud), *COMMON_BAUDS]))
+
+
+def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], seconds: float, say: Say) -> Verdict:
+    """Find out; `say` is told what goes on. Opens the port once a speed, and sends nothing."""
+    is_serial = "://" not in found.port
+    if is_serial and serial_errors.no_port(found.port):
+        return Verdict(found, None, 0, english(Code.NOT_A_SERIAL_PORT(place=found.port)))
+    if is_serial and any(holder.pid != os.getpid() for holder in holders(found.port)):
+        return Verdict(found, None, 0, english(serial_errors.busy(found.port)))
+    opened_ns = host_time.now_ns()
+    heard: dict[int, list[Chunk]] = {}
+    try:
+        for baud in speeds if is_serial else speeds[:1]:
+            say(f"{found.port}: listening{f' at {baud}' if is_serial else ''}, {seconds:g} s")
+            heard[baud] = _listen(address.transport(found.port, baud), seconds)
+            made = [guess for guess in guesses(tried, heard[baud]) if guess.understood]
+            if made:
+                words = _advice(made, opened_ns, heard[baud][0].receive_time_ns, is_serial=is_serial)
+                return Verdict(found, made[0], baud if is_serial else 0, words)
+            # A wrong speed makes no text, and some bytes of every byte: no other speed need be tried.
+            if _as_text(_joined(heard[baud])) or (len(heard) >= _SILENT_SPEEDS and not any(heard.values())):
+                break
+    except DeviceUnavailable as error:
+        return Verdict(found, None, 0, str(error))
+    return Verdict(found, None, 0, _puzzled(heard, is_serial=is_serial))
+
+
+def _listen(transport: Transport, seconds: float) -> list[Chunk]:
+    """What comes; raises DeviceUnavailable."""
+    chunks: list[Chunk] = []
+    transport.open()
+    end_s, enough = time.monotonic() + seconds, _ENOUGH_BYTES
+    with contextlib.closing(transport), contextlib.suppress(DeviceLost):  # over, or gone: what came is what there is
+        while time.monotonic() < end_s and enough > 0:
+            chunk = transport.read(_READ_S)
+            enough -= len(chunk.data)
+            if chunk.data:
+                chunks.append(chunk)
+    return chunks
+
+
+def _advice(made: Sequence[Guess], opened_ns: int, first_ns: int, *, is_serial: bool) -> str:
+    best, *others = made
+    words = []
+    alike = [str(guess.candidate) for guess in others if guess.share > best.share - _ALIKE]
+    if alike:
+        words.append(f"it may as well be {', '.join(alike)}: choose by what the device is")
+    if is_serial and booted_by(best, opened_ns, first_ns):
+        words.append(
+            "it seems to have booted because the port was opened: each start of the bridge may cost a calibration; "
+            "configs/udev/99-truerate.rules keeps many boards from it"
+        )
+    return "; ".join(words)
+
+
+def _puzzled(heard: dict[int, list[Chunk]], *, is_serial: bool) -> str:
+    speeds = f" at {', '.join(map(str, heard))}" if is_serial else ""
+    came = {baud: data for baud, chunks in heard.items() if (data := _joined(chunks))}
+    if not came:
+        return f"nothing was heard{speeds}: is the device on, and sending? Some wait for a button, or for a host"
+    text = {baud: shown for baud, data in came.items() if (shown := _as_text(data))}
+    if text:
+        baud, shown = next(iter(text.items()))
+        where = f" at {baud}" if is_serial else ""
+        return f"text that no driver understands{where}, such as {shown!r}: it needs a profile, or a driver, of its own"
+    first = next(iter(came.values()))
+    wrong = f"a speed other than{speeds.removeprefix(' at')} (try --baud), or " if is_serial else ""
+    return f"bytes that no driver understands, such as {first[:16].hex(' ')}: {wrong}a protocol that needs a driver of its own"
+
+
+def _joined(chunks: Iterable[Chunk]) -> bytes:
+    return b"".join(chunk.data for chunk in chunks)
+
+
+def _as_text(data: bytes) -> str:
+    """A whole line of it, if it is text."""
+    if not data or len(data.translate(None, string.printable.encode())) > _ODD_BYTES * len(data):
+        return ""
+    lines = data.decode("ascii", "replace").splitlines()
+    return max(lines[1:-1] or lines, key=len)[:_SHOWN].strip() if lines else ""

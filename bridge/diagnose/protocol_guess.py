@@ -1,0 +1,129 @@
+"""Guess the protocol of bytes: every driver's decoder gets them, and the one that understands most wins. Pure."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bridge.drivers.byte_stream import Holds
+from bridge.drivers.driver import DriverKind, Event, Identity, Readings
+from bridge.toml.loader import options
+from bridge.transport.transport import Chunk
+
+_FEWEST = 5  # samples; a short check may pass by chance
+_SHARE = 0.5  # of samples and faults together
+_PLAUSIBLE = 100.0  # rad/s
+_BOOT_S = 0.5  # by which a device's clock may be ahead of the opening that booted it
+_PORT = "scan"
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A driver, and what it is to be told beside port and speed; baud: the speed its devices usually have, 0 if it says none."""
+
+    kind: DriverKind
+    table: dict[str, Any]
+    chosen: Any
+    baud: int
+
+    def __str__(self) -> str:
+        return " ".join([self.kind.name, *(str(value) for key, value in self.table.items() if key != "rate_hz")])
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """What one candidate made of the bytes. rate_hz: measured by the host, or as the device says; 0 if not known.
+
+    young_s: how long the device's own clock had run at its first sample; None where it has none.
+    """
+
+    candidate: Candidate
+    samples: int
+    faults: int
+    identity: Identity | None
+    rate_hz: float
+    young_s: float | None
+
+    @property
+    def share(self) -> float:
+        """Of what came, how much was understood."""
+        return self.samples / max(1, self.samples + self.faults)
+
+    @property
+    def understood(self) -> bool:
+        """Enough to say that this is it."""
+        return self.samples >= _FEWEST and self.share >= _SHARE
+
+
+def candidates(kinds: Iterable[DriverKind]) -> list[Candidate]:
+    """Everything that can be tried on unknown bytes."""
+    return [
+        Candidate(kind, table, None if not table else chosen, getattr(chosen, "baud", 0))
+        for kind in kinds
+        if kind.decoder is not None
+        for table in kind.variants()
+        if (chosen := _options(kind, table)) is not None
+    ]
+
+
+def guesses(tried: Iterable[Candidate], chunks: Sequence[Chunk]) -> list[Guess]:
+    """What each makes of the bytes, best first."""
+    made = [guess for candidate in tried if (guess := _try(candidate, chunks)) is not None]
+    return sorted(made, key=lambda guess: (guess.understood, round(guess.share, 2), guess.samples), reverse=True)
+
+
+def booted_by(guess: Guess, opened_ns: int, first_ns: int) -> bool:
+    """Whether the device seems to have booted because its port was opened: by its own clock it is no older than that."""
+    return guess.young_s is not None and guess.young_s <= (first_ns - opened_ns) * 1e-9 + _BOOT_S
+
+
+def _options(kind: DriverKind, table: dict[str, Any]) -> Any:
+    try:
+        return options({"port": _PORT, **table}, kind.options)
+    except ValueError:
+        return None  # a driver whose options are not those of a stream
+
+
+def _try(candidate: Candidate, chunks: Sequence[Chunk]) -> Guess | None:
+    """None where the decoder fails: code of others must not stop the scan."""
+    assert candidate.kind.decoder is not None
+    events: list[Event] = []
+    try:
+        decoder = candidate.kind.decoder(candidate.chosen)
+        decoder.opened()
+        for chunk in chunks:
+            events += decoder.feed(chunk.data, chunk.receive_time_ns)
+        if isinstance(decoder, Holds):
+            events += decoder.finish()
+        faults = decoder.faults.total()
+    except Exception:  # noqa: BLE001
+        return None
+    readings = [event for event in events if isinstance(event, Readings) and _sane(event)]
+    identity = next((event for event in events if isinstance(event, Identity)), None)
+    return Guess(
+        candidate=candidate,
+        samples=sum(len(event.ticks) for event in readings),
+        faults=faults + sum(isinstance(event, Readings) for event in events) - len(readings),
+        identity=identity,
+        rate_hz=_rate_hz(readings) or (identity.rate_hz if identity else 0.0),
+        young_s=_young_s(identity, readings),
+    )
+
+
+def _sane(readings: Readings) -> bool:
+    with np.errstate(invalid="ignore"):
+        return bool((np.abs(readings.gyro) < _PLAUSIBLE).all())
+
+
+def _rate_hz(readings: Sequence[Readings]) -> float:
+    if len(readings) < 2:
+        return 0.0
+    passed_s = (readings[-1].receive_time_ns - readings[0].receive_time_ns) * 1e-9
+    return sum(len(event.ticks) for event in readings[1:]) / passed_s if passed_s > 0.5 else 0.0
+
+
+def _young_s(identity: Identity | None, readings: Sequence[Readings]) -> float | None:
+    if identity is None or not identity.has_clock or not readings:
+        return None
+    return float(readings[0].ticks[0]) * identity.tick_period_s

@@ -1,0 +1,52 @@
+"""What a scan found: a table, and what to paste into the ward's file. Pure."""
+
+import json
+from collections.abc import Iterable, Sequence
+
+from bridge.diagnose.port_probe import Verdict
+from bridge.terminal.tables import Column, Columns
+
+_COLUMNS = (
+    Column("port", least=14),
+    Column("USB", spare=1),
+    Column("protocol", least=10),
+    Column("model"),
+    Column("rate", number=True),
+)
+
+
+def table(verdicts: Iterable[Verdict]) -> Columns:
+    """A row a port."""
+    made = Columns(_COLUMNS)
+    for verdict in verdicts:
+        guess = verdict.guess
+        if guess is None:
+            made.add(*verdict.found, "–")
+            continue
+        model = f"{guess.identity.model} {guess.identity.firmware}".strip() if guess.identity else ""
+        made.add(*verdict.found, str(guess.candidate), model, f"{guess.rate_hz:.0f} Hz")
+    return made
+
+
+def snippet(verdicts: Sequence[Verdict]) -> str:
+    """[[bridge.devices]] of those that were understood; empty if there are none."""
+    blocks = []
+    for number, verdict in enumerate((verdict for verdict in verdicts if verdict.guess is not None), 1):
+        assert verdict.guess is not None
+        candidate = verdict.guess.candidate
+        values = {"driver": candidate.kind.name, "port": verdict.found.port, **candidate.table}
+        if "rate_hz" in values:
+            values["rate_hz"] = round(verdict.guess.rate_hz)  # as counted
+        if verdict.baud:
+            values["baud"] = verdict.baud
+        lines = [
+            f'id = "device-{number}"    # the name on its label',
+            *(f"{k} = {_toml(v)}" for k, v in values.items()),
+        ]
+        blocks.append("\n".join(["[[bridge.devices]]", *lines]))
+    return "\n\n".join(blocks)
+
+
+def _toml(value: object) -> str:
+    """A string, number or truth value: JSON writes them as TOML does."""
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,121 @@
+"""A capture of a device's bytes, or a log by a profile, as the columns of a recording."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.drivers.byte_stream import Decoder, Holds
+from bridge.drivers.driver import Event, Identity, Readings
+from bridge.recording.error import MAX_BYTES, RecordingError, check_file
+from bridge.recording.reading import Reading
+from bridge.recording.recording import Floats, Recording
+from bridge.recording.table import Table, recording_of
+from bridge.terminal.plurals import count
+from bridge.toml.loader import nearest
+
+_CHUNK, _SETTLING = 4096, 1 << 16
+#: a decoder that does not know yet whether its device tells time, or at what rate, is fed the beginning again and again
+_NS_A_BYTE, _ROUNDS, _SETTLED_NS = 100_000, 8, 1_000_000_000_000
+
+
+def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Recording:
+    """Decode a capture by a driver, or by a text profile. Raises RecordingError, and ConfigError for no such profile."""
+    check_file(path)
+    if path.stat().st_size > MAX_BYTES:
+        raise RecordingError(f"{path}: {path.stat().st_size} bytes; at most {MAX_BYTES} are taken")
+    make = _decoder(path, driver, profile, reading)
+    data = path.read_bytes()
+    events, faults = _decoded(make(), data)
+    if not profile and not any(isinstance(event, Identity) and event.has_clock for event in events):
+        decoder = make()
+        _settle(decoder, data[:_SETTLING])
+        events, faults = _decoded(decoder, data)
+    return _recording(path, driver or profile, events, faults, reading)
+
+
+def _decoder(path: Path, driver: str, profile: str, reading: Reading) -> Callable[[], Decoder]:
+    from bridge.drivers import registry  # noqa: PLC0415 - a driver's package may be large
+    from bridge.drivers.text_profile import TextDecoder  # noqa: PLC0415
+    from bridge.text.profile import load_profile  # noqa: PLC0415
+
+    if profile:
+        known = load_profile(profile)
+        return lambda: TextDecoder(known, reading.rate_hz or 0.0, captured=True)
+    able = {name: kind.decoder for name, kind in registry.kinds().items() if kind.decoder is not None}
+    if driver not in able:
+        raise RecordingError(f"{path}: --driver {driver!r} decodes no bytes; {nearest(driver, able)}")
+    of_driver = able[driver]
+    return lambda: of_driver(None)
+
+
+def _decoded(decoder: Decoder, data: bytes) -> tuple[list[Event], list[str]]:
+    """The events of all bytes, and what of them was not understood."""
+    before = decoder.faults.as_dict()
+    decoder.opened()
+    events: list[Event] = []
+    for at in range(0, len(data), _CHUNK):
+        events += decoder.feed(data[at : at + _CHUNK], _SETTLED_NS + at * _NS_A_BYTE)
+    events += decoder.finish() if isinstance(decoder, Holds) else []
+    new = {label: n - before.get(label, 0) for label, n in decoder.faults.as_dict().items()}
+    return events, [f"{n} {label.replace('_', ' ')}" for label, n in new.items() if n]
+
+
+def _settle(decoder: Decoder, start: bytes) -> None:
+    """Feed the beginning until samples come: else those before are dropped, as of a device that was just plugged in."""
+    for turn in range(_ROUNDS):
+        for at in range(0, len(start), _CHUNK):
+            now_ns = (turn * len(start) + at) * _NS_A_BYTE
+            if any(isinstance(event, Readings) for event in decoder.feed(start[at : at + _CHUNK], now_ns)):
+                return
+
+
+def _recording(path: Path, by: str, events: list[Event], faults: list[str], reading: Reading) -> Recording:
+    boots = dict[int, list[Readings]]()
+    identities = {event.boot: event for event in events if isinstance(event, Identity)}
+    for event in events:
+        if isinstance(event, Readings) and event.boot in identities:
+            boots.setdefault(event.boot, []).append(event)
+    if not boots:
+        why = f": {', '.join(faults)}" if faults else ""
+        raise RecordingError(
+            f"{path}: {by} understands no sample of it{why}; `truerate bridge scan --port file://FILE` says which driver does"
+        )
+    at = reading.boot or 1
+    if (len(boots) > 1 and reading.boot is None) or not 1 <= at <= len(boots):
+        said = ", ".join(
+            f"{number} ({count(sum(len(part.ticks) for part in parts), 'sample')})"
+            for number, parts in enumerate(boots.values(), 1)
+        )
+        raise RecordingError(f"{path}: the device was booted {count(len(boots), 'time')}; choose one by --boot: {said}")
+    boot = list(boots)[at - 1]
+    return recording_of(path, _table(path, identities[boot], boots[boot], faults, reading), replace(reading, boot=None))
+
+
+def _table(path: Path, who: Identity, parts: list[Readings], faults: list[str], reading: Reading) -> Table:
+    ticks = _unwrapped(np.concatenate([part.ticks for part in parts]), who.tick_bits)
+    columns = {"gyro_rad_s": np.concatenate([part.gyro for part in parts]).astype(np.float64)}
+    accels = [part.accel for part in parts if part.accel is not None]
+    if len(accels) == len(parts):
+        columns["accel_m_s2"] = np.concatenate(accels).astype(np.float64)
+    temperatures = [part.temperature_c for part in parts if part.temperature_c is not None]
+    if len(temperatures) == len(parts):
+        columns["temperature_c"] = np.concatenate(temperatures).astype(np.float64)
+    notes = [f"{who.model} {who.firmware}".strip(), *([f"of its bytes: {', '.join(faults)}"] if faults else [])]
+    if who.has_clock:
+        columns["t_s"] = (ticks - ticks[0]) * who.tick_period_s
+    elif reading.rate_hz is None:
+        raise RecordingError(f"{path}: its bytes tell no time: say --rate-hz with the device's output data rate")
+    else:
+        columns["counter"] = ticks
+    return Table(columns, notes=notes, tick_s=who.tick_period_s)
+
+
+def _unwrapped(ticks: NDArray[np.unsignedinteger], bits: int) -> Floats:
+    """Ticks (n,) as float64, the wraps of a counter of so many bits undone."""
+    steps = np.diff(ticks.astype(np.float64))
+    most = 2.0**bits
+    steps[steps < -most / 2] += most
+    return np.concatenate([[float(ticks[0])], float(ticks[0]) + np.cumsum(steps)])

@@ -1,0 +1,245 @@
+"""Identities and readings for a device that numbers neither boots nor samples."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bridge.drivers.boot_detection import BootDetector, Time, draw_boot
+from bridge.drivers.driver import Event, Identity, Readings
+from bridge.wire.refusal import Tally
+
+Vector = tuple[float, float, float]
+ODD_TIME, RATE_CHANGED, STANDS_STILL = "odd_time", "rate_changed", "clock_stands_still"
+_STEPS = 32  # between samples, before a rate is believed
+_MOST_HELD = 1024  # until one is known: a clock that has not gone on by then does not
+_CHANGED = 0.15  # of the rate
+_MISSING = 1.75  # periods: beyond, a sample is missing between two
+_NOMINAL = 0.01  # of the rate: an oscillator errs by less
+_MAX_BATCH = 256
+_LARGEST = 1 << 64
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceDescription:
+    """What is known of a device beside its samples. rate_hz 0: measured by its clock, or guessed where it has none.
+
+    gyro_range: rad/s, 0 when unknown.
+    divided_hz: a measured rate that is this divided by a whole number is told as that: no two boots measure the same, and
+    a calibration is found again by its rate.
+    """
+
+    model: str
+    firmware: str = ""
+    gyro_range: float = 0.0
+    rate_hz: float = 0.0
+    guessed_rate_hz: float = 100.0
+    divided_hz: float = 0.0
+
+
+class _Sample(NamedTuple):
+    tick: int
+    gyro: Vector
+    accel: Vector | None
+    temperature_c: float | None
+    receive_time_ns: int
+    missing: int  # before it, where no clock tells
+    clipped: bool
+
+    @property
+    def columns(self) -> tuple[bool, bool]:
+        return self.accel is not None, self.temperature_c is not None
+
+
+class SampleAssembler:
+    """Takes one sample after another; `events` gives what they are, once.
+
+    `about` may be replaced at any time and is then told anew. tick_period_s is that of the device's clock, None where it
+    has none; it wraps at 2**tick_bits. By the clock a missing sample is known, and has a number; without, nobody knows.
+    Samples are held until the rate is known.
+    """
+
+    def __init__(
+        self,
+        faults: Tally,
+        about: DeviceDescription,
+        tick_period_s: float | None,
+        tick_bits: int = 64,
+        draw: Callable[[], int] = draw_boot,
+    ) -> None:
+        self.faults = faults
+        self.about = about
+        self._period_s = tick_period_s
+        self._boots = BootDetector(tick_period_s, tick_bits, draw)
+        self._events: list[Event] = []
+        self._rate_hz = 0.0
+        self._begin()
+
+    def opened(self) -> None:
+        """The way to the device was opened (again)."""
+        self._boots.opened()
+
+    def rebooted(self) -> None:
+        """The device said that it has booted."""
+        self._boots.said()
+
+    def paced(self, rate_hz: float) -> None:
+        """The device was told to sample at another rate, and from the next sample on it does."""
+        if self._rate_hz:
+            self._flush()
+            self._rate_hz = rate_hz
+            self._steps.clear()
+
+    def add(
+        self,
+        tick: int,
+        gyro: Vector,
+        accel: Vector | None = None,
+        temperature_c: float | None = None,
+        *,
+        receive_time_ns: int,
+        missing: int = 0,
+        clipped: bool = False,
+    ) -> None:
+        """One sample as the device sent it: tick of its clock (of no meaning where it has none), rad/s, m/s², °C.
+
+        missing: samples known to be lost before it; where the device has a clock that tells by itself.
+        clipped: by its own word.
+        """
+        placed = self._boots.observe(tick, receive_time_ns)
+        if placed is Time.ODD:
+            self.faults.add(ODD_TIME)
+            return
+        if placed is Time.BEGINS:
+            self._finish()
+            self._begin()
+        sample = _Sample(self._boots.tick, gyro, accel, temperature_c, receive_time_ns, missing, clipped)
+        if self._period_s is not None:
+            self._measure(sample.tick)
+        self._held.append(sample)
+        if self._rate_hz:
+            self._number_held()
+        elif len(self._held) >= _MOST_HELD:
+            self.faults.add(STANDS_STILL, len(self._held))
+            self._held.clear()
+            self._steps.clear()
+
+    def events(self) -> list[Event]:
+        """What is complete."""
+        self._flush()
+        events, self._events = self._events, []
+        return events
+
+    def finish(self) -> list[Event]:
+        """What is left at the end of a stream, be the rate known or not."""
+        self._finish()
+        return self.events()
+
+    def _begin(self) -> None:
+        """What is of one boot only."""
+        self._boot, self._cause = self._boots.number, self._boots.cause
+        self._last_tick: int | None = None
+        self._steps: list[int] = []
+        self._held: list[_Sample] = []
+        self._run: list[_Sample] = []  # numbered, without a hole
+        self._run_end = 0  # the number after its last
+        self._sequence = 0  # of the next sample
+        self._numbered_tick = 0  # of the one before it
+        self._told: Identity | None = None
+        self._rate_hz = self.about.rate_hz
+        if self._period_s is None and not self._rate_hz:
+            self._rate_hz = self.about.guessed_rate_hz
+
+    def _finish(self) -> None:
+        """Whatever is left of a boot, be its rate known or not."""
+        if not self._rate_hz:
+            self._rate_hz = self.about.guessed_rate_hz
+        self._number_held()
+        self._flush()
+
+    def _measure(self, tick: int) -> None:
+        """The rate by the median step; a device may change it as it goes."""
+        if self._last_tick is not None and tick > self._last_tick:
+            self._steps.append(tick - self._last_tick)
+        self._last_tick = tick
+        if len(self._steps) < _STEPS:
+            return
+        low, step, high = np.percentile(self._steps, (25, 50, 75)) * (self._period_s or 1.0)
+        self._steps.clear()
+        if not self._rate_hz:
+            self._rate_hz = self._nominal(float(1 / step))
+        elif low * self._rate_hz > 1 + _CHANGED or high * self._rate_hz < 1 - _CHANGED:
+            self.faults.add(RATE_CHANGED)
+            self._flush()
+            self._rate_hz = self._nominal(float(1 / step))
+
+    def _nominal(self, rate_hz: float) -> float:
+        divisor = max(1, round(self.about.divided_hz / rate_hz))
+        nominal = self.about.divided_hz / divisor
+        return nominal if abs(nominal / rate_hz - 1) < _NOMINAL else rate_hz
+
+    def _number_held(self) -> None:
+        for sample in self._held:
+            number = self._sequence + self._missing_before(sample)
+            if number < 0:
+                self.faults.add(ODD_TIME)  # of a time before the boot's first
+                continue
+            run = self._run
+            if run and (number != self._run_end or len(run) == _MAX_BATCH or sample.columns != run[-1].columns):
+                self._flush()
+            self._run.append(sample)
+            self._run_end = number + 1
+            if number >= self._sequence:
+                self._sequence, self._numbered_tick = number + 1, sample.tick
+        self._held = []
+
+    def _missing_before(self, sample: _Sample) -> int:
+        """How many are missing; less than 0 for one that newer ones overtook, which gets the number it should have had."""
+        if self._sequence == 0:
+            return 0
+        if self._period_s is None:
+            return sample.missing
+        periods = (sample.tick - self._numbered_tick) * self._period_s * self._rate_hz
+        return round(periods) - 1 if periods > _MISSING or periods <= 0 else 0
+
+    def _flush(self) -> None:
+        run, self._run = self._run, []
+        if not run:
+            return
+        has_accel, has_temperature = run[0].columns
+        self._introduce(has_accel=has_accel, has_temperature=has_temperature)
+        first = self._run_end - len(run)
+        ticks = range(first, self._run_end) if self._period_s is None else [sample.tick for sample in run]
+        self._events.append(
+            Readings(
+                boot=self._boot,
+                sequence=first,
+                receive_time_ns=run[-1].receive_time_ns,
+                ticks=np.array([tick % _LARGEST for tick in ticks], np.uint64),
+                gyro=np.array([sample.gyro for sample in run], np.float64),
+                accel=np.array([sample.accel for sample in run], np.float64) if has_accel else None,
+                temperature_c=np.array([s.temperature_c for s in run], np.float64) if has_temperature else None,
+                clipped=np.array([s.clipped for s in run]) if any(s.clipped for s in run) else None,
+            )
+        )
+
+    def _introduce(self, *, has_accel: bool, has_temperature: bool) -> None:
+        """Say who the device is, at a boot and whenever that is no longer what was told."""
+        identity = Identity(
+            boot=self._boot,
+            boot_cause=self._cause,
+            model=self.about.model,
+            firmware=self.about.firmware,
+            rate_hz=self._rate_hz,
+            gyro_range=self.about.gyro_range,
+            tick_period_s=self._period_s or 1 / self._rate_hz,
+            has_accel=has_accel,
+            has_temperature=has_temperature,
+            tick_bits=64,
+            sequence_bits=64,
+            has_clock=self._period_s is not None,
+        )
+        if identity != self._told:
+            self._told = identity
+            self._events.append(identity)

@@ -1,0 +1,72 @@
+"""Sample times and gaps of a device without a clock, from its sample count and arrival times.
+
+The sample period starts at the promised rate and follows the clock fit without jumps. A gap shows after a silence: either
+the delayed samples arrive in a burst, or all later samples stay late by the missing ones.
+"""
+
+from math import inf
+
+import numpy as np
+
+from bridge.drivers.driver import Readings
+from bridge.ingest.counter_unwrapping import Counts
+
+TICK_S = 1e-6  # of the time that is made
+_FEW = 4  # periods: a shorter silence is not told from an unsteady link
+_LEAST_S = 0.05
+_DOUBT_S = 0.5  # by then a burst has caught up, or gained something
+_LONGEST_DOUBT_S = 5.0
+
+
+class ArrivalClock:
+    """Ticks of TICK_S, made from the count of samples and the latest sample period."""
+
+    def __init__(self) -> None:
+        self._at: tuple[int, float] | None = None  # the latest count, and its ticks
+
+    def ticks(self, counts: Counts, period_s: float) -> Counts:
+        """(n,) the ticks of rising counts (n,), those of a call above those of all before."""
+        step = period_s / TICK_S
+        count, ticks = self._at or (int(counts[0]), int(counts[0]) * step)
+        rising = ticks + (counts - count) * step
+        self._at = int(counts[-1]), float(rising[-1])
+        return np.asarray(np.rint(rising), np.int64)
+
+
+class SilenceDetector:
+    """Holds the readings after a silence until it is known whether samples are missing. Pure: times are arguments.
+
+    missing: the number of missing samples before the readings that were returned last.
+    """
+
+    def __init__(self) -> None:
+        self.missing = 0
+        self._held: list[Readings] = []
+        self._began_ns = self._gained_ns = self._heard_ns = 0
+        self._least_s, self._period_s = inf, 0.0
+
+    def take(self, readings: Readings, late_s: float, period_s: float) -> list[Readings]:
+        """The readings that may be published, in order; late_s: how late the last sample came, by the clock fit."""
+        silent_s, self._heard_ns = (readings.receive_time_ns - self._heard_ns) * 1e-9, readings.receive_time_ns
+        limit_s, self._period_s = max(_LEAST_S, _FEW * period_s), period_s
+        if not self._held:
+            if min(silent_s, late_s) < limit_s:
+                return [readings]
+            self._began_ns = self._gained_ns = readings.receive_time_ns
+            self._least_s = late_s
+        self._held.append(readings)
+        if late_s < self._least_s - limit_s:
+            self._gained_ns = readings.receive_time_ns
+        self._least_s = min(self._least_s, late_s)
+        since_s, gained_s = ((readings.receive_time_ns - ns) * 1e-9 for ns in (self._began_ns, self._gained_ns))
+        if self._least_s < limit_s:
+            held, self._held = self._held, []
+            return held
+        return self.release() if gained_s >= _DOUBT_S or since_s >= _LONGEST_DOUBT_S else []
+
+    def release(self) -> list[Readings]:
+        """The held readings: they have not caught up, so they come after a gap."""
+        held, self._held = self._held, []
+        if held:
+            self.missing += round(self._least_s / self._period_s)
+        return held

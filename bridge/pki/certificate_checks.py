@@ -1,0 +1,217 @@
+"""Checks a certificate, its key and its authorities before they are shown to a router: what is wrong, in words."""
+
+import stat
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
+from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
+from cryptography.x509.oid import NameOID
+
+from bridge.pki.certificate_files import Identity, Validity
+from bridge.pki.member import Member, Role
+from bridge.runtime import os_errors
+
+__all__ = [
+    "ISSUER_OF",
+    "Identity",
+    "certificates",
+    "common_name",
+    "faults",
+    "hosts_of",
+    "lasts",
+    "lasts_of",
+    "member_of",
+    "signer",
+    "verified",
+]
+
+#: common name of an authority that signs for one member alone, before that member's
+ISSUER_OF = "issuer of "
+
+
+def certificates(path: str) -> list[x509.Certificate]:
+    """All certificates of a PEM file, the holder's own first. Raises ValueError that says what is wrong with the file."""
+    try:
+        found = x509.load_pem_x509_certificates(Path(path).read_bytes())
+        for one in found:
+            list(one.extensions), one.subject, one.public_key()  # each is parsed only now
+    except OSError as error:
+        raise ValueError(f"{path}: {os_errors.why(error)}") from None
+    except (
+        ValueError,
+        x509.InvalidVersion,
+        x509.DuplicateExtension,
+        x509.UnsupportedGeneralNameType,
+        UnsupportedAlgorithm,
+    ) as error:
+        raise ValueError(
+            f"{path}: no certificate in PEM that can be read, which begins with -----BEGIN CERTIFICATE----- ({error})"
+        ) from None
+    return found
+
+
+def common_name(certificate: x509.Certificate) -> str:
+    """Common name of a certificate; empty where it has none."""
+    found = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return str(found[0].value) if found else ""
+
+
+def hosts_of(certificate: x509.Certificate) -> list[str]:
+    """The names and addresses a router's certificate is for."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        return []
+    return [*names.get_values_for_type(x509.DNSName), *map(str, names.get_values_for_type(x509.IPAddress))]
+
+
+def signer(path: str) -> bytes:
+    """The second certificate of a file, PEM: the issuer of the first."""
+    return certificates(path)[1].public_bytes(Encoding.PEM)
+
+
+def member_of(identity: Identity) -> Member:
+    """Who the certificate is for; ValueError where it does not say a role."""
+    try:
+        return Member.parse(common_name(certificates(identity.certificate)[0]))
+    except ValueError as error:
+        raise ValueError(f"{identity.certificate}: its common name says no role: {error}") from None
+
+
+def verified(certificate: str, ca: str) -> bool:
+    """Whether an authority in the file `ca` has signed a certificate, dates aside. Raises ValueError for no PEM."""
+    return bool(_chain(certificates(certificate), certificates(ca))[1])
+
+
+def lasts(identity: Identity) -> Validity:
+    """How long the certificate and all those above it are valid. Raises ValueError where one cannot be read."""
+    chain, ends = _chain(certificates(identity.certificate), certificates(identity.ca))
+    latest = sorted(map(lasts_of, ends), key=lambda one: one.ends)[-1:]
+    return min((*map(lasts_of, chain), *latest), key=lambda one: one.ends)
+
+
+def lasts_of(certificate: x509.Certificate) -> Validity:
+    """How long one certificate is valid, whatever is above it."""
+    return Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
+
+
+def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Role)) -> list[str]:
+    """All that is wrong, each a sentence that begins with the file; empty when it can be used for one of the roles."""
+    try:
+        trusted = certificates(identity.ca)
+        given = certificates(identity.certificate)
+    except ValueError as error:
+        return [str(error), *_key_faults(identity, None)]
+    return [
+        *_key_faults(identity, given[0]),
+        *(f"{identity.certificate}: {words}" for words in _role_faults(given[0], roles)),
+        *_chain_faults(identity, given, trusted, now),
+    ]
+
+
+def _key_faults(identity: Identity, own: x509.Certificate | None) -> Iterator[str]:
+    path, form = Path(identity.key), (Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    try:
+        pem, mode = path.read_bytes(), path.stat().st_mode
+        public = load_pem_private_key(pem, None).public_key().public_bytes(*form)
+    except OSError as error:
+        yield f"{path}: {os_errors.why(error)}"
+        return
+    except TypeError:
+        yield f"{path}: it is locked with a password, which nobody types at night: store it without one, mode 0600"
+        return
+    except (ValueError, UnsupportedAlgorithm):
+        yield f"{path}: no private key in PEM; such a file begins with BEGIN PRIVATE KEY"
+        return
+    if mode & (stat.S_IROTH | stat.S_IWGRP | stat.S_IWOTH):
+        yield f"{path}: everybody on this machine may read or change it (mode {stat.S_IMODE(mode):04o}): chmod 600 {path}"
+    if own is not None and public != own.public_key().public_bytes(*form):
+        yield f"{path}: not the key of {identity.certificate}: the two files come from different pairs"
+
+
+def _role_faults(own: x509.Certificate, roles: tuple[Role, ...]) -> Iterator[str]:
+    needed = {"ask a router (client authentication)": Usage.CLIENT_AUTH}
+    try:
+        member = Member.parse(common_name(own))
+    except ValueError as error:
+        yield f"its common name says no role: {error}"
+    else:
+        if member.role not in roles:
+            wanted = " or ".join(role.value for role in roles)
+            yield f"for {member.label}, where a {wanted} is to be run: give it a certificate of its own"
+        if member.role is Role.ROUTER:
+            needed["serve (server authentication)"] = Usage.SERVER_AUTH
+            if not hosts_of(own):
+                yield "it names no host (subject alternative name): nobody talks to such a router"
+    try:
+        usages = list(own.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value)
+    except x509.ExtensionNotFound:
+        return  # for any use
+    yield from (
+        f"its extended key usage does not let it {what}" for what, usage in needed.items() if usage not in usages
+    )
+
+
+def _chain_faults(
+    identity: Identity, given: Sequence[x509.Certificate], trusted: Sequence[x509.Certificate], now: datetime
+) -> Iterator[str]:
+    chain, ends = _chain(given, trusted)
+    yield from (f"{identity.certificate}: {words}" for one in chain for words in _dates(one, now))
+    if all([*_dates(end, now)] for end in ends):
+        yield from (f"{identity.ca}: {words}" for end in ends[:1] for words in _dates(end, now))
+    if not ends:
+        issuer, expected = chain[-1].issuer, trusted[0].subject
+        another = " (another one of the same name: was `pki init` done twice?)" if issuer == expected else ""
+        yield (
+            f"{identity.certificate}: not signed by {identity.ca} ({common_name(trusted[0])!r}), but by"
+            f" {issuer.rfc4514_string()!r}{another}: use that authority's file, or add what lies between to the certificate's"
+        )
+    yield from (
+        f"{identity.ca}: the certificate of {common_name(one)!r} in it is no authority's: is it the right file?"
+        for one in trusted
+        if not _is_authority(one)
+    )
+
+
+def _dates(certificate: x509.Certificate, now: datetime) -> Iterator[str]:
+    begins, ends = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+    if now < begins:
+        yield (
+            f"{common_name(certificate)!r} is not valid before {begins:%Y-%m-%d %H:%M} UTC; here it is"
+            f" {now:%Y-%m-%d %H:%M}: is this machine's clock right?"
+        )
+    if now > ends:
+        yield f"{common_name(certificate)!r} expired on {ends:%Y-%m-%d %H:%M} UTC: renew it (truerate pki renew)"
+
+
+def _chain(
+    given: Sequence[x509.Certificate], trusted: Sequence[x509.Certificate]
+) -> tuple[list[x509.Certificate], list[x509.Certificate]]:
+    """The chain from the first of the given up, and the trusted that signed its end: none where a signer is missing."""
+    chain, left = [given[0]], list(given[1:])
+    while not (ends := [ca for ca in trusted if _signed(chain[-1], ca)]):
+        issuer = next((one for one in left if _signed(chain[-1], one)), None)
+        if issuer is None:
+            break
+        left.remove(issuer)
+        chain.append(issuer)
+    return chain, ends
+
+
+def _signed(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:
+    try:
+        certificate.verify_directly_issued_by(issuer)
+    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
+        return False
+    return _is_authority(issuer)
+
+
+def _is_authority(certificate: x509.Certificate) -> bool:
+    try:
+        return certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+    except x509.ExtensionNotFound:
+        return False

@@ -1,0 +1,53 @@
+"""Errors of the operating system in plain words: no number, no name of a constant."""
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+_WORDS = {
+    errno.EISDIR: "a folder, where a file is expected",
+    errno.ENOTDIR: "a part of its path is a file, not a folder",
+    errno.ENOENT: "there is no such file or folder",
+    errno.EACCES: "no permission",
+    errno.EPERM: "no permission",
+    errno.EROFS: "on a disk that can only be read",
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk's quota is used up",
+    errno.ENAMETOOLONG: "its name is too long",
+    errno.EADDRINUSE: "in use by another program",
+    errno.EADDRNOTAVAIL: "no address of this machine",
+    errno.EMFILE: "this program has too many files open",
+}
+
+
+def why(error: OSError) -> str:
+    """The cause alone, to be said after a name; of an error of our own its sentence."""
+    if error.errno is None:
+        return str(error)
+    return _WORDS.get(error.errno) or (error.strerror or str(error)).lower()
+
+
+def sentence(error: OSError) -> str:
+    """The name, if there is one, and the cause."""
+    return why(error) if error.filename is None else f"{os.fsdecode(error.filename)}: {why(error)}"
+
+
+def said(error: Exception) -> str:
+    """Any error's sentence."""
+    return sentence(error) if isinstance(error, OSError) else str(error)
+
+
+def unreadable(path: Path) -> str:
+    """Why a file cannot be read now, without opening it; empty if it can be."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return "missing; there is no such file"
+    except OSError as error:
+        return why(error)
+    if stat.S_ISDIR(mode):
+        return _WORDS[errno.EISDIR]
+    if not stat.S_ISREG(mode):
+        return "not a file"
+    return "" if os.access(path, os.R_OK) else "no permission to read it"

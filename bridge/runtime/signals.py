@@ -1,0 +1,36 @@
+"""Stop a process on SIGTERM and SIGINT."""
+
+import contextlib
+import logging
+import signal
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+_log = logging.getLogger(__name__)
+
+
+def asked_by() -> list[signal.Signals]:
+    """Signals that ask this process to stop."""
+    hung_up = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
+    return [signal.SIGTERM, signal.SIGINT, *hung_up]
+
+
+@contextlib.contextmanager
+def stopped_by_signal() -> Iterator[threading.Event]:
+    """An event that SIGTERM, SIGINT and SIGHUP set; a second signal ends the program the hard way. For the main thread.
+
+    Under nohup SIGHUP stays ignored.
+    """
+    stop = threading.Event()
+
+    def ask_to_stop(number: int, _: FrameType | None) -> None:
+        stop.set()
+        signal.signal(number, signal.SIG_DFL)
+
+    before = {number: signal.signal(number, ask_to_stop) for number in asked_by()}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

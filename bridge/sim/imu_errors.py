@@ -1,0 +1,182 @@
+"""What a cheap gyroscope makes of the true rate, one error at a time, and the truth about it.
+
+    reading = M⁻¹ rate + bias(t) + G force + noise, then clipped to the range and rounded to the step
+    rate    = M (reading − bias),  M = diag(k) (I + E),  E with a zero diagonal; G is the g-sensitivity, often none
+    bias(t) = turn-on bias + b₁ (T − T₀) + b₂ (T − T₀)² + a random walk + flicker,  T₀ the cold temperature of the spec
+
+Scale, misalignment and turn-on bias are drawn once a boot; bias then wanders and follows temperature. How it follows it is the
+part's own, as all that is the accelerometer's: the same at every boot.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bridge.sim.flicker_noise import Flicker
+from bridge.sim.motion import GRAVITY, TrueMotion
+from bridge.sim.quaternion import Array
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSpec:
+    """How bad a device is; what is drawn at each boot is drawn uniformly within its limits.
+
+    k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ±. misalignment_deg: each element of E, ±.
+    noise_dps, accel_noise: white, standard deviation per sample (°/s, m/s²) at the usual rate. accel_bias: ± m/s².
+    accel_scale: ±, what its scale factors differ from 1. g_sensitivity_dps_per_g: ±, each element of G.
+    rrw_dps_per_sqrt_s: random walk of the bias. bias_instability_dps: B of its flicker, whose Allan deviation is 0.664 B.
+    bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ and b₂, ±, per axis.
+    temperature_c: at power-up and when warm; warm_up_s: its time constant.
+    range_dps: full scale of the reading, ±. step_dps: least step of the reading, 0 for none.
+    """
+
+    scale: tuple[float, float] = (0.8, 1.2)
+    bias_limit_dps: float = 5.0
+    misalignment_deg: float = 0.0
+    noise_dps: float = 0.03
+    rrw_dps_per_sqrt_s: float = 0.0
+    bias_dps_per_kelvin: float = 0.0
+    temperature_c: tuple[float, float] = (25.0, 35.0)
+    warm_up_s: float = 120.0
+    range_dps: float = 2000.0
+    step_dps: float = 0.0
+    accel_noise: float = 0.02
+    accel_bias: float = 0.0
+    accel_scale: float = 0.0
+    bias_dps_per_kelvin2: float = 0.0
+    g_sensitivity_dps_per_g: float = 0.0
+    bias_instability_dps: float = 0.0
+
+
+DEMO_SPEC = ImuSpec(
+    rrw_dps_per_sqrt_s=7e-4,
+    bias_dps_per_kelvin=0.03,
+    warm_up_s=60.0,
+    range_dps=500.0,
+    step_dps=0.0175,
+    accel_bias=0.05,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What is true of one boot: rate = matrix (reading − bias). Bias at a sample is in Readings.bias.
+
+    matrix (3, 3), its diagonal k (3,); turn_on_bias (3,) rad/s, the bias at power-up, or at T₀ where that is not the
+    temperature then; bias_per_kelvin (3,) rad/s/K, bias_per_kelvin2 (3,) rad/s/K²; g_sensitivity (3, 3) rad/s per m/s².
+    accel_bias (3,) m/s², accel_scale (3,).
+    """
+
+    matrix: Array
+    turn_on_bias: Array
+    bias_per_kelvin: Array
+    accel_bias: Array
+    accel_scale: Array
+    bias_per_kelvin2: Array
+    g_sensitivity: Array
+
+    def of_part(self, part: "Truth") -> "Truth":
+        """The same boot, of the part that another boot was of."""
+        return replace(part, matrix=self.matrix, turn_on_bias=self.turn_on_bias)
+
+    @property
+    def k(self) -> Array:
+        """Scale factors (3,)."""
+        return np.diag(self.matrix).copy()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """What the sensor reads, n samples: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,).
+
+    bias (n, 3) rad/s is the truth behind them.
+    """
+
+    gyro: Array
+    accel: Array
+    temperature_c: Array
+    bias: Array
+
+
+class ImuErrorModel:
+    """The sensor of one boot: drawn from rng at construction unless its truth is given, then fed true motion in order."""
+
+    def __init__(self, spec: ImuSpec, rng: np.random.Generator, truth: Truth | None = None) -> None:
+        self.spec = spec
+        self.truth = truth or draw(spec, rng)
+        # The walk draws from a stream of its own, so that the readings do not depend on how the motion is cut.
+        self._rng, self._walk_rng = rng.spawn(2)
+        # A third stream only where it is drawn from, so that seeds keep their meaning.
+        unstable = np.radians(spec.bias_instability_dps)
+        self._flicker = Flicker(unstable, rng.spawn(1)[0]) if unstable > 0 else None
+        self._inverse = np.linalg.inv(self.truth.matrix)
+        self._walk = np.zeros(3)
+        self._time_s = 0.0
+        self._white = 1.0
+
+    def pace(self, faster: float) -> None:
+        """From the next read on samples come so many times as fast as usual; white noise is as dense as it was."""
+        self._white = float(np.sqrt(faster))
+
+    def read(self, motion: TrueMotion, temperature_c: Array | None = None) -> Readings:
+        """The readings of the next stretch of motion; times count from this boot's first sample interval.
+
+        temperature_c (n,): the sensor's; without it, it warms up by its spec.
+        """
+        spec, rng, n = self.spec, self._rng, len(motion.time_s)
+        if temperature_c is None:
+            temperature_c = self.temperature_c(motion.time_s)
+        bias = self._bias(motion.time_s, temperature_c)
+        noise = self._white * rng.normal(size=(n, 6))
+        gyro = motion.rate @ self._inverse.T + bias + np.radians(spec.noise_dps) * noise[:, :3]
+        if spec.g_sensitivity_dps_per_g > 0:
+            gyro += motion.force @ self.truth.g_sensitivity.T
+        limit, step = np.radians(spec.range_dps), np.radians(spec.step_dps)
+        gyro = np.clip(gyro, -limit, limit)
+        if step > 0:
+            gyro = step * np.round(gyro / step)
+        accel = motion.force * self.truth.accel_scale + self.truth.accel_bias + spec.accel_noise * noise[:, 3:]
+        return Readings(gyro, accel, temperature_c, bias)
+
+    def temperature_c(self, time_s: Array) -> Array:
+        """The sensor's temperature (n,) at times (n,) since its boot, °C."""
+        cold, warm = self.spec.temperature_c
+        return np.asarray(warm + (cold - warm) * np.exp(-time_s / self.spec.warm_up_s))
+
+    def _bias(self, time_s: Array, temperature_c: Array) -> Array:
+        truth = self.truth
+        warmer = (temperature_c - self.spec.temperature_c[0])[:, None]
+        bias = truth.turn_on_bias + warmer * (truth.bias_per_kelvin + warmer * truth.bias_per_kelvin2)
+        if self.spec.rrw_dps_per_sqrt_s > 0:
+            dt = np.diff(time_s, prepend=self._time_s)[:, None]
+            steps = np.sqrt(dt) * self._walk_rng.normal(size=(len(time_s), 3))
+            walk = self._walk + np.radians(self.spec.rrw_dps_per_sqrt_s) * np.cumsum(steps, axis=0)
+            self._walk = walk[-1]
+            bias = bias + walk
+        if self._flicker is not None:
+            bias = bias + self._flicker.at(time_s)
+        self._time_s = float(time_s[-1])
+        return bias
+
+
+def draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
+    """What is true of a device at its first boot; see Truth.of_part for the others."""
+
+    def within(limit: float, shape: int | tuple[int, int] = 3) -> Array:
+        return rng.uniform(-limit, limit, shape)
+
+    def some(limit: float, shape: int | tuple[int, int] = 3) -> Array:
+        # What a device does not have draws nothing, so that seeds keep their meaning.
+        return within(limit, shape) if limit > 0 else np.zeros(shape)
+
+    k = rng.uniform(*spec.scale, 3)
+    across = np.radians(within(spec.misalignment_deg, (3, 3))) * (1 - np.eye(3))
+    return Truth(
+        matrix=k[:, None] * (np.eye(3) + across),
+        turn_on_bias=np.radians(within(spec.bias_limit_dps)),
+        bias_per_kelvin=np.radians(within(spec.bias_dps_per_kelvin)),
+        accel_bias=within(spec.accel_bias),
+        accel_scale=1 + some(spec.accel_scale),
+        bias_per_kelvin2=np.radians(some(spec.bias_dps_per_kelvin2)),
+        g_sensitivity=np.radians(some(spec.g_sensitivity_dps_per_g, (3, 3))) / GRAVITY,
+    )

@@ -1,0 +1,124 @@
+"""Where a virtual device's samples come from. Times are on the device's own clock."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from bridge.sim.imu_errors import ImuErrorModel, ImuSpec, Truth, draw
+from bridge.sim.quaternion import Array
+from bridge.sim.ward_script import Life
+
+_BLOCK_S = 1.0
+_TICKS_PER_S = 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueSamples:
+    """What is true of n samples: rate (n, 3) rad/s body, attitude (n, 4) wxyz sensor -> earth, bias (n, 3) rad/s."""
+
+    rate: Array
+    attitude: Array
+    bias: Array
+
+    def __getitem__(self, part: slice) -> "TrueSamples":
+        """A stretch of it."""
+        return TrueSamples(self.rate[part], self.attitude[part], self.bias[part])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Readings at clock_s (n,) since streaming began: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,)."""
+
+    clock_s: Array
+    gyro: Array
+    accel: Array
+    temperature_c: Array
+    truth: TrueSamples | None = None
+
+    def __len__(self) -> int:
+        return len(self.clock_s)
+
+    def __getitem__(self, part: slice) -> "Samples":
+        """A stretch of them."""
+        truth = None if self.truth is None else self.truth[part]
+        return Samples(self.clock_s[part], self.gyro[part], self.accel[part], self.temperature_c[part], truth)
+
+    def joined(self, later: "Samples") -> "Samples":
+        """These and the ones after, without their truth."""
+        return Samples(
+            clock_s=np.concatenate([self.clock_s, later.clock_s]),
+            gyro=np.concatenate([self.gyro, later.gyro]),
+            accel=np.concatenate([self.accel, later.accel]),
+            temperature_c=np.concatenate([self.temperature_c, later.temperature_c]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """What a device says of its sensor: rate_hz nominal, gyro_range rad/s, which other sensors it has."""
+
+    rate_hz: float
+    gyro_range: float
+    has_accel: bool = True
+    has_temperature: bool = True
+
+
+class Source(Protocol):
+    """Samples in order, from power-up on."""
+
+    sensor: Sensor
+
+    def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth | None:
+        """Begin a boot, drawing what differs at each from rng; what is then true of the sensor, where it is known."""
+
+    def pace(self, rate_hz: float) -> None:
+        """Another rate from the next read on, until the next power-up, where it can have one: `sensor` tells."""
+
+    def read(self) -> Samples | None:
+        """The next samples, about a second of them; None after the last."""
+
+
+class SimulatedSource:
+    """A body that moves and a sensor that errs. script makes the motion of a boot from rng."""
+
+    def __init__(
+        self, script: Callable[[np.random.Generator], Life], spec: ImuSpec | None = None, rate_hz: float = 104.0
+    ) -> None:
+        self.spec = spec or ImuSpec()
+        self.sensor = Sensor(rate_hz, float(np.radians(self.spec.range_dps)))
+        self._script = script
+        self._usual = self.sensor
+        self._part: Truth | None = None
+
+    def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth:
+        """See Source."""
+        self.sensor = self._usual
+        self._motion = self._script(rng)
+        drawn = draw(self.spec, rng)
+        self._imperfection = ImuErrorModel(self.spec, rng, drawn.of_part(self._part) if self._part else drawn)
+        self._part = self._imperfection.truth
+        self._true_s_per_clock_s = true_s_per_clock_s
+        self._ticks, self._sent = 0.0, 0  # when this rate began, and samples since then
+        return self._imperfection.truth
+
+    def pace(self, rate_hz: float) -> None:
+        """See Source."""
+        self._ticks, self._sent = self._ticks + self._sent * (_TICKS_PER_S / self.sensor.rate_hz), 0
+        self.sensor = replace(self.sensor, rate_hz=rate_hz)
+        self._imperfection.pace(rate_hz / self._usual.rate_hz)
+
+    def read(self) -> Samples:
+        """See Source; never ends."""
+        block = max(1, round(self.sensor.rate_hz * _BLOCK_S))
+        number = np.arange(self._sent + 1, self._sent + block + 1)
+        self._sent += block
+        # On whole ticks, so that nobody loses anything to the clock's resolution.
+        clock_s: Array = np.asarray(
+            np.round(self._ticks + number * (_TICKS_PER_S / self.sensor.rate_hz)) / _TICKS_PER_S
+        )
+        motion = self._motion.advance(clock_s * self._true_s_per_clock_s)
+        readings = self._imperfection.read(motion)
+        truth = TrueSamples(motion.rate, motion.attitude, readings.bias)
+        return Samples(clock_s, readings.gyro, readings.accel, readings.temperature_c, truth)

@@ -1,0 +1,54 @@
+"""What a virtual device lives through on a ward: put down, calibrated by hand, and then worn for hours, as in body.py."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from bridge.sim.body import Body
+from bridge.sim.motion import Motion, Still, TrueMotion
+from bridge.sim.motion_scripts import SessionPlan, flat, session
+from bridge.sim.quaternion import Array
+from bridge.sim.wearer import Wearer
+
+
+class Life(Protocol):
+    """Motion on demand, in order; see Motion.advance."""
+
+    def advance(self, time_s: Array) -> TrueMotion:
+        """Truth at times (n,), n ≥ 1, rising and later than all before; the first call's first interval begins at 0."""
+
+
+class Then:
+    """One life up to the last sample by end_s, at rest there, and then another, made of the attitude (4,) it begins with."""
+
+    def __init__(self, first: Life, end_s: float, make: Callable[[Array], Life]) -> None:
+        self._now, self._make, self._end_s = first, make, end_s
+        self._began_s = self._time_s = 0.0
+        self._attitude: Array = np.array([1.0, 0.0, 0.0, 0.0])
+
+    def advance(self, time_s: Array) -> TrueMotion:
+        """See Life."""
+        upto = int(np.searchsorted(time_s, self._end_s, side="right"))
+        parts = [self._lived(time_s[:upto])] if upto else []
+        if upto < len(time_s):
+            self._began_s, self._end_s = self._time_s, np.inf
+            self._now = self._make(self._attitude)
+            parts.append(self._lived(time_s[upto:]))
+        names = ("time_s", "rate", "attitude", "force")
+        return TrueMotion(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def _lived(self, time_s: Array) -> TrueMotion:
+        lived = self._now.advance(time_s - self._began_s)
+        self._time_s, self._attitude = float(time_s[-1]), lived.attitude[-1]
+        return TrueMotion(time_s, lived.rate, lived.attitude, lived.force)
+
+
+def ward_script(rng: np.random.Generator, rest_s: float = 2.0) -> Life:
+    """Put down, calibrated within 30 s, and then what a wearer does on a ward, without end."""
+    plan = SessionPlan(turn_s=(3.5, 5.0), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.2)
+    pieces = [Still(rest_s), *session(rng, plan)]
+    first = Motion(pieces, flat(rng))
+    lever = rng.uniform(-0.2, 0.2, 3)
+    wearer = Wearer(rng)
+    return Then(first, sum(piece.duration_s for piece in pieces), lambda at: Body(wearer.life(), lever, at))

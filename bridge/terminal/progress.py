@@ -1,0 +1,42 @@
+"""A progress bar."""
+
+import time
+from collections.abc import Callable
+from typing import Self
+
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from bridge.terminal.console import plain_console
+
+_PATIENCE_S = 2.0  # a bar is shown for what takes longer
+_COLUMNS = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn()
+
+
+class Bar:
+    """On standard error, of a terminal only, and only when somebody would wait for it."""
+
+    def __init__(self) -> None:
+        self._console = plain_console(stderr=True)
+        self._began_s = time.monotonic()
+        self._shown: Progress | None = None
+
+    def on(self, what: str) -> Callable[[int, int], None]:
+        """A function to be told of progress in one thing: how much is done, and of how much."""
+        return lambda done, of: self._tell(what, done, of)
+
+    def _tell(self, what: str, done: int, of: int) -> None:
+        now_s = time.monotonic()
+        if not self._console.is_terminal or now_s - self._began_s < _PATIENCE_S:
+            return
+        if self._shown is None:
+            self._shown = Progress(*_COLUMNS, console=self._console, transient=True)
+            self._shown.add_task(what)
+            self._shown.start()
+        self._shown.update(self._shown.task_ids[0], description=what, completed=done, total=of)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._shown is not None:
+            self._shown.stop()

@@ -1,0 +1,180 @@
+"""Parses one line of a device into numbers, or refuses it with a reason; nothing is guessed."""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
+
+from bridge.terminal.plurals import count
+from bridge.text.profile import NUMBER, Profile
+from bridge.text.units import TIMES
+
+Vector = tuple[float, float, float]
+ROW_SHORT, ROW_LONG, NOT_A_NUMBER, NO_MATCH = "row_short", "row_long", "not_a_number", "no_match"
+NO_HEADER, HEADER_INCOMPLETE = "no_header", "header_incomplete"
+DECIMAL_TICK_S = 1e-6  # what a time with decimals is counted in
+_LATEST_TICK = 2**53  # whole in a float
+_WHOLE = re.compile(r"([0-9]+)(?:\.0*)?")
+
+
+class Row(NamedTuple):
+    """One sample: tick of the device's clock (0 where it has none), rad/s, m/s², °C."""
+
+    tick: int
+    gyro: Vector
+    accel: Vector | None
+    temperature_c: float | None
+
+
+class Header(NamedTuple):
+    """A row of names: from here on the columns are these."""
+
+    names: tuple[str, ...]
+
+
+class Refused(NamedTuple):
+    """A line that is not taken: the label under which it is counted, and what came where what was expected."""
+
+    fault: str
+    detail: str
+
+
+class Reader(Protocol):
+    """The lines of one device. has_clock: its rows tell the time; None as long as nobody knows."""
+
+    has_clock: bool | None
+
+    def read(self, line: str) -> Row | Header | Refused:
+        """What a line says."""
+
+
+class Conversion:
+    """From the texts of a row's columns to a sample: which of them, and in what units."""
+
+    def __init__(self, profile: Profile) -> None:
+        self._time, self._temperature = profile.time, profile.temperature
+        self._gyro = _Three(profile.gyro.columns, *map(float, profile.gyro.factor))
+        accel = profile.accel
+        self._accel = None if accel is None else _Three(accel.columns, *map(float, accel.factor))
+
+    def row(self, texts: Mapping[str, str]) -> Row | Refused:
+        """The sample of these columns; what is missing among them beside the gyro's is not measured."""
+        time, temperature, accel = self._time, self._temperature, self._accel
+        try:
+            return Row(
+                tick=0
+                if time is None or time.column not in texts
+                else _tick(texts[time.column], time.unit, time.width),
+                gyro=self._gyro.of(texts),
+                accel=None if accel is None or not texts.keys() >= {*accel.columns} else accel.of(texts),
+                temperature_c=None
+                if temperature is None or temperature.column not in texts
+                else temperature.scale * _number(texts[temperature.column]) + temperature.offset_c,
+            )
+        except ValueError as error:
+            return Refused(NOT_A_NUMBER, str(error))
+
+
+class _Three(NamedTuple):
+    """Three columns, and what to multiply each with."""
+
+    columns: tuple[str, str, str]
+    x: float
+    y: float
+    z: float
+
+    def of(self, texts: Mapping[str, str]) -> Vector:
+        x, y, z = (_number(texts[column]) for column in self.columns)
+        return x * self.x, y * self.y, z * self.z
+
+
+class CsvReader:
+    """Rows of columns: as many as were named, by the profile or by the latest header row.
+
+    needs_clock: a header row without the profile's time is of no use, as nobody knows the rate.
+    """
+
+    def __init__(self, profile: Profile, *, needs_clock: bool) -> None:
+        assert profile.csv is not None
+        self.has_clock: bool | None = None
+        self._csv = profile.csv
+        self._profile = profile
+        self._conversion = Conversion(profile)
+        self._needs_clock = needs_clock
+        self._names = profile.csv.columns
+        self._known = {column for column, _ in profile.needed}
+        if self._names:
+            self.has_clock = profile.time is not None
+
+    def read(self, line: str) -> Row | Header | Refused:
+        """What a line says."""
+        if not line.startswith(self._csv.prefix):
+            return Refused(NO_MATCH, f"it does not begin with {self._csv.prefix!r}")
+        fields = self._split(line.removeprefix(self._csv.prefix))
+        if self._csv.header and not self._known.isdisjoint(fields):
+            return self._header(tuple(fields))
+        if not self._names:
+            return Refused(NO_HEADER, "no header row has come; restart the device, which prints it then")
+        if len(fields) != len(self._names):
+            fault = ROW_SHORT if len(fields) < len(self._names) else ROW_LONG
+            return Refused(fault, f"{count(len(fields), 'column')} came, {len(self._names)} were expected")
+        return self._conversion.row(dict(zip(self._names, fields, strict=True)))
+
+    def _split(self, row: str) -> list[str]:
+        if self._csv.separator == " ":
+            return row.split()
+        fields = [field.strip() for field in row.split(self._csv.separator)]
+        return fields[:-1] if not fields[-1] else fields  # some end every row with a separator
+
+    def _header(self, names: tuple[str, ...]) -> Header | Refused:
+        time = self._profile.time
+        has_clock = time is not None and time.column in names
+        missing = [column for column in self._profile.gyro.columns if column not in names]
+        if time is not None and not has_clock and self._needs_clock:
+            missing.append(time.column)
+        if missing or len(set(names)) < len(names):
+            self._names = ()
+            what = f"it has no {', '.join(missing)}" if missing else "it names a column twice"
+            return Refused(HEADER_INCOMPLETE, f"{what}; rows are not taken until a better one comes")
+        self._names, self.has_clock = names, has_clock
+        return Header(names)
+
+
+class RegexReader:
+    """Lines that match a pattern, which names the columns in them."""
+
+    def __init__(self, profile: Profile) -> None:
+        assert profile.regex is not None
+        self.has_clock: bool | None = profile.time is not None
+        self._pattern = re.compile(profile.regex.match)
+        self._conversion = Conversion(profile)
+        self._always = {*profile.gyro.columns} | ({profile.time.column} if profile.time else set())
+
+    def read(self, line: str) -> Row | Header | Refused:
+        """What a line says."""
+        match = self._pattern.fullmatch(line)
+        if match is None:
+            return Refused(NO_MATCH, "it does not match the profile's pattern")
+        texts = {name: text.strip() for name, text in match.groupdict().items() if text is not None}
+        if missing := self._always - texts.keys():
+            return Refused(NO_MATCH, f"it has no {', '.join(sorted(missing))}")
+        return self._conversion.row(texts)
+
+
+def _number(text: str) -> float:
+    number = float(text) if NUMBER.fullmatch(text) else math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"{text!r} is no number")
+    return number
+
+
+def _tick(text: str, unit: str, bits: int) -> int:
+    if not bits:
+        tick = _number(text) * TIMES[unit] / DECIMAL_TICK_S
+        if 0 <= tick <= _LATEST_TICK:
+            return round(tick)
+        raise ValueError(f"{text!r} is no time")
+    whole = _WHOLE.fullmatch(text)
+    if whole is None or int(whole[1]) >= 1 << bits:
+        raise ValueError(f"{text!r} is no time; a whole number below 2**{bits} was expected")
+    return int(whole[1])

@@ -1,0 +1,147 @@
+"""One TOML file into one frozen, typed object: what does not fit is refused with its file, table, key and nearest name.
+
+The type is a msgspec Struct of Structs that forbid unknown fields. A class that is no Struct may have `from_table`: it is
+given its table and returns itself, or raises ValueError with a sentence.
+"""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import msgspec.inspect as inspection
+
+from bridge.runtime import os_errors
+
+T = TypeVar("T")
+
+_PATH = re.compile(r"(?P<text>.*?)(?: - at `(?P<path>\$[^`]*)`)?\Z", re.DOTALL)
+_STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]|\[\.\.\.\]")
+_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
+_MISSING = re.compile(r"Object missing required field `(.*)`")
+_NO_CHOICE = re.compile(r"Invalid enum value '?(.*?)'?")
+_WORDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text in quotes",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
+
+
+class ConfigError(Exception):
+    """The configuration cannot be used: which file, where in it, and what is taken instead."""
+
+
+def load(path: Path | str, kind: type[T]) -> T:
+    """Read a TOML file as `kind`; raises ConfigError, one line for a person."""
+    try:
+        with Path(path).open("rb") as file:
+            tables = tomllib.loads(file.read().decode("utf-8-sig"))  # some editors put a mark before the text
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: {os_errors.why(error)}") from None
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise ConfigError(f"{path}: line {line} is not UTF-8 text: save the file as UTF-8 in your editor") from None
+    except (ValueError, RecursionError) as error:  # of numbers and lists that are larger than any
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+    try:
+        return msgspec.convert(tables, kind, dec_hook=_from_table)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {_sentence(error, kind)}") from None
+
+
+def options(table: dict[str, Any], kind: type[T]) -> T:
+    """A table as `kind`, within `from_table`; raises ValueError with a sentence that names the key."""
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        raise ValueError(_sentence(error, kind)) from None
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """What to say after an unknown name: the nearest known one, or all of them."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return f"there are {', '.join(names)}" if names else "there are none"
+
+
+def _from_table(kind: type[Any], table: object) -> Any:
+    build = getattr(kind, "from_table", None)
+    if build is None:
+        raise NotImplementedError(f"{kind.__name__} has no from_table")
+    if not isinstance(table, dict):
+        raise ValueError(f"expected a table, got {type(table).__name__}")  # noqa: TRY004 - msgspec adds the place to it
+    return build(table)
+
+
+def _sentence(error: msgspec.ValidationError, kind: type[Any]) -> str:
+    match = _PATH.match(str(error))
+    said, path = (match["text"], match["path"] or "$") if match else (str(error), "$")
+    steps: list[str | int] = [int(number) if number else name for name, number in _STEP.findall(path)]
+    own = isinstance(error.__cause__, ValueError)
+    if unknown := _UNKNOWN.fullmatch(said):
+        hint = nearest(unknown[1], _names(inspection.type_info(kind), steps))
+        return f"{_table(steps)}unknown key {unknown[1]!r}; {hint}"
+    if missing := _MISSING.fullmatch(said):
+        return f"{_table(steps)}the key {missing[1]!r} is missing"
+    if own or not steps:
+        return f"{_table(steps)}{said}"
+    if no_choice := _NO_CHOICE.fullmatch(said):
+        choices = _choices(inspection.type_info(kind), steps)
+        return (
+            f"{_table(steps[:-1])}key {steps[-1]!r}: unknown value {no_choice[1]!r}; {nearest(no_choice[1], choices)}"
+        )
+    item = f" #{int(steps.pop()) + 1}" if isinstance(steps[-1], int) else ""
+    *table, key = steps
+    words = re.sub(r"`([^`]*)`", lambda quoted: _words(quoted[1]), said)
+    return f"{_table(table)}key {key!r}{item}: {words[:1].lower()}{words[1:]}"
+
+
+def _words(types: str) -> str:
+    return " or ".join(_WORDS.get(name, name) for name in types.split(" | ") if name != "null")
+
+
+def _table(steps: list[str | int]) -> str:
+    """`[bridge]: `, `[[bridge.devices]] #2: `, or nothing at the top of the file."""
+    if not steps:
+        return ""
+    name = ".".join(step for step in steps if isinstance(step, str))
+    return f"[[{name}]] #{steps[-1] + 1}: " if isinstance(steps[-1], int) else f"[{name}]: "
+
+
+def _types(kind: inspection.Type, steps: list[str | int]) -> list[inspection.Type]:
+    """The types that the file may have at `steps`."""
+    if isinstance(kind, inspection.UnionType):
+        return [found for option in kind.types for found in _types(option, steps)]
+    inner: list[inspection.Type] = []
+    if not steps:
+        return [kind]
+    if isinstance(kind, inspection.StructType):
+        inner = [field.type for field in kind.fields if field.encode_name == steps[0]]
+    elif isinstance(kind, inspection.VarTupleType | inspection.ListType):
+        inner = [kind.item_type]
+    elif isinstance(kind, inspection.DictType):
+        inner = [kind.value_type]
+    return [found for one in inner for found in _types(one, steps[1:])]
+
+
+def _choices(kind: inspection.Type, steps: list[str | int]) -> list[str]:
+    """The values that the key at `steps` takes."""
+    found = _types(kind, steps)
+    enums = [str(member.value) for one in found if isinstance(one, inspection.EnumType) for member in one.cls]
+    return enums + [str(value) for one in found if isinstance(one, inspection.LiteralType) for value in one.values]
+
+
+def _names(kind: inspection.Type, steps: list[str | int]) -> list[str]:
+    """The keys that the table at `steps` takes."""
+    structs = [one for one in _types(kind, steps) if isinstance(one, inspection.StructType)]
+    return [field.encode_name for one in structs for field in one.fields]

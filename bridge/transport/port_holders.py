@@ -1,0 +1,70 @@
+"""Which processes have a port open: Linux tells in /proc, without touching the port."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+PROC = Path("/proc")
+
+
+class Holder(NamedTuple):
+    """A process that has a port open; `name` as `ps` shows it."""
+
+    pid: int
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.name} (process {self.pid})"
+
+
+def holders(port: str, proc: Path = PROC) -> list[Holder]:
+    """Those that we may see: a user's own, all of them for root."""
+    target = os.path.realpath(port)
+    return [Holder(pid, _name(proc, pid)) for pid in _pids(proc) if target in _open_files(proc, pid)]
+
+
+def locked(port: str, proc: Path = PROC) -> bool:
+    """Whether somebody, whoever it is, has locked it, as every bridge does."""
+    try:
+        status = Path(port).stat()
+        locks = (proc / "locks").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    # "1: FLOCK  ADVISORY  WRITE 1234 00:18:5 0 EOF": device in hexadecimal, inode in decimal
+    place = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
+    return any(place in line.split() and "FLOCK" in line for line in locks.splitlines())
+
+
+def is_bridge(pid: int, proc: Path = PROC) -> bool:
+    """Whether a process is `truerate bridge run`, and not the shell or the sudo that started it."""
+    program, *words = command(pid, proc) or [""]
+    return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
+
+
+def command(pid: int, proc: Path = PROC) -> list[str]:
+    """The words a process was started with; empty if it is gone."""
+    try:
+        return (proc / str(pid) / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
+    except OSError:
+        return []
+
+
+def _pids(proc: Path) -> list[int]:
+    return sorted(int(entry.name) for entry in proc.iterdir() if entry.name.isdigit())
+
+
+def _open_files(proc: Path, pid: int) -> Iterator[str]:
+    with contextlib.suppress(OSError):  # another user's, or ended meanwhile
+        for entry in (proc / str(pid) / "fd").iterdir():
+            with contextlib.suppress(OSError):
+                yield str(entry.readlink())
+
+
+def _name(proc: Path, pid: int) -> str:
+    try:
+        return (proc / str(pid) / "comm").read_text(errors="replace").strip()
+    except OSError:
+        return "?"

@@ -1,0 +1,73 @@
+"""Why a serial port cannot be opened, in words, with what to do."""
+
+import errno
+import os
+import stat
+
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentence
+from bridge.transport.port_holders import holders, is_bridge, locked
+
+_MISSING = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
+_FORBIDDEN = frozenset({errno.EACCES, errno.EPERM})
+_BUSY = frozenset({errno.EBUSY, errno.EAGAIN})
+_NO_PORT = frozenset({errno.ENOTTY, errno.EINVAL, errno.EISDIR})
+_MEMORY_DEVICES = 1  # the major number of /dev/null and its kind
+
+
+def state(port: str) -> str:
+    """Whether a port could be opened now. It is not opened for that, which would boot some boards."""
+    try:
+        status = os.stat(port)  # noqa: PTH116 - a name, as everywhere here
+    except OSError as error:
+        return english(cause(error, port))
+    if _no_port(status):
+        return english(Code.NOT_A_SERIAL_PORT(place=port))
+    if not os.access(port, os.R_OK | os.W_OK):
+        return english(Code.PORT_FORBIDDEN(place=port))
+    return english(busy(port)) if locked(port) else "present"
+
+
+def no_port(port: str) -> bool:
+    """Whether something is there that cannot be a serial port: a file, a folder, /dev/null."""
+    try:
+        return _no_port(os.stat(port))  # noqa: PTH116 - a name, as everywhere here
+    except OSError:
+        return False
+
+
+def cause(error: Exception, port: str) -> Sentence:
+    """Why a port cannot be opened, by what opening it said."""
+    number = _number(error)
+    if number in _MISSING:
+        return Code.PORT_MISSING(place=port)
+    if number in _FORBIDDEN:
+        return Code.PORT_FORBIDDEN(place=port)
+    if number in _BUSY:
+        return busy(port)
+    if number in _NO_PORT or "configure port" in str(error):
+        return Code.NOT_A_SERIAL_PORT(place=port)
+    return Code.PLACE_FAILED(place=port, error=error)
+
+
+def settling(error: Exception) -> bool:
+    """Whether it may be a port that was just plugged in, whose name and permissions are not settled."""
+    return _number(error) in _MISSING | _FORBIDDEN | {errno.EIO}
+
+
+def busy(port: str) -> Sentence:
+    """Who has it open, as far as we may know."""
+    having = holders(port)
+    if not having:
+        return Code.PORT_BUSY(place=port)
+    bridges = all(is_bridge(holder.pid) for holder in having)
+    return (Code.PORT_READ_BY_BRIDGE if bridges else Code.PORT_HELD)(place=port, holders=", ".join(map(str, having)))
+
+
+def _no_port(status: os.stat_result) -> bool:
+    return not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) == _MEMORY_DEVICES
+
+
+def _number(error: Exception) -> int | None:
+    number = error.errno if isinstance(error, OSError) else (error.args or [None])[0]
+    return number if isinstance(number, int) else None

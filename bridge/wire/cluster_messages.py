@@ -1,0 +1,131 @@
+"""Encoding of messages between estimators: owned devices and checkpoints."""
+
+from bridge.wire import keys, validation
+from bridge.wire import truerate_pb2 as pb
+from bridge.wire.batches import MAX_SEQUENCE
+from bridge.wire.control_messages import calibration_in, calibration_message
+from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.messages import VERSION, Calibration, Checkpoint, CommandReply, Holding, Move, Owned, Verdict
+from bridge.wire.refusal import Reason, Refusal
+from bridge.wire.sentences import decoded, encoded
+from bridge.wire.validation import MAX_EPOCH
+
+MAX_HOLDINGS, MAX_MOVES, MAX_PARTS, MAX_ANSWERS = 512, 8, 64, 8
+#: bytes of a session's state; of more a device is gone on with by its calibration alone
+MAX_STATE = 56_000
+_MAX_LOAD = 1e4
+#: what every method of calibration determines, first in its covariance
+_DETERMINED = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
+
+
+def encode_owned(owned: Owned) -> bytes:
+    """The payload of owned/<estimator>."""
+    return pb.Owned(
+        version=VERSION,
+        estimator=owned.estimator,
+        time_ns=owned.time_ns,
+        epoch=owned.epoch,
+        load=owned.load,
+        part=owned.part,
+        parts=owned.parts,
+        holdings=[
+            pb.Holding(device=h.device, epoch=h.epoch, boot=h.boot, next=h.next, busy=h.busy) for h in owned.holdings
+        ],
+        moves=[pb.Move(time_ns=m.time_ns, came=m.came, left=m.left, reason=encoded(m.reason)) for m in owned.moves],
+    ).SerializeToString()
+
+
+def decode_owned(key: str, payload: bytes) -> Owned:
+    """What is published under owned/<estimator>."""
+    place = parse_key(key, "owned")
+    raw = read(pb.Owned, payload)
+    same_id(raw.estimator, place, "estimator")
+    if len(raw.holdings) > MAX_HOLDINGS or len(raw.moves) > MAX_MOVES:
+        raise Refusal(
+            Reason.LENGTH,
+            f"{len(raw.holdings)} holdings and {len(raw.moves)} moves; {MAX_HOLDINGS} and {MAX_MOVES} are taken",
+        )
+    parts = validation.whole(raw.parts, "parts", MAX_PARTS)
+    return Owned(
+        estimator=raw.estimator,
+        time_ns=validation.time_ns(raw.time_ns, "time_ns"),
+        epoch=validation.whole(raw.epoch, "epoch", MAX_EPOCH),
+        load=validation.number(raw.load, "load", 0.0, _MAX_LOAD),
+        holdings=tuple(_holding(h) for h in raw.holdings),
+        moves=tuple(_move(m) for m in raw.moves),
+        part=validation.whole(raw.part, "part", max(0, parts - 1)),
+        parts=parts,
+    )
+
+
+def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
+    """The payload of checkpoint/<device>."""
+    return pb.Checkpoint(
+        version=VERSION,
+        device=checkpoint.device,
+        boot=checkpoint.boot,
+        epoch=checkpoint.epoch,
+        time_ns=checkpoint.time_ns,
+        bridge=checkpoint.bridge,
+        calibration=None if checkpoint.calibration is None else calibration_message(checkpoint.calibration),
+        answers=[_answer_of(verb, reply) for verb, reply in checkpoint.answers[-MAX_ANSWERS:]],
+        boot_repeated=checkpoint.boot_repeated,
+        state=checkpoint.state if len(checkpoint.state) <= MAX_STATE else b"",
+    ).SerializeToString()
+
+
+def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
+    """What is published under checkpoint/<device>; `state` is looked through by whoever restores a session from it."""
+    place = parse_key(key, "checkpoint")
+    raw = read(pb.Checkpoint, payload)
+    same_id(raw.device, place, "device")
+    return Checkpoint(
+        device=raw.device,
+        boot=raw.boot,
+        epoch=validation.whole(raw.epoch, "epoch", MAX_EPOCH),
+        time_ns=validation.time_ns(raw.time_ns, "time_ns"),
+        bridge=keys.check_id(raw.bridge, "bridge") if raw.bridge else "",
+        calibration=_in_use(calibration_in(raw.calibration), raw.device) if raw.HasField("calibration") else None,
+        answers=tuple(_answer(answer) for answer in raw.answers[-MAX_ANSWERS:]),
+        boot_repeated=raw.boot_repeated,
+        state=raw.state,
+    )
+
+
+def _answer_of(verb: str, reply: CommandReply) -> pb.Answer:
+    message = encoded(reply.message)
+    return pb.Answer(verb=verb, request_id=reply.request_id, accepted=reply.accepted, message=message)
+
+
+def _answer(raw: pb.Answer) -> tuple[str, CommandReply]:
+    request_id, message = validation.text(raw.request_id, "request_id"), decoded(raw.message, "message")
+    return validation.text(raw.verb, "verb"), CommandReply(request_id, raw.accepted, message)
+
+
+def _in_use(calibration: Calibration, device: str) -> Calibration:
+    """One that a device can be corrected by."""
+    if calibration.device != device:
+        raise Refusal(Reason.FOREIGN_ID, f"the calibration is of {calibration.device[:64]!r}, not of {device!r}")
+    if calibration.verdict is not Verdict.ACCEPTED or calibration.parameters[: len(_DETERMINED)] != _DETERMINED:
+        said = f"{calibration.verdict.name}, of {', '.join(calibration.parameters) or 'nothing'}"
+        raise Refusal(Reason.RANGE, f"the calibration is {said}; one in use is ACCEPTED, of {', '.join(_DETERMINED)}")
+    return calibration
+
+
+def _holding(raw: pb.Holding) -> Holding:
+    return Holding(
+        device=keys.check_id(raw.device, "a device"),
+        epoch=validation.whole(raw.epoch, "epoch", MAX_EPOCH),
+        boot=raw.boot,
+        next=validation.whole(raw.next, "next", 2 * MAX_SEQUENCE),
+        busy=raw.busy,
+    )
+
+
+def _move(raw: pb.Move) -> Move:
+    return Move(
+        time_ns=validation.time_ns(raw.time_ns, "time_ns"),
+        came=raw.came,
+        left=raw.left,
+        reason=decoded(raw.reason, "reason"),
+    )

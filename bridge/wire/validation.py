@@ -1,0 +1,102 @@
+"""Field checks of the decoder: each returns its value, typed, or raises Refusal with a reason that is counted."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from enum import IntEnum
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.refusal import Reason, Refusal
+
+E = TypeVar("E", bound=IntEnum)
+
+MAX_NAME = 64
+MAX_PORT = 256
+MAX_SENTENCE = 500
+MAX_COUNTS = 64
+MAX_TEXTS = 16
+MAX_TIME_NS = 2**62
+MAX_EPOCH = 2**62
+
+
+def clean(text: str, limit: int) -> str:
+    """Text of ours made fit for the wire: what cannot be printed becomes a blank, what is too long is cut."""
+    if len(text) <= limit and text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " for c in text[:limit])
+
+
+def text(value: str, name: str, limit: int = MAX_NAME) -> str:
+    """A received text of at most `limit` printable characters, on one line."""
+    if len(value) > limit:
+        raise Refusal(Reason.LENGTH, f"{name} has {len(value)} characters; at most {limit} are taken")
+    if not value.isprintable():
+        raise Refusal(Reason.MALFORMED, f"{name} {value[:MAX_NAME]!r} has characters that cannot be printed")
+    return value
+
+
+def number(value: float, name: str, low: float, high: float) -> float:
+    """A finite number from low to high, both included."""
+    if not math.isfinite(value):
+        raise Refusal(Reason.NON_FINITE, f"{name} is {value}")
+    if not low <= value <= high:
+        raise Refusal(Reason.RANGE, f"{name} is {value:g}; {low:g} to {high:g} is taken")
+    return value
+
+
+def number_or_nan(value: float, name: str, low: float, high: float) -> float:
+    """As `number`, with NaN for unknown."""
+    return value if math.isnan(value) else number(value, name, low, high)
+
+
+def whole(value: int, name: str, high: int) -> int:
+    """A whole number from 0 to high."""
+    if not 0 <= value <= high:
+        raise Refusal(Reason.RANGE, f"{name} is {value}; 0 to {high} is taken")
+    return value
+
+
+def time_ns(value: int, name: str) -> int:
+    """Nanoseconds since the Unix epoch; 0 stands for none."""
+    return whole(value, name, MAX_TIME_NS)
+
+
+def member(kind: type[E], value: int, name: str) -> E:
+    """A known value of an enumeration."""
+    try:
+        return kind(value)
+    except ValueError:
+        raise Refusal(Reason.RANGE, f"{name} is {value}, which is no {kind.__name__}") from None
+
+
+def vector(values: Iterable[float], name: str, n: int, low: float, high: float) -> NDArray[np.float64]:
+    """Exactly n finite numbers from low to high, as float64 (n,)."""
+    array = np.array(values, dtype=np.float64)
+    if len(array) == n and all(low <= value <= high for value in array.tolist()):
+        return array
+    if array.shape != (n,):
+        raise Refusal(Reason.LENGTH, f"{name} has {array.size} values; {n} are expected")
+    if not np.isfinite(array).all():
+        raise Refusal(Reason.NON_FINITE, f"{name} has {array[~np.isfinite(array)][0]}")
+    beyond = array[(array < low) | (array > high)]
+    if len(beyond):
+        raise Refusal(Reason.RANGE, f"{name} has {beyond[0]:g}; {low:g} to {high:g} is taken")
+    return array
+
+
+def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
+    """Whole numbers from 0 to high, each above the one before."""
+    for before, value in pairwise((-1, *values)):
+        if not before < value <= high:
+            raise Refusal(Reason.RANGE, f"{name} has {value} after {before}; rising numbers from 0 to {high} are taken")
+    return values
+
+
+def counts(values: Mapping[str, int], name: str) -> dict[str, int]:
+    """Counts by label: at most MAX_COUNTS labels, each a short printable text."""
+    if len(values) > MAX_COUNTS:
+        raise Refusal(Reason.LENGTH, f"{name} has {len(values)} labels; at most {MAX_COUNTS} are taken")
+    return {text(label, f"a label of {name}"): n for label, n in values.items()}

@@ -1,0 +1,8 @@
+"""`python -m estimator`: the command `truerate`."""
+
+import sys
+
+from estimator.cli.entry import main
+
+if __name__ == "__main__":
+    sys.exit(main())

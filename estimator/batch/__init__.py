@@ -1,1 +1,0 @@
-"""Batch calibration: stages of a session in, an estimate with a verdict out."""

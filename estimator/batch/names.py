@@ -1,7 +1,0 @@
-"""What the calibration methods are called, for those who must not wait for mathematics to be loaded to know."""
-
-DEFAULT = "closure"
-#: by hand, live or from a recording; `methods.METHODS` has them
-BY_HAND = (DEFAULT, "turn360", "transitions", "accel_aided")
-#: those of them that want movements between poses that differ, and no full turns
-BY_MOVEMENTS = ("transitions", "accel_aided")

@@ -1,0 +1,49 @@
+"""An accelerometer's own errors: gravity = shape (reading - bias), shape symmetric and close to the identity.
+
+Symmetric, so that no axis is preferred: the frame is the orthogonal one nearest to the accelerometer's axes, and it is
+the frame in which a full 3x3 gyro matrix is then true.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.calibration.capture import Floats
+
+G = 9.80665
+PARAMETERS = (
+    *("accel_bias_x", "accel_bias_y", "accel_bias_z"),
+    *("accel_scale_x", "accel_scale_y", "accel_scale_z"),
+    *("accel_shear_yz", "accel_shear_xz", "accel_shear_xy"),
+)
+N = len(PARAMETERS)
+#: (9, 3, 3) what each parameter adds to the shape
+_SHAPES = np.zeros((N, 3, 3))
+for _axis in range(3):
+    _SHAPES[3 + _axis, _axis, _axis] = 1.0
+for _p, (_i, _j) in enumerate(((1, 2), (0, 2), (0, 1))):
+    _SHAPES[6 + _p, _i, _j] = _SHAPES[6 + _p, _j, _i] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class AccelKnobs:
+    """What an accelerometer's errors are before it has been seen in many poses: standard deviations, mean zero."""
+
+    #: m/s²; 60 mg is the worst of a datasheet's zero-g offsets
+    bias: float = 0.5
+    #: relative; it takes in that local gravity differs from 9.80665 by 0.3 %
+    scale: float = 0.03
+    #: rad between two axes
+    shear: float = 0.005
+
+    def std(self) -> Floats:
+        """(9,) standard deviations of PARAMETERS."""
+        return np.repeat([self.bias, self.scale, self.shear], 3)
+
+
+def measured(accel: Floats, errors: Floats) -> tuple[Floats, Floats, Floats]:
+    """Gravity (3,) in m/s² of a mean reading (3,) under errors (9,), its slopes (3, 9) by errors and (3, 3) by reading."""
+    shape = np.eye(3) + np.tensordot(errors, _SHAPES, axes=1)
+    from_bias = accel - errors[:3]
+    slope = np.column_stack([-shape, (_SHAPES[3:] @ from_bias).T])
+    return shape @ from_bias, slope, shape

@@ -1,0 +1,99 @@
+"""Whether the gyro's axes are the accelerometer's: gravity propagated by the gyro against gravity as measured.
+
+A mirrored or swapped gyro closes a 360-degree turn as well as a right one; only gravity on the way tells. All 48 signed
+permutations of the axes are tried; each movement votes with the logarithm of its misfit, so that a vigorous movement does
+not outvote a calm one. A turn about the vertical says nothing, and an accelerometer is needed.
+"""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from bridge.reasons.codes import Code, Sentence
+from estimator.calibration.capture import Rest, Samples
+from estimator.geometry import rotation
+from estimator.geometry.gyro_model import AXES
+
+Floats = NDArray[np.float64]
+
+#: (48, 3, 3) every signed permutation, the identity first
+MAPPINGS: Floats = np.array(
+    sorted(
+        (
+            np.eye(3)[list(order)] * np.array(signs)[:, None]
+            for order in itertools.permutations(range(3))
+            for signs in itertools.product((1.0, -1.0), repeat=3)
+        ),
+        key=lambda mapping: -np.trace(mapping),
+    )
+)
+_STEP_S = 0.04
+#: keeps an offset small that a movement shows little of
+_UNKNOWN = 1e-3
+#: misfit (of gravity squared) below which differences are noise
+_FLOOR = 3e-4
+#: how much better another mapping must fit, in natural logarithms over all movements. Where the only turn about an axis was
+#: vertical and steady, the axis and its mirror image fit alike, but for up to 0.7 by forces on a sensor off the centre of a fast
+#: turn. Elsewhere the right mapping leads by 2 and more.
+_LEAD = 1.0
+
+
+def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> Sentence | None:
+    """What is wrong with the axes, or None when nothing is, or nothing can be said.
+
+    movements: the rest before each and its samples; matrix (3, 3) takes readings to rates in the gyro's own axes.
+    """
+    seen = [(rest, samples) for rest, samples in movements if rest.accel is not None and _moves(samples.accel)]
+    if not seen:
+        return None
+    score = sum((np.log(misfit(rest, samples, matrix) + _FLOOR) for rest, samples in seen), np.zeros(len(MAPPINGS)))
+    best = int(np.argmin(score))
+    if score[0] - score[best] < _LEAD:
+        return None
+    return Code.AXES_DIFFER(mapping=in_words(MAPPINGS[best]))
+
+
+def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
+    """(48,) mean squared difference of gravity carried and measured under each mapping, in units of gravity squared.
+
+    An accelerometer's offset o is measured too, and does not turn with the device: measured - C a = (I - C) o, a the reading at
+    rest. Each mapping is given the offset under which it fits best.
+    """
+    if rest.accel is None or samples.accel is None:
+        raise ValueError("gravity is measured by an accelerometer only")
+    dt = rotation.intervals(samples.time)
+    block = max(1, round(_STEP_S / float(np.median(dt))))
+    n = len(samples) // block
+    turned = ((samples.gyro - rest.bias) @ matrix.T * dt[:, None])[: n * block].reshape(n, block, 3).sum(axis=1)
+    measured = samples.accel[: n * block].reshape(n, block, 3).mean(axis=1)
+    vectors = np.einsum("mij,tj->mti", MAPPINGS, turned).reshape(-1, 3)
+    steps = scipy.spatial.transform.Rotation.from_rotvec(vectors).as_matrix().reshape(len(MAPPINGS), n, 3, 3)
+    turn = np.broadcast_to(np.eye(3), (len(MAPPINGS), 3, 3))
+    by_offset, both, total = np.zeros((len(MAPPINGS), 3, 3)), np.zeros((len(MAPPINGS), 3)), np.zeros(len(MAPPINGS))
+    for t in range(n):
+        turn = np.einsum("mji,mjk->mik", steps[:, t], turn)  # takes a fixed vector to the body one step later
+        missed, slope = measured[t] - turn @ rest.accel, np.eye(3) - turn
+        by_offset += slope.swapaxes(1, 2) @ slope
+        both += np.einsum("mij,mi->mj", slope, missed)
+        total += np.sum(missed**2, axis=1)
+    offset = np.linalg.solve(by_offset + _UNKNOWN * n * np.eye(3), both[..., None])[..., 0]
+    total -= np.sum(offset * (2 * both - np.einsum("mij,mj->mi", by_offset, offset)), axis=1)
+    return np.asarray(total / n / (rest.accel @ rest.accel))
+
+
+def _moves(accel: Floats | None) -> bool:
+    """Tell an accelerometer that works from none, and from a frozen one."""
+    return accel is not None and bool(np.ptp(accel, axis=0).any())
+
+
+def in_words(mapping: Floats) -> str:
+    """A mapping as people would correct it: which reading is which axis."""
+    rows = [int(np.argmax(np.abs(row))) for row in mapping]
+    signs = ["−" if mapping[axis, row] < 0 else "" for axis, row in enumerate(rows)]
+    changed = [
+        f"{AXES[axis]} = {signs[axis]}{AXES[row]}" for axis, row in enumerate(rows) if row != axis or signs[axis]
+    ]
+    return ", ".join(changed)

@@ -1,0 +1,84 @@
+"""How a gyro's bias wanders over a recording: covariance of its means over stretches of time, and its size as rests show it.
+
+A wandering bias is a random walk and flicker noise together (IEEE Std 952-1997, Annex B). Letters:
+
+    N, B    rate random walk, rad/s/√s; bias instability, rad/s: one-sided density B²/(pi f)
+    h       generalised covariance of the bias at two times, tau apart: -N² tau/2 - B²/pi ln tau, up to a constant
+    H       its second antiderivative in tau: a mean of h over two stretches is four values of H
+    W       (n, n) covariance of the stretches' mean biases, each less that of the reference stretch: the constant cancels
+    D       (n, n) the same of a steady drift, as of a device that warms up
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import log, radians
+
+import numpy as np
+
+from estimator.calibration.capture import Floats
+from estimator.calibration.constant_rates import Plateau
+
+#: sizes that are tried, over what the knobs say, and how far the knobs may be off: a factor, one standard deviation
+_SIZES, _FACTOR = np.geomspace(0.05, 20.0, 61), 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class WanderKnobs:
+    """Prior knowledge of how the bias wanders; the defaults are those of the device model `generic`."""
+
+    #: rad/s, B; the flat of the Allan deviation is 0.664 B
+    bias_instability: float = radians(0.014)
+    #: rad/s/√s, N
+    rate_random_walk: float = radians(7e-4)
+    #: rad/s², of a device that warms up
+    drift: float = radians(0.1 / 60)
+
+
+def wander_cov(stretches: Sequence[Plateau], reference: int, rests: Sequence[Plateau], knobs: WanderKnobs) -> Floats:
+    """(n, n), (rad/s)², of one axis: the mean bias of each stretch less that of the stretch with number `reference`.
+
+    The wandering is taken as large as the rests show it.
+    """
+    return _shown_size(rests, knobs) ** 2 * _wander(stretches, reference, knobs) + _drift(stretches, reference, knobs)
+
+
+def _wander(stretches: Sequence[Plateau], reference: int, knobs: WanderKnobs) -> Floats:
+    """W as the knobs say."""
+    start, end = np.array([(stretch.start, stretch.end) for stretch in stretches]).T
+
+    def second(tau: Floats) -> Floats:
+        size = np.maximum(np.abs(tau), 1e-9)
+        flicker = knobs.bias_instability**2 / np.pi * size**2 * (np.log(size) / 2 - 0.75)
+        return np.asarray(-(knobs.rate_random_walk**2) * size**3 / 12 - flicker)
+
+    ends, starts = end[:, None], start[:, None]
+    both = second(ends - start) - second(starts - start) - second(ends - end) + second(starts - end)
+    h = both / ((ends - starts) * (end - start))
+    return np.asarray(h - h[:, [reference]] - h[[reference]] + h[reference, reference])
+
+
+def _drift(stretches: Sequence[Plateau], reference: int, knobs: WanderKnobs) -> Floats:
+    """The matrix D."""
+    middle = np.array([(stretch.start + stretch.end) / 2 for stretch in stretches])
+    way = knobs.drift * (middle - middle[reference])
+    return np.outer(way, way)
+
+
+def _shown_size(rests: Sequence[Plateau], knobs: WanderKnobs) -> float:
+    """How many times as large as the knobs say the wandering is by what differs from rest to rest: the likeliest factor.
+
+    Restricted likelihood of the three axes together, the knobs being right within a factor of three.
+    """
+    if len(rests) < 3:
+        return 1.0
+    W, D = _wander(rests, 0, knobs), _drift(rests, 0, knobs)
+    mean, var = np.array([rest.mean for rest in rests]), np.array([rest.var for rest in rests])
+    ones = np.ones(len(rests))
+    cost = (np.log(_SIZES) / log(_FACTOR)) ** 2
+    for axis in range(3):
+        C = _SIZES[:, None, None] ** 2 * W + D + np.diag(var[:, axis])
+        y = mean[:, axis] - mean[0, axis]
+        by_one, by_y = np.moveaxis(np.linalg.solve(C, np.column_stack([ones, y])), -1, 0)
+        information = by_one @ ones
+        cost += np.linalg.slogdet(C)[1] + np.log(information) + by_y @ y - (by_one @ y) ** 2 / information
+    return float(_SIZES[np.argmin(cost)])

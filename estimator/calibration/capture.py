@@ -1,0 +1,177 @@
+"""What a calibration session yields: rests, and turns with the rest around them. Device time throughout."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.geometry.gyro_model import mean_var, rounding_var
+from estimator.samples.sample_buffer import ACCEL, CLIPPED, GYRO, TIME, WIDTH
+from estimator.stillness.detector import Window
+
+Floats = NDArray[np.float64]
+#: sine of the steepest angle above the horizon of an axis that gravity shows turns about
+_STEEP = np.sin(radians(45.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """n samples: time (n,) s, gyro (n, 3) rad/s as read, accel (n, 3) m/s² or None, clipped (n,) bool."""
+
+    time: Floats
+    gyro: Floats
+    accel: Floats | None
+    clipped: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @staticmethod
+    def of(windows: Sequence[Window]) -> "Samples":
+        """Those of one or more windows in a row, spikes mended."""
+        if len(windows) == 1:
+            (window,) = windows
+            return Samples(window.time, window.gyro, window.accel, window.clipped)
+        forces = [window.accel for window in windows if window.accel is not None]
+        time, gyro = (np.concatenate([getattr(window, name) for window in windows]) for name in ("time", "gyro"))
+        accel = np.concatenate(forces) if len(forces) == len(windows) else None
+        return Samples(time, gyro, accel, np.concatenate([window.clipped for window in windows]))
+
+    def between(self, start: float, end: float) -> "Samples":
+        """The samples with start <= time <= end."""
+        return self.part(
+            slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, end, side="right")))
+        )
+
+    def part(self, part: slice) -> "Samples":
+        """Some of them, in a row."""
+        accel = None if self.accel is None else self.accel[part]
+        return Samples(self.time[part], self.gyro[part], accel, self.clipped[part])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """A time of stillness: bias (3,) is the mean reading, std (3,) of one of its n readings, step (3,) their rounding.
+
+    accel (3,) mean m/s² or None; accel_std (3,) of one of its readings, None when not known.
+    wander (3,) rad/s: by how much the mean errs because the readings wander more than white noise does, mostly 0.
+    """
+
+    start: float
+    end: float
+    bias: Floats
+    std: Floats
+    step: Floats
+    n: int
+    accel: Floats | None
+    accel_std: Floats | None = None
+    wander: Floats = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def middle(self) -> float:
+        """The time at which the bias was its mean."""
+        return (self.start + self.end) / 2
+
+    @property
+    def rounding_var(self) -> Floats:
+        """(3,) variance of what rounding leaves in the mean reading, the same in every rest."""
+        return rounding_var(self.std, self.step)
+
+    @property
+    def bias_cov(self) -> Floats:
+        """(3, 3) covariance of the mean reading as the bias: white noise, rounding, and wandering."""
+        return np.diag(mean_var(self.std, self.step, self.n) + self.wander**2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TurnCapture:
+    """One full turn about device axis 0, 1 or 2: samples from inside the rest before to inside the rest after."""
+
+    axis: int
+    samples: Samples
+    before: Rest
+    after: Rest
+
+    @property
+    def checked_by_gravity(self) -> bool:
+        """Whether gravity, measured before and after, shows if the turn was a full one: its axis was not near the vertical."""
+        up = self.before.accel
+        return (
+            up is not None and self.after.accel is not None and abs(float(up[self.axis])) < _STEEP * np.linalg.norm(up)
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Movement:
+    """What lay between two rests, with a little of both; full_turn: it is known to have ended where it began."""
+
+    before: Rest
+    after: Rest
+    samples: Samples
+    full_turn: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """All a method needs: the rest before the first turn, and one turn about each axis in the order x, y, z.
+
+    rests: every rest from that one to the one after the last turn, in the order of time.
+    movements: all that lay between two rests, full turns or not; with them alone turns may be missing.
+    """
+
+    rest: Rest
+    turns: tuple[TurnCapture, ...]
+    rests: tuple[Rest, ...] = ()
+    movements: tuple[Movement, ...] = ()
+
+
+class History:
+    """The latest samples of a stream, at least `keep_s` seconds of them, found again by device time."""
+
+    def __init__(self, keep_s: float = 120.0) -> None:
+        self._keep_s = keep_s
+        #: rows (n, 9) of windows: beside them nothing is made of what mostly is not asked for
+        self._held: deque[Floats] = deque()
+
+    def add(self, samples: Samples) -> None:
+        """Take the next samples."""
+        rows = np.full((len(samples), WIDTH), np.nan)
+        rows[:, TIME], rows[:, GYRO], rows[:, CLIPPED] = samples.time, samples.gyro, samples.clipped
+        if samples.accel is not None:
+            rows[:, ACCEL] = samples.accel
+        self.take(rows)
+
+    def take(self, rows: Floats) -> None:
+        """Take the rows of the next windows."""
+        held, oldest_needed = self._held, rows.item(-1, TIME) - self._keep_s
+        held.append(rows)
+        while held[0].item(-1, TIME) < oldest_needed:
+            held.popleft()
+
+    def between(self, start: float, end: float) -> Samples:
+        """The samples with start <= time <= end that are still held; none when none is."""
+        held = [rows for rows in self._held if rows.item(-1, TIME) >= start and rows.item(0, TIME) <= end]
+        if not held:
+            return Samples(np.empty(0), np.empty((0, 3)), None, np.empty(0, bool))
+        rows = np.concatenate([_between(rows, start, end) for rows in held])
+        accel = None if np.isnan(rows[:, ACCEL.start].sum()) else rows[:, ACCEL].copy()
+        return Samples(rows[:, TIME].copy(), rows[:, GYRO].copy(), accel, rows[:, CLIPPED] != 0)
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples a second, mostly, of those that are still held; 0 when none is."""
+        time = np.concatenate([rows[:, TIME] for rows in self._held]) if self._held else np.empty(0)
+        return float(1 / np.median(np.diff(time))) if len(time) > 1 else 0.0
+
+    @property
+    def largest(self) -> float:
+        """The largest reading that is still held, rad/s; 0 when none is."""
+        return max((float(np.abs(rows[:, GYRO]).max()) for rows in self._held), default=0.0)
+
+
+def _between(rows: Floats, start: float, end: float) -> Floats:
+    time = rows[:, TIME]
+    return rows[np.searchsorted(time, start) : np.searchsorted(time, end, side="right")]

@@ -1,0 +1,194 @@
+"""The default calibration: the bias and scale under which every turn ends where it began, as sure as the data make them.
+
+All rests measure the bias, and each turn closes on SO(3) whatever path the hand took. The errors of a session are noise, a
+bias that moves, rounding, re-placement by the hand, and misaligned axes. With an accelerometer the tilt after a turn is
+measured. How well the hand put the device back, and how far the axes may be misaligned, is estimated from the session itself:
+see replacement and misalignment. The equations are in closure_fit.
+"""
+
+from dataclasses import dataclass, replace
+from math import radians
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from bridge.reasons.codes import Code, Sentence
+from estimator.calibration import misalignment
+from estimator.calibration import replacement_error as replacement
+from estimator.calibration.capture import Capture, Rest, TurnCapture
+from estimator.calibration.closure_fit import Evidence, Fit, fit, linearise
+from estimator.calibration.replacement_error import End, Replacement
+from estimator.geometry import rotation
+from estimator.geometry.gyro_model import reading_std
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ClosureKnobs:
+    """Errors of a session beside its noise. Standard deviations; None: estimated from the session."""
+
+    #: rad per axis, between the start and the end of a turn as the hand made them, and of a tilt that gravity measured
+    replacement: Replacement | None = None
+    #: of each off-diagonal element of the gyro's matrix, which is not itself estimated
+    misalignment_std: float | None = None
+    #: relative error of an accelerometer (scale, misalignment, bias over g), of a tilt that it measures
+    tilt_share: float = 0.02
+    #: rad/s per root second that a bias moves, as in tracking
+    rate_random_walk: float = radians(2e-3)
+    #: output rates, Hz, below which a rate's change of direction within a sample is made good
+    coning_below_hz: float = 50.0
+    #: a scatter of the rests less probable than this is taken for a bias that moves as much as they show
+    honest_p: float = 0.01
+
+
+class NotConverged(Exception):
+    """No bias and scale close the three turns, for this reason."""
+
+    def __init__(self, reason: Sentence) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Closure:
+    """k (3,) and bias (3,) rad/s at device time `time`; their covariance (6, 6) in the order bias, k.
+
+    turn_bias (3, 3): the likeliest bias during each turn. residual (3, 3) rad: what each turn does not close by, in the frame
+    it started in, beyond a measured tilt. replacement, misalignment_std: as estimated or told. chi2, dof: of all residuals.
+    """
+
+    k: Floats
+    bias: Floats
+    covariance: Floats
+    time: float
+    turn_bias: Floats
+    residual: Floats
+    replacement: Replacement
+    misalignment_std: float
+    chi2: float
+    dof: int
+    iterations: int
+
+
+def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
+    """The calibration of one session; raises NotConverged."""
+    knobs = knobs or ClosureKnobs()
+    rests = capture.rests or (capture.rest,)
+    ends = tuple(_end(turn, knobs.tilt_share) for turn in capture.turns)
+    told = evidence(capture, knobs, ends, knobs.replacement or replacement.USUAL)
+    try:
+        found = fit(told)
+    except np.linalg.LinAlgError:
+        raise NotConverged(Code.TURNS_UNDETERMINED()) from None
+    if not found.converged[0] or np.any(found.k[0] > 100):
+        raise NotConverged(Code.NOT_CONVERGED(steps=found.iterations, scale=np.round(found.k[0], 3)))
+    placed = knobs.replacement or replacement.estimate(ends, found.f_turn[0], found.f_cov[0] - told.end_cov[0])
+    askew = knobs.misalignment_std
+    if askew is None:
+        askew = misalignment.estimate(told.reading[0] - found.b[0], told.dt[0], found.k[0], capture.turns)
+    end_cov = np.array([[end.covariance(placed) for end in ends]])
+    shown = replace(_with_scatter(told, found, knobs.honest_p), end_cov=end_cov)
+    return Closure(
+        k=found.k[0],
+        bias=found.b[0],
+        covariance=_covariance(shown, found, askew),
+        time=rests[-1].middle,
+        turn_bias=found.turn_b[0],
+        residual=found.f[0],
+        replacement=placed,
+        misalignment_std=askew,
+        chi2=float(found.chi2[0]),
+        dof=3 * len(rests) + 3,
+        iterations=found.iterations,
+    )
+
+
+def _covariance(shown: Evidence, found: Fit, misalignment_std: float) -> Floats:
+    """(6, 6) of bias and k, if the errors are as the session showed them and the fit weighed them as it did."""
+    _, _, S, by_E = linearise(shown, np.concatenate([found.b, found.k], axis=-1))
+    gain = found.gain[0]
+    across = gain[:, -by_E.shape[1] :] @ by_E[0]
+    return np.asarray(gain @ S[0] @ gain.T + misalignment_std**2 * across @ across.T)
+
+
+def _with_scatter(told: Evidence, found: Fit, honest_p: float) -> Evidence:
+    """The evidence with rests as uncertain, and a bias that moves as fast, as the scatter of the rests shows."""
+    dof = 3 * told.rest.shape[1] - 3  # one rest went into the bias
+    scatter = float(found.rest_misfit[0])
+    if not dof or scatter <= scipy.special.chdtri(dof, honest_p):
+        return told
+    larger = scatter / dof
+    return replace(told, rest_var=larger * told.rest_var, walk=larger * told.walk)
+
+
+def evidence(capture: Capture, knobs: ClosureKnobs, ends: tuple[End, ...], placed: Replacement) -> Evidence:
+    """One session's captures as the stacked arrays of the fit; the bias is that of the middle of the last rest."""
+    rests, turns = capture.rests or (capture.rest,), capture.turns
+    n = max(len(turn.samples) for turn in turns)
+    reading, dt = np.zeros((3, n, 3)), np.zeros((3, n))
+    for i, turn in enumerate(turns):
+        reading[i, : len(turn.samples)] = turn.samples.gyro
+        dt[i, : len(turn.samples)] = rotation.intervals(turn.samples.time)
+    counts = np.array([rest.n for rest in rests])
+    std = np.array([reading_std(rest.std) for rest in rests])
+    return Evidence(
+        reading=reading[None],
+        dt=dt[None],
+        noise_var=(counts @ std**2 / counts.sum())[None],
+        rest=np.array([[rest.bias for rest in rests]]),
+        rest_var=(std**2 / counts[:, None] + np.array([rest.wander for rest in rests]) ** 2)[None],
+        rest_common_var=np.array([[rest.rounding_var for rest in rests]]),
+        shared=np.array([[[_shared(turn, dt[i], rests, late) for i, turn in enumerate(turns)] for late in (0, 1)]]),
+        walk=knobs.rate_random_walk**2 * _walk(rests, turns)[None],
+        end=np.array([[end.attitude for end in ends]]),
+        end_cov=np.array([[end.covariance(placed) for end in ends]]),
+        coning=1 / float(np.median(np.diff(turns[0].samples.time))) < knobs.coning_below_hz,
+    )
+
+
+def _end(turn: TurnCapture, tilt_share: float) -> End:
+    """The end of a turn: gravity tells its tilt; about gravity the turn is taken to have closed."""
+    before, after = turn.before, turn.after
+    if before.accel is None or after.accel is None:
+        return End(np.eye(3))
+    up, then = (a / np.linalg.norm(a) for a in (before.accel, after.accel))
+    across = np.cross(then, up)
+    V = rotation.cross_matrix(across)
+    tilt_var = (tilt_share * rotation.angle_between(up, then)) ** 2 + _direction_var(before) + _direction_var(after)
+    return End(np.eye(3) + V + V @ V / (1 + up @ then), up, across, tilt_var)
+
+
+def _direction_var(rest: Rest) -> float:
+    """rad² per axis of the direction of a rest's mean acceleration, from its white noise."""
+    if rest.accel is None or rest.accel_std is None:
+        return 0.0
+    return float(np.mean(rest.accel_std**2)) / rest.n / float(rest.accel @ rest.accel)
+
+
+def _shared(turn: TurnCapture, dt: Floats, rests: tuple[Rest, ...], late: int) -> list[float]:
+    """For each rest, the seconds of its samples in the beginning (late 0) or end (1) of the turn, over all its samples."""
+    time = turn.samples.time
+    halfway = len(time) // 2
+    spans = [np.searchsorted(time, (rest.start, rest.end + 1e-9)) for rest in rests]
+    return [
+        float(dt[max(a, late * halfway) : (b if late else min(b, halfway))].sum()) / rest.n
+        for rest, (a, b) in zip(rests, spans, strict=True)
+    ]
+
+
+def _walk(rests: tuple[Rest, ...], turns: tuple[TurnCapture, ...]) -> Floats:
+    """(r + 3, r + 3) s: covariance of a unit random walk's means over rests and turns, from the middle of the last rest.
+
+    It is half of E|a - ref| + E|b - ref| - E|a - b|, for times a and b within the two; within one, E|a - b| is a third
+    of its length, and a quarter to its middle.
+    """
+    spans = [(rest.start, rest.end) for rest in rests] + [(turn.before.end, turn.after.start) for turn in turns]
+    middle, length = np.array([((a + b) / 2, b - a) for a, b in spans]).T
+    apart = np.abs(middle[:, None] - middle)
+    np.fill_diagonal(apart, length / 3)
+    last = len(rests) - 1
+    away = np.abs(middle - middle[last])
+    away[last] = length[last] / 4
+    return np.asarray((away[:, None] + away - apart) / 2)

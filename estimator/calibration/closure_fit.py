@@ -1,0 +1,226 @@
+"""The equations of the closure calibration: maximum likelihood over bias and scale, for many sessions at once.
+
+Letters, s sessions, r rests, 3 turns of n samples; every covariance follows from the errors named here and nothing else:
+
+    m, dt   reading (rad/s) and the seconds it stands for    b, k   bias (rad/s) and scale factors: g = k (m - b)
+    C_t     attitude after sample t, C_0 = I                 R      C_n, the end of a turn, in the frame of its start
+    D       the end as measured (by gravity) or assumed      Exp, log   between rotation vectors and rotations
+    y_j     mean reading of rest j                           w      way of the bias from its value at the reference time
+
+Residuals:  f_j = y_j - b  of rest j,      f_i = log(R_i D_i')  of turn i, in the frame the turn started in.
+
+A change dg_t of the rates turns R by eps = sum_t P_t dg_t on the left, with P_t = C_(t-1) Jl(g_t dt) dt, Jl the left
+Jacobian of SO(3). Taken here as (C_(t-1) + C_t)/2 dt: the difference is (rate dt)²/12 of it. Hence
+
+    A_i = sum P_t K,   df_i/db = -J A_i,   df_i/dk = J sum P_t diag(m_t - b),   J = Jl(f_i)^-1;   A_j = I, df_j/db = -I
+
+At the true b and k, f_j = w_j + mean noise and f_i = J (A_i w_i + sum P_t K (noise_t + E (m_t - b))) + what the hand or
+the accelerometer missed; E, the misalignment of the gyro's axes, has a zero diagonal and is the same in all turns. It is not
+estimated, and has no part in S. Samples of a rest that are in the integral of a turn too make the two depend on each other.
+
+Gauss-Newton on L^-1 f, L L' = S the covariance of f; covariance of (b, k) = (F' S^-1 F)^-1, F = df/d(b, k).
+The information in how S itself depends on k is left out: some 1e-6 of the rest.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.geometry import rotation
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What s sessions show, each with r rests and 3 turns of n samples; shorter turns end in samples of dt = 0.
+
+    Rates in rad/s, times in s, angles in rad.
+    """
+
+    #: (s, 3, n, 3) readings of the turns, and (s, 3, n) what each stands for
+    reading: Floats
+    dt: Floats
+    #: (s, 3) variance of the white noise of one reading
+    noise_var: Floats
+    #: (s, r, 3) mean readings, the variance of their white noise, and of the error they all share
+    rest: Floats
+    rest_var: Floats
+    rest_common_var: Floats
+    #: (s, 2, 3, r) seconds of turn i, at its beginning and at its end, that are samples of rest j, over j's samples
+    shared: Floats
+    #: (s, r + 3, r + 3) covariance, (rad/s)², of the way of each axis' bias at rests and turns
+    walk: Floats
+    #: (s, 3, 3, 3) ends of the turns as measured or assumed, and their covariance in the frame of the start
+    end: Floats
+    end_cov: Floats
+    #: whether steps are mean rates of intervals so long that their direction changes within
+    coning: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """b (s, 3), k (s, 3), covariance (s, 6, 6) of both; what remains of s sessions.
+
+    gain (s, 6, 3r + 9): by how much each residual moves b and k.
+    turn_b (s, 3, 3): the likeliest bias during each turn, b and its way; f (s, 3, 3): the turns' residuals at that bias.
+    f_turn (s, 3, 3), f_cov (s, 3, 3, 3): the turns' residuals at b, and their covariance. rest_misfit (s,), chi2 (s,): of the
+    rests and of all together, residuals at b squared over their covariance.
+    """
+
+    b: Floats
+    k: Floats
+    covariance: Floats
+    gain: Floats
+    turn_b: Floats
+    f: Floats
+    f_turn: Floats
+    f_cov: Floats
+    rest_misfit: Floats
+    chi2: Floats
+    converged: NDArray[np.bool_]
+    iterations: int
+
+
+def fit(evidence: Evidence, max_iterations: int = 12, tolerance: float = 0.01) -> Fit:
+    """Maximum likelihood; converged where the last step was below `tolerance` standard deviations (so the next is ~0)."""
+    theta = start(evidence)
+    iterations, converged = 0, np.zeros(len(theta), bool)
+    while iterations < max_iterations and np.isfinite(theta).all() and not converged.all():
+        f, F, S, _ = linearise(evidence, theta)
+        white = np.linalg.solve(np.linalg.cholesky(S), np.concatenate([F, f[..., None]], axis=-1))
+        WF, Wf = white[..., :6], white[..., 6:]
+        information = WF.swapaxes(-1, -2) @ WF
+        step = -np.linalg.solve(information, WF.swapaxes(-1, -2) @ Wf)
+        theta = theta + step[..., 0]
+        converged = np.linalg.norm(WF @ step, axis=(-1, -2)) < tolerance
+        iterations += 1
+    return _found(evidence, theta, f + (F @ step)[..., 0], F, S, converged, iterations)
+
+
+def _found(
+    evidence: Evidence, theta: Floats, f: Floats, F: Floats, S: Floats, converged: NDArray[np.bool_], iterations: int
+) -> Fit:
+    s, r = evidence.rest.shape[:2]
+    explained = np.linalg.solve(S, np.concatenate([F, f[..., None]], axis=-1))
+    # Of the residuals, the part that the bias's way makes likely: cov(w, f) S^-1 f.
+    A = -F.reshape(s, r + 3, 3, 6)[..., :3]
+    pull = A.swapaxes(-1, -2) @ explained[..., 6].reshape(s, r + 3, 3, 1)
+    way = (evidence.walk @ pull[..., 0])[:, r:]
+    f_turn = f.reshape(s, r + 3, 3)[:, r:]
+    turns = np.arange(r, r + 3)
+    f_cov = np.moveaxis(S.reshape(s, r + 3, 3, r + 3, 3)[:, turns, :, turns], 0, 1)
+    f_rest, rest_cov = f[:, : 3 * r], S[:, : 3 * r, : 3 * r]
+    covariance = np.linalg.inv(F.swapaxes(-1, -2) @ explained[..., :6])
+    return Fit(
+        b=theta[:, :3],
+        k=theta[:, 3:],
+        covariance=np.asarray(covariance),
+        gain=np.asarray(-covariance @ explained[..., :6].swapaxes(-1, -2)),
+        turn_b=theta[:, None, :3] + way,
+        f=f_turn - (A[:, r:] @ way[..., None])[..., 0],
+        f_turn=f_turn,
+        f_cov=f_cov,
+        rest_misfit=np.einsum("si,si->s", f_rest, np.linalg.solve(rest_cov, f_rest[..., None])[..., 0]),
+        chi2=np.einsum("si,si->s", f, explained[..., 6]),
+        converged=converged,
+        iterations=iterations,
+    )
+
+
+def start(evidence: Evidence) -> Floats:
+    """(s, 6) bias and scale to begin with: the rests' mean; |integral of k (m - b)| = 360° in each turn, linear in k².
+
+    That is the paper's criterion for turns about fixed axes, right to some 1e-3 for a hand's.
+    """
+    weight = 1 / (evidence.rest_var + evidence.rest_common_var)
+    b = (weight * evidence.rest).sum(axis=1) / weight.sum(axis=1)
+    read = ((evidence.reading - b[:, None, None]) * evidence.dt[..., None]).sum(axis=2)
+    square = np.full((*b.shape, 1), 4 * np.pi**2)
+    try:
+        k_square = np.linalg.solve(read**2, square)[..., 0]
+    except np.linalg.LinAlgError:
+        k_square = np.ones_like(b)
+    return np.concatenate([b, np.sqrt(np.where(k_square > 0.01, k_square, 1.0))], axis=-1)
+
+
+def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Residuals f (s, 3r + 9), their derivatives F (s, 3r + 9, 6) by (b, k) and covariance S, at theta (s, 6).
+
+    The last, (s, 9, 6), is the derivatives of the turns' residuals by the elements of E off its diagonal.
+    """
+    b, k = theta[:, :3], theta[:, 3:]
+    s, r = evidence.rest.shape[:2]
+    read = (evidence.reading - b[:, None, None]) * evidence.dt[..., None]
+    steps = k[:, None, None] * read
+    C = rotation.chained(rotation.coned(steps) if evidence.coning else steps)
+    R = C[:, :, -1]
+    f_turn = rotation.log(R @ evidence.end.swapaxes(-1, -2))
+    J = left_jacobian_inverse(f_turn)
+
+    A = np.empty((s, r + 3, 3, 3))
+    A[:, :r] = np.eye(3)
+    # One product of matrices makes both sums: of P_t, and of column i of P_t times element j of the reading.
+    columns = C.reshape(*C.shape[:3], 9).swapaxes(-1, -2)
+    sums = columns @ _middles(np.concatenate([evidence.dt[..., None], read], axis=-1))
+    A[:, r:] = J @ sums[..., 0].reshape(s, 3, 3, 3) * k[:, None, None]
+    by_E = (J @ sums[..., 1:].reshape(s, 3, 3, 9)).reshape(s, 3, 3, 3, 3)
+    F = np.zeros((s, r + 3, 3, 6))
+    F[..., :3] = -A
+    F[:, r:, :, 3:] = np.einsum("...aii->...ai", by_E)
+    f = np.concatenate([evidence.rest - b[:, None], f_turn], axis=1)
+    S = _covariance(evidence, k, C, J, A)
+    # With M = K (I + E), an element E_ij makes axis i turn k_i times the reading of axis j.
+    across = (by_E * k[:, None, None, :, None])[..., ~np.eye(3, dtype=bool)].reshape(s, 9, 6)
+    return f.reshape(s, -1), F.reshape(s, -1, 6), S, across
+
+
+def _covariance(evidence: Evidence, k: Floats, C: Floats, J: Floats, A: Floats) -> Floats:
+    """(s, 3r + 9, 3r + 9) of the residuals: the bias's way, noise, what rests share, and how well the ends are known."""
+    s, r = evidence.rest.shape[:2]
+    rest = np.arange(r)
+    rows = A.reshape(s, -1, 3)
+    S = (rows @ rows.swapaxes(-1, -2)).reshape(s, r + 3, 3, r + 3, 3) * evidence.walk[:, :, None, :, None]
+    common = np.sqrt(evidence.rest_common_var)
+    for axis in range(3):
+        S[:, :r, axis, :r, axis] += common[:, :, None, axis] * common[:, None, :, axis]
+        S[:, rest, axis, rest, axis] += evidence.rest_var[..., axis]
+    noise = J @ _noise(evidence, k, C) @ J.swapaxes(-1, -2) + evidence.end_cov
+    for turn in range(3):
+        S[:, r + turn, :, r + turn] += noise[:, turn]
+    # One sample of noise in both: sum of P_t K var / samples of the rest, C_t being I before and R after the turn.
+    ends = np.stack([np.broadcast_to(np.eye(3), J.shape), C[:, :, -1]], axis=1)
+    once = J[:, None] @ ends * (k * evidence.noise_var)[:, None, None, None]
+    both = np.einsum("szij,sziab->siajb", evidence.shared, once)
+    S[:, r:, :, :r] += both
+    S[:, :r, :, r:] += both.transpose(0, 3, 4, 1, 2)
+    return S.reshape(s, 3 * r + 9, 3 * r + 9)
+
+
+def _noise(evidence: Evidence, k: Floats, C: Floats) -> Floats:
+    """(s, 3, 3, 3) what the white noise of its readings adds up to in each turn: sum of (C_t K dt) var (C_t K dt)'.
+
+    From one product of matrices: the sums of dt² times each two elements of C_t.
+    """
+    elements = C[:, :, 1:].reshape(*evidence.dt.shape, 9)
+    gram = elements.swapaxes(-1, -2) @ (elements * evidence.dt[..., None] ** 2)
+    by_axis = gram.reshape(*C.shape[:2], 3, 3, 3, 3)
+    return np.asarray(np.einsum("siajbj,sj->siab", by_axis, k**2 * evidence.noise_var))
+
+
+def _middles(values: Floats) -> Floats:
+    """What multiplies C_0 … C_n when values (…, n, m) multiply (C_(t-1) + C_t)/2: means of neighbours, 0 beyond."""
+    result = np.zeros((*values.shape[:-2], values.shape[-2] + 1, values.shape[-1]))
+    result[..., 1:, :] = values
+    result[..., :-1, :] += values
+    return result / 2
+
+
+def left_jacobian_inverse(vector: Floats) -> Floats:
+    """(…, 3, 3) how a small turn on the left changes the rotation vector: log(Exp(e) Exp(v)) = v + J e. |v| < 2 pi."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    half = np.maximum(angle, 1e-3) / 2
+    second = np.where(angle < 1e-3, 1 / 12 + angle**2 / 720, (1 - half / np.tan(half)) / (4 * half**2))
+    V = rotation.cross_matrix(vector)
+    return np.asarray(np.eye(3) - V / 2 + second * (V @ V))

@@ -1,0 +1,132 @@
+"""Stretches of constant rate in a recording, as a turntable or a servo makes them, and the rests between."""
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+
+from bridge.reasons.codes import Code, Sentences
+from estimator.calibration.capture import Floats, Samples
+from estimator.geometry.gyro_model import least_step, mean_var
+
+
+@dataclass(frozen=True, slots=True)
+class PlateauKnobs:
+    """What is constant. Seconds, rad/s."""
+
+    window_s: float = 0.2
+    least_s: float = 1.0
+    #: a window's mean may differ from its plateau's by this, or by this share of the rate
+    tolerance: float = radians(0.3)
+    share: float = 0.005
+    #: its readings may scatter by this many times the quietest ones', and by this share of the rate: a machine hums
+    noise_factor: float = 5.0
+    hum_share: float = 0.02
+    #: no rest's mean is further than this from that of the others
+    rest: float = radians(1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plateau:
+    """A stretch of constant rate: mean reading (3,) rad/s, var (3,) of that mean, std (3,) of one of its readings.
+
+    clipped: some of it was beyond the range.
+    """
+
+    start: float
+    end: float
+    mean: Floats
+    var: Floats
+    std: Floats
+    clipped: bool
+
+
+def plateaus(samples: Samples, knobs: PlateauKnobs | None = None) -> list[Plateau]:
+    """All of them in the order of time; a plateau's first and last window are cut off, for they may hold a ramp."""
+    knobs = knobs or PlateauKnobs()
+    step = max(round(knobs.window_s / float(np.median(np.diff(samples.time)))), 4)
+    n = len(samples) // step
+    if n < 3:
+        return []
+    windows = samples.gyro[: n * step].reshape(n, step, 3)
+    mean, std = windows.mean(axis=1), windows.std(axis=1, ddof=1)
+    quiet = np.maximum(np.quantile(std, 0.2, axis=0), radians(0.01))
+    size = np.linalg.norm(mean, axis=1)
+    calm = np.all(std <= knobs.noise_factor * quiet + knobs.hum_share * size[:, None], axis=1)
+    found, first = [], 0
+    for i in range(1, n + 1):
+        if i < n and calm[i] and calm[first] and _same(mean[first], mean[i], knobs, quiet / np.sqrt(step)):
+            continue
+        if calm[first]:
+            found += _plateau(samples, (first + 1) * step, (i - 1) * step, knobs)
+        first = i
+    return found
+
+
+def _same(a: Floats, b: Floats, knobs: PlateauKnobs, noise: Floats) -> bool:
+    near = knobs.tolerance + knobs.share * float(np.linalg.norm(a)) + 6 * noise
+    return bool(np.all(np.abs(a - b) < near))
+
+
+def _plateau(samples: Samples, start: int, end: int, knobs: PlateauKnobs) -> list[Plateau]:
+    if end - start < 4 or samples.time[end - 1] - samples.time[start] < knobs.least_s:
+        return []
+    gyro = samples.gyro[start:end]
+    std = gyro.std(axis=0, ddof=1)
+    var = mean_var(std, least_step(gyro), end - start)
+    clipped = bool(samples.clipped[start:end].any()) or _stuck(gyro, samples.gyro)
+    return [Plateau(float(samples.time[start]), float(samples.time[end - 1]), gyro.mean(axis=0), var, std, clipped)]
+
+
+def _stuck(gyro: Floats, of: Floats) -> bool:
+    """Whether an axis reads but one value in a stretch (n, 3), the largest of all the recording (m, 3), where others differ."""
+    least, most = np.abs(gyro).min(axis=0), np.abs(of).max(axis=0)
+    return bool(np.any((least >= 0.999 * most) & (np.ptp(gyro, axis=0) == 0) & (np.ptp(of, axis=0) > 0.5 * most)))
+
+
+def split(
+    found: list[Plateau], rates: tuple[float, ...], knobs: PlateauKnobs | None = None
+) -> tuple[list[Plateau], list[Plateau], list[Plateau]]:
+    """Rests, stretches that turned, and what is neither: clipped, or too slow for the slowest rate (rad/s) and no rest.
+
+    Whatever the bias: about any one axis most stretches read little else, and rests read the same.
+    """
+    knobs = knobs or PlateauKnobs()
+    if not found:
+        return [], [], []
+    mean, slowest = np.array([p.mean for p in found]), min(rates)
+    slow = np.linalg.norm(mean - np.median(mean, axis=0), axis=1) < 0.5 * slowest
+    centre = np.median(mean[slow] if slow.any() else mean, axis=0)
+    rests, spins, others = [], [], []
+    for p, size in zip(found, np.linalg.norm(mean - centre, axis=1), strict=True):
+        if size < min(knobs.rest, 0.3 * slowest):
+            rests.append(p)
+        elif size >= 0.5 * slowest and not p.clipped:
+            spins.append(p)
+        else:
+            others.append(p)
+    return rests, spins, others
+
+
+def said_of_others(others: list[Plateau]) -> Sentences:
+    """What to add to a reason where stretches were left out; nothing where none was."""
+    clipped = sum(p.clipped for p in others)
+    return (Code.STRETCHES_LEFT_OUT(stretches=len(others), clipped=clipped),) if others else ()
+
+
+def nearest_rates(size: Floats, rates: tuple[float, ...], k_min: float = 0.7, k_max: float = 1.4) -> Floats:
+    """The known rate (n,) that each plateau of one axis was turned at, from its reading's size (n,) rad/s; 0 for none.
+
+    One scale factor must explain most of them; of several that do, the one nearest to 1. What it leaves more than 10 %
+    from every known rate was turned at another.
+    """
+    known = np.array(rates)
+    candidates = (known / size[:, None]).ravel()
+    candidates = candidates[(candidates >= k_min) & (candidates <= k_max)]
+    if not len(candidates):
+        return np.zeros(len(size))
+    guesses = known[np.argmin(np.abs(candidates[:, None, None] * size[:, None] - known), axis=2)]
+    off = np.abs(candidates[:, None] * size / guesses - 1)
+    explained = np.sum(off < 0.01, axis=1)
+    best = min(range(len(candidates)), key=lambda i: (-explained[i], abs(float(np.log(candidates[i])))))
+    return np.where(off[best] < 0.1, guesses[best], 0.0)

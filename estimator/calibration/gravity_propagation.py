@@ -1,0 +1,282 @@
+"""Gravity propagated through the movements of a session: expectation under a calibration, and its covariance.
+
+Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, and Tedaldi, Pretto, Menegatti, ICRA 2014;
+here with the accelerometer's errors, the bias and every rest in one problem. Letters:
+
+    theta   bias (3) | diagonal of M (3) | the rest of M (6) | accelerometer (9, gravity.PARAMETERS)
+    u_i     direction of gravity at rest i as the accelerometer says, |g_i| - G its other residual
+    R_j     integral of M (reading - bias) over movement j; e_j = the rotation, across u, from u_before to R_j u_after
+    r, J, C residuals, their slopes by theta, and their covariance: gyro noise, accelerometer, floors of either
+
+Neighbouring movements share a rest and so its accelerometer error: C is not diagonal. A full turn must moreover end in the
+heading it began with.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import radians
+
+import numpy as np
+
+from estimator.calibration import accelerometer_errors, result, variance_components
+from estimator.calibration.accelerometer_errors import AccelKnobs, G
+from estimator.calibration.capture import Floats, Movement, Rest, Samples
+from estimator.calibration.movement_bias import biases
+from estimator.calibration.turn_path import Path, integrate
+from estimator.geometry import rotation
+from estimator.geometry.gyro_model import AXES, reading_std
+
+_OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
+ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in _OFF_DIAGONAL)
+MATRIX_PARAMETERS = (*result.PARAMETERS, *ACROSS)
+PARAMETERS = (*MATRIX_PARAMETERS, *accelerometer_errors.PARAMETERS)
+ROW, COLUMN = np.array([*((i, i) for i in range(3)), *_OFF_DIAGONAL]).T
+
+
+@dataclass(frozen=True, slots=True)
+class TransitionKnobs:
+    """How far each measurement is believed. Angles in rad."""
+
+    #: m/s², error of a rest's mean acceleration that no averaging removes: a swaying hand, an accelerometer's curvature
+    accel_floor: float = 0.03
+    #: of a path, whatever its length
+    path_floor: float = radians(0.05)
+    #: of a path, per rad turned: the gyro's non-linearity and what gravity does to it
+    path_share: float = 5e-4
+    #: of a path, per rad of coning: what a sensor does between its samples when it is tumbled fast
+    coning_share: float = 3.0
+    #: rad/s, how far the bias of one movement may be from that of the rests around it
+    bias_floor: float = radians(0.003)
+    #: how well a hand brings a full turn back to its heading
+    heading_std: float = radians(0.5)
+    #: a datasheet's scale, believed so weakly that it only keeps finite what the data say nothing of
+    scale: float = 0.5
+    #: off-diagonal elements of M before anything is seen: mean zero, this standard deviation
+    misalignment: float = 0.02
+    #: a movement shorter than this is carried right enough by a datasheet's scale to start from
+    short: float = radians(120.0)
+    #: off-diagonal elements are used when each is known better than this
+    element_std: float = 0.01
+    accel: AccelKnobs = field(default_factory=AccelKnobs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transitions:
+    """Rests once each, and the movements between them by their numbers; `turns` says which were full turns."""
+
+    rests: tuple[Rest, ...]
+    links: tuple[tuple[int, int], ...]
+    samples: tuple[Samples, ...]
+    turns: tuple[bool, ...]
+
+    def only(self, chosen: Sequence[int]) -> "Transitions":
+        """Some of the movements, with the rests they join."""
+        kept = sorted({rest for j in chosen for rest in self.links[j]})
+        number = {rest: i for i, rest in enumerate(kept)}
+        return Transitions(
+            tuple(self.rests[rest] for rest in kept),
+            tuple((number[a], number[b]) for a, b in (self.links[j] for j in chosen)),
+            tuple(self.samples[j] for j in chosen),
+            tuple(self.turns[j] for j in chosen),
+        )
+
+
+def matrix_of(theta: Floats) -> Floats:
+    """M (3, 3) of theta."""
+    M = np.empty((3, 3))
+    M[ROW, COLUMN] = theta[3:12]
+    return M
+
+
+def collect(movements: Sequence[Movement]) -> Transitions:
+    """Movements in the order of time: the rest after one and before the next are the same rest."""
+    rests: list[Rest] = []
+    links = []
+    for movement in movements:
+        before, after = movement.before, movement.after
+        if rests and rests[-1].start <= before.end and before.start <= rests[-1].end:
+            rests[-1] = before  # the same rest, seen to its end
+        else:
+            rests.append(before)
+        rests.append(after)
+        links.append((len(rests) - 2, len(rests) - 1))
+    turns = tuple(movement.full_turn for movement in movements)
+    return Transitions(tuple(rests), tuple(links), tuple(m.samples for m in movements), turns)
+
+
+class Problem:
+    """Residuals of theta with their slopes and covariance."""
+
+    def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:
+        self.data, self.knobs = data, knobs
+        self._noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
+        self.biases = biases(data.rests, data.links, knobs.bias_floor)
+        #: variance of unit weight: scales the assumed covariance of gravity and heading residuals
+        self.unit = 1.0
+        #: how many residuals come from gravity and heading
+        self.rows = 2 * len(data.links) + len(data.rests) + sum(data.turns)
+        self.prior_mean = np.concatenate([self.biases.mean, np.ones(3), np.zeros(6 + accelerometer_errors.N)])
+        off = np.full(6, knobs.misalignment)
+        self._prior_std = np.concatenate([np.full(3, np.inf), np.full(3, knobs.scale), off, knobs.accel.std()])
+
+    def solve(self, theta: Floats) -> Floats:
+        """Levenberg-Marquardt from theta; the weights are taken anew at the first answer."""
+        for _ in range(2):
+            r, J, factor = self.whitened(theta)
+            damping = 1e-6
+            for _ in range(30):
+                A, cost = J.T @ J, float(r @ r)
+                step = -np.linalg.solve(A + damping * np.diag(np.diag(A)), J.T @ r)
+                tried = theta + step
+                r_tried, J_tried, _ = self.whitened(tried, factor)
+                if float(r_tried @ r_tried) > cost + 1e-6:
+                    damping = max(10 * damping, 1e-3)
+                    continue
+                theta, r, J, damping = tried, r_tried, J_tried, damping / 10
+                if float(step @ A @ step) < 1e-6:
+                    break
+        return theta
+
+    def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
+        """Residuals and slopes in standard deviations; `factor` is C's Cholesky factor, of this theta unless given."""
+        r, J, noise, parts = self._gravity(theta)
+        lower = np.asarray(np.linalg.cholesky(self.unit * (noise + parts.sum(axis=0)))) if factor is None else factor
+        both = np.linalg.solve(lower, np.column_stack([r, J]))
+        r, J = self._known(theta)
+        return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
+
+    def factors(self, theta: Floats) -> Floats:
+        """Estimates the variances of accelerometer, path and heading errors (3,), relative to those assumed."""
+        r, J, noise, parts = self._gravity(theta)
+        known_r, known_J = self._known(theta)
+        return variance_components.factors(
+            variance_components.Linear(r, J, noise, parts, known_J.T @ known_J, known_J.T @ known_r)
+        )
+
+    def spread(self, theta: Floats, factors: Floats) -> Floats:
+        """Covariance of theta where the error variances are factors (3,) times those assumed in its weights."""
+        _, J, noise, parts = self._gravity(theta)
+        C = noise + np.tensordot(factors, parts, axes=1)
+        weighted = np.linalg.solve(self.unit * (noise + parts.sum(axis=0)), J)
+        known = self._known(theta)[1]
+        information = known.T @ known
+        inverse = np.linalg.inv(J.T @ weighted + information)
+        covariance = inverse @ (weighted.T @ C @ weighted + information) @ inverse
+        covariance[:3, :3] += np.diag(self.biases.mean_moved)
+        return np.asarray(covariance)
+
+    def misses(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Angle (m,) by which each movement missed, and that angle in its standard deviations."""
+        r, _, noise, parts = self._gravity(theta)
+        C = noise + parts.sum(axis=0)
+        m = len(self.data.links)
+        e = r[: 2 * m].reshape(m, 2)
+        blocks = np.array([C[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(m)])
+        ratio = np.sqrt(np.einsum("ji,jik,jk->j", e, np.linalg.inv(blocks), e))
+        return np.linalg.norm(e, axis=1), ratio
+
+    def accel_var(self, factors: Floats) -> Floats:
+        """(n, 3) variances of the mean accelerations at the rests."""
+        noise = np.array([_noise_var(rest) for rest in self.data.rests])
+        return np.asarray(noise + factors[0] * self.knobs.accel_floor**2)
+
+    def path_cov(self, path: Path, factors: Floats) -> Floats:
+        """(3, 3) covariance of a path's end."""
+        return np.asarray(path.noise + factors[1] * self._path_var(path) * np.eye(3))
+
+    def _known(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Rows of variance 1: the bias at each rest, then what is believed before anything is seen."""
+        std = np.sqrt(self.biases.noise)
+        rest_r = (np.array([rest.bias for rest in self.data.rests]) - self.biases.at_rest - theta[:3]) / std
+        rest_J = np.zeros((rest_r.size, len(theta)))
+        rest_J[:, :3] = np.vstack([np.diag(-1 / row) for row in std])
+        priors = np.flatnonzero(np.isfinite(self._prior_std))
+        prior_r = (theta - self.prior_mean)[priors] / self._prior_std[priors]
+        prior_J = (np.eye(len(theta)) / self._prior_std[:, None])[priors]
+        return np.concatenate([rest_r.ravel(), prior_r]), np.vstack([rest_J, prior_J])
+
+    def _gravity(self, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Residuals, slopes, covariance of the measured noise, and (3, …) those of the assumed errors.
+
+        Rows: two for each movement, one for each rest, one for each full turn.
+        """
+        data, knobs, M = self.data, self.knobs, matrix_of(theta)
+        m, n, turned = len(data.links), len(data.rests), np.flatnonzero(data.turns)
+        r, J = np.zeros(2 * m + n + len(turned)), np.zeros((2 * m + n + len(turned), len(theta)))
+        by_accel, by_path = np.zeros((len(r), 3 * n)), np.zeros((len(r), 3 * m))
+        noise, floors = np.zeros((3 * m, 3 * m)), np.zeros(3 * m)
+        g, slope, shape = zip(
+            *(accelerometer_errors.measured(_accel(rest), theta[12:]) for rest in data.rests), strict=True
+        )
+        size = [float(np.linalg.norm(g_i)) for g_i in g]
+        u = [g_i / s for g_i, s in zip(g, size, strict=True)]
+        across = [(np.eye(3) - np.outer(u_i, u_i)) / s for u_i, s in zip(u, size, strict=True)]
+        for i in range(n):
+            row, own = 2 * m + i, slice(3 * i, 3 * i + 3)
+            r[row], J[row, 12:], by_accel[row, own] = size[i] - G, u[i] @ slope[i], u[i] @ shape[i]
+        for j, (a, b) in enumerate(data.links):
+            path = integrate(data.samples[j], M, theta[:3] + self.biases.local[j], self._noise_std)
+            rows, own = slice(2 * j, 2 * j + 2), slice(3 * j, 3 * j + 3)
+            arrived = path.end @ u[b]
+            plane = _tangents(u[a])
+            r[rows] = plane @ _to(u[a], arrived)
+            # A small rotation phi moves `arrived` by phi x arrived: the rotation across u that is missed grows by phi.
+            by_a, by_b = -_cross(arrived) @ across[a], _cross(u[a]) @ path.end @ across[b]
+            J[rows, 3:12] = plane @ path.by_matrix[:, ROW, COLUMN]
+            J[rows, :3] = plane @ path.by_bias
+            J[rows, 12:] = plane @ (by_a @ slope[a] + by_b @ slope[b])
+            by_accel[rows, 3 * a : 3 * a + 3] = plane @ by_a @ shape[a]
+            by_accel[rows, 3 * b : 3 * b + 3] = plane @ by_b @ shape[b]
+            by_path[rows, own] = plane
+            noise[own, own], floors[own] = path.noise, self._path_var(path)
+            if data.turns[j]:
+                row = 2 * m + n + int(np.searchsorted(turned, j))
+                r[row] = u[a] @ rotation.log(path.end)
+                J[row, 3:12], J[row, :3] = u[a] @ path.by_matrix[:, ROW, COLUMN], u[a] @ path.by_bias
+                by_path[row, own] = u[a]
+        accel_noise = np.concatenate([_noise_var(rest) for rest in data.rests])
+        C = (by_accel * accel_noise) @ by_accel.T + by_path @ noise @ by_path.T
+        heading = np.zeros(len(r))
+        heading[2 * m + n :] = knobs.heading_std**2
+        accel = knobs.accel_floor**2 * by_accel @ by_accel.T
+        return r, J, C, np.array([accel, (by_path * floors) @ by_path.T, np.diag(heading)])
+
+    def _path_var(self, path: Path) -> float:
+        knobs = self.knobs
+        floors = (
+            knobs.path_floor,
+            knobs.path_share * path.way,
+            knobs.coning_share * path.coning,
+            knobs.bias_floor * path.seconds,
+        )
+        return float(np.sum(np.square(floors)))
+
+
+def _accel(rest: Rest) -> Floats:
+    if rest.accel is None:
+        raise ValueError("a rest without acceleration: transitions need an accelerometer")
+    return rest.accel
+
+
+def _noise_var(rest: Rest) -> Floats:
+    """(3,) variance of a rest's mean acceleration by white noise."""
+    return np.zeros(3) if rest.accel_std is None else rest.accel_std**2 / rest.n
+
+
+def _tangents(u: Floats) -> Floats:
+    """(2, 3) two unit vectors across u."""
+    first = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(u, first)])
+
+
+def _to(u: Floats, v: Floats) -> Floats:
+    """The shortest rotation vector (3,) from unit vector u to v."""
+    axis = np.cross(u, v)
+    sine = float(np.linalg.norm(axis))
+    return axis * (np.arctan2(sine, u @ v) / sine) if sine > 1e-12 else axis
+
+
+def _cross(u: Floats) -> Floats:
+    """(3, 3) u x as a matrix."""
+    return np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])

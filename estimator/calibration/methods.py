@@ -1,0 +1,58 @@
+"""The calibration methods by name: each takes a Capture and gives a Result."""
+
+from collections.abc import Callable
+from math import radians
+
+import numpy as np
+
+from bridge.wire.messages import Verdict
+from estimator.calibration import accel_aided, closure, misalignment, servomotor, transitions, turn360, turntable
+from estimator.calibration.bias_wander import WanderKnobs
+from estimator.calibration.capture import Capture, Samples
+from estimator.calibration.method_names import BY_HAND
+from estimator.calibration.result import Result, VerdictKnobs, judge, nothing
+
+Method = Callable[[Capture], Result]
+#: wobble leaves nothing open here, as it does in Algorithm 1
+CLOSURE_VERDICT = VerdictKnobs(closure=radians(3.0))
+
+
+def by_turn360(capture: Capture) -> Result:
+    """The paper's Algorithm 1."""
+    try:
+        found = turn360.estimate(capture)
+    except turn360.NotConverged as error:
+        return nothing("turn360", Verdict.REFUSED, (error.reason,), repeat=(0, 1, 2))
+    return judge("turn360", capture, found.k, found.bias, found.covariance)
+
+
+def by_closure(capture: Capture) -> Result:
+    """Maximum likelihood over bias and scale: every turn ends where it began."""
+    try:
+        found = closure.estimate(capture)
+    except closure.NotConverged as error:
+        return nothing("closure", Verdict.REFUSED, (error.reason,), repeat=(0, 1, 2))
+    return judge(
+        "closure",
+        capture,
+        found.k,
+        found.bias,
+        found.covariance,
+        CLOSURE_VERDICT,
+        turn_bias=found.turn_bias,
+        unclosed=np.linalg.norm(found.residual, axis=1),
+        bias_time=found.time,
+        note=misalignment.said(found.misalignment_std, float(np.max(np.sqrt(np.diag(found.covariance)[3:]) / found.k))),
+    )
+
+
+METHODS: dict[str, Method] = dict(
+    zip(BY_HAND, (by_closure, by_turn360, transitions.by_transitions, accel_aided.by_accel_aided), strict=True)
+)
+#: methods that need no full turns, and how many movements they need at least before a full matrix is thinkable
+BY_MOVEMENTS: dict[str, int] = {"transitions": transitions.FEWEST, "accel_aided": accel_aided.FEWEST_POSES - 1}
+#: methods for recordings on a machine that turns at known rates (rad/s)
+BY_RATES: dict[str, Callable[[Samples, tuple[float, ...], WanderKnobs], Result]] = {
+    "turntable": turntable.by_turntable,
+    "servomotor": servomotor.by_servomotor,
+}

@@ -1,0 +1,65 @@
+"""The movements of a session that gravity can be carried through, full turns or not; the latest of them, so many at most."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.calibration.capture import Movement
+from estimator.calibration.clipping import clipped
+from estimator.calibration.turn_recognition import TurnKnobs, same_bias
+
+#: the latest so many are kept: more than any procedure needs, 20 MB at 1 kHz
+MOST = 64
+#: a longer movement is not kept: its way is known no better than the bias, times its duration
+LONGEST_S = 30.0
+#: rad; a longer way is two movements with a rest between that was not seen as one: what went wrong in it stays hidden
+LONGEST_WAY = 1.5 * 2 * np.pi
+#: movements this much older than the newest, or at another bias, are not combined with it
+STALE_S = 600.0
+
+
+class Movements:
+    """Collects what lay between rests."""
+
+    def __init__(self, knobs: TurnKnobs) -> None:
+        self._knobs = knobs
+        self._kept: list[Movement] = []
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def add(self, movement: Movement, *, full_turn: bool) -> bool:
+        """Keep a movement if it can be integrated without a break; whether it was kept."""
+        if movement.before.accel is None or movement.after.accel is None or not self._whole(movement):
+            return False
+        newest = movement.before
+        self._kept = [
+            kept
+            for kept in self._kept[-(MOST - 1) :]
+            if newest.end - kept.after.end < STALE_S and same_bias(kept.before, newest, self._knobs)
+        ]
+        self._kept.append(replace(movement, full_turn=full_turn))
+        return True
+
+    def all(self) -> tuple[Movement, ...]:
+        """In the order of time."""
+        return tuple(self._kept)
+
+    def _whole(self, movement: Movement) -> bool:
+        time = movement.samples.time
+        if (
+            clipped(movement.samples, movement.before.std, self._knobs.clipping).any()
+            or movement.after.start - movement.before.end > LONGEST_S
+            or len(time) < 3
+        ):
+            return False
+        steps = np.diff(time)
+        way = np.linalg.norm(movement.samples.gyro[1:] - movement.before.bias, axis=1) @ steps
+        reached = time[0] <= movement.before.end and time[-1] >= movement.after.start
+        calm = same_bias(movement.before, movement.after, self._knobs)
+        return bool(
+            reached
+            and calm
+            and way <= LONGEST_WAY
+            and steps.max() <= max(self._knobs.gap_s, 2.5 * float(np.median(steps)))
+        )

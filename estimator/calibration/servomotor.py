@@ -1,0 +1,143 @@
+"""Calibration with one servo that turns at a known rate about an axis that stands still, in several mountings.
+
+Source: the method of the paper's own group, its "[servomotor]": Y. Li, L. Wang, Z. Wang, X. Li, S. W. Su, arXiv 2405.03393
+and 2410.19571, with one change. There the servo's axis is vertical and its direction in the sensor is measured gravity u:
+u . K (m - b) = w. An accelerometer's offset of 90 mg turns u by 5° and more, and k comes out 1 to 3 % too large. But the
+gyro itself shows the axis: the rate has its direction. So |K (m - b)| = w, and no accelerometer is needed. Letters:
+
+    m_i   mean reading while it turned at the known rate w;   g_i = K (m_i - b),  K = diag(k),  u_i = g_i / |g_i|
+    y_j   mean reading of rest j;   b  the bias in the last rest
+    f     residuals |g_i| - w and y_j - b;   F  their derivatives by (b, k);   C  their covariance: noise of the readings,
+          how the bias wandered, the servo's rate, and misalignment E, which is taken for zero: |g_i| = w (1 - u_i . E u_i)
+
+Gauss-Newton from the solution of the squares, which are linear in k². Mountings need not follow the sensor's axes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bridge.reasons.codes import Code, Sentences
+from bridge.wire.messages import Verdict
+from estimator.calibration.bias_wander import WanderKnobs, wander_cov
+from estimator.calibration.capture import Floats, Samples
+from estimator.calibration.constant_rates import Plateau, plateaus, said_of_others, split
+from estimator.calibration.least_squares import Solved, shown_size, solve
+from estimator.calibration.result import Result, VerdictKnobs, nothing, unbelievable
+from estimator.geometry.gyro_model import axis_names, reading_std
+
+
+@dataclass(frozen=True, slots=True)
+class ServoKnobs:
+    """How good the servo is, and what the model leaves out."""
+
+    #: relative error of each spin's mean rate, within a factor of ten; the spins show it, up to `worst_share`
+    rate_share: float = 2e-4
+    worst_share: float = 2e-2
+    #: rad, each off-diagonal element that takes the gyro's axes to orthogonal ones: taken for zero
+    misalignment: float = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Evidence:
+    """Mean readings of spins (s, 3) and rests (r, 3), rad/s, their variances, and (s + r, s + r) how the bias moved."""
+
+    spin: Floats
+    rest: Floats
+    spin_var: Floats
+    rest_var: Floats
+    moved: Floats
+    rate: float
+
+
+def by_servomotor(
+    samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None, knobs: ServoKnobs | None = None
+) -> Result:
+    """Scale factors and bias from a recording on a servo; its one rate in rad/s, used either way.
+
+    wander: what is known of the device's bias, by default what the generic model says.
+    """
+    knobs, wander = knobs or ServoKnobs(), wander or WanderKnobs()
+    if len(rates) != 1:
+        return nothing("servomotor", Verdict.REFUSED, (Code.SERVO_RATES(given=len(rates)),))
+    rests, turned, others = split(plateaus(samples), rates)
+    if not rests:
+        return nothing("servomotor", Verdict.REPEAT, (Code.SERVO_NO_REST(),), (0, 1, 2))
+    rest, limits = np.median([p.mean for p in rests], axis=0), VerdictKnobs()
+    spins: list[Plateau] = []
+    for p in turned:
+        k = rates[0] / float(np.linalg.norm(p.mean - rest))
+        (spins if limits.k_min < k < limits.k_max else others).append(p)
+    but = said_of_others(others)
+    off = np.array([p.mean for p in spins]).reshape(-1, 3) - rest
+    axis = off / np.linalg.norm(off, axis=1)[:, None]
+    if len(spins) < 3 or np.linalg.svd(axis**2, compute_uv=False)[-1] < 0.1:
+        return nothing("servomotor", Verdict.REPEAT, (Code.SERVO_TOO_FEW(spins=len(spins)), *but), (0, 1, 2))
+    used = [*spins, *rests]
+    evidence = _Evidence(
+        spin=np.array([p.mean for p in spins]),
+        rest=np.array([p.mean for p in rests]),
+        spin_var=np.array([p.var for p in spins]),
+        rest_var=np.array([p.var for p in rests]),
+        moved=wander_cov(used, len(used) - 1, rests, wander),
+        rate=rates[0],
+    )
+    share = shown_size(lambda share: _fit(evidence, share, knobs.misalignment)[1], knobs.rate_share, knobs.worst_share)
+    theta, fit = _fit(evidence, share, knobs.misalignment)
+    kept = Code.SERVO_DIAGONAL(spins=len(spins), percent=f"{100 * share:.2f}")
+    return _judge(theta, fit, fit.misfit(slice(len(spins))), used, (kept, *but))
+
+
+def _fit(of: _Evidence, share: float, misalignment: float) -> tuple[Floats, Solved]:
+    """Bias and scale (6,), and the last step that led to them, with the servo's rate known to `share`."""
+    b = np.median(of.rest, axis=0)
+    square, *_ = np.linalg.lstsq((of.spin - b) ** 2, np.full(len(of.spin), of.rate**2), rcond=None)
+    theta = np.concatenate([b, np.sqrt(np.maximum(square, VerdictKnobs().k_min ** 2))])
+    for _ in range(10):
+        solved = solve(*_linearised(of, theta, share, misalignment))
+        theta = theta + solved.step
+        if solved.step_size < 1e-6:
+            break
+    return theta, solved
+
+
+def _linearised(of: _Evidence, theta: Floats, share: float, misalignment: float) -> tuple[Floats, Floats, Floats]:
+    """Residuals (n,), slopes F (n, 6) and C (n, n), n = s + 3 r: the spins first."""
+    b, k = theta[:3], theta[3:]
+    s, r = len(of.spin), len(of.rest)
+    g = k * (of.spin - b)
+    size = np.linalg.norm(g, axis=1)
+    u = g / size[:, None]
+    by_bias = np.vstack([u * k, np.tile(np.eye(3), (r, 1))])
+    stretch = np.concatenate([np.arange(s), np.repeat(s + np.arange(r), 3)])
+    var = np.vstack([of.spin_var, of.rest_var])[stretch]
+    F = np.zeros((s + 3 * r, 6))
+    F[:, :3] = -by_bias
+    F[:s, 3:] = u * (of.spin - b)
+    C = (by_bias @ by_bias.T) * of.moved[np.ix_(stretch, stretch)] + np.diag(np.sum(by_bias**2 * var, axis=1))
+    C[np.arange(s), np.arange(s)] += (share * of.rate) ** 2
+    rows, columns = np.nonzero(1 - np.eye(3))
+    askew = misalignment * of.rate * u[:, rows] * u[:, columns]
+    C[:s, :s] += askew @ askew.T
+    return np.concatenate([size - of.rate, (of.rest - b).ravel()]), F, C
+
+
+def _judge(theta: Floats, fit: Solved, misfit: float, used: Sequence[Plateau], reason: Sentences) -> Result:
+    b, k, limits = theta[:3], theta[3:], VerdictKnobs()
+    covariance = misfit * fit.cov
+    bad = unbelievable(k, limits)
+    loose = tuple(axis for axis in range(3) if not covariance[3 + axis, 3 + axis] ** 0.5 < limits.scale_std * k[axis])
+    verdict = Verdict.ACCEPTED
+    repeat: tuple[int, ...] = ()
+    if bad is not None:
+        verdict, repeat, reason = Verdict.REFUSED, *bad
+    elif misfit > 9.0:
+        verdict = Verdict.REFUSED
+        reason = (*reason, Code.SERVO_MISFIT(times=f"{misfit**0.5:.0f}"))
+    elif loose:
+        verdict, repeat = Verdict.REPEAT, loose
+        reason = (Code.MOUNTINGS_UNCERTAIN(axes=axis_names(loose)),)
+    noise_std = reading_std(np.median([p.std for p in used], axis=0))
+    time = (used[-1].start + used[-1].end) / 2
+    return Result("servomotor", verdict, reason, np.diag(k), b, covariance, noise_std, (), repeat, time)

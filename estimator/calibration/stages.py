@@ -1,0 +1,158 @@
+"""Stages of a session from judged windows alone: rests, and what happened between two of them."""
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+
+from estimator.calibration.capture import Floats, History, Movement, Rest, Samples
+from estimator.geometry.gyro_model import least_step
+from estimator.stillness.detector import Window
+
+#: m/s² that a working accelerometer measures at rest
+LEAST_GRAVITY, MOST_GRAVITY = 7.0, 13.0
+#: samples without which there is no standard deviation worth the name
+_FEWEST = 8
+#: what the means of pieces of white noise vary by, at the most, over what they should
+_WHITE = 6.0
+#: standard deviations of its noise by which the mean of a piece may differ from the rest's
+_CREEP = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class StageKnobs:
+    """When a pause is a rest. Seconds of device time."""
+
+    #: a shorter pause belongs to the movement: a turn pushed in several goes
+    rest_s: float = 2.0
+    #: a bias is taken from at most this much of a long rest, the latest part
+    longest_s: float = 30.0
+    #: rest taken into a movement at each end: clipping 0.1 s off a turn costs 1.6 % of k, a second of rest 0.015 %
+    margin_s: float = 0.4
+    #: rest just before a movement that cannot be told from its beginning
+    edge_s: float = 0.13
+    #: a slow movement of at most this long, at either end of a rest, belongs to the turn beside it
+    creep_s: float = 1.5
+    #: rad/s by which such a creep differs from the rest, beyond the noise of a piece of the rest
+    creep: float = radians(0.03)
+    #: the pieces that are compared
+    piece_s: float = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """A rest has become long enough to be one; `before` is the rest before it, None when there was none.
+
+    pause_s: the longest stillness between the two that was too short to be a rest.
+    """
+
+    before: Rest | None
+    after: Rest
+    pause_s: float
+
+
+class Stages:
+    """Windows in; Settled out once per rest. `history` must hold the stream since the last rest began, or the latest of it."""
+
+    def __init__(self, history: History, knobs: StageKnobs | None = None) -> None:
+        self.knobs = knobs or StageKnobs()
+        self.still_s = 0.0
+        self._history = history
+        self._still_since: float | None = None
+        self._still_until = 0.0
+        self._settled = False
+        self._pause_s = 0.0
+        self._before: Rest | None = None
+        #: m/s² that an accelerometer measured in the latest rest, if that is not gravity; else 0
+        self.not_gravity = 0.0
+
+    def window(self, window: Window) -> Settled | None:
+        """Take the next window."""
+        return self.take(window.start_time, window.end_time, still=window.still)
+
+    def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
+        """The same of its times, s."""
+        if not still:
+            if self._still_since is not None:
+                # After a hole in the stream the rest ended where it was last seen.
+                self._end_rest(self._still_since, min(begun - self.knobs.edge_s, self._still_until))
+            return None
+        if self._still_since is None:
+            # The first still window after a movement may begin with its end.
+            moved_s = self.knobs.edge_s if self._before else 0.0
+            self._still_since = min(ended, begun + moved_s)
+        self._still_until = ended
+        self.still_s = ended - self._still_since
+        if self._settled or self.still_s < self.knobs.rest_s:
+            return None
+        rest = self._measure(self._still_since, ended, goes_on=True)
+        self._settled = rest is not None
+        return None if rest is None else Settled(self._before, rest, self._pause_s)
+
+    def _end_rest(self, since: float, end: float) -> None:
+        self._pause_s = max(self._pause_s, self.still_s)
+        if self._settled:
+            self._before, self._pause_s = self._measure(since, end), 0.0
+        self._still_since, self._settled, self.still_s = None, False, 0.0
+
+    def _measure(self, start: float, end: float, *, goes_on: bool = False) -> Rest | None:
+        """The rest as far as its samples are still held; None when they are not: a hole has pushed them out."""
+        still = self._history.between(max(start, end - self.knobs.longest_s), end)
+        if len(still) < _FEWEST:
+            return None
+        still = without_creep(still, self.knobs, goes_on=goes_on)
+        accel = None if still.accel is None else still.accel.mean(axis=0)
+        size = 0.0 if accel is None else float(np.linalg.norm(accel))
+        self.not_gravity = 0.0 if accel is None or LEAST_GRAVITY < size < MOST_GRAVITY else max(size, 0.01)
+        if self.not_gravity:
+            accel = None  # dead, saturated or in other units: no witness of what is up
+        accel_std = None if still.accel is None or accel is None else still.accel.std(axis=0, ddof=1)
+        std = still.gyro.std(axis=0, ddof=1)
+        start, end = float(still.time[0]), float(still.time[-1])
+        mean, step = still.gyro.mean(axis=0), least_step(still.gyro)
+        return Rest(start, end, mean, std, step, len(still), accel, accel_std, wander=wander(still.gyro))
+
+    def movement(self, before: Rest, after: Rest) -> Movement:
+        """The samples between two rests with some of either, at most half of it."""
+        lead = min(self.knobs.margin_s, (before.end - before.start) / 2)
+        tail = min(self.knobs.margin_s, (after.end - after.start) / 2)
+        return Movement(before, after, self._history.between(before.end - lead, after.start + tail))
+
+
+def without_creep(still: Samples, knobs: StageKnobs, *, goes_on: bool = False) -> Samples:
+    """A rest without a slow movement at its beginning or end: a hand that lets go of the device, or takes hold of it.
+
+    Each piece is compared with the calm half of the rest: the middle, or the latest of a rest that goes on.
+    """
+    size = max(2, int(np.searchsorted(still.time - still.time[0], knobs.piece_s)))
+    count = len(still) // size
+    if count < 4:
+        return still
+    pieces = still.gyro[: count * size].reshape(count, size, 3)
+    means = pieces.mean(axis=1)
+    calm = slice(count // 2, None) if goes_on else slice(count // 4, count - count // 4)
+    noise = np.maximum(np.median(pieces.std(axis=1, ddof=1), axis=0), least_step(still.gyro) / 2) / np.sqrt(size)
+    near = (np.abs(means - np.median(means[calm], axis=0)) < knobs.creep + _CREEP * noise).all(axis=1)
+    most = min(int(knobs.creep_s / knobs.piece_s), (count - 2) // 2)
+    creeping = np.flatnonzero(~near)
+    begin = max((i + 1 for i in creeping.tolist() if i < most), default=0)
+    end = count if goes_on else min((i for i in creeping.tolist() if i >= max(count - most, begin)), default=count)
+    last = len(still) if end == count else end * size
+    return still.part(slice(begin * size, last))
+
+
+def wander(gyro: Floats) -> Floats:
+    """(3,) rad/s by which the mean of a rest (n, 3) errs because its readings wander more than white noise does; 0 mostly.
+
+    Seen in the means of eight pieces about a straight line: a bias that drifts with warmth is no wandering. White noise
+    passes for it once in 1e4.
+    """
+    pieces = gyro[: len(gyro) // 8 * 8].reshape(8, -1, 3)
+    n = pieces.shape[1]
+    if n < 2:
+        return np.zeros(3)
+    line = np.column_stack([np.ones(8), np.arange(8.0)])
+    means = pieces.mean(axis=1)
+    of_means = np.sum((means - line @ np.linalg.lstsq(line, means, rcond=None)[0]) ** 2, axis=0) / 6
+    white = np.maximum(pieces.var(axis=1, ddof=1).mean(axis=0), least_step(gyro) ** 2 / 12) / n
+    return np.where(of_means > _WHITE * white, np.sqrt(of_means / 8), 0.0)

@@ -1,0 +1,172 @@
+"""The whole matrix of a gyro from gravity before and after every movement: full 3x3 where the poses support it.
+
+Full turns alone determine the diagonal and nothing else: what a misalignment does in the first half of a turn it undoes in
+the second. Movements between poses that differ show it. How well is a matter of geometry, and the standard deviations say
+it: where one off-diagonal element stays too uncertain all of them are left at zero, and the diagonal stands alone, as
+uncertain as what is not known of the others makes it.
+"""
+
+from dataclasses import dataclass, replace
+from math import degrees
+
+import numpy as np
+
+from bridge.reasons.codes import Code, Sentence, Sentences
+from bridge.wire.messages import Verdict
+from estimator.calibration.axis_alignment import foreign_axes
+from estimator.calibration.capture import Capture, Floats, Samples
+from estimator.calibration.gravity_propagation import (
+    ACROSS,
+    MATRIX_PARAMETERS,
+    Problem,
+    TransitionKnobs,
+    Transitions,
+    collect,
+    matrix_of,
+)
+from estimator.calibration.result import PARAMETERS, Result, VerdictKnobs, nothing, turn_report, unbelievable
+from estimator.geometry import rotation
+from estimator.geometry.gyro_model import axis_names, reading_std
+
+#: fewer movements cannot determine nine elements, two equations each
+FEWEST = 6
+#: chi-square over degrees of freedom beyond which movements contradict each other
+MISFIT = 4.0
+#: lower limit of the variance of unit weight: few movements may agree by chance
+LEAST_UNIT = 1e-4
+#: of what the data alone say of the matrix: above it a prior, and not the poses, makes the elements certain
+CONDITION = 100.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """theta (21,) of carry.PARAMETERS and its covariance (21, 21), from error sizes estimated by the residuals.
+
+    misfit: chi-square of gravity and heading over degrees of freedom, for the error sizes assumed. condition: of what the
+    data say of M. angles (m,): rad by which each movement missed; ratio (m,): the same in standard deviations; left_out:
+    movements that contradicted. unknown: off-diagonal elements that the poses did not determine, the worst first, with their
+    standard deviations.
+    """
+
+    theta: Floats
+    covariance: Floats
+    misfit: float
+    condition: float
+    angles: Floats
+    ratio: Floats
+    full: bool = True
+    left_out: int = 0
+    unknown: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3): M, or its diagonal where the rest was not estimated."""
+        M = matrix_of(self.theta)
+        return M if self.full else np.diag(np.diag(M))
+
+
+def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
+    """Weighted least squares over all of theta and all movements."""
+    knobs = knobs or TransitionKnobs()
+    problem = Problem(data, knobs)
+    theta = problem.prior_mean.copy()
+    short = [j for j, samples in enumerate(data.samples) if _way(samples, theta[:3]) < knobs.short]
+    if 0 < len(short) < len(data.links):
+        # An angle missed by a whole turn looks like none: the scale is found on short movements first.
+        few = data.only(short)
+        theta[3:6] = Problem(few, knobs).solve(theta)[3:6]
+    theta = problem.solve(theta)
+    r, J, _ = problem.whitened(theta)
+    rows = problem.rows
+    leverage = np.einsum("ij,ji->i", J, np.linalg.pinv(J))
+    misfit = float(r[:rows] @ r[:rows]) / max(rows - float(leverage[:rows].sum()), 1.0)
+    condition = _condition(J[:rows])
+    _, ratio = problem.misses(theta)
+    # Residuals smaller than assumed give the movements more weight against the priors.
+    problem.unit = max(misfit, LEAST_UNIT)
+    theta = problem.solve(theta)
+    angles, _ = problem.misses(theta)
+    return Fit(theta, problem.spread(theta, problem.factors(theta)), misfit, condition, angles, ratio)
+
+
+def _way(samples: Samples, bias: Floats) -> float:
+    return float(np.linalg.norm(samples.gyro - bias, axis=1) @ rotation.intervals(samples.time))
+
+
+def _condition(J: Floats) -> float:
+    """Condition number of what the rows J say of M alone, whatever bias and accelerometer are."""
+    M, others = J[:, 3:12], np.delete(J, np.s_[3:12], axis=1)
+    return float(np.linalg.cond(M - others @ np.linalg.lstsq(others, M, rcond=None)[0]))
+
+
+def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
+    """The full matrix if every element of it is known well enough, else the diagonal.
+
+    Movements that contradict the others are left out of a full matrix, at most one in five.
+    """
+    knobs = knobs or TransitionKnobs()
+    found, kept = fit(data, knobs), list(range(len(data.links)))
+    while found.misfit > MISFIT and len(kept) > max(FEWEST, 0.8 * len(data.links)):
+        del kept[int(np.argmax(found.ratio))]
+        found = fit(data.only(kept), knobs)
+    std = np.sqrt(np.diag(found.covariance)[6:12])
+    unknown = tuple((ACROSS[i], float(std[i])) for i in np.argsort(-std) if std[i] > knobs.element_std)
+    full = len(kept) >= FEWEST and not unknown and found.condition < CONDITION
+    return replace(found, full=full, left_out=len(data.links) - len(kept), unknown=unknown)
+
+
+def by_transitions(capture: Capture) -> Result:
+    """The method: bias and the full matrix, or its diagonal, from all movements of a capture."""
+    data = collect(capture.movements)
+    try:
+        found = estimate(data)
+    except np.linalg.LinAlgError:
+        return nothing("transitions", Verdict.REFUSED, (Code.MOVEMENTS_UNDETERMINED(),))
+    return judge_fit(capture, data, found)
+
+
+def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKnobs | None = None) -> Result:
+    """Put a verdict on a fit to the movements of a capture."""
+    knobs, movements = knobs or VerdictKnobs(), capture.movements
+    matrix, bias, parameters = found.matrix, found.theta[:3], MATRIX_PARAMETERS if found.full else PARAMETERS
+    covariance = found.covariance[: len(parameters), : len(parameters)]
+    k, std = np.diag(matrix), np.sqrt(np.diag(covariance)[3:6])
+    loose = tuple(axis for axis in range(3) if not std[axis] < knobs.scale_std * k[axis])
+    missed = degrees(float(np.sqrt(np.mean(found.angles**2))))
+    carried = Code.GRAVITY_CARRIED(movements=len(found.angles), angle_deg=f"{missed:.2f}")
+    reason: Sentences
+    repeat: tuple[int, ...] = ()
+    outside = unbelievable(k, knobs)
+    if (outside or found.misfit > MISFIT) and (
+        foreign := foreign_axes([(m.before, m.samples) for m in movements], np.eye(3))
+    ):
+        verdict, reason = Verdict.REFUSED, (foreign,)
+    elif loose:
+        verdict, repeat = Verdict.REPEAT, loose
+        reason = (Code.MOVEMENTS_UNCERTAIN(axes=axis_names(loose)),)
+    elif outside is not None:
+        verdict, repeat, reason = Verdict.REFUSED, *outside
+    elif found.misfit > MISFIT:
+        verdict = Verdict.REFUSED
+        reason = (carried, Code.MOVEMENTS_MISFIT(times=f"{found.misfit**0.5:.1f}"))
+    elif found.full:
+        verdict = Verdict.ACCEPTED
+        out = (Code.MOVEMENTS_LEFT_OUT(movements=found.left_out),) if found.left_out else ()
+        reason = (Code.FULL_MATRIX(), Code.CONDITION_NUMBER(number=f"{found.condition:.0f}"), carried, *out)
+    else:
+        verdict, reason = Verdict.ACCEPTED, (Code.DIAGONAL_ONLY(), _why(found), carried)
+    rests = data.rests
+    noise_std = np.median([reading_std(rest.std) for rest in rests], axis=0)
+    turns = tuple(turn_report(turn, matrix, bias) for turn in capture.turns)
+    time = float(np.mean([rest.middle for rest in rests]))
+    return Result("transitions", verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, time, parameters)
+
+
+def _why(found: Fit) -> Sentence:
+    if len(found.angles) < FEWEST:
+        return Code.MOVEMENTS_TOO_FEW(movements=len(found.angles), least=FEWEST)
+    if not found.unknown:
+        return Code.POSES_INSUFFICIENT(number=f"{found.condition:.0f}", most=f"{CONDITION:.0f}")
+    name, std = found.unknown[0]
+    others = len(found.unknown) - 1
+    return Code.ELEMENTS_UNCERTAIN(element=name, others=others, angle_deg=f"{degrees(std):.1f}")

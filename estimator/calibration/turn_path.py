@@ -1,0 +1,52 @@
+"""The way a gyro was turned between two rests, and how the way's end depends on the gyro's parameters.
+
+A small error of the rates, delta(t) in the device's axes, moves the end attitude R to exp(phi) R with phi = sum C delta dt:
+each sample's error, carried to the start's frame by the attitude C in the middle of its interval.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.calibration.capture import Floats, Samples
+from estimator.geometry import rotation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """end (3, 3) takes vectors of the last attitude to the first; by_matrix (3, 3, 3): phi per element of the matrix.
+
+    by_bias (3, 3): phi per rad/s of bias. noise (3, 3): covariance of phi from the readings' white noise. way: rad turned
+    in all, there and back; seconds: how long it took. coning: rad by which the axis of rotation moved within the samples'
+    intervals, summed without sign: what happened between samples is unknown by a part of it.
+    """
+
+    end: Floats
+    by_matrix: Floats
+    by_bias: Floats
+    noise: Floats
+    way: float
+    seconds: float
+    coning: float
+
+
+def integrate(samples: Samples, matrix: Floats, bias: Floats, noise_std: Floats) -> Path:
+    """The path of samples under a calibration; noise_std (3,) rad/s of a reading."""
+    dt = rotation.intervals(samples.time)
+    reading = samples.gyro - bias
+    rate = reading @ matrix.T
+    attitude = rotation.attitudes(rate, dt)
+    # The mean of two attitudes is the one between them, to second order in a step.
+    mid = 0.5 * (attitude[:-1] + attitude[1:])
+    by_reading = (mid @ matrix) * dt[:, None, None]
+    spread = by_reading * noise_std
+    steps = rate * dt[:, None]
+    return Path(
+        end=attitude[-1],
+        by_matrix=np.einsum("tik,tl,t->ikl", mid, reading, dt),
+        by_bias=-by_reading.sum(axis=0),
+        noise=np.einsum("tij,tkj->ik", spread, spread),
+        way=float(np.linalg.norm(steps, axis=1).sum()),
+        seconds=float(dt.sum()),
+        coning=float(np.linalg.norm(np.cross(steps[:-1], steps[1:]), axis=1).sum()) / 12,
+    )

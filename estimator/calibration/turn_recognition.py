@@ -1,0 +1,142 @@
+"""Recognises a full turn about one axis of the device, or says why a movement is none."""
+
+from dataclasses import dataclass, field
+from math import degrees, radians
+
+import numpy as np
+
+from bridge.reasons.codes import Code, Sentence, Sentences
+from estimator.calibration.capture import Floats, Movement, Rest, TurnCapture
+from estimator.calibration.clipping import ClippingKnobs, clipped
+from estimator.geometry import rotation
+from estimator.geometry.gyro_model import AXES
+
+
+@dataclass(frozen=True, slots=True)
+class TurnKnobs:
+    """What a full turn looks like before the scale factors are known. Angles in rad."""
+
+    #: a believable scale factor; a full turn then reads between 360/1.4 and 360/0.7 degrees
+    k_min: float = 0.7
+    k_max: float = 1.4
+    #: least part of the rotation about one device axis
+    axis_share: float = 0.9
+    #: the way turned over the angle gained: 1 for a steady turn, more when it went back and forth
+    detour: float = 1.25
+    #: seconds without samples that integration may bridge
+    gap_s: float = 0.035
+    #: a longer movement is no turn: what is not known of the bias grows with it
+    longest_s: float = 15.0
+    #: how far gravity before and after may differ
+    tilt: float = radians(4.0)
+    #: how far the readings at rest before and after may differ, rad/s, beyond their noise: else one was no rest
+    bias_step: float = radians(0.2)
+    #: below this it was a nudge and no try at a turn
+    nudge: float = radians(30.0)
+    #: whether only turns about a horizontal axis count, where an accelerometer tells which those are
+    horizontal: bool = False
+    clipping: ClippingKnobs = field(default_factory=ClippingKnobs)
+
+
+@dataclass(frozen=True, slots=True)
+class NoTurn:
+    """A movement that was not a full turn; `attempt` tells whether somebody probably meant one.
+
+    In other units it may have been one: then `unit_axis` is the axis it was about, else None.
+    """
+
+    reason: Sentences
+    attempt: bool
+    unit_axis: int | None = None
+
+
+def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | NoTurn:
+    """The turn that a movement was; k (3,) are the scale factors believed so far (ones when nothing is known)."""
+    samples = movement.samples
+    dt = rotation.intervals(samples.time)
+    rate = k * (samples.gyro - movement.before.bias)
+    gained = rotation.attitudes(rate, dt)[1:]
+    total = np.einsum("tij,tj,t->i", gained, rate, dt)
+    angle = float(np.linalg.norm(total))
+    way = float(np.linalg.norm(rate, axis=1) @ dt)
+    axis = int(np.argmax(np.abs(total)))
+    low, high = 2 * np.pi / knobs.k_max, 2 * np.pi / knobs.k_min
+    share = abs(float(total[axis])) / angle if angle else 0.0
+    if way < knobs.nudge:
+        small = low < degrees(angle) < high and share > knobs.axis_share and way < knobs.detour * angle
+        return NoTurn((Code.NUDGE(),), attempt=False, unit_axis=axis if small else None)
+    reason: Sentences = ()
+    if (spoilt := clipped(samples, movement.before.std, knobs.clipping)).any():
+        reason = (_spoilt(samples.gyro[spoilt]),)
+    elif dt.max() > max(knobs.gap_s, 2.5 * float(np.median(dt))):
+        reason = (Code.SAMPLES_MISSING(duration_s=f"{dt.max():.2f}"),)
+    elif low < radians(way) < high:
+        reason = (Code.MOVEMENT_IN_DEGREES(angle_deg=f"{degrees(way):.0f}"),)
+    elif way > knobs.detour * angle:
+        reason = (Code.BACK_AND_FORTH(way_deg=f"{degrees(way):.0f}", angle_deg=f"{degrees(angle):.0f}"),)
+    elif angle < low:
+        reason = (Code.TURN_TOO_SHORT(angle_deg=f"{degrees(angle):.0f}"), *_half(low < 2 * angle < high))
+    elif angle > high:
+        reason = (Code.TURN_TOO_LONG(angle_deg=f"{degrees(angle):.0f}"), *_half(low < angle / 2 < high))
+    elif movement.after.start - movement.before.end > knobs.longest_s:
+        seconds = movement.after.start - movement.before.end
+        reason = (Code.TURN_TOO_SLOW(duration_s=f"{seconds:.0f}", most_s=f"{knobs.longest_s:.0f}"),)
+    elif share < knobs.axis_share:
+        reason = (Code.NOT_ONE_AXIS(percent=f"{100 * share:.0f}", axis=AXES[axis]),)
+    else:
+        reason = _rests(movement, knobs) or _tilt(movement, knobs)
+    turn = TurnCapture(axis, samples, movement.before, movement.after)
+    if not reason and knobs.horizontal and samples.accel is not None:
+        reason = _unchecked(turn)
+    return turn if not reason else NoTurn(reason, attempt=angle > low / 2)
+
+
+def rough_scale(turns: tuple[TurnCapture, ...]) -> Floats:
+    """(3,) what makes each turn's readings about its own axis add up to 360 degrees; within a percent for a hand's turn."""
+    k = np.ones(3)
+    for turn in turns:
+        reading = turn.samples.gyro[:, turn.axis] - turn.before.bias[turn.axis]
+        k[turn.axis] = 2 * np.pi / abs(float(reading @ rotation.intervals(turn.samples.time)))
+    return k
+
+
+def _spoilt(gyro: Floats) -> Sentence:
+    """Why readings (n, 3) that are marked are no measurement: all alike on all axes, they are stuck."""
+    if len(gyro) > 1 and (gyro == gyro[0]).all():
+        return Code.GYRO_STUCK(samples=len(gyro))
+    return Code.TOO_FAST(samples=len(gyro))
+
+
+def _half(is_so: bool) -> Sentences:  # noqa: FBT001 - a sentence or none
+    return (Code.RATE_OFF_BY_TWO(),) if is_so else ()
+
+
+def same_bias(a: Rest, b: Rest, knobs: TurnKnobs) -> bool:
+    """Whether two rests show the same bias, within their noise and what a bias may move meanwhile."""
+    noise = 5 * np.sqrt(np.diag(a.bias_cov + b.bias_cov))
+    return bool(np.all(np.abs(a.bias - b.bias) < knobs.bias_step + noise))
+
+
+def _rests(movement: Movement, knobs: TurnKnobs) -> Sentences:
+    before, after = movement.before, movement.after
+    if same_bias(before, after, knobs):
+        return ()
+    by = degrees(float(np.max(np.abs(after.bias - before.bias))))
+    return (Code.RESTLESS(rate_dps=f"{by:.1f}"),)
+
+
+def _tilt(movement: Movement, knobs: TurnKnobs) -> Sentences:
+    if movement.before.accel is None or movement.after.accel is None:
+        return ()
+    tilt = rotation.angle_between(movement.before.accel, movement.after.accel)
+    if tilt <= knobs.tilt:
+        return ()
+    return (Code.ENDED_TILTED(angle_deg=f"{degrees(tilt):.1f}"),)
+
+
+def _unchecked(turn: TurnCapture) -> Sentences:
+    if turn.checked_by_gravity:
+        return ()
+    if turn.before.accel is None or turn.after.accel is None:
+        return (Code.ACCELEROMETER_BLIND(),)
+    return (Code.VERTICAL_TURN(axis=AXES[turn.axis]),)

@@ -1,0 +1,159 @@
+"""The six-rate calibration on a turntable: known rates, either way, about each axis in turn; linear least squares.
+
+Source: IEEE Std 952, the rate test of a triad, as in the paper's comparison (Wang et al. 2024). Letters:
+
+    s_i   true rate of plateau i: the known rate about the axis that reads most, with the reading's sign; 0 of a rest
+    m_i   mean reading;   s_i = M m_i - c,  c = M b:  linear in M (9) and c (3);  b is the bias in the last rest
+    C     covariance of the equations: noise of the readings, how the bias wandered (so that least squares interpolates
+          it between rests), the table's rate, and how squarely the device was fixed, the same for all of one fixing
+
+The matrix is that in the fixture's axes: a device fixed askew has its own case's misalignment in it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, degrees, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.reasons.codes import Code, Sentences
+from bridge.wire.messages import Verdict
+from estimator.calibration.bias_wander import WanderKnobs, wander_cov
+from estimator.calibration.capture import Floats, Samples
+from estimator.calibration.constant_rates import Plateau, nearest_rates, plateaus, said_of_others, split
+from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW
+from estimator.calibration.least_squares import Solved, shown_size, solve
+from estimator.calibration.result import Result, VerdictKnobs, nothing, unbelievable
+from estimator.geometry.gyro_model import axis_names, reading_std
+
+
+@dataclass(frozen=True, slots=True)
+class TurntableKnobs:
+    """How good the table is."""
+
+    #: relative error of each stretch's mean rate, within a factor of ten; the stretches show it, up to `worst_share`
+    rate_share: float = 3e-5
+    worst_share: float = 5e-4
+    #: rad, by which the device is fixed off the table's axis
+    square: float = radians(0.1)
+    #: rad, beyond which a rate is about none of the axes
+    off_axis: float = radians(20.0)
+
+
+def by_turntable(
+    samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None, knobs: TurntableKnobs | None = None
+) -> Result:
+    """Full matrix and bias from a recording on a turntable; rates in rad/s, each used in both directions.
+
+    wander: what is known of the device's bias, by default what the generic model says.
+    """
+    knobs, wander = knobs or TurntableKnobs(), wander or WanderKnobs()
+    rests, turned, others = split(plateaus(samples), rates)
+    true = _true_rates(turned, rests, rates, knobs)
+    met = np.asarray(true.any(axis=1))
+    others += [p for p, is_met in zip(turned, met, strict=True) if not is_met]
+    spins, true, but = [p for p, is_met in zip(turned, met, strict=True) if is_met], true[met], said_of_others(others)
+    missing = tuple(axis for axis in range(3) if set(np.sign(true[:, axis])) - {0.0} != {-1.0, 1.0})
+    if missing:
+        one_way = Code.TABLE_ONE_WAY(spins=len(spins), axes=axis_names(missing))
+        return nothing("turntable", Verdict.REPEAT, (one_way, *but), missing)
+    # Left out and yet a rate is wanting: probably that one is wrong.
+    unmet = [rate for rate in rates if not np.all(np.any(np.abs(true) == rate, axis=0))]
+    if unmet and others:
+        names = ", ".join(f"{degrees(rate):g}" for rate in unmet)
+        return nothing("turntable", Verdict.REFUSED, (Code.TABLE_RATE_MISSING(rates_dps=names), *but))
+    used = sorted([*spins, *rests], key=lambda p: p.start)
+    s = np.zeros((len(used), 3))
+    s[[used.index(p) for p in spins]] = true
+    reference = used.index(rests[-1]) if rests else len(used) - 1
+    moved = wander_cov(used, reference, rests, wander)
+    share = shown_size(lambda share: _fit(used, s, moved, share, knobs), knobs.rate_share, knobs.worst_share)
+    fit = _fit(used, s, moved, share, knobs)
+    # The rates along the axes by themselves show a wrong one.
+    misfit = max(fit.misfit(), fit.misfit((s != 0).T.ravel()))
+    kept = Code.TABLE_MATRIX(spins=len(spins), percent=f"{100 * share:.3f}")
+    return _judge(fit, misfit, used, reference, (kept, *but))
+
+
+def _true_rates(
+    spins: Sequence[Plateau], rests: Sequence[Plateau], rates: tuple[float, ...], knobs: TurntableKnobs
+) -> Floats:
+    """(n, 3) true rate of each stretch that turned; 0 where none of the given rates about one axis explains it."""
+    true = np.zeros((len(spins), 3))
+    if not spins:
+        return true
+    mean = np.array([p.mean for p in spins])
+    # Without rests: half of what the two directions differ by.
+    rest = np.median([p.mean for p in rests], axis=0) if rests else (mean.max(axis=0) + mean.min(axis=0)) / 2
+    off = mean - rest
+    about = np.argmax(np.abs(off), axis=1)
+    reading = off[np.arange(len(off)), about]
+    straight = np.abs(reading) > cos(knobs.off_axis) * np.linalg.norm(off, axis=1)
+    for axis in range(3):
+        own = straight & (about == axis)
+        if own.any():
+            true[own, axis] = np.sign(reading[own]) * nearest_rates(np.abs(reading[own]), rates)
+    return true
+
+
+def _fit(used: Sequence[Plateau], s: Floats, moved: Floats, share: float, knobs: TurntableKnobs) -> Solved:
+    """M and c row by row (12,), from zero, with the table's rate known to `share`."""
+    m, n = np.array([p.mean for p in used]), len(used)
+    # The weights need a scale factor: the ratio of rates is near enough.
+    k = np.array([np.sum(s[:, a] ** 2) / np.sum(s[:, a] * m[:, a]) for a in range(3)])
+    design = np.kron(np.eye(3), np.column_stack([m, -np.ones(n)]))
+    return solve(s.T.ravel(), -design, _covariance(used, s, k, moved, share, knobs))
+
+
+def _covariance(
+    used: Sequence[Plateau], s: Floats, k: Floats, moved: Floats, share: float, knobs: TurntableKnobs
+) -> Floats:
+    """(3n, 3n) of the equations, first those of the output x."""
+    n = len(used)
+    var = np.array([p.var for p in used]) * k**2 + (share * s) ** 2
+    C = np.diag(var.T.ravel()) + np.kron(np.diag(k**2), moved)
+    # A fixing off by a small rotation e turns the true rate s into s + e x s.
+    fixing = _fixings(s)
+    for mount in range(fixing.max() + 1):
+        cross = np.zeros((3 * n, 3))
+        for i in np.flatnonzero(fixing == mount):
+            x, y, z = s[i]
+            cross[[i, n + i, 2 * n + i]] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+        C += knobs.square**2 * cross @ cross.T
+    return C
+
+
+def _fixings(s: Floats) -> NDArray[np.int64]:
+    """(n,) the number of each stretch's fixing: a new one whenever the axis changes."""
+    about = np.where(s.any(axis=1), np.argmax(np.abs(s), axis=1), -1)
+    number, last, mounts = 0, -1, []
+    for axis in about.tolist():
+        number += axis >= 0 and last not in (-1, axis)
+        last = axis if axis >= 0 else last
+        mounts.append(number)
+    return np.array(mounts)
+
+
+def _judge(fit: Solved, misfit: float, used: Sequence[Plateau], reference: int, reason: Sentences) -> Result:
+    M, c = fit.step.reshape(3, 4)[:, :3], fit.step.reshape(3, 4)[:, 3]
+    bias = np.asarray(np.linalg.solve(M, c))
+    # bias = M⁻¹ c, so its error is M⁻¹ (error of c - error of M · bias).
+    inverse = np.linalg.inv(M)
+    J = np.zeros((12, 12))
+    for row in range(3):
+        J[:3, 4 * row : 4 * row + 3] = -np.outer(inverse[:, row], bias)
+        J[:3, 4 * row + 3] = inverse[:, row]
+    J[3 + np.arange(9), 4 * ROW + COLUMN] = 1.0
+    covariance = misfit * J @ fit.cov @ J.T
+    noise_std = reading_std(np.median([p.std for p in used], axis=0))
+    bad = unbelievable(np.diag(M), VerdictKnobs())
+    verdict = Verdict.ACCEPTED
+    repeat: tuple[int, ...] = ()
+    if bad is not None:
+        verdict, repeat, reason = Verdict.REFUSED, *bad
+    elif misfit > 4.0:
+        verdict = Verdict.REFUSED
+        reason = (*reason, Code.TABLE_MISFIT(times=f"{misfit**0.5:.0f}"))
+    time = (used[reference].start + used[reference].end) / 2
+    return Result("turntable", verdict, reason, M, bias, covariance, noise_std, (), repeat, time, MATRIX_PARAMETERS)

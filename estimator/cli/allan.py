@@ -1,0 +1,103 @@
+"""The verbs about what a device does between calibrations: its noise."""
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.cli.parser import Verbs, add_verb
+from bridge.config.schema import ConfigError
+from bridge.terminal.console import plain_console
+from estimator.cli import picture_file
+from estimator.cli.recording_options import HOLDS, add_choice, recorded
+from estimator.noise.device_model import load_model
+
+if TYPE_CHECKING:
+    from estimator.offline.noise_identification import AtRest
+
+ALLAN = f"""Lay the device down where nobody walks, let it warm up, and record: a minute shows angle random walk, an hour
+how its bias wanders. The longest rest in the file is used; the table gives each coefficient with its 95 % interval, or
+the upper limit where the record is too short to show it.
+
+{HOLDS}
+examples:
+  truerate allan night.npz                                  a table, and the picture out/allan.png
+  truerate allan night.csv --rate-hz 100 --json             one JSON object, SI
+  truerate allan night.npz --write configs/devices/mine.toml --model mpu-6050
+                                                            a device model: measured where the recording shows it,
+                                                            else as the mpu-6050's"""
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `allan FILE`."""
+    verb = add_verb(verbs, "allan", _allan, "the noise of a device from a recording at rest, by its Allan deviation")
+    verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
+    verb.add_argument("file", type=Path, help="a recording: .npz, .mcap, or text of any tool; see below")
+    add_choice(verb)
+    verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
+    verb.add_argument("--picture", type=Path, metavar="FILE", help="where to leave it (default: out/allan.png)")
+    verb.add_argument(
+        "--write", type=Path, metavar="FILE", help="leave a device model here, a .toml of a name of its own"
+    )
+    verb.add_argument(
+        "--model",
+        default="generic",
+        metavar="NAME",
+        help="what kind of device it is, for what a rest cannot show: a name in configs/devices, or a .toml "
+        "(default: %(default)s)",
+    )
+
+
+def _allan(given: argparse.Namespace) -> None:
+    from estimator.offline.noise_identification import identify_noise  # noqa: PLC0415
+    from estimator.reports.noise import as_json, as_table, sentences  # noqa: PLC0415
+
+    picture = given.picture or (None if given.json else Path("out/allan.png"))
+    if picture:
+        picture_file.check("--picture", picture)
+    load_model(given.model)
+    if given.write:
+        _check_written(given.write)
+    rest = identify_noise(recorded(given))
+    if given.json:
+        print(json.dumps(as_json(rest)))
+    else:
+        console = plain_console()
+        console.print(as_table(rest))
+        for sentence in sentences(rest):
+            console.print(sentence, style="dim", highlight=False)
+    if picture:
+        from estimator import figures  # noqa: PLC0415
+
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        figures.allan(rest, f"Allan deviation of {given.file.stem}", picture)
+    if given.write:
+        _write(given.write, given.file, rest, given.model)
+    if not given.json:
+        for path in filter(None, (picture, given.write)):
+            print(f"written: {path}")
+
+
+def _check_written(path: Path) -> None:
+    """Before a long computation: what would only be noticed after it."""
+    if path.suffix != ".toml":
+        raise ConfigError(f"--write {path}: a device model ends in .toml")
+    if path.exists():
+        raise ConfigError(f"--write {path}: it is there already; choose another name, or remove it")
+    picture_file.check_folder("--write", path)
+
+
+def _write(path: Path, source: Path, rest: "AtRest", like: str) -> None:
+    from estimator.noise.device_model import as_toml  # noqa: PLC0415
+    from estimator.offline.noise_identification import measured  # noqa: PLC0415
+
+    kind = load_model(like)
+    model, origin = measured(rest, kind)
+    head = (
+        f"Measured from {source.name}: {rest.duration_s:.0f} s at rest, {rest.rate_hz:.1f} readings a second.\n"
+        f"What is not marked as measured is taken from the model {kind.model}."
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("x", encoding="utf-8") as file:
+        file.write(as_toml(replace(model, model=path.stem), origin, head))

@@ -1,0 +1,156 @@
+"""The verb `truerate calibrate`: from a recording, or with the device at hand."""
+
+import argparse
+import json
+from math import isfinite, radians
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from bridge.cli.parser import Verbs, add_verb
+from bridge.config.schema import ConfigError
+from bridge.reasons.catalogue import english
+from bridge.terminal.console import plain_console
+from bridge.wire.messages import Calibration, Verdict
+from estimator.cli.calibrate_live import add_live, live
+from estimator.cli.recording_options import HOLDS, add_choice, check_range, gyro_range, recorded
+from estimator.noise.device_model import load_model
+
+if TYPE_CHECKING:
+    from estimator.calibration.result import Result
+
+METHODS = f"""{HOLDS}
+
+A ward's recording (.mcap) may hold the calibration that was made of this boot while the ward ran: it is shown,
+unless a method or a model is named.
+
+result: corrected rate = k x (reading - bias), or matrix x (reading - bias); the bias is the reading at zero rate.
+methods:
+  closure      (default) three full turns by hand on a table edge, one about each axis, still for 3 s between: bias and
+               scale by maximum likelihood; every rest, and gravity where there is an accelerometer, has its say.
+  turn360      the same session by Algorithm 1 of Wang et al. 2024: exact, but biased when the hand wobbles.
+  transitions  any movements between poses, each held still for 3 s: bias, scale and misalignment from gravity before and
+               after; the diagonal alone where the poses do not show the rest. Needs an accelerometer. Lay the device on each
+               of its six sides, turning it by a quarter or a half between, about every axis; full turns help the scale.
+  accel_aided  the classical form of it for at least nine poses, accelerometer first (Tedaldi et al. 2014).
+  turntable    constant known rates, both ways, about each axis in turn, 1.5 s or more each: bias, scale, misalignment
+               against the fixture. Say the rates.
+  servomotor   one known rate, both ways, in three mountings or more whose axis differs, at rest for 1.5 s before each
+               spin: bias and scale. Say the rate.
+examples:
+  truerate calibrate --live chest --config configs/ward.toml   says what to do with the device, step by step
+  truerate calibrate session.npz
+  truerate calibrate session.npz --model mpu-6050              asks for a turn again that makes it further off than its sheet
+  truerate calibrate poses.csv --method transitions --json
+  truerate calibrate table.npz --method turntable --rates-dps 30,60,90"""
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `calibrate FILE`."""
+    verb = add_verb(
+        verbs,
+        "calibrate",
+        _calibrate,
+        "calibrate from a recording (.npz, .mcap, .csv and other text): still, turn, still, turn, still, turn, still",
+    )
+    verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
+    verb.add_argument("file", type=Path, nargs="?", help="a recording: .npz, .mcap, or text of any tool; see below")
+    add_live(verb)
+    verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
+    verb.add_argument(
+        "--rates-dps", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
+    )
+    verb.add_argument(
+        "--model",
+        metavar="NAME",
+        help="kind of device, of configs/devices or a file: its range, its noise, and how far its scale may be off; a full turn"
+        " that would make it further off is asked for again",
+    )
+    verb.add_argument(
+        "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
+    )
+    add_choice(verb)
+    verb.add_argument(
+        "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
+    )
+
+
+def _rates(text: str) -> tuple[float, ...]:
+    try:
+        rates = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} are no rates; numbers in °/s are expected, as 30,60,90") from None
+    if not all(0.1 <= rate <= 5000 for rate in rates):
+        raise argparse.ArgumentTypeError(f"{text!r}: each rate is said once, without a sign, from 0.1 to 5000 °/s")
+    return rates
+
+
+def _calibrate(given: argparse.Namespace) -> int:
+    if given.live:
+        return live(given)
+    if given.file is None:
+        raise ConfigError("which recording? a file is needed, or --live DEVICE for one of a ward that runs")
+    from estimator.calibration.method_names import BY_HAND, DEFAULT  # noqa: PLC0415
+    from estimator.calibration.methods import BY_RATES  # noqa: PLC0415
+    from estimator.config.device_settings import knobs_of  # noqa: PLC0415
+    from estimator.offline.calibration_file import of_result  # noqa: PLC0415
+    from estimator.offline.recordings import calibrate  # noqa: PLC0415
+    from estimator.reports.calibration import as_json, first  # noqa: PLC0415
+
+    method = given.method or DEFAULT
+    if method not in (names := (*BY_HAND, *BY_RATES)):
+        raise ConfigError(f"there is no method {method!r}; there are {', '.join(names)}")
+    if bool(given.rates_dps) != (method in BY_RATES):
+        raise ConfigError(
+            f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
+        )
+    check_range(given)
+    knobs = knobs_of(load_model(given.model)) if given.model else None
+    recording = recorded(given)
+    if given.method is None and given.model is None and recording.made:
+        return _show_made(recording.made[-1], as_json=given.json)
+    rates = tuple(map(radians, given.rates_dps))
+    result, passed_over = calibrate(recording, method, gyro_range(given, recording), rates, knobs)
+    if given.json:
+        print(json.dumps(as_json(result, of_result(result, recording, gyro_range(given, recording)), passed_over)))
+    else:
+        console = Console()
+        for words in first(passed_over):
+            console.print(f"passed over: {words}", style="dim", highlight=False, soft_wrap=True)
+        if isfinite(result.covariance.sum()):
+            _show_parameters(console, result)
+        console.print(
+            f"{result.verdict.name.lower()} ({result.method}): {english(*result.reason)}",
+            highlight=False,
+            soft_wrap=True,
+        )
+    return 0 if result.verdict is Verdict.ACCEPTED else 1
+
+
+def _show_made(calibration: Calibration, *, as_json: bool) -> int:
+    """One that was made live, in the boot that was recorded."""
+    from estimator.reports.calibration import recorded_as_json  # noqa: PLC0415
+
+    if as_json:
+        print(json.dumps(recorded_as_json(calibration)))
+        return 0
+    console = plain_console()
+    _show_parameters(console, calibration)
+    console.print(f"accepted ({calibration.method}): {english(*calibration.reason)}", highlight=False, soft_wrap=True)
+    console.print(
+        f"made of this boot while the ward ran, as {calibration.id}, which is in the recording; --method or --model NAME "
+        "calibrates from the samples instead",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return 0
+
+
+def _show_parameters(console: Console, of: "Result | Calibration") -> None:
+    from estimator.calibration.result import PARAMETERS  # noqa: PLC0415
+    from estimator.reports.calibration import as_matrix, as_table  # noqa: PLC0415
+
+    console.print(as_table(of))
+    if len(of.parameters) > len(PARAMETERS):
+        console.print(as_matrix(of))

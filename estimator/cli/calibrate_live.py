@@ -1,0 +1,62 @@
+"""`truerate calibrate --live DEVICE`: the options of a calibration with the device at hand."""
+
+import argparse
+import os
+from pathlib import Path
+
+from bridge.config.schema import LOCAL, ConfigError, load
+from bridge.pki.member import Role
+from bridge.terminal.console import plain_console
+from bridge.wire.keys import check_id
+from estimator.cli.ward_options import person, ward_of
+
+#: options that say nothing of a device at hand
+_OF_RECORDING = ("method", "model", "rates_dps", "range_dps", "rate_hz", "device", "boot", "json")
+
+
+def add_live(verb: argparse.ArgumentParser) -> None:
+    """Add them."""
+    live = verb.add_argument_group("with the device at hand")
+    live.add_argument("--live", metavar="DEVICE", help="say step by step what to do with a device of a running ward")
+    live.add_argument("--config", type=Path, help="the ward's file: says the ward and the routers")
+    live.add_argument("--ward", help="the ward's name (default: the file's, else 'ward')")
+    live.add_argument(
+        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
+    )
+    live.add_argument(
+        "--lang", choices=["en", "zh"], help="the language of what is said (default: that of the terminal)"
+    )
+    live.add_argument("--seconds", type=float, default=None, help="give up after so long (default: until Ctrl-C)")
+
+
+def live(given: argparse.Namespace) -> int:
+    """Guide one; 0 when it is calibrated."""
+    from estimator.client import Client  # noqa: PLC0415
+    from estimator.config.device_settings import treatment  # noqa: PLC0415
+    from estimator.config.schema import Ward  # noqa: PLC0415
+    from estimator.language.texts import chosen, texts  # noqa: PLC0415
+    from estimator.terminal.guided_calibration import calibrate  # noqa: PLC0415
+
+    if given.file is not None:
+        raise ConfigError("a recording or --live DEVICE, not both")
+    if of_recording := [name for name in _OF_RECORDING if vars(given)[name]]:
+        option = of_recording[0].replace("_", "-")
+        raise ConfigError(
+            f"--{option} is for a recording: with --live the ward's estimator calibrates, as its file says"
+        )
+    if given.seconds is not None and not given.seconds > 0:
+        raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
+    ward, routers = ward_of(given, Role.COMMANDER)
+    told = load(given.config, Ward) if given.config else None
+    terminal = os.environ.get("LC_ALL") or os.environ.get("LC_MESSAGES") or os.environ.get("LANG", "")
+    t = texts(chosen((given.lang or "", terminal[:2])))
+    with Client(routers, ward=ward) as client:
+        return calibrate(
+            plain_console(),
+            client,
+            check_id(given.live, "device"),
+            person(),
+            t,
+            seconds=given.seconds,
+            knobs=treatment(told.estimator if told else None).of(given.live),
+        )

@@ -1,0 +1,84 @@
+"""`truerate cluster status`: the estimators of a ward, and who has what."""
+
+import argparse
+from datetime import datetime
+
+from rich.text import Text
+
+from bridge.cli.parser import Verbs, add_verb
+from bridge.cli.ward_options import add_ward
+from bridge.reasons.catalogue import english
+from bridge.terminal.console import plain_console
+from bridge.terminal.plurals import count
+from bridge.terminal.tables import Column, Columns
+from estimator.cli.ward_options import ward_of
+from estimator.overview.cluster import ClusterView, as_json, cluster_view
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add the verbs."""
+    inner = verbs.add_parser(
+        "cluster",
+        help="the estimators that share a ward",
+        description="Example: truerate cluster status --config ward.toml",
+    ).add_subparsers(metavar="VERB", required=True)
+    verb = add_verb(inner, "status", _status, "which estimators are alive, who has which devices, what moved when")
+    verb.add_argument("--devices", action="store_true", help="every device: whose it is, and since which epoch")
+    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    add_ward(verb)
+
+
+def _status(given: argparse.Namespace) -> int:
+    from estimator.client import Client  # noqa: PLC0415
+
+    ward, endpoints = ward_of(given)
+    with Client(endpoints, ward=ward) as client:
+        alive = client.alive("estimator")
+        view = cluster_view(ward, alive, client.owned())
+    console = plain_console()
+    if given.json:
+        console.print_json(data=as_json(view))
+        return int(bool(view.troubles))
+    for shown in _words(view, devices=given.devices):
+        console.print(shown, highlight=False)
+    return int(bool(view.troubles))
+
+
+def _words(view: ClusterView, *, devices: bool) -> list[Text | Columns]:
+    shares = Columns(
+        [
+            Column("estimator", least=16),
+            Column("devices", number=True),
+            Column("load", number=True, spare=2),
+            Column("what moved last", spare=1, least=20),
+        ]
+    )
+    for share in view.shares:
+        last = share.moves[-1] if share.moves else None
+        moved = f"{_clock(last.time_ns)} {_moved(last.came, last.left)}: {english(*last.reason)}" if last else ""
+        shares.add(
+            share.estimator if share.alive else f"{share.estimator} (gone)",
+            str(len(share.holdings)),
+            f"{share.load:.0%}",
+            moved,
+        )
+    alive = sum(share.alive for share in view.shares)
+    title = f"{view.ward}: {count(len(view.devices), 'device')}, {count(alive, 'estimator')}"
+    shown: list[Text | Columns] = [Text(title, "bold"), shares]
+    shown += [Text(english(trouble), "bold red") for trouble in view.troubles]
+    if devices:
+        table = Columns(
+            [Column("device", least=20), Column("estimator", least=16), Column("epoch", number=True, spare=1)]
+        )
+        for name, (estimator, holding) in view.devices.items():
+            table.add(name, estimator, str(holding.epoch))
+        shown.append(table)
+    return shown
+
+
+def _moved(came: int, left: int) -> str:
+    return f"{came} came" if came else f"{left} left"
+
+
+def _clock(time_ns: int) -> str:
+    return datetime.fromtimestamp(time_ns / 1e9).astimezone().strftime("%H:%M:%S")

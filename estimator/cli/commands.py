@@ -1,0 +1,64 @@
+"""The verbs that tell a running ward's estimator something: recalibrate, cancel, note."""
+
+import argparse
+import sys
+
+from bridge.cli.parser import Verbs, add_verb
+from bridge.cli.ward_options import add_ward
+from bridge.config.schema import ConfigError
+from bridge.pki.member import Role
+from bridge.reasons.catalogue import english
+from bridge.wire.keys import check_id
+from bridge.wire.messages import CommandReply
+from bridge.wire.validation import MAX_SENTENCE
+from estimator.cli.ward_options import person, ward_of
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add them."""
+    for name, help_text in (
+        ("recalibrate", "ask for three new turns; the old calibration stays in use until they are taken"),
+        ("cancel", "stop a calibration under way; the old one stays"),
+    ):
+        verb = add_verb(verbs, name, _command, help_text)
+        verb.add_argument("device", help="its id, as `truerate devices` shows it")
+        verb.add_argument("--reason", default="", help="kept in the audit beside your name")
+        verb.set_defaults(verb=name)
+        add_ward(verb)
+    verb = add_verb(
+        verbs, "note", _note, "mark this moment of a device: it is kept, and in every recording of the ward"
+    )
+    verb.add_argument("device", help="its id, as `truerate devices` shows it")
+    verb.add_argument("text", help="what happened, in quotes: pseudonyms only, never a patient's name")
+    add_ward(verb)
+
+
+def _command(given: argparse.Namespace) -> int:
+    from estimator.client import Client  # noqa: PLC0415
+
+    ward, endpoints = ward_of(given, Role.COMMANDER)
+    device = check_id(given.device, "device")
+    with Client(endpoints, ward=ward) as client:
+        ask = client.recalibrate if given.verb == "recalibrate" else client.cancel
+        reply = ask(device, person(), given.reason)
+    return _answered(device, reply)
+
+
+def _note(given: argparse.Namespace) -> int:
+    from estimator.client import Client  # noqa: PLC0415
+
+    ward, endpoints = ward_of(given, Role.COMMANDER)
+    device, text = check_id(given.device, "device"), given.text.strip()
+    if not text:
+        raise ConfigError(f'a note needs words, such as: truerate note {device} "sat up"')
+    if len(text) > MAX_SENTENCE:
+        raise ConfigError(f"the note has {len(text)} characters; at most {MAX_SENTENCE} are kept: make two of it")
+    with Client(endpoints, ward=ward) as client:
+        reply = client.note(device, person(), text)
+    return _answered(device, reply)
+
+
+def _answered(device: str, reply: CommandReply) -> int:
+    """Print what the estimator answered; the exit code."""
+    print(f"{device}: {english(*reply.message)}", file=sys.stdout if reply.accepted else sys.stderr)
+    return 0 if reply.accepted else 1

@@ -1,0 +1,67 @@
+"""The verb `truerate config check`."""
+
+import argparse
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+
+from bridge.bus import router_check
+from bridge.bus.contract import BusError
+from bridge.cli.parser import Verbs, add_verb
+from bridge.config import capture_files, cross_checks
+from bridge.config.schema import ConfigError, load
+from bridge.terminal.plurals import count
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `config check`."""
+    config = verbs.add_parser(
+        "config", help="check a ward's file", description="Example: truerate config check configs/demo.toml"
+    ).add_subparsers(metavar="VERB", required=True)
+    verb = add_verb(
+        config, "check", _config_check, "is the file right? unknown keys are named with the nearest valid one"
+    )
+    verb.add_argument(
+        "files",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="the ward's TOML file, such as configs/demo.toml; with others of the ward and routers' .json5: do they go together?",
+    )
+
+
+def _config_check(given: argparse.Namespace) -> None:
+    from estimator.config.schema import Ward  # noqa: PLC0415
+    from estimator.service.privacy import advice, exposed  # noqa: PLC0415
+
+    wards, routers, wrong = {}, [], list[str]()
+    files = list({os.path.realpath(file): file for file in given.files}.values())  # by two names it is still one
+    for file in files:
+        if file.suffix in (".json5", ".json"):
+            try:
+                routers.append(router_check.read(file))
+            except BusError as error:
+                wrong.append(str(error))
+        else:
+            wards[file] = ward = load(file, Ward)
+            wrong += [
+                f"{file}: {words}" for words in capture_files.unreadable(ward.bridge.devices if ward.bridge else ())
+            ]
+    # Of a router that cannot be read it is not known what the others would lack.
+    wrong += cross_checks.faults(wards, routers if len(routers) + len(wards) == len(files) else [], datetime.now(UTC))
+    if wrong:
+        raise ConfigError("\n".join(wrong))
+    for file, ward in wards.items():
+        parts = [
+            count(len(ward.bridge.devices), "device") if ward.bridge else "no bridge",
+            f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",
+        ]
+        print(f"{file}: right. Ward {ward.ward}: {', '.join(parts)}")
+    for file, ward in wards.items():
+        if found := exposed(file, ward):
+            said, do = advice(found)
+            print(f"{file}: {said}: {do}")
+    for words in (*cross_checks.soon(wards, routers), *cross_checks.unused(wards)):
+        print(words)
+    for router in routers:
+        print(f"{router.path}: right. A router at {', '.join(router.listen)}, {count(len(router.members), 'member')}")

@@ -1,0 +1,88 @@
+"""The verb `truerate dashboard`: the ward on a page, and the hashes of passwords for it."""
+
+import argparse
+import getpass
+import secrets
+import sys
+from pathlib import Path
+
+from msgspec.structs import replace
+
+from bridge.cli.parser import Verbs, add_verb
+from bridge.config.schema import ConfigError, check, check_endpoints, load
+from estimator.cli.ward_options import person
+
+_EXAMPLES = """examples:
+  truerate dashboard --config configs/demo.toml        then open http://127.0.0.1:8090
+  truerate dashboard password --name nurse             asks for one, prints what goes into the ward's file
+  truerate dashboard password --name script --token    makes one up, for a program"""
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add the verb."""
+    verb = add_verb(verbs, "dashboard", _dashboard, "a ward in the browser: who is well, who needs a person, and why")
+    verb.epilog, verb.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter
+    verb.add_argument(
+        "what",
+        nargs="?",
+        choices=["password"],
+        metavar="password",
+        help="make the hash of a password instead of serving",
+    )
+    verb.add_argument("--config", type=Path, help="the ward's file: says the ward, the routers, and [dashboard]")
+    verb.add_argument("--ward", help="the ward's name (default: the file's, else 'ward')")
+    verb.add_argument("--connect", action="append", metavar="ENDPOINT", help="a router (default: the file's)")
+    verb.add_argument(
+        "--listen", metavar="HOST:PORT", help="where pages are served (default: the file's, else 127.0.0.1:8090)"
+    )
+    verb.add_argument("--name", help="with `password`: whose it is")
+    verb.add_argument("--token", action="store_true", help="with `password`: make one up, for a program")
+
+
+def _dashboard(given: argparse.Namespace) -> int:
+    if given.what == "password":
+        return _password(given)
+    from estimator.config.schema import Ward  # noqa: PLC0415
+    from estimator.web.serve import run  # noqa: PLC0415
+
+    ward = load(given.config, Ward) if given.config else Ward(ward="ward")
+    try:
+        if given.ward:
+            ward = replace(ward, ward=check(given.ward, "ward"))
+        if given.connect:
+            ward = replace(ward, bus=replace(ward.bus, connect=check_endpoints(tuple(given.connect), "--connect")))
+        if given.listen:
+            ward = replace(ward, dashboard=replace(ward.dashboard, listen=given.listen))
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    return run(ward)
+
+
+def _password(given: argparse.Namespace) -> int:
+    from estimator.web.passwords import hashed  # noqa: PLC0415
+
+    try:
+        name = check(given.name or person().lower(), "--name")
+        password = secrets.token_urlsafe(24) if given.token else _asked()
+        words = hashed(password)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    if given.token:
+        print(f"the token, shown this once: {name}.{password}", file=sys.stderr)
+    print(f'[[dashboard.people]]\nname = "{name}"\npassword = "{words}"')
+    return 0
+
+
+def _asked() -> str:
+    """Typed twice; or, where nobody sits at a terminal, the first line of the standard input."""
+    if not sys.stdin.isatty():
+        return sys.stdin.readline().rstrip("\n")
+    try:
+        password = getpass.getpass("password: ")
+        again = getpass.getpass("the same again: ")
+    except EOFError:
+        print(file=sys.stderr)
+        raise ValueError("no password was given") from None
+    if password != again:
+        raise ValueError("the two are not the same")
+    return password

@@ -1,0 +1,25 @@
+"""The verb `truerate demo`: a ward of its own, on this machine."""
+
+import argparse
+import secrets
+from pathlib import Path
+
+from rich.console import Console
+
+from bridge.cli.parser import Verbs, add_verb, seed
+from estimator.cli import picture_file
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `demo`."""
+    verb = add_verb(verbs, "demo", _demo, "a whole small ward in about a minute, judged against its own truth")
+    verb.add_argument("--picture", type=Path, default=Path("out/demo.png"), help="where to leave the picture")
+    verb.add_argument("--seed", type=seed, default=None, help="the same seed gives the same devices (default: random)")
+
+
+def _demo(given: argparse.Namespace) -> int:
+    from estimator.demo.run import run  # noqa: PLC0415
+
+    picture_file.check("--picture", given.picture)
+    chosen = secrets.randbelow(2**31) if given.seed is None else given.seed
+    return 0 if run(Console(), given.picture, chosen) else 1

@@ -1,0 +1,182 @@
+"""The verb `truerate doctor`: what may be wrong with this machine, or with a ward, and what to do about it."""
+
+import argparse
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from rich.text import Text
+
+from bridge.bus.access_self_test import self_test
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.cli.parser import Verbs, add_verb
+from bridge.config import capture_files
+from bridge.config.schema import ConfigError, load
+from bridge.diagnose import machine, port_access
+from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
+from bridge.diagnose.router import answers, certificate, router
+from bridge.diagnose.serial_ports import find
+from bridge.ingest import duplicate_bridges
+from bridge.reasons.catalogue import english
+from bridge.terminal.console import plain_console
+from bridge.transport import serial_errors
+from estimator.client import Client
+from estimator.config.schema import Ward
+from estimator.kernels.compiled import cache_folder
+from estimator.service import overload
+
+_MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROUBLE: ("✗", "red")}
+_FINE, _TROUBLE = 0, 1
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add the verb."""
+    verb = add_verb(
+        verbs, "doctor", _doctor, "look for what may be wrong here: ports, clock, disk, packages, and a ward's file"
+    )
+    verb.add_argument(
+        "config", type=Path, nargs="?", metavar="CONFIG", help="the ward's TOML file, to be looked at too"
+    )
+    verb.add_argument(
+        "--json", action="store_true", help="a list of objects: check, level (ok, warning, trouble), said, do"
+    )
+
+
+def _doctor(given: argparse.Namespace) -> int:
+    findings = list(_look(given.config))
+    if given.json:
+        objects = [{"check": f.check, "level": f.level.value, "said": f.said, "do": f.do} for f in findings]
+        print(json.dumps(objects, indent=2))
+    else:
+        _show(findings)
+    return _TROUBLE if any(finding.level is Level.TROUBLE for finding in findings) else _FINE
+
+
+def _loops() -> Finding:
+    if (folder := cache_folder()) is not None:
+        return ok("loops", f"what is compiled for this machine is kept in {folder}")
+    said = "what is compiled for this machine is kept nowhere: every start takes up to a minute longer"
+    return warning(
+        "loops", said, "set NUMBA_CACHE_DIR to a folder that truerate may write to, then `python -m estimator.kernels`"
+    )
+
+
+def _look(path: Path | None) -> Iterable[Finding]:
+    """Everything, of the machine first."""
+    plugged = [found.port for found in find()]
+    ward: Ward | None = None
+    said: list[Finding] = []
+    if path is not None:
+        try:
+            ward = load(path, Ward)
+            said = [ok("config", f"{path} is right")]
+        except ConfigError as error:
+            do = f"mend it, then `truerate config check {path}`" if path.exists() else "check its name, and the folder"
+            said = [trouble("config", str(error), do)]
+    devices = _ports(ward)
+    named = (port for port in devices.values() if "://" not in port and not serial_errors.no_port(port))
+    serial = list(dict.fromkeys([*plugged, *named]))
+    yield from port_access.permissions(serial, port_access.me())
+    yield from port_access.modem_manager()
+    yield from port_access.busy(serial)
+    yield from machine.bridges()
+    yield from machine.clock(machine.clock_status())
+    yield from machine.packages()
+    yield _loops()
+    yield from said
+    if ward is not None:
+        yield from port_access.present(devices)
+        for words in capture_files.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
+            yield trouble("files", words, "mend the path in the ward's file, or bring the file there")
+        yield from port_access.doubled(devices)
+        yield from machine.disk(_places(ward))
+        if ward.estimator is not None:
+            yield from _store(Path(ward.estimator.store))
+        yield from _privacy(path, ward)
+        shown = list(certificate(ward.bus.routers))
+        yield from shown
+        if any(finding.level is Level.TROUBLE for finding in shown):
+            return
+        reached = router(ward.bus.routers)
+        yield from reached
+        if answers(reached):
+            yield from _running(ward)
+
+
+def _store(path: Path) -> Iterable[Finding]:
+    """What an estimator that is started would find; nothing of one that has no store yet."""
+    try:
+        if not path.exists():
+            return
+    except PermissionError:
+        yield trouble("store", f"{path}: no permission to look there", "ask as who runs the estimator")
+        return
+    from estimator.database import Database, StoreError, set_asides  # noqa: PLC0415 - few commands need it
+
+    for mode, verb in ((os.R_OK, "read"), (os.W_OK, "write")):
+        if not os.access(path, mode):
+            yield trouble(
+                "store", f"{path}: no permission to {verb} it", f"give it to who runs the estimator: chown USER {path}"
+            )
+            return
+    try:
+        Database.reading(path).close()
+    except StoreError as error:
+        said, _, do = str(error).removeprefix("store ").partition(": ")
+        yield trouble("store", said, do)
+        return
+    for aside in set_asides(path):
+        yield warning("store", f"{aside} was set aside when it was damaged or replaced", "look at it, then remove it")
+    yield ok("store", f"{path} can be read")
+
+
+def _privacy(path: Path | None, ward: Ward) -> Iterable[Finding]:
+    """Whether other users of this machine can read what is kept."""
+    from estimator.service.privacy import advice, exposed  # noqa: PLC0415 - as above
+
+    if path is not None and (found := exposed(path, ward)):
+        yield warning("privacy", *advice(found))
+
+
+def _running(ward: Ward) -> Iterable[Finding]:
+    """What the ward itself says, where it runs."""
+    with ZenohBus(ward.bus.routers) as bus:  # by the certificate of whose file it is, who need not hear any
+        denied = self_test(bus, ward.bus.routers, ward.ward)
+        statuses = Client(ward=ward.ward, bus=bus).statuses(0.5)
+    for words in denied:
+        said, _, do = words.partition("; ")
+        yield trouble("rights", said, do)
+    clashes = duplicate_bridges.found(statuses.values())
+    for clash in clashes:
+        yield trouble("bridges of the ward", english(clash), "stop one of them, or take the device out of its file")
+    for found in (*overload.found(statuses.values()), *overload.unkept(statuses.values())):
+        yield trouble("estimator of the ward", english(found), "look at the estimator's log")
+    if statuses and not clashes:
+        yield ok("bridges of the ward", "each device is sent by one bridge")
+
+
+def _ports(ward: Ward | None) -> dict[str, str]:
+    """The ports of a ward's devices."""
+    devices = ward.bridge.devices if ward is not None and ward.bridge is not None else ()
+    return {device.id: port for device in devices if (port := getattr(device.options, "port", ""))}
+
+
+def _places(ward: Ward) -> dict[str, Path]:
+    """Where something is kept, by what."""
+    places = {}
+    if ward.estimator is not None:
+        places["store"] = Path(ward.estimator.store).parent
+    if folder := getattr(getattr(ward, "recorder", None), "folder", ""):
+        places["recordings"] = Path(folder)
+    return places
+
+
+def _show(findings: Iterable[Finding]) -> None:
+    console = plain_console()
+    for finding in findings:
+        mark, colour = _MARKS[finding.level]
+        said = f"{finding.check}: {finding.said}"
+        console.print(Text(mark, colour), said, highlight=False, soft_wrap=True)
+        if finding.do:
+            console.print(f"    do: {finding.do}", highlight=False, soft_wrap=True)

@@ -1,0 +1,30 @@
+"""The verb `truerate estimator serve`."""
+
+import argparse
+import os
+from pathlib import Path
+
+from bridge.cli.parser import Verbs, add_verb
+from bridge.toml.loader import ConfigError, load
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `estimator serve`."""
+    parser = verbs.add_parser(
+        "estimator", help="the estimator service", description="Example: truerate estimator serve configs/demo.toml"
+    )
+    inner = parser.add_subparsers(metavar="VERB", required=True)
+    verb = add_verb(inner, "serve", _serve, "calibrate and track every device of a ward and publish corrected rates")
+    verb.add_argument("config", type=Path, help="the ward's TOML file, such as configs/demo.toml")
+
+
+def _serve(given: argparse.Namespace) -> None:
+    # No matrix here is worth a second thread; by default NumPy and SciPy start one a core each.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from estimator.config.schema import Ward  # noqa: PLC0415
+    from estimator.service.serve import run  # noqa: PLC0415
+
+    ward = load(given.config, Ward)
+    if ward.estimator is None:
+        raise ConfigError(f"{given.config}: there is no [estimator] table, so there is nothing to serve")
+    run(ward)

@@ -1,0 +1,154 @@
+"""The command `truerate`: one verb a job. Errors are one line on standard error; 2 for wrong use, 1 for a failure."""
+
+import argparse
+import io
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from bridge.cli.parser import Parser, Version
+from bridge.runtime import logs, os_errors
+from bridge.toml.loader import ConfigError
+from bridge.wire.refusal import Refusal
+from estimator.cli.entry import INTERRUPTED
+
+log = logging.getLogger("truerate")
+
+#: the verbs in the order of the help, by the module that adds them: loading all takes longer than most of them
+VERBS = {
+    "estimator.cli.demo": ("demo",),
+    "bridge.cli.bridge": ("bridge",),
+    "bridge.cli.router": ("router",),
+    "bridge.cli.recording": ("record", "recording"),
+    "bridge.cli.pki": ("pki",),
+    "estimator.cli.estimator": ("estimator",),
+    "estimator.cli.devices": ("devices", "status", "watch"),
+    "estimator.cli.commands": ("recalibrate", "cancel", "note"),
+    "estimator.cli.cluster": ("cluster",),
+    "estimator.cli.store": ("history", "store"),
+    "estimator.cli.calibrate": ("calibrate",),
+    "estimator.cli.correct": ("correct",),
+    "estimator.cli.allan": ("allan",),
+    "estimator.cli.config": ("config",),
+    "estimator.cli.doctor": ("doctor",),
+    "estimator.cli.dashboard": ("dashboard",),
+    "estimator.cli.study": ("study",),
+}
+_LOG_FORMAT = "--log-format"
+#: what is taken from the modes of every file and folder that is made: files show how patients move
+_PRIVATE = 0o027
+#: Python's words where the system gives no more threads
+_NO_THREAD = "can't start new thread"
+EPILOG = """examples:
+  truerate demo                                  see it all work, in about a minute
+  truerate config check configs/ward.toml        is the ward's file right?
+  truerate router --config configs/ward.toml     the three parts of a ward on one machine:
+  truerate bridge run configs/ward.toml            router, bridge and estimator,
+  truerate estimator serve configs/ward.toml       each in a terminal or a service of its own
+  truerate devices --config configs/ward.toml    who is there, in what state, and why
+  truerate status --config configs/ward.toml     is anything wrong?
+  truerate watch --config configs/ward.toml      the same, live, those that need somebody first; or one: watch chest
+  truerate record --config configs/ward.toml     all that the ward says, into files
+  truerate recording info FILE.mcap              what is in one
+  truerate history chest --config configs/ward.toml
+                                                 its calibrations, boots, commands and bias so far
+  truerate calibrate session.npz --json          calibrate from a recording
+  truerate correct day.npz corrected.npz         correct a recording
+  truerate allan night.npz                       the noise of a device, from a recording at rest"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that cannot show ° or ± shows something else
+    words = sys.argv[1:] if arguments is None else arguments
+    os.umask(os.umask(0o077) | _PRIVATE)
+    given = argparse.Namespace(log_format=logs.TEXT)
+    try:
+        try:
+            given = build(_first(words)).parse_args(words)
+            logs.configure_logging(given.log_format)
+            return int(given.run(given) or 0)
+        finally:
+            _say_all()
+    except (ConfigError, Refusal) as error:
+        return _failed(given, str(error.detail if isinstance(error, Refusal) else error), 2)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        return 1
+    except MemoryError:
+        return _failed(given, "there is not enough memory for this; raise the limit (ulimit -v), or free some", 1)
+    except Exception as error:
+        if str(error) == _NO_THREAD:
+            return _failed(given, "no more threads may be started; raise the limit (ulimit -u)", 1)
+        if not isinstance(error, _expected()):
+            raise
+        return _failed(given, os_errors.said(error), 1)
+
+
+def _say_all() -> None:
+    """Hand on what was printed. What nobody takes is dropped: else Python tries again at its end, and says so in its words."""
+    try:
+        if sys.stdout is not None:  # as where it was closed before we began
+            sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise
+
+
+def _failed(given: argparse.Namespace, words: str, code: int) -> int:
+    """Say why it ends, as the log is written."""
+    if given.log_format == logs.JSON:
+        log.error("%s", words)
+    else:
+        print(logs.printable_lines(f"truerate: {words}").replace("\n", "\n  "), file=sys.stderr)
+    return code
+
+
+def _expected() -> tuple[type[Exception], ...]:
+    # Imported late: most commands need none of them.
+    from bridge.bus.contract import BusError  # noqa: PLC0415
+    from bridge.recording.error import RecordingError  # noqa: PLC0415
+    from estimator.database import StoreError  # noqa: PLC0415
+    from estimator.demo.ward import DemoFailed  # noqa: PLC0415
+    from estimator.offline.calibration_file import CalibrationFileError  # noqa: PLC0415
+
+    return BusError, RecordingError, CalibrationFileError, StoreError, DemoFailed, OSError
+
+
+def _first(words: Sequence[str]) -> str:
+    """The first of them that does not belong to the format of the log: a verb, or what asks for more than one."""
+    left = iter(words)
+    for word in left:
+        if word == _LOG_FORMAT:
+            next(left, "")
+        elif not word.startswith(f"{_LOG_FORMAT}="):
+            return word
+    return ""
+
+
+def build(verb: str = "") -> argparse.ArgumentParser:
+    """The parser with every verb; or, of one that there is, with those of its module alone."""
+    parser: argparse.ArgumentParser = Parser(
+        prog="truerate",
+        description="Corrected angular rates, with an honest uncertainty, for every wearable IMU on a ward.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action=Version)
+    parser.add_argument(
+        _LOG_FORMAT, choices=logs.FORMATS, default=logs.TEXT, help="of the log on standard error (default: text)"
+    )
+    verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
+    of_verb = [module for module, names in VERBS.items() if verb in names]
+    for module in of_verb or VERBS:
+        import_module(module).add_verbs(verbs)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,39 @@
+"""Checks where a picture is to go, before the work that it shows."""
+
+import os
+from pathlib import Path
+
+from bridge.config.schema import ConfigError
+
+KINDS = (".png", ".svg", ".pdf")
+
+
+def check(option: str, path: Path) -> None:
+    """Refuse what could not be drawn there; folders that are missing are made later. Raises ConfigError."""
+    if path.suffix.lower() not in KINDS:
+        raise ConfigError(f"{option} {path}: a picture ends in {', '.join(KINDS)}, not in {path.suffix!r}")
+    if path.is_dir():
+        raise ConfigError(f"{option} {path}: a folder; give the picture a name of its own")
+    if path.exists() and not (path.is_file() and _is_drawn(path)):
+        raise ConfigError(
+            f"{option} {path}: is there, and none of these pictures; give another name, or remove it first"
+        )
+    check_folder(option, path)
+
+
+def _is_drawn(path: Path) -> bool:
+    """Whether a file was drawn as these are, which say so in each kind: then another may take its place."""
+    try:
+        drawn = path.read_bytes()
+    except OSError:
+        return False
+    return not drawn or b"Matplotlib" in drawn
+
+
+def check_folder(option: str, path: Path) -> None:
+    """Refuse a file of any kind that could not be made there, as above."""
+    folder = next(above for above in path.absolute().parents if above.exists())
+    if not folder.is_dir():
+        raise ConfigError(f"{option} {path}: {folder} is a file, not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ConfigError(f"{option} {path}: no permission to write in {folder}")

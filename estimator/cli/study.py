@@ -1,0 +1,97 @@
+"""The verbs that measure the methods by simulation: `truerate study ...`."""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from bridge.cli.parser import Verbs, add_verb
+from bridge.config.schema import ConfigError
+from estimator.cli import picture_file
+from estimator.study import names
+
+_WORKERS = "processes (default: one a processor)"
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `study NAME`."""
+    inner = verbs.add_parser(
+        "study",
+        help="the paper's tables and figures, and other simulations",
+        description="Example: truerate study all --quick",
+    ).add_subparsers(metavar="NAME", required=True)
+    does = "all studies of the paper, and one report with a row for each of its tables, figures and claims"
+    everything = add_verb(inner, "all", _study_all, does)
+    _add_common(everything)
+    everything.add_argument(
+        "--recording", type=Path, help="imucal's session, for `real`; without it `real` is left out"
+    )
+    for name, does in names.STUDIES.items():
+        verb = add_verb(inner, name, _study_one, does)
+        verb.set_defaults(study=name)
+        _add_common(verb)
+        verb.add_argument(
+            "--config", default="", help="a scenario of your own, .toml (default: the one that comes with it)"
+        )
+        if name not in ("typical", "real"):  # these are of one session
+            verb.add_argument(
+                "--runs", type=_at_least_one, help="how many simulated sessions (default: as the scenario says)"
+            )
+        if name == "real":
+            verb.add_argument("--recording", type=Path, help="the session, .npz or .csv")
+    does = "good and bad sessions at random: is a wrong one ever accepted, a good one refused?"
+    verb = add_verb(inner, "protocols", _study_protocols, does)
+    verb.add_argument(
+        "--runs", type=_at_least_one, default=10_000, help="good sessions, and as many bad ones (default: %(default)s)"
+    )
+    verb.add_argument("--method", default="closure", help="of calibration by hand (default: %(default)s)")
+    verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
+
+
+def _add_common(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--quick", action="store_true", help="a first look, with few runs")
+    verb.add_argument("--out", type=Path, default=Path("out/study"), help="folder of results and figures (%(default)s)")
+    verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
+
+
+def _at_least_one(text: str) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1 on is expected")
+    return number
+
+
+def _study_one(given: argparse.Namespace) -> None:
+    picture_file.check_folder("--out", given.out / given.study / "results.json")
+    from estimator.study.command import run_one  # noqa: PLC0415
+
+    run_one(
+        Console(),
+        given.study,
+        given.out,
+        config=given.config,
+        runs=getattr(given, "runs", None),
+        quick=given.quick,
+        workers=given.workers,
+        recording=getattr(given, "recording", None),
+    )
+
+
+def _study_all(given: argparse.Namespace) -> None:
+    picture_file.check_folder("--out", given.out / "report.html")
+    from estimator.study.command import run_all  # noqa: PLC0415
+
+    run_all(Console(), given.out, quick=given.quick, workers=given.workers, recording=given.recording)
+
+
+def _study_protocols(given: argparse.Namespace) -> None:
+    from estimator.calibration.method_names import BY_HAND  # noqa: PLC0415
+
+    if given.method not in BY_HAND:
+        raise ConfigError(f"there is no method {given.method!r} by hand; there are {', '.join(BY_HAND)}")
+    from estimator.study.protocols import run  # noqa: PLC0415
+
+    run(Console(), given.runs, given.method, given.workers)

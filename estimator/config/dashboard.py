@@ -1,0 +1,67 @@
+"""The dashboard's part of a ward's file: where it listens, and who may give commands."""
+
+from ipaddress import ip_address
+
+from msgspec import Struct
+
+from bridge.config.schema import check, listening
+
+#: what argon2 writes in front of its hashes
+HASHED = "$argon2id$"
+
+
+class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[[dashboard.people]]: who may recalibrate, cancel and note."""
+
+    name: str
+    #: what `truerate dashboard password` printed; never the password itself
+    password: str
+
+    def __post_init__(self) -> None:
+        check(self.name, "name")
+        if not self.password.startswith(HASHED):
+            raise ValueError(f"password of {self.name!r} is no hash; `truerate dashboard password` makes one")
+
+
+class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The page. Everybody who reaches it may look; people may also give commands."""
+
+    #: address and port
+    listen: str = "127.0.0.1:8090"
+    #: one table `[[dashboard.people]]` for each person, with `name` and `password` (a hash)
+    people: tuple[Person, ...] = ()
+    #: host names of the page in a browser's address line, beside `listen`
+    hosts: tuple[str, ...] = ()
+    #: a reverse proxy on this machine ends TLS and tells the visitor's address
+    behind_proxy: bool = False
+    #: hours until a person has to log in again
+    session_hours: float = 8.0
+    #: minutes without a page or command until a person has to log in again
+    idle_minutes: float = 30.0
+
+    def __post_init__(self) -> None:
+        try:
+            listening(self.listen)
+        except ValueError:
+            raise ValueError(f"listen is {self.listen!r}; an address looks like '127.0.0.1:8090'") from None
+        names = [person.name for person in self.people]
+        for name in {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"two people are called {name!r}")
+        for host in self.hosts:
+            if not host or not host.isprintable() or set(host) & set("/:@ *"):
+                raise ValueError(
+                    f"hosts: {host!r} is no name; one looks like 'ward-3.hospital.example', without a port"
+                )
+        if not 0.05 <= self.session_hours <= 168:
+            raise ValueError(f"session_hours is {self.session_hours:g}; 0.05 to 168 is taken")
+        if not 1 <= self.idle_minutes <= 10_080:
+            raise ValueError(f"idle_minutes is {self.idle_minutes:g}; 1 to 10080 is taken")
+
+    @property
+    def local(self) -> bool:
+        """Whether only this machine can reach it."""
+        host, _ = listening(self.listen)
+        try:
+            return ip_address(host).is_loopback
+        except ValueError:
+            return host == "localhost"

@@ -1,0 +1,88 @@
+"""Corrects readings of any devices, all at once."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from bridge.wire.batches import MAX_CORRECTED
+from bridge.wire.messages import CorrectedBatch, SampleFlag
+from estimator.device.correction import Correction
+from estimator.kernels.samples import corrected
+from estimator.samples.sample_buffer import HOST_NS, Samples
+
+
+class Cut(NamedTuple):
+    """Samples first to end of a message, and what corrects them."""
+
+    samples: Samples
+    correction: Correction
+    first: int
+    end: int
+
+    @property
+    def n(self) -> int:
+        """How many samples it has."""
+        return self.end - self.first
+
+    @property
+    def sequence(self) -> int:
+        """The number of the first sample."""
+        return self.samples.sequence + self.first
+
+    @property
+    def start_time_ns(self) -> int:
+        """Host time of the first sample, ns since the Unix epoch."""
+        return self.samples.places.item(self.first, HOST_NS)
+
+    @property
+    def ticks(self) -> bytes:
+        """Of its samples, as on the wire."""
+        return self.samples.ticks[8 * self.first : 8 * self.end]
+
+
+#: corrected rates (n, 3) float32 and flags (n,) uint32, packed as on the wire: no flags where none is set
+Rates = tuple[bytes, bytes]
+
+
+def correct(cuts: Sequence[Cut]) -> list[Rates]:
+    """The rates of each, the same bits however many are corrected at once.
+
+    A rate beyond the wire's range stands at its limit, marked as clipped.
+    """
+    if not cuts:
+        return []
+    parts = [samples.rows if end - first == samples.n else samples.rows[first:end] for samples, _, first, end in cuts]
+    rows = np.concatenate(parts)
+    parameters = np.concatenate([correction.parameters for _, correction, _, _ in cuts]).reshape(-1, 12)
+    counts = [end - first for _, _, first, end in cuts]
+    rate, beyond = np.empty((len(rows), 3), np.float32), np.empty(len(rows), np.bool_)
+    clips = corrected(rows, np.array(counts), parameters, MAX_CORRECTED, rate, beyond)
+    packed, found, at = rate.tobytes(), list[Rates](), 0
+    for cut, n in zip(cuts, counts, strict=True):
+        flags = cut.samples.flags[4 * cut.first : 4 * cut.end]
+        if clips and beyond[at : at + n].any():
+            known = np.frombuffer(flags or bytes(4 * n), np.uint32)
+            flags = np.where(beyond[at : at + n], known | np.uint32(SampleFlag.CLIPPED), known).tobytes()
+        found.append((packed[12 * at : 12 * (at + n)], flags))
+        at += n
+    return found
+
+
+def batch_of(cut: Cut, rates: Rates) -> CorrectedBatch:
+    """What is published of a cut."""
+    samples, correction, (rate, flags) = cut.samples, cut.correction, rates
+    return CorrectedBatch(
+        device=samples.device,
+        boot=samples.boot,
+        sequence=cut.sequence,
+        start_time_ns=cut.start_time_ns,
+        tick_period_s=samples.tick_period_s,
+        clock_rate=samples.clock_rate,
+        ticks=np.frombuffer(cut.ticks, np.uint64),
+        rate=np.frombuffer(rate, np.float32).reshape(-1, 3),
+        flags=np.frombuffer(flags or bytes(4 * cut.n), np.uint32),
+        quality=correction.quality,
+        **correction.told._asdict(),
+        calibration=correction.calibration,
+    )

@@ -1,0 +1,431 @@
+"""Estimates of one boot: a block of samples in; calibration, bias and the correction to apply out."""
+
+from collections import deque
+from collections.abc import Callable
+from math import isnan
+
+import numpy as np
+
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentences
+from bridge.wire.messages import Calibration, State, Verdict
+from bridge.wire.refusal import Tally
+from estimator.calibration.capture import Rest
+from estimator.calibration.result import Result
+from estimator.calibration.session_events import Expired, Finished, Ignored, Progress, RestFound, TurnFound
+from estimator.device.calibration_progress import CalibrationProgress
+from estimator.device.correction import Correction, believed, choose
+from estimator.device.lifecycle import Event, Lifecycle
+from estimator.device.outcome import Outcome
+from estimator.device.prior_knowledge import PriorKnowledge, calibrated_bias, wider
+from estimator.device.revision_sequences import RevisionSequences
+from estimator.device.session_knobs import SessionKnobs
+from estimator.geometry.gyro_model import reading_std
+from estimator.samples.sample_buffer import HOST_NS, SEQUENCE, TIME, WIDTH, Floats, SampleBuffer
+from estimator.state import StateStruct, shaped
+from estimator.stillness.detector import Stillness, StillnessState, Windows
+from estimator.tracking.bias_filter import BiasState
+from estimator.tracking.evidence import Receipt
+from estimator.tracking.seconds import Second
+from estimator.tracking.temperature_law import TemperatureLaw
+from estimator.tracking.tracker import RestBias, Tracker, TrackerState
+
+#: makes of a result what is published and kept, with who asked for it, at a host time
+AsMessage = Callable[[Result, str, int], Calibration]
+#: for so many seconds it is said that a calibration was cancelled; then again how it is
+CANCELLED_S = 60.0
+_GOES_ON = (Code.CALIBRATION_GOES_ON(),)
+_HOLD_STILL = (Code.HOLD_STILL(),)
+_WAS_DOUBTED = (Code.BIAS_WAS_DOUBTED(),)
+_CONFIRMED = (Code.BIAS_CONFIRMED(),)
+
+
+class Taken(StateStruct):
+    """n samples that are still needed, numbered from `first` on, by column; whole numbers as the first and the differences.
+
+    time: the bits of device times, s. rows (n, 8): the other columns of estimator/samples/sample_buffer.py.
+    """
+
+    first: int
+    time: list[int]
+    rows: Floats
+    sequence: list[int]
+    host_ns: list[int]
+
+    @classmethod
+    def of(cls, buffer: SampleBuffer, end: int) -> "Taken":
+        """What is needed of the samples of a buffer up to before this number."""
+        rows, places = buffer.rows(buffer.begin, end), buffer.places(buffer.begin, end)
+        time = np.ascontiguousarray(rows[:, TIME]).view(np.int64)
+        columns = (np.diff(column, prepend=0).tolist() for column in (places[:, SEQUENCE], places[:, HOST_NS]))
+        return cls(buffer.begin, np.diff(time, prepend=0).tolist(), np.delete(rows, TIME, axis=1), *columns)
+
+    def buffer(self) -> SampleBuffer:
+        """The samples. Raises ValueError."""
+        n = len(self.time)
+        shaped(self.rows, n, WIDTH - 1)
+        if not n == len(self.sequence) == len(self.host_ns):
+            raise ValueError("damaged state: columns of samples of unlike length")
+        time, sequence, host_ns = (
+            np.cumsum(np.array(column, np.int64)) for column in (self.time, self.sequence, self.host_ns)
+        )
+        buffer = SampleBuffer(self.first)
+        places = np.column_stack([sequence, host_ns, np.zeros(n, np.int64)])
+        buffer.put([(np.insert(self.rows, TIME, time.view(np.float64), axis=1), places)])
+        return buffer
+
+
+class BootEstimationState(StateStruct):
+    """All of what a boot has taught that evolves, but for the samples of a calibration under way, and the smoother's history.
+
+    calibration: its number; it goes its own way. asked: who asked for a calibration that is under way, and why. turned: axes
+    whose turns were taken. reached: sequence number and host time of the last sample that the bias knows of.
+    """
+
+    tracker: TrackerState
+    stillness: StillnessState
+    taken: Taken
+    calibration: str
+    under_way: bool
+    asked: tuple[str, str] | None
+    turned: tuple[int, ...]
+    began: float
+    now: float
+    scratch: Sentences
+    moves: float | None
+    silent_until: float
+    silent_c: float | None
+    cancelled: Sentences
+    cancelled_until: float
+    slope_learnt: bool
+    reached: tuple[int, int] | None
+
+
+class BootEstimation:
+    """Of a boot that began at a device time, s. What happens is told to `life`, and counted in `events`."""
+
+    def __init__(
+        self,
+        knobs: SessionKnobs,
+        began: float,
+        law: TemperatureLaw | None,
+        life: Lifecycle,
+        events: Tally,
+        as_message: AsMessage,
+    ) -> None:
+        self.began = began
+        #: of this boot, and of an earlier one under the same restore key
+        self.calibration: Calibration | None = None
+        self.prior: Calibration | None = None
+        #: why nothing known of earlier holds, said until it is calibrated
+        self.scratch: Sentences = ()
+        self.under_way: CalibrationProgress | None = CalibrationProgress(knobs)
+        self._moves: float | None = None
+        self._silent_until = float("-inf")  # device time of the first sample after the latest silence
+        self._silent_c: float | None = None  # and how warm it was then
+        #: device time of the last window that was judged
+        self.now = began
+        #: what is said of a calibration that was cancelled, and the device time until which it is
+        self._cancelled: Sentences = ()
+        self._cancelled_until = float("inf")
+        self._slope_learnt = False  # under a law, of a calibrated bias
+        self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
+        self._stillness = Stillness(knobs.stillness)
+        self._belief = believed(None, None, knobs.prior)
+        self.tracker = Tracker(knobs.track, began, self._belief.model, self._belief.bias_std, law)
+        self._past = RevisionSequences()
+
+    def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
+        """All that evolves: for `encode`, at once. It has learnt from the samples of a buffer up to before this number."""
+        used = self.calibration or self.prior
+        return BootEstimationState(
+            self.tracker.saved(),
+            self._stillness.saved,
+            Taken.of(buffer, end),
+            "" if used is None else used.id,
+            self.under_way is not None,
+            self.asked,
+            self.turned,
+            self.began,
+            self.now,
+            self.scratch,
+            self._moves,
+            self._silent_until,
+            self._silent_c,
+            self._cancelled,
+            self._cancelled_until,
+            self._slope_learnt,
+            self.reached,
+        )
+
+    def go_on(self, saved: BootEstimationState, calibration: Calibration | None, boot: int) -> SampleBuffer:
+        """Go on from what was saved, in a boot of which nothing is known yet: the samples so far. Raises ValueError.
+
+        calibration: the one it names, of this boot or of an earlier one.
+        """
+        if saved.calibration != ("" if calibration is None else calibration.id):
+            raise ValueError(
+                f"the state goes with calibration {saved.calibration or 'none'}, which is not the one given"
+            )
+        own = calibration is not None and calibration.boot == boot
+        self.calibration, self.prior = (calibration, None) if own else (None, calibration)
+        self._belief = believed(self.calibration, self.prior, self._knobs.prior, saved.moves)
+        who, why = saved.asked or ("", "")
+        self.under_way = CalibrationProgress(self._knobs, who, why) if saved.under_way else None
+        buffer = saved.taken.buffer()
+        self._stillness.resume(saved.stillness)
+        first, end = saved.taken.first, saved.stillness.next
+        if not first <= end <= buffer.end:
+            raise ValueError("damaged state: samples are missing")
+        self.tracker.go_on(saved.tracker, self._belief.model, first, buffer.rows(first, end))
+        self._law = saved.tracker.law
+        self.began, self.now, self.scratch, self._moves = saved.began, saved.now, saved.scratch, saved.moves
+        self._silent_until, self._silent_c = saved.silent_until, saved.silent_c
+        self._cancelled, self._cancelled_until = saved.cancelled, saved.cancelled_until
+        self._slope_learnt = saved.slope_learnt
+        if saved.reached is not None:
+            self._past.note(self.tracker.time, *saved.reached)
+        return buffer
+
+    # ---- what is known of earlier, or by others --------------------------------------------------------------------
+
+    def restore(self, remembered: PriorKnowledge, calibration: Calibration, temperature_c: float | None) -> None:
+        """Go on with a calibration of this very boot, and with what is remembered of its bias since."""
+        self.calibration, self.prior, self.under_way = calibration, None, None
+        self._belief = believed(calibration, None, self._knobs.prior)
+        knobs = self._knobs.track
+        kept = remembered.bias_at(self.now, knobs.bias_std)
+        if kept is None:  # nor is it known when it was switched on
+            kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias, self._law), knobs.bias_std)
+        self._slope_learnt = remembered.bias is not None or self._law is not None
+        self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
+        self._life.on(Event.RESTORED, _GOES_ON)
+        if remembered.doubted:
+            self.tracker.doubt.why = (Code.CALIBRATED(), *_WAS_DOUBTED)
+            self._life.on(Event.DOUBTED, self.tracker.doubt.why)
+
+    def resume(self, remembered: PriorKnowledge, temperature_c: float | None) -> bool:
+        """Go on with the bias of a boot that was not calibrated, if one is remembered."""
+        kept = remembered.bias_at(self.now, self._knobs.track.bias_std)
+        if kept is None or self.calibration is not None:
+            return False
+        self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
+        if remembered.doubted:
+            self.tracker.doubt.why = _WAS_DOUBTED
+        return True
+
+    def believe(self, calibration: Calibration) -> None:
+        """Use the scale factors of an earlier boot until this one is calibrated."""
+        self.prior = calibration
+        self._belief = believed(None, calibration, self._knobs.prior, self._moves)
+        if self.tracker.sure:
+            self.tracker.rescaled(self._belief.model)
+        else:
+            self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
+
+    def moves(self, moves: float) -> bool:
+        """How far its scale moves from boot to boot, by earlier ones; whether that tells anything of this one."""
+        self._moves = moves
+        if self.prior is None:
+            return False
+        self._belief = believed(None, self.prior, self._knobs.prior, moves)
+        self.tracker.rescaled(self._belief.model)
+        return True
+
+    def expect(self, law: TemperatureLaw) -> None:
+        """Use what earlier boots taught of temperature, where it was not known when this one began."""
+        self._law = law
+        if self.calibration is not None and self._slope_learnt:
+            self.tracker.follow(law)
+        else:
+            self.tracker.expect(law)
+            self._slope_learnt = self.calibration is not None
+
+    def resumed(self, time: float, celsius: float | None) -> None:
+        """Go on after a silence: until the tracker comes to this device time, what is known there counts; it is so warm."""
+        self._silent_until, self._silent_c = time, celsius
+
+    # ---- samples --------------------------------------------------------------------------------------------------
+
+    def learn(self, buffer: SampleBuffer, end: int, of: tuple[str, int], outcome: Outcome) -> bool:
+        """Learn from samples of a buffer up to before the one of this number; whether there is anything new to apply.
+
+        of: their device and boot.
+        """
+        tracker, begin, belief = self.tracker, self.tracker.time, self._belief
+        tracked, windows = begin, self._stillness.take(buffer, end)
+        seconds: deque[tuple[int, Second]] | None = None  # that these windows complete, and which of them
+        for i, ((begun, now, last, still), celsius) in enumerate(zip(windows.heads, windows.celsius, strict=True)):
+            self.now = now
+            if not isnan(celsius):
+                tracker.thermometer.read(now, celsius)
+            if self._life.state is State.WARMING:
+                self._warming(windows.part(i, i + 1), outcome)
+                buffer.forget(last)
+                continue
+            if seconds is None:
+                others = windows.part(i)
+                seconds = deque((i + at, second) for at, second in tracker.seconds.take(others))
+                if self.under_way is not None:
+                    self.under_way.add(others)
+            while seconds and seconds[0][0] == i:
+                _, second = seconds.popleft()
+                self._second(tracker.learn(second), outcome)
+                self._past.note(second.end, *buffer.place(second.last))
+                buffer.forget(second.last)
+            if (under_way := self.under_way) is not None:
+                for progress in under_way.judge(begun, now, still=still):
+                    self._progress(progress, under_way, outcome, buffer.place(last)[1])
+            if now >= self._cancelled_until:
+                self._as_it_is(outcome)
+            if tracked != tracker.time and (improved := tracker.improved()) is not None:
+                used, (_, time_ns) = self._belief, buffer.place(last)
+                revision = self._past.revision(of, time_ns, used.calibration, used.model.matrix, *improved)
+                outcome.revisions += [] if revision is None else [revision]
+            tracked = tracker.time
+        return tracker.time != begin or self._belief is not belief
+
+    def _warming(self, windows: Windows, outcome: Outcome) -> None:
+        """A window while the device warms up."""
+        if self.under_way is not None:
+            self.under_way.add(windows)
+        if self.now - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
+            self._happens(Event.WARM, _HOLD_STILL, outcome)
+        self.tracker.skip(windows)
+
+    def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
+        """What the tracker makes of a second."""
+        for receipt in receipts:
+            if not receipt.accepted:
+                self._events.add(f"{receipt.kind}: {receipt.reason}")
+            elif self._doubted:
+                self._confirm(outcome)
+        if self.tracker.law_refuted and self._law is not None:
+            self._law = None
+            self._events.add("temperature law disagrees")
+            outcome.said.append(english(Code.TEMPERATURE_LAW_REFUTED()))
+        if (why := self.tracker.doubts(self.now)) and not self._happens(Event.DOUBTED, why, outcome):
+            self._say_beside(why, outcome)
+
+    def _confirm(self, outcome: Outcome) -> None:
+        """End a doubt, if what was heard of rests does."""
+        if self.tracker.trusts() and not self._happens(Event.CONFIRMED, (Code.CALIBRATED(), *_CONFIRMED), outcome):
+            self._say_beside(_CONFIRMED, outcome)
+
+    def _say_beside(self, news: Sentences, outcome: Outcome) -> None:
+        """What is no event of a device that is being calibrated: its reason is what is to be done now."""
+        outcome.changed = True
+        outcome.said.append(english(*news))
+
+    @property
+    def _doubted(self) -> bool:
+        """Whether there is anything to be confirmed."""
+        return self.tracker.doubt.stands or self._life.state is State.DEGRADED
+
+    # ---- calibration ----------------------------------------------------------------------------------------------
+
+    def _progress(self, progress: Progress, under_way: CalibrationProgress, outcome: Outcome, now_ns: int) -> None:
+        """What a window completes of a calibration under way; now_ns: host time of the window's last sample."""
+        match progress:
+            case RestFound():
+                self._happens(Event.RESTED, (Code.TURN_NOW(axes=under_way.missing),), outcome)
+            case TurnFound():
+                self._happens(Event.TURNED, under_way.said(progress), outcome)
+            case Expired() | Ignored():
+                if isinstance(progress, Ignored):
+                    self._events.add("movement ignored")
+                needed = under_way.said(progress)
+                self._life.say(needed)
+                outcome.changed = True
+                outcome.said.append(english(*needed))
+            case Finished(result, rest):
+                self._finish(result, rest, under_way, outcome, now_ns)
+
+    def _finish(
+        self, result: Result, rest: Rest, under_way: CalibrationProgress, outcome: Outcome, now_ns: int
+    ) -> None:
+        made = self._as_message(result, under_way.who, now_ns)
+        outcome.calibrations.append(made)
+        if result.verdict is not Verdict.ACCEPTED:
+            self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
+            return
+        self.calibration, self.prior, self.under_way, self.scratch = made, None, None, ()
+        self._belief = believed(self.calibration, None, self._knobs.prior)
+        self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
+        self._slope_learnt = self._law is not None
+        self._happens(Event.CALIBRATED, (Code.CALIBRATED(), *result.reason), outcome)
+
+    def cancel(self, who: str) -> None:
+        """Stop one that is under way; an old one stays, else it begins anew."""
+        if self.calibration is None:
+            self.under_way = CalibrationProgress(self._knobs)
+            self._life.say((Code.CALIBRATION_CANCELLED(who=who), *_HOLD_STILL))
+            return
+        self.scratch, self.under_way = (), None
+        self._cancelled = (Code.CALIBRATION_CANCELLED(who=who), Code.OLD_CALIBRATION_STAYS())
+        self._cancelled_until = self.now + CANCELLED_S
+        self._life.say(self._cancelled)
+
+    def _as_it_is(self, outcome: Outcome) -> None:
+        """That one was cancelled was said for long enough, unless something else was said since."""
+        if self._life.goes_on == self._cancelled:
+            self._life.say(self.tracker.doubt.why or _GOES_ON)
+            outcome.changed = True
+        self._cancelled_until = float("inf")
+
+    def _happens(self, event: Event, reason: Sentences, outcome: Outcome) -> bool:
+        before = self._life.state
+        if not self._life.on(event, reason):
+            return False
+        outcome.changed = True
+        outcome.said.append(f"{before.name} -> {self._life.state.name}: {english(*reason)}")
+        return True
+
+    # ---- what is known now ----------------------------------------------------------------------------------------
+
+    @property
+    def near(self) -> bool:
+        """Whether what comes next may end a calibration, which takes as long as hundreds of batches."""
+        return self.under_way is not None and self.under_way.near
+
+    @property
+    def awaited(self) -> bool:
+        """Whether somebody waits for what the next samples show: a calibration's first rest, or one of its turns."""
+        return self.under_way is not None and self.under_way.awaited
+
+    @property
+    def asked(self) -> tuple[str, str] | None:
+        """Who asked for the recalibration that is under way, and why; None while none is."""
+        return None if self.under_way is None else self.under_way.asked
+
+    @property
+    def turned(self) -> tuple[int, ...]:
+        """Axes whose turns are taken, of a calibration under way."""
+        return () if self.under_way is None else self.under_way.turned
+
+    @property
+    def progress(self) -> float:
+        """How much of a calibration is done, 0 to 1."""
+        return 1.0 if self.under_way is None else min(0.1 * self.tracker.sure + 0.3 * len(self.turned), 1.0)
+
+    def bias(self) -> BiasState | None:
+        """As it would be restored; of a calibrated boot, or one that is sure of it."""
+        return self.tracker.worth_keeping if self.calibration is not None or self.tracker.sure else None
+
+    @property
+    def reached(self) -> tuple[int, int] | None:
+        """Sequence number and host time of the last sample that the bias knows of; None before there is one."""
+        return self._past.reached
+
+    def correction(self) -> Correction:
+        """What all of it says is to be applied."""
+        noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
+        track = self.tracker
+        bias, std = track.ahead(self._silent_until, self._silent_c)
+        sure = track.sure and not track.doubt.stands and all(axis < self._knobs.track.bias_std for axis in std.tolist())
+        flicker = self._knobs.track.bias.flicker
+        return choose(self._belief, bias, std, noise_std, flicker, sure=sure, away=self._life.away)
+
+
+def _bias_in(rest: Rest) -> RestBias:
+    return RestBias(rest.bias, rest.bias_cov, rest.rounding_var, rest.middle, rest.end)

@@ -1,0 +1,60 @@
+"""Sequence numbers at the ends of the tracker's seconds, for revisions of the past."""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.reasons.codes import Code
+from bridge.wire.messages import BiasRevision
+from estimator.tracking.smoother import Smoothed
+
+#: seconds whose samples are remembered
+REVISED_S = 2000
+
+
+class RevisionSequences:
+    """Of one boot: device time, sequence number and host time of samples."""
+
+    def __init__(self) -> None:
+        self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
+
+    def note(self, end: float, sequence: int, time_ns: int) -> None:
+        """The tracker has come to the end of a second, device time, with this sample."""
+        self._seconds.append((end, sequence, time_ns))
+
+    @property
+    def reached(self) -> tuple[int, int] | None:
+        """Sequence number and host time of the last sample that the tracker knows of; None before there is one."""
+        return self._seconds[-1][1:] if self._seconds else None
+
+    def revision(
+        self,
+        of: tuple[str, int],
+        time_ns: int,
+        calibration: str,
+        matrix: NDArray[np.float64],
+        gap_s: float,
+        smoothed: Smoothed,
+    ) -> BiasRevision | None:
+        """A better past for those who keep it: the seconds of a gap of which the samples are still known, or None.
+
+        of: device and boot. time_ns: host time of the sample with which it became known.
+        """
+        known = {time: (sequence, time_ns) for time, sequence, time_ns in self._seconds}
+        kept = [i for i, time in enumerate(smoothed.time) if time in known]
+        if not kept:
+            return None
+        sequences, times_ns = zip(*(known[smoothed.time[i]] for i in kept), strict=True)
+        return BiasRevision(
+            device=of[0],
+            boot=of[1],
+            calibration=calibration,
+            time_ns=time_ns,
+            matrix=matrix,
+            sequences=np.array(sequences, np.uint64),
+            times_ns=np.array(times_ns, np.int64),
+            bias=smoothed.bias[kept].astype(np.float32),
+            bias_std=smoothed.std[kept].astype(np.float32),
+            reason=(Code.AT_REST_AGAIN(gap_s=f"{gap_s:.0f}"),),
+        )

@@ -1,0 +1,94 @@
+"""Summaries of samples per tenth of a second of device time, for views of many devices. Pure.
+
+The mean over a window is the moving average that keeps what is faster than the windows from showing as something slow.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.messages import WindowBatch
+from estimator.device.correction import Correction
+from estimator.geometry.gyro_model import corrected
+from estimator.samples.blocks import BLOCK_S
+from estimator.samples.sample_buffer import FLAGS, GYRO, HOST_NS, SEQUENCE, TIME
+
+Floats = NDArray[np.float64]
+Wholes = NDArray[np.int64]
+
+WINDOWS_HZ = 10
+#: of a block, which one message tells of
+_WINDOWS = round(BLOCK_S * WINDOWS_HZ)
+
+
+class Second(NamedTuple):
+    """Samples of a block that is over, rows (n, 9) and places (n, 3) of `device.samples`, and how they were corrected."""
+
+    device: str
+    boot: int
+    rows: Floats
+    places: Wholes
+    applied: Correction
+
+
+def windows(seconds: Sequence[Second]) -> list[WindowBatch]:
+    """A message of each second, of one device or of many: all of them in one go."""
+    lengths = np.array([len(second.rows) for second in seconds])
+    of_second = np.repeat(np.arange(len(seconds)), lengths)
+    rows, places = (np.concatenate([getattr(second, name) for second in seconds]) for name in ("rows", "places"))
+    begin_s = np.array([second.rows[0, TIME] // BLOCK_S * BLOCK_S for second in seconds])
+    within = ((rows[:, TIME] - begin_s[of_second]) * WINDOWS_HZ).astype(np.int64).clip(0, _WINDOWS - 1)
+    begins = np.append(
+        0, ((of_second * _WINDOWS + within)[1:] != (of_second * _WINDOWS + within)[:-1]).nonzero()[0] + 1
+    )
+    samples = np.append(begins[1:], len(rows)) - begins
+    ends = begins + samples - 1
+    columns = np.concatenate([_spread(values, begins, samples) for values in _values(seconds, rows, lengths)])
+    sequences, times_ns = places[ends, SEQUENCE].astype(np.uint64), places[ends, HOST_NS]
+    flags = np.bitwise_or.reduceat(places[:, FLAGS], begins).astype(np.uint32)
+    numbers = samples.astype(np.uint32)
+    cuts = np.searchsorted(of_second[ends], np.arange(len(seconds) + 1)).tolist()
+    found = []
+    for second, a, b in zip(seconds, cuts, cuts[1:], strict=False):
+        found.append(
+            WindowBatch(
+                second.device,
+                second.boot,
+                1 / WINDOWS_HZ,
+                sequences[a:b],
+                times_ns[a:b],
+                numbers[a:b],
+                flags[a:b],
+                columns[0, a:b],
+                columns[1, a:b],
+                columns[2, a:b],
+                columns[3, a:b],
+                columns[4, a:b],
+                columns[5, a:b],
+                columns[6, a:b],
+                columns[7, a:b],
+                quality=second.applied.quality,
+                calibration=second.applied.calibration,
+                **second.applied.told._asdict(),
+            )
+        )
+    return found
+
+
+def _spread(values: Floats, begins: Wholes, n: Wholes) -> NDArray[np.float32]:
+    """(4, m, 3) mean, deviation from it, least and most of windows of n (m,) values (…, 3) that begin there."""
+    mean = np.add.reduceat(values, begins) / n[:, None]
+    off = values - mean.repeat(n, axis=0)
+    std = np.sqrt(np.add.reduceat(off * off, begins) / n[:, None])
+    found = [mean, std, np.minimum.reduceat(values, begins), np.maximum.reduceat(values, begins)]
+    return np.array(found, np.float32)
+
+
+def _values(seconds: Sequence[Second], rows: Floats, lengths: Wholes) -> tuple[Floats, Floats]:
+    """Readings (n, 3), and their corrected rates (n, 3) as they are published."""
+    reading = rows[:, GYRO]
+    matrix = np.array([second.applied.model.matrix for second in seconds]).repeat(lengths, axis=0)
+    bias = np.array([second.applied.model.bias for second in seconds]).repeat(lengths, axis=0)
+    return reading, corrected(reading, matrix, bias)

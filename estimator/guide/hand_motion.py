@@ -1,0 +1,100 @@
+"""Motion of the hand from a device's readings: how long it rests, how far it has turned about which axis."""
+
+import numpy as np
+
+from bridge.wire.messages import Floats, SampleBatch, SampleFlag
+from estimator.calibration.stages import StageKnobs
+from estimator.calibration.turn_recognition import TurnKnobs
+from estimator.stillness.detector import Stillness, StillnessKnobs, Window
+
+#: part of the rotation about one axis from which on it can be named while it is being turned
+SHARE = 0.8
+#: part of gravity along an axis that stands upright
+UPRIGHT = 0.8
+
+
+class Hand:
+    """One device. Batches in; a boot that is another begins anew. Angles in rad, as read: no scale factor is applied."""
+
+    def __init__(self, stillness: StillnessKnobs | None = None) -> None:
+        self._knobs = stillness or StillnessKnobs()
+        self.rest_s, self._nudge = StageKnobs().rest_s, TurnKnobs().nudge
+        self._begin(None)
+
+    def _begin(self, boot: int | None) -> None:
+        self.boot = boot
+        self._stillness = Stillness(self._knobs)
+        self._latest = self._until = -np.inf
+        self._since: float | None = None
+        self._sum, self._n, self._bias = np.zeros(3), 0, np.zeros(3)
+        #: seconds of stillness, until now
+        self.still_s = 0.0
+        #: whether it rests for long enough
+        self.settled = False
+        #: (3,) rad turned about each axis since the last rest that was long enough began to end
+        self.turned: Floats = np.zeros(3)
+        #: the axis that stands upright where it rests, or None when that is not known
+        self.upright: int | None = None
+        #: whether that axis points down
+        self.upside_down = False
+
+    def take(self, batch: SampleBatch) -> None:
+        """The next batch; what was there already, or is no number, is left out."""
+        if batch.boot != self.boot:
+            self._begin(batch.boot)
+        time = batch.device_time
+        fresh = (time > self._latest) & np.isfinite(batch.gyro).all(axis=1)
+        if not fresh.any():
+            return
+        time = time[fresh]
+        self._latest = float(time[-1])
+        accel = None if batch.accel is None else batch.accel[fresh].astype(float)
+        clipped = (batch.flags[fresh] & SampleFlag.CLIPPED) != 0
+        for window in self._stillness.feed(time, batch.gyro[fresh].astype(float), accel, clipped):
+            self._window(window)
+
+    def begin_rest(self) -> None:
+        """A calibration begins: the rest it needs is counted from now on."""
+        self._since, self.still_s, self.settled, self.turned = None, 0.0, False, np.zeros(3)
+
+    @property
+    def rested(self) -> float:
+        """How much of the rest it needs is over, 0 to 1."""
+        return min(1.0, self.still_s / self.rest_s)
+
+    @property
+    def axis(self) -> int | None:
+        """The axis it has been turned about by more than a nudge; None while that is none, or cannot be told."""
+        angle = float(np.linalg.norm(self.turned))
+        axis = int(np.argmax(np.abs(self.turned)))
+        return axis if angle > self._nudge and abs(float(self.turned[axis])) > SHARE * angle else None
+
+    @property
+    def moved(self) -> bool:
+        """Whether it was turned by more than a nudge since the last rest."""
+        return float(np.linalg.norm(self.turned)) > self._nudge
+
+    def _window(self, window: Window) -> None:
+        if window.still:
+            self._rests(window)
+        else:
+            if self.settled:
+                self.turned = np.zeros(3)
+            self._since, self.still_s, self.settled = None, 0.0, False
+        if not self.settled:
+            since = self._until if window.start_time - self._until < self._stillness.knobs.gap_s else window.start_time
+            self.turned = self.turned + (window.mean - self._bias) * (window.end_time - since)
+        self._until = window.end_time
+
+    def _rests(self, window: Window) -> None:
+        if self._since is None:
+            self._since, self._sum, self._n = window.start_time, np.zeros(3), 0
+        self._sum, self._n = self._sum + window.samples * window.mean, self._n + window.samples
+        self.still_s = window.end_time - self._since
+        if self.still_s < self.rest_s:
+            return
+        self.settled, self._bias = True, self._sum / self._n
+        if window.accel_mean is not None:
+            down = np.abs(window.accel_mean) / max(float(np.linalg.norm(window.accel_mean)), 1e-9)
+            self.upright = int(np.argmax(down)) if down.max() > UPRIGHT else None
+            self.upside_down = self.upright is not None and bool(window.accel_mean[self.upright] < 0)

@@ -1,0 +1,104 @@
+"""The loops behind tracking/bias_filter.py: a measurement against what is believed, an inverse, and the bias's part of a step.
+
+Letters as there: x (n,) the state, P its covariance, z (m,) a measurement with covariance R, H what it sees of the state.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.kernels.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+
+@compiled("Tuple((f8[::1], f8[:, ::1], f8, f8))(f8[:], f8[:, :], f8[:, :], f8[:], f8[:, :], f8[:, :], i8)")
+def weighed(
+    z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, M: Floats, first: int
+) -> tuple[Floats, Floats, float, float]:
+    """Innovation (m,) of z = H x, its covariance S (m, m), and the NIS of the first so many of z and of the others.
+
+    Of the others all is said as it is once the first are taken, of which S then has no part in common with them.
+    An NIS is infinite where not all of z, H and R is finite, or R leaves a part of z without noise.
+    M (n, m): covariance of the error of x with the noise of z; (n, 0) where they have nothing in common.
+    """
+    m, n = H.shape
+    y, S, seen, sound = np.empty(m), np.empty((m, m)), np.zeros((m, n)), True
+    for i in range(m):
+        y[i] = z[i]
+        for k in range(n):
+            if H[i, k] != 0.0:
+                y[i] -= H[i, k] * x[k]
+                for j in range(n):
+                    seen[i, j] += H[i, k] * P[k, j]
+        sound &= np.isfinite(y[i]) and R[i, i] > 0.0
+    for i in range(m):
+        for j in range(m):
+            S[i, j] = R[i, j]
+            for k in range(n):
+                S[i, j] += seen[i, k] * H[j, k]
+            if M.shape[1]:
+                for k in range(n):
+                    S[i, j] += H[i, k] * M[k, j] + M[k, i] * H[j, k]
+            sound &= np.isfinite(S[i, j])
+    # Cholesky: S = L L', L a = y, NIS = a' a.
+    L, a, before, nis = np.zeros((m, m)), np.empty(m), 0.0, 0.0
+    for i in range(m):
+        a[i] = y[i]
+        for j in range(i + 1):
+            L[i, j] = S[i, j]
+            for k in range(j):
+                L[i, j] -= L[i, k] * L[j, k]
+            if j < i:
+                L[i, j] /= L[j, j]
+                a[i] -= L[i, j] * a[j]
+        L[i, i] = np.sqrt(L[i, i])
+        a[i] /= L[i, i]
+        if i < first:
+            before += a[i] * a[i]
+        else:
+            nis += a[i] * a[i]
+    if first:
+        for i in range(first, m):
+            y[i] = 0.0
+            for k in range(first, i + 1):
+                y[i] += L[i, k] * a[k]
+            S[i, :first], S[:first, i] = 0.0, 0.0
+            for j in range(first, m):
+                S[i, j] = 0.0
+                for k in range(first, min(i, j) + 1):
+                    S[i, j] += L[i, k] * L[j, k]
+    sound &= np.isfinite(before + nis)
+    return y, S, before if sound else np.inf, nis if sound else np.inf
+
+
+@compiled("f8[:, ::1](f8[:, :])")
+def inverse(S: Floats) -> Floats:
+    """Of a positive definite matrix (m, m), by Gauss and Jordan, who need no pivots there."""
+    m, found = len(S), S.copy()
+    for k in range(m):
+        pivot = 1.0 / found[k, k]
+        found[k, k] = 1.0
+        for j in range(m):
+            found[k, j] *= pivot
+        for i in range(m):
+            if i != k:
+                factor, found[i, k] = found[i, k], 0.0
+                for j in range(m):
+                    found[i, j] -= factor * found[k, j]
+    return found
+
+
+@compiled("f8[::1](f8[:], f8[:, :], f8[:, :], f8, f8, f8[:], f8)")
+def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> Floats:
+    """Variance (3,) by which the bias walks in a step x (n,), F, Q (n, n), which are written to: bias and slope stay in them.
+
+    It moves by the slope over so many kelvin, by half of bend (3,), which the slope changes by over `over` K, and by a walk of
+    this variance.
+    """
+    by = np.empty(3)
+    for i in range(3):
+        by[i] = (over / 2 * bend[i]) ** 2 + var
+        x[i] += warmer * x[3 + i]
+        F[i, 3 + i] = warmer
+        Q[i, i], Q[3 + i, 3 + i] = by[i], bend[i] ** 2
+    return by

@@ -1,0 +1,106 @@
+"""The loops over the samples of a round: packed columns into rows, checked; and readings into corrected rates."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.kernels.compiled import compiled
+
+Floats = NDArray[np.float64]
+Float32s = NDArray[np.float32]
+Wholes = NDArray[np.int64]
+
+#: rows of the `numbers` of messages: samples; 0 where one has no accel, °C, flags; sequence number and host time of the first
+COUNT, ACCEL, CELSIUS, FLAGS, FIRST, START = range(6)
+
+
+@compiled("void(i8[:, :], f8[:, :], u8[:], f4[:], u4[:], f8[:], f8[:, :], i8[:, :], f8[:, :])")
+def unpacked(
+    numbers: Wholes,
+    clocks: Floats,
+    ticks: NDArray[np.uint64],
+    floats: Float32s,
+    words: NDArray[np.uint32],
+    limits: Floats,
+    rows: Floats,
+    places: Wholes,
+    found: Floats,
+) -> None:
+    """Writes rows (n, 9) and places (n, 3) of the samples of messages; see estimator/samples/sample_buffer.py.
+
+    And found (3, m) of each message: device time of its first sample and its last, and whether all of it is fit.
+    numbers (6, m); clocks (2, m): tick period, s, and rate. The ticks of all messages lie one after the other, packed as on the
+    wire, behind them all gyro, accel, °C and flags, in the same room as floats and as words. limits: largest gyro, accel, °C and
+    host time; all flags that there are, those that make a reading unfit, and its °C.
+    """
+    m = numbers.shape[1]
+    known, unfit, stepped = np.uint32(limits[4]), np.uint32(limits[5]), np.uint32(limits[6])
+    at, gyro = 0, 2 * len(ticks)
+    accel = gyro + 3 * len(ticks)
+    celsius = accel
+    for i in range(m):
+        celsius += numbers[ACCEL, i] // 4
+    flags = celsius
+    for i in range(m):
+        flags += numbers[CELSIUS, i] // 4
+    for message in range(m):
+        n, first, start = numbers[COUNT, message], numbers[FIRST, message], numbers[START, message]
+        aided, warm, marked = numbers[ACCEL, message] > 0, numbers[CELSIUS, message] > 0, numbers[FLAGS, message] > 0
+        period, rate, begin, fit = clocks[0, message], clocks[1, message], ticks[at], True
+        for i in range(n):
+            row, place, tick = rows[at + i], places[at + i], ticks[at + i]
+            fit &= tick < np.uint64(1 << 63) and (i == 0 or tick > ticks[at + i - 1])
+            row[0] = tick * period
+            for c in range(3):
+                value = floats[gyro + 3 * i + c]
+                fit &= bool(abs(value) <= limits[0])
+                row[1 + c] = value
+                row[4 + c] = np.nan
+                if aided:
+                    value = floats[accel + 3 * i + c]
+                    fit &= bool(abs(value) <= limits[1])
+                    row[4 + c] = value
+            mark = words[flags + i] if marked else np.uint32(0)
+            fit &= mark & ~known == 0
+            row[7] = 1.0 if mark & unfit else 0.0
+            row[8] = np.nan
+            if warm:
+                value = floats[celsius + i]
+                fit &= bool(abs(value) <= limits[2])
+                if not mark & stepped:
+                    row[8] = value
+            passed_ns = np.float64(tick - begin) * period * rate * 1e9 if tick >= begin else np.inf
+            if passed_ns <= limits[3] - start:
+                place[1] = start + np.int64(np.rint(passed_ns))
+            else:
+                fit = False
+            place[0], place[2] = first + i, mark
+        found[0, message], found[1, message], found[2, message] = rows[at, 0], rows[at + n - 1, 0], 1.0 if fit else 0.0
+        at += n
+        gyro += 3 * n
+        accel += numbers[ACCEL, message] // 4
+        celsius += numbers[CELSIUS, message] // 4
+        flags += numbers[FLAGS, message] // 4
+
+
+@compiled("b1(f8[:, :], i8[:], f8[:, :], f8, f4[:, :], b1[:])")
+def corrected(
+    rows: Floats, counts: Wholes, parameters: Floats, limit: float, rate: Float32s, beyond: NDArray[np.bool_]
+) -> bool:
+    """Whether any rate is beyond the limit. Writes corrected rates (n, 3) of rows (n, 9), and which are (n,): those stand at it.
+
+    The first of counts (m,) are corrected by the first of parameters (m, 12), matrix and bias, and so on: rate = matrix
+    (reading - bias), summed from the left as gyro_model.py does. The bits are the same however many are corrected at once.
+    """
+    at, found = 0, False
+    for m in range(len(counts)):
+        own = parameters[m]
+        for i in range(at, at + counts[m]):
+            beyond[i] = False
+            x, y, z = rows[i, 1] - own[9], rows[i, 2] - own[10], rows[i, 3] - own[11]
+            for r in range(3):
+                turn = np.float32(own[3 * r] * x + own[3 * r + 1] * y + own[3 * r + 2] * z)
+                if not abs(turn) <= limit:
+                    turn, beyond[i], found = np.float32(-limit if turn < 0 else limit), True, True
+                rate[i, r] = turn
+        at += counts[m]
+    return found

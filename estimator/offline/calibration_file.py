@@ -1,0 +1,276 @@
+"""A calibration as a JSON file: what `truerate calibrate --json` prints, and enough to correct by again."""
+
+import json
+import os
+from itertools import permutations
+from math import degrees, isfinite, radians
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from bridge.reasons.catalogue import english, sentences_as_json
+from bridge.reasons.codes import Sentence, Sentences
+from bridge.recording import Recording
+from bridge.wire import keys
+from bridge.wire.codec import MAX_CELSIUS, MAX_RATE
+from bridge.wire.messages import Calibration, Turn, Verdict
+from estimator.calibration.result import PARAMETERS, Result, VerdictKnobs
+from estimator.geometry.gyro_model import AXES, Floats, PriorKnobs
+
+FORMAT, VERSION = "truerate calibration", 1
+_MAX_BYTES = 1 << 20
+#: an axis is never so far off the others, rad: a matrix that says so is of something else
+_MOST_ACROSS = 0.3
+#: no gyro reads so much at rest, rad/s, nor scatters so much: probably it is in °/s
+_MOST_BIAS, _MOST_NOISE = 1.0, 0.1
+#: rad/s, nor so little: one that shows no noise rounds it away, which is said by its step
+_LEAST_NOISE = 1e-6
+#: no parameter is known so well, whatever its unit: rad/s, or a share of the scale
+_LEAST_STD = 1e-9
+_ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in permutations(range(3), 2))
+_ADVICE = "`truerate calibrate RECORDING --json > FILE` writes one"
+
+_Name = Annotated[str, msgspec.Meta(max_length=64)]
+_Row = Annotated[list[float], msgspec.Meta(min_length=3, max_length=3)]
+
+
+class CalibrationFileError(Exception):
+    """A calibration file cannot be used: the file, what came, what was expected, what to do."""
+
+
+class _Turn(msgspec.Struct, frozen=True):
+    axis: str
+    angle_deg: float
+    closure_error_deg: float
+    duration_s: float
+
+
+class _Sentence(msgspec.Struct, frozen=True):
+    """A code with its parameters; the text beside them is for people."""
+
+    code: str
+    params: dict[str, str] = {}
+
+
+class _File(msgspec.Struct, frozen=True):
+    """What is taken of a file; other keys are passed over. None where there is no estimate, or it is not known."""
+
+    format: str
+    version: int
+    method: _Name
+    verdict: str
+    matrix: Annotated[list[_Row], msgspec.Meta(min_length=3, max_length=3)] | None
+    bias_rad_s: _Row | None
+    parameters: list[_Name]
+    covariance: list[list[float]] | None
+    noise_std_rad_s: _Row | None
+    id: _Name = ""
+    device: _Name = ""
+    boot: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{16})?$")] = ""
+    reason: list[_Sentence] = []
+    turns: tuple[_Turn, ...] = ()
+    model: _Name = ""
+    firmware: _Name = ""
+    gyro_range_rad_s: float = 0.0
+    rate_hz: float = 0.0
+    temperature_c: float | None = None
+
+
+def of_result(result: Result, recording: Recording | None = None, gyro_range: float = 0.0) -> Calibration:
+    """A result with what is known of the recording it came from: rate, range, and the temperature its bias was at."""
+    warm = None if recording is None else recording.temperature_c
+    celsius = np.nan if recording is None or warm is None else np.interp(result.bias_time, recording.time_s, warm)
+    return Calibration(
+        device=recording.device if recording else "",
+        boot=recording.boot if recording else 0,
+        id=recording.name[:64] if recording else "",
+        time_ns=0,
+        method=result.method,
+        verdict=result.verdict,
+        reason=result.reason,
+        matrix=result.matrix,
+        bias=result.bias,
+        parameters=result.parameters,
+        covariance=result.covariance,
+        turns=result.turns,
+        noise_std=result.noise_std,
+        model="",
+        firmware="",
+        gyro_range=gyro_range,
+        rate_hz=recording.rate_hz if recording else 0.0,
+        temperature_c=float(celsius),
+        who="",
+    )
+
+
+def as_json(calibration: Calibration) -> dict[str, Any]:
+    """Plain values; matrix, bias, covariance and noise are null when there is no estimate."""
+    c = calibration
+    known = bool(len(c.covariance)) and bool(np.all(np.isfinite(c.covariance)))
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "id": c.id,
+        "device": c.device,
+        "boot": keys.boot_id(c.boot) if c.boot else "",
+        "method": c.method,
+        "verdict": c.verdict.name.lower(),
+        "reason": sentences_as_json(c.reason),
+        "matrix": c.matrix.tolist() if known else None,
+        "bias_rad_s": c.bias.tolist() if known else None,
+        "parameters": list(c.parameters),
+        "covariance": c.covariance.tolist() if known else None,
+        "noise_std_rad_s": c.noise_std.tolist() if known else None,
+        "turns": [
+            {
+                "axis": AXES[turn.axis],
+                "angle_deg": degrees(turn.angle),
+                "closure_error_deg": degrees(turn.closure_error),
+                "duration_s": turn.duration_s,
+            }
+            for turn in c.turns
+        ],
+        "model": c.model,
+        "firmware": c.firmware,
+        "gyro_range_rad_s": c.gyro_range,
+        "rate_hz": c.rate_hz,
+        "temperature_c": c.temperature_c if isfinite(c.temperature_c) else None,
+    }
+
+
+def save(calibration: Calibration, path: Path | str) -> None:
+    """Write a calibration, whole or not at all."""
+    path = Path(path)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+        with part.open("x", encoding="utf-8") as file:
+            file.write(json.dumps(as_json(calibration)) + "\n")
+            file.flush()
+            os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def load(path: Path | str) -> Calibration:
+    """Read an accepted calibration; its time is not in the file, its device and boot may be. Raises CalibrationFileError."""
+    path = Path(path)
+    file = _read(path)
+    if (file.format, file.version) != (FORMAT, VERSION):
+        raise CalibrationFileError(
+            f"{path}: format {file.format[:64]!r}, version {file.version}; {FORMAT!r}, version {VERSION}, is expected"
+        )
+    if file.verdict != "accepted":
+        raise CalibrationFileError(
+            f"{path}: its verdict is {file.verdict[:64]!r}, not 'accepted' ({english(*_reason(file))[:200]}): calibrate again"
+        )
+    if file.matrix is None or file.bias_rad_s is None or file.covariance is None or file.noise_std_rad_s is None:
+        raise CalibrationFileError(f"{path}: it holds no estimate (null): calibrate again; {_ADVICE}")
+    try:
+        return Calibration(
+            device=file.device,
+            boot=int(file.boot or "0", 16),
+            id=file.id or path.stem[:64],
+            time_ns=0,
+            method=file.method,
+            verdict=Verdict.ACCEPTED,
+            reason=_reason(file),
+            matrix=_matrix(np.array(file.matrix)),
+            bias=_bias(np.array(file.bias_rad_s), file.gyro_range_rad_s),
+            parameters=(names := _parameters(tuple(file.parameters))),
+            covariance=_covariance(file.covariance, len(names)),
+            turns=tuple(map(_turn, file.turns)),
+            noise_std=_within("noise_std_rad_s", np.array(file.noise_std_rad_s), _LEAST_NOISE, _MOST_NOISE),
+            model=file.model,
+            firmware=file.firmware,
+            gyro_range=float(_within("gyro_range_rad_s", np.array(file.gyro_range_rad_s), 0.0, MAX_RATE)),
+            rate_hz=float(_within("rate_hz", np.array(file.rate_hz), 0.0, 1e6)),
+            temperature_c=_celsius(file.temperature_c),
+            who="",
+        )
+    except ValueError as error:
+        raise CalibrationFileError(f"{path}: {error}; {_ADVICE}") from None
+
+
+def _reason(file: _File) -> Sentences:
+    return tuple(Sentence(one.code, one.params) for one in file.reason)
+
+
+def _read(path: Path) -> _File:
+    try:
+        if (size := path.stat().st_size) > _MAX_BYTES:
+            raise CalibrationFileError(f"{path}: {size} bytes are no calibration; at most {_MAX_BYTES} are taken")
+        data = path.read_bytes()
+    except OSError as error:
+        raise CalibrationFileError(f"{path}: cannot be read: {error.strerror}; {_ADVICE}") from None
+    try:
+        return msgspec.json.decode(data, type=_File)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise CalibrationFileError(f"{path}: not a calibration: {error}; {_ADVICE}") from None
+
+
+def _matrix(matrix: Floats) -> Floats:
+    knobs = VerdictKnobs()
+    _within("the diagonal of 'matrix'", np.diag(matrix), knobs.k_min, knobs.k_max)
+    _within("beside its diagonal 'matrix'", matrix[~np.eye(3, dtype=bool)], -_MOST_ACROSS, _MOST_ACROSS)
+    return matrix
+
+
+def _bias(bias: Floats, gyro_range: float) -> Floats:
+    most = min(_MOST_BIAS, gyro_range) if gyro_range > 0 else _MOST_BIAS
+    return _within("bias_rad_s", bias, -most, most)
+
+
+def _parameters(names: tuple[str, ...]) -> tuple[str, ...]:
+    across = names[len(PARAMETERS) :]
+    if names[: len(PARAMETERS)] != PARAMETERS or len(set(across)) != len(across) or not set(across) <= set(_ACROSS):
+        known = f"{', '.join(PARAMETERS)}, and any of {', '.join(_ACROSS)}"
+        raise ValueError(f"'parameters' are {', '.join(names)[:200]}; {known} are expected")
+    return names
+
+
+def _covariance(rows: list[list[float]], n: int) -> Floats:
+    if len(rows) != n or any(len(row) != n for row in rows):
+        raise ValueError(f"'covariance' is not {n} × {n}, a row and a column for each of 'parameters'")
+    covariance = np.array(rows)
+    if not np.isfinite(covariance).all() or np.any(np.diag(covariance) <= 0):
+        raise ValueError("'covariance' has a variance that is not above 0, or not finite")
+    std = np.sqrt(np.diag(covariance))
+    if std.min() < _LEAST_STD:
+        raise ValueError(
+            f"'covariance' says that a parameter is sure to {std.min():.3g}; no calibration is sure to {_LEAST_STD:g}"
+        )
+    prior = PriorKnobs()
+    for name, part, most in (("bias", slice(0, 3), prior.bias_std), ("k", slice(3, 6), prior.scale_std)):
+        if std[part].max() > most:
+            raise ValueError(
+                f"'covariance' leaves {name} uncertain by {std[part].max():.3g}, more than that of any gyro before it is "
+                f"calibrated ({most:.3g})"
+            )
+    correlation = covariance / np.outer(std, std)
+    if np.abs(correlation - correlation.T).max() > 1e-6:
+        raise ValueError("'covariance' is not symmetric")
+    if (least := np.linalg.eigvalsh(correlation)[0]) < -1e-6:
+        raise ValueError(f"'covariance' is none: it has an eigenvalue below 0 ({least:.2g} of the correlations)")
+    return covariance
+
+
+def _within(name: str, values: Floats, low: float, high: float) -> Floats:
+    if not np.all((values >= low) & (values <= high)):
+        raise ValueError(f"{name} is {np.round(values, 5).tolist()}; {low:g} to {high:g} is taken")
+    return values
+
+
+def _celsius(value: float | None) -> float:
+    return (
+        float("nan") if value is None else float(_within("temperature_c", np.array(value), -MAX_CELSIUS, MAX_CELSIUS))
+    )
+
+
+def _turn(turn: _Turn) -> Turn:
+    if len(turn.axis) != 1 or turn.axis not in AXES:
+        raise ValueError(f"a turn is about {turn.axis[:16]!r}; x, y or z is expected")
+    return Turn(AXES.index(turn.axis), radians(turn.angle_deg), radians(turn.closure_error_deg), turn.duration_s)

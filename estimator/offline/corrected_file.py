@@ -1,0 +1,116 @@
+"""A corrected recording as a file, .npz or .csv, written whole or not at all.
+
+npz: `t_s` (n,), `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s`, `bias_std_rad_s` (n, 3), `quality` (n,) as a number and
+`quality_names`, `matrix` (3, 3), `rate_hz`; and of the recording `accel_m_s2` (n, 3), `temperature_c` (n,) where it has them.
+CSV: a header row and a row a sample, the same in the same units, a column an axis: rate_x_rad_s, rate_std_x_rad_s,
+bias_x_rad_s, bias_std_x_rad_s …; quality by its name.
+"""
+
+import os
+import zipfile
+from collections.abc import Callable
+from itertools import chain
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from bridge.recording import Recording
+from bridge.recording.error import RecordingError
+from bridge.wire.messages import Quality
+from estimator.geometry.gyro_model import AXES
+from estimator.offline.corrected_recording import CorrectedRecording, Floats
+
+_QUALITIES = tuple(quality.name for quality in sorted(Quality))
+_VECTORS = ("rate", "rate_std", "bias", "bias_std")
+_ROWS = 10_000
+
+
+def check(out: Path, recorded: Path) -> None:
+    """Refuse what cannot be written to, before anything is computed; raises RecordingError."""
+    if out.suffix not in _WRITERS:
+        raise RecordingError(f"{out}: a corrected recording ends in {' or '.join(_WRITERS)}, not in {out.suffix!r}")
+    if not out.parent.is_dir():
+        raise RecordingError(f"{out}: there is no folder {out.parent}; make it first")
+    if not os.access(out.parent, os.W_OK | os.X_OK):
+        raise RecordingError(f"{out}: no permission to write in {out.parent}; give another folder")
+    if out.is_dir():
+        raise RecordingError(f"{out}: is a folder; give the file a name of its own")
+    if out.exists() and not out.is_file():
+        raise RecordingError(f"{out}: is not a file, but a pipe or a device; give a file's name")
+    if out.exists() and recorded.exists() and out.samefile(recorded):
+        raise RecordingError(f"{out}: is the recording itself, which is never overwritten; give another name")
+    if out.exists() and not _is_corrected(out):
+        raise RecordingError(f"{out}: is there, and is no corrected recording; give another name, or remove it first")
+
+
+def _is_corrected(path: Path) -> bool:
+    """Whether a file is of this kind: then another may take its place."""
+    try:
+        if path.suffix == ".npz":
+            with zipfile.ZipFile(path) as archive:
+                return "quality_names.npy" in archive.namelist()
+        with path.open("rb") as file:
+            return file.readline(80).startswith(b"t_s,rate_x_rad_s,")
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def save(
+    out: Path, corrected: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Write to a file beside it, then rename; progress(done, n) counts rows. See `check` for what is refused."""
+    part = out.with_name(f".{out.name}.part")
+    try:
+        part.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+        with part.open("xb") as file:
+            _WRITERS[out.suffix](file, corrected, recording, progress or (lambda _done, _n: None))
+            file.flush()
+            os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it
+        part.replace(out)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _save_npz(
+    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
+) -> None:
+    columns = {
+        "t_s": c.time_s,
+        **{f"{name}_rad_s": getattr(c, name) for name in _VECTORS},
+        "quality": c.quality,
+        "quality_names": np.array(_QUALITIES),
+        "matrix": c.matrix,
+        "rate_hz": np.float64(c.rate_hz),
+        **_passed_on(recording),
+    }
+    np.savez(file, **columns)
+    progress(len(c), len(c))
+
+
+def _save_csv(
+    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
+) -> None:
+    passed_on = _passed_on(recording)
+    names = ["t_s", *(f"{vector}_{axis}_rad_s" for vector in _VECTORS for axis in AXES), "quality"]
+    names += [f"accel_{axis}_m_s2" for axis in AXES] if "accel_m_s2" in passed_on else []
+    names += ["temperature_c"] if "temperature_c" in passed_on else []
+    form = ",".join(["%.6f", *["%.9g"] * 12, "%s", *["%.9g"] * (len(names) - 14)]) + "\n"
+    file.write((",".join(names) + "\n").encode())
+    for start in range(0, len(c), _ROWS):
+        part = slice(start, start + _ROWS)
+        numbers = [c.time_s[part, None], *(getattr(c, name)[part].astype(float) for name in _VECTORS)]
+        quality = np.array(_QUALITIES)[c.quality[part]].tolist()
+        more = [column[part].reshape(len(quality), -1) for column in passed_on.values()]
+        before, after = np.hstack(numbers).tolist(), np.hstack([np.empty((len(quality), 0)), *more]).tolist()
+        rows = zip(before, quality, after, strict=True)
+        file.write("".join(form % tuple(chain(b, (q,), a)) for b, q, a in rows).encode())
+        progress(min(part.stop, len(c)), len(c))
+
+
+def _passed_on(recording: Recording) -> dict[str, Floats]:
+    columns = {"accel_m_s2": recording.accel, "temperature_c": recording.temperature_c}
+    return {name: column for name, column in columns.items() if column is not None}
+
+
+_WRITERS = {".npz": _save_npz, ".csv": _save_csv}

@@ -1,0 +1,113 @@
+"""The noise of a device from a recording: its longest rest, found by the stream alone, judged axis by axis."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording import Recording, RecordingError
+from bridge.recording.plausibility import rate_of
+from estimator.geometry.gyro_model import AXES, least_step
+from estimator.noise.allan_fit import Coefficient, Noise, identify
+from estimator.noise.device_model import NoiseModel
+from estimator.stillness.detector import Stillness
+
+Floats = NDArray[np.float64]
+#: the least rest that says anything about angle random walk, s
+#: a minute, less what is left out at its ends
+LEAST_REST_S = 55.0
+#: left out at both ends of a rest, in windows of stillness: the hand that put the device down
+_EDGE = 4
+#: how much of a rest may be missing or bunched, before its samples count as unevenly spaced (relative)
+_UNEVEN = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AtRest:
+    """The noise of x, y and z in a rest from start_s to end_s of a recording of total_s.
+
+    rate_hz: samples a second in it. mean, std, step (3,) rad/s: of its readings, and the least difference between them.
+    temperature_c: lowest and highest, None where it was not recorded.
+    """
+
+    axes: tuple[Noise, Noise, Noise]
+    start_s: float
+    end_s: float
+    total_s: float
+    rate_hz: float
+    mean: Floats
+    std: Floats
+    step: Floats
+    temperature_c: tuple[float, float] | None
+
+    @property
+    def duration_s(self) -> float:
+        """How long it lasted."""
+        return self.end_s - self.start_s
+
+
+def identify_noise(recording: Recording) -> AtRest:
+    """The noise in the longest rest of a recording; RecordingError where it is too short or its samples are uneven."""
+    rest = _longest_rest(recording)
+    time, gyro = recording.time_s[rest], recording.gyro[rest]
+    duration = float(time[-1] - time[0]) if len(time) else 0.0
+    if duration < LEAST_REST_S:
+        raise RecordingError(
+            f"{recording.name}: its longest rest lasts {duration:.0f} s of {recording.time_s[-1]:.0f} s; at least "
+            f"{LEAST_REST_S:.0f} s are needed. Lay the device down where nobody walks, and record an hour to see its bias wander"
+        )
+    rate_hz = (len(time) - 1) / duration
+    if (missing := 1 - rate_hz / rate_of(time)) > _UNEVEN:
+        raise RecordingError(
+            f"{recording.name}: its samples are not evenly spaced: {missing:.0%} of the rest are gaps. Are the times those of "
+            "arrival? Leave them out and say the device's rate with --rate-hz"
+        )
+    for axis, name in enumerate(AXES):
+        if np.ptp(gyro[:, axis]) == 0:
+            raise RecordingError(
+                f"{recording.name}: {name} reads the same throughout the rest: stuck, or rounded to more than its noise. "
+                "Choose the smallest full-scale range"
+            )
+    x, y, z = (identify(gyro[:, axis], rate_hz) for axis in range(3))
+    celsius = None if recording.temperature_c is None else recording.temperature_c[rest]
+    return AtRest(
+        axes=(x, y, z),
+        start_s=float(time[0]),
+        end_s=float(time[-1]),
+        total_s=float(recording.time_s[-1]),
+        rate_hz=rate_hz,
+        mean=gyro.mean(axis=0),
+        std=gyro.std(axis=0, ddof=1),
+        step=least_step(gyro),
+        temperature_c=None if celsius is None else (float(celsius.min()), float(celsius.max())),
+    )
+
+
+def measured(rest: AtRest, like: NoiseModel) -> tuple[NoiseModel, dict[str, str]]:
+    """The model of a device: what the rest shows, and for the rest its kind; and by field, where each value is from.
+
+    A coefficient that the rest does not show is its kind's, or the upper limit where that is less.
+    """
+    origin = {"step": "measured"}
+
+    def best(name: str) -> Floats:
+        found: list[Coefficient] = [getattr(axis, name) for axis in rest.axes]
+        seen = "".join(axis for axis, c in zip(AXES, found, strict=True) if c.seen)
+        also = f"; {', '.join(seen)} measured" if seen else ""
+        origin[name] = "measured" if len(seen) == len(AXES) else f"{like.model}'s, or the upper limit if less{also}"
+        kind = getattr(like, name)
+        return np.array([c.value if c.seen else min(c.high, kind[i]) for i, c in enumerate(found)])
+
+    noise = replace(like, arw=best("arw"), bias_instability=best("bias_instability"), rrw=best("rrw"), step=rest.step)
+    return noise, origin
+
+
+def _longest_rest(recording: Recording) -> slice:
+    runs: list[list[int]] = [[]]
+    for window in Stillness().feed(recording.time_s, recording.gyro, recording.accel):
+        if not window.still or window.spikes:
+            runs.append([])
+            continue
+        runs[-1].append(window.start)
+    run = max(runs, key=len)[_EDGE:-_EDGE]
+    return slice(run[0], run[-1]) if run else slice(0, 0)

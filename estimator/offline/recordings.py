@@ -1,0 +1,342 @@
+"""Calibrate from a recording, and correct one: the same recognition, methods and session as live, all at once."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import pairwise
+from math import isclose
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.ingest.plausibility import PLAUSIBLE
+from bridge.ingest.sensor_faults import SensorFaults
+from bridge.reasons.catalogue import english
+from bridge.recording import TICK_S, Recording, RecordingError, Told
+from bridge.terminal.plurals import count
+from bridge.wire import keys
+from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
+from bridge.wire.refusal import Tally
+from estimator.calibration.capture import Samples
+from estimator.calibration.clipping import at_range
+from estimator.calibration.method_names import DEFAULT
+from estimator.calibration.methods import BY_MOVEMENTS, BY_RATES
+from estimator.calibration.result import Result
+from estimator.calibration.session import CalibrationSession
+from estimator.calibration.session_events import Finished, Ignored, TurnFound
+from estimator.config.device_settings import knobs_of
+from estimator.device.calibration_progress import turn_knobs
+from estimator.device.outcome import Outcome
+from estimator.device.prior_knowledge import PriorKnowledge
+from estimator.device.same_rate import same_rate
+from estimator.device.session import DeviceSession
+from estimator.device.session_knobs import SessionKnobs
+from estimator.noise.device_model import GENERIC, load_model
+from estimator.offline import smoothing
+from estimator.offline.calibration_file import of_result
+from estimator.offline.corrected_recording import CorrectedRecording, Rows
+from estimator.samples.sample_buffer import UNFIT
+from estimator.stillness.detector import Stillness
+
+#: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers
+BATCH_S = 1.0
+_BOOT = 1
+#: said where a recording's first rest counts from its beginning, which live a device just switched on has to warm up for
+_ON_BEFORE = (
+    "taken to have been on before it was recorded: live, of a device just switched on, the first {:g} s would not "
+    "count, and a turn be missed"
+)
+_AT_THE_END = "calibrated as it ends: no row is corrected by that yet; --smooth corrects all of them by it"
+
+
+def calibrate(
+    recording: Recording,
+    method: str = DEFAULT,
+    gyro_range: float = 0.0,
+    rates: tuple[float, ...] = (),
+    knobs: SessionKnobs | None = None,
+) -> tuple[Result, list[str]]:
+    """The first accepted calibration in a recording, else the last that was tried; and why movements were passed over.
+
+    A method by movements takes all of the recording at once. gyro_range in rad/s, 0 when unknown: readings at 99 % of it
+    count as clipped. rates: a machine's known rates in rad/s, for the methods that need them, and nothing else. knobs: what is
+    known of its kind, by default nothing; which method they say does not count.
+    """
+    knobs = knobs or SessionKnobs()
+    samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
+    turns = turn_knobs(knobs, gyro_range)
+    if method in BY_RATES:
+        samples = replace(samples, clipped=at_range(samples, turns.clipping))
+        return BY_RATES[method](samples, rates, knobs.wander), []
+    windows = list(Stillness(knobs.stillness).feed(samples.time, samples.gyro, samples.accel, samples.clipped))
+    session = CalibrationSession(method, None, None, turns, scale_limit=knobs.scale_limit, whole=method in BY_MOVEMENTS)
+    if windows:
+        session.add(Samples.of(windows))
+    passed_over: list[str] = []
+    last: Result | None = None
+    for window in windows:
+        for progress in session.window(window):
+            if isinstance(progress, Ignored):
+                passed_over.append(f"{window.end_time:.1f} s: {english(*progress.no_turn.reason)}")
+            elif isinstance(progress, TurnFound):
+                passed_over += [f"{window.end_time:.1f} s: {english(why)}" for why in progress.dropped.values()]
+            elif isinstance(progress, Finished):
+                last = progress.result
+                if not last.repeat:
+                    return last, passed_over
+    return last or session.unfinished(), passed_over
+
+
+def correct(
+    recording: Recording,
+    calibration: Calibration | Result | None = None,
+    knobs: SessionKnobs | None = None,
+    *,
+    smooth: bool = False,
+    other_boot: bool = False,
+    gyro_range: float = 0.0,
+    warmed_up: bool = False,
+    batch: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> CorrectedRecording:
+    """Correct a recording as the service would have, row for row what was known when the sample came.
+
+    calibration: of the same boot, its bias an old one until the recording confirms it; or of another one, as other_boot or
+    the two themselves say: then its scale is a prior, its bias forgotten. Without it the one that the recording's own boot had
+    as it began (Recording.made), else the first whose turns are within the recording, from there on. Where a turn would be
+    missed because a device just switched on has to warm up, and the recording has no device's time to tell when that was, it is
+    taken to have been on before. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown.
+    warmed_up: the device had been on and worn for a quarter of an hour as it began; else its bias may warm up from there on
+    where no temperature tells of it, as live. batch: samples handed over at a time, no matter for the result;
+    progress(done, n) is called after each. knobs: by default as a ward treats a device of an unknown kind.
+    Raises RecordingError when a reading is beyond the range, there is nothing to smooth, or the calibration is another device's.
+    """
+    knobs = knobs or knobs_of(load_model(GENERIC))
+    if warmed_up:
+        cool = replace(knobs.track.bias, warm_up_walk=0.0)
+        knobs = replace(knobs, track=replace(knobs.track, bias=cool))
+    if smooth:
+        knobs = smoothing.remembering(knobs)
+    size = batch or max(1, round(BATCH_S * recording.rate_hz))
+
+    def passed(known: Calibration | None, said: str = "", knobs: SessionKnobs = knobs) -> _Pass:
+        pass_ = _Pass(recording, knobs, known, said, gyro_range=gyro_range, smooth=smooth, other_boot=other_boot)
+        for samples in _batches(recording, gyro_range, size):
+            pass_.take(samples)
+            if progress is not None:
+                progress(pass_.rows.filled, len(recording))
+        pass_.over()
+        return pass_
+
+    if calibration is not None:
+        return passed(_of_device(_known(calibration), recording)).corrected()
+    if before := [one for one in recording.made if one.time_ns <= recording.begin_ns]:
+        later = len(recording.made) - len(before)
+        used = _used(before[-1]) + (f"; {count(later, 'later one')} not" if later else "")
+        return passed(before[-1], used).corrected()
+    found = passed(None)
+    if found.calibrated:
+        return found.corrected()
+    if recording.made:
+        # Made while this was recorded, and yet not all of its turns are here.
+        found = passed(recording.made[0], _used(recording.made[0], " without all of its turns"))
+    elif found.turned and recording.told is None:
+        again = passed(None, _ON_BEFORE.format(knobs.warming_s), replace(knobs, warming_s=0.0))
+        found = again if again.calibrated else found
+    return found.corrected()
+
+
+def _used(one: Calibration, how: str = "") -> str:
+    return f"calibration {one.id} of this boot, which is in the recording{how}, is used"
+
+
+class _Pass:
+    """One pass through a recording, fed as the service feeds a session."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        knobs: SessionKnobs,
+        known: Calibration | None,
+        own: str,
+        *,
+        gyro_range: float,
+        smooth: bool,
+        other_boot: bool,
+    ) -> None:
+        """own: what to say of a calibration of the recording's own boot; empty for one from elsewhere."""
+        self.rows = Rows(len(recording))
+        self._recording = recording
+        self._session = DeviceSession("recorded", knobs)
+        self._session.info = _info(recording)
+        self._smooth = smooth
+        self._said: list[str] = [own] if own else []
+        self._matrices = {"": np.eye(3)}
+        self._names = {"": ""}
+        self._last: CorrectedBatch | None = None
+        #: whether turns were taken
+        self.turned = False
+        remembered = None
+        if known is not None:
+            other_boot = other_boot and not own
+            if (
+                not own
+                and not other_boot
+                and (why := _foreign(known, recording, gyro_range or recording.gyro_range)) is not None
+            ):
+                self._said.append(f"{why}: its scale is taken as another boot's, its bias is not used")
+                other_boot = True
+            remembered = PriorKnowledge(replace(known, boot=_BOOT + other_boot), None)
+            self._matrices[known.id] = known.matrix
+            self._names[known.id] = known.id
+        self._session.begin_boot(_BOOT, float(recording.device_time[0]), remembered)
+
+    def take(self, samples: SampleBatch) -> None:
+        self._note(self._session.handle(samples))
+
+    def over(self) -> None:
+        """No more samples come."""
+        self._note(self._session.end())
+        made, last = self._session.calibration, self._last
+        if made is None or last is None or last.calibration == made.id:
+            return
+        # The last block brought it, and what a block teaches is used from the end of the next one on.
+        if self._smooth:
+            known = self._session.learnt.correction()
+            self._last = replace(last, calibration=known.calibration, **known.told._asdict())
+        else:
+            self._said.append(_AT_THE_END)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether it is by now."""
+        return self._session.calibration is not None
+
+    def _note(self, outcome: Outcome) -> None:
+        self._said += outcome.said
+        self.turned = self.turned or bool(self._session.learnt.turned)
+        for made in outcome.calibrations:
+            self._matrices[made.id], self._names[made.id] = made.matrix, self._recording.name
+        for batch in outcome.corrected:
+            self.rows.take(batch, self._matrices[batch.calibration])
+            self._last = batch
+
+    def corrected(self) -> CorrectedRecording:
+        last, rows, session = self._last, self.rows, self._session
+        if last is None or rows.filled != len(self._recording):
+            raise RuntimeError(
+                f"{self._recording.name}: {rows.filled} of {count(len(self._recording), 'sample')} came out"
+            )
+        matrix = self._matrices[last.calibration]
+        if self._smooth:
+            smoothing.smooth_rows(rows, self._recording, session, last, matrix)
+        return CorrectedRecording(
+            time_s=self._recording.time_s,
+            rate=rows.rate,
+            rate_std=rows.rate_std,
+            bias=rows.bias,
+            bias_std=rows.bias_std,
+            quality=rows.quality,
+            matrix=matrix,
+            calibration=self._names[last.calibration],
+            rate_hz=self._recording.rate_hz,
+            smoothed=self._smooth,
+            events=session.sequence.events.as_dict(),
+            said=tuple(self._said),
+        )
+
+
+def _known(calibration: Calibration | Result) -> Calibration:
+    if calibration.verdict is not Verdict.ACCEPTED:
+        raise ValueError(
+            f"a calibration with verdict {calibration.verdict.name} corrects nothing: {english(*calibration.reason)}"
+        )
+    known = of_result(calibration) if isinstance(calibration, Result) else calibration
+    return known if known.id else replace(known, id="given")
+
+
+def _of_device(known: Calibration, recording: Recording) -> Calibration:
+    if known.device and recording.device and known.device != recording.device:
+        raise RecordingError(
+            f"calibration {known.id} is of {known.device}, the recording {recording.name} of {recording.device}: "
+            f"take one of {recording.device}, or none"
+        )
+    return known
+
+
+def _foreign(known: Calibration, recording: Recording, gyro_range: float) -> str | None:
+    """Why a calibration cannot be of the recording's boot; a range of 0 is not known, nor is a boot, and is no reason."""
+    if known.boot and recording.boot and known.boot != recording.boot:
+        was, now = keys.boot_id(known.boot), keys.boot_id(recording.boot)
+        return f"calibration {known.id} is of boot {was}, {recording.name} of boot {now}"
+    if gyro_range and known.gyro_range and not isclose(gyro_range, known.gyro_range, rel_tol=1e-3):
+        was, now = np.degrees(known.gyro_range), np.degrees(gyro_range)
+        return f"calibration {known.id} was made at a range of {was:.5g} °/s, {recording.name} has {now:.5g} °/s"
+    if known.rate_hz and not same_rate(recording.rate_hz, known.rate_hz):
+        return f"calibration {known.id} was made at {known.rate_hz:.5g} Hz, {recording.name} has {recording.rate_hz:.5g} Hz"
+    return None
+
+
+def _batches(recording: Recording, gyro_range: float, size: int) -> Iterator[SampleBatch]:
+    """A recording as a bridge publishes it: runs of consecutive samples, at most `size` long, faulty ones marked."""
+    _check_range(recording, gyro_range)
+    told = recording.told or Told(recording.ticks, TICK_S, recording.sequence, _flags(recording, gyro_range))
+    sequence, ticks, flags = told.sequence, told.ticks, told.flags.copy()
+    holes = np.flatnonzero(np.diff(sequence) != 1) + 1
+    after_hole = set(holes.tolist())
+    edges = np.unique(np.concatenate([np.arange(0, len(recording), size), holes, [len(recording)]])).tolist()
+    for start, end in pairwise(edges):
+        if start in after_hole:
+            flags[start] |= np.uint32(SampleFlag.AFTER_GAP)
+        accel, warm = recording.accel, recording.temperature_c
+        yield SampleBatch(
+            device="recorded",
+            boot=_BOOT,
+            sequence=int(sequence[start]),
+            receive_time_ns=0,
+            start_time_ns=0,
+            tick_period_s=told.tick_period_s,
+            clock_rate=1.0,
+            ticks=ticks[start:end],
+            gyro=recording.gyro[start:end].astype(np.float32),
+            accel=None if accel is None else accel[start:end].astype(np.float32),
+            temperature_c=None if warm is None else warm[start:end].astype(np.float32),
+            flags=flags[start:end],
+        )
+
+
+def _check_range(recording: Recording, gyro_range: float) -> None:
+    """A live door drops what is far beyond the range; here every sample has a row, so the range must be right."""
+    limit = PLAUSIBLE * gyro_range if gyro_range else np.inf
+    beyond = np.flatnonzero(np.any((recording.gyro > limit) | (recording.gyro < -limit), axis=1))
+    if len(beyond):
+        most = np.degrees(np.abs(recording.gyro[beyond[0]]).max())
+        raise RecordingError(
+            f"{recording.name}: {most:.0f} °/s at sample {beyond[0]} is more than twice the range given, "
+            f"{np.degrees(gyro_range):.0f} °/s; is the range right?"
+        )
+
+
+def _flags(recording: Recording, gyro_range: float) -> NDArray[np.uint32]:
+    """(n,) SampleFlags, as a bridge's door sets them."""
+    warm = None if recording.temperature_c is None else recording.temperature_c.astype(np.float32)
+    time_s = recording.ticks * TICK_S
+    return SensorFaults(Tally()).flags(time_s, recording.gyro.astype(np.float32), warm, gyro_range)
+
+
+def _info(recording: Recording) -> DeviceInfo:
+    return DeviceInfo(
+        device="recorded",
+        bridge="",
+        boot=_BOOT,
+        boot_cause=BootCause.PORT_OPENED,
+        model=recording.name,
+        firmware="recording",
+        driver="",
+        port="",
+        rate_hz=recording.rate_hz,
+        measured_rate_hz=recording.rate_hz,
+        gyro_range=0.0,
+        has_accel=recording.accel is not None,
+        has_temperature=recording.temperature_c is not None,
+        time_ns=0,
+    )

@@ -1,0 +1,61 @@
+"""The past improved by what came after it: a corrected recording once more, with the bias a smoother has found."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording import Recording, RecordingError
+from bridge.wire.messages import CorrectedBatch, Quality, rate_std
+from estimator.device.session import DeviceSession
+from estimator.device.session_knobs import SessionKnobs
+from estimator.offline.corrected_recording import Floats, Rows
+
+#: rows at a time, for the sake of memory
+_ROWS = 100_000
+
+
+def remembering(knobs: SessionKnobs) -> SessionKnobs:
+    """The same knobs, with a tracker that forgets nothing of the boot."""
+    return replace(knobs, track=replace(knobs.track, history=None))
+
+
+def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: CorrectedBatch, matrix: Floats) -> None:
+    """Fill the rows anew: the smoothed bias, and for all of the boot what was known at its end (`last`, matrix (3, 3)).
+
+    Before the first point of the history and after its last the bias wanders on. Raises RecordingError.
+    """
+    found = session.tracker.smoothed()
+    if found is None:
+        raise RecordingError(f"{recording.name}: nothing to smooth: it has no evidence of the bias; use --realtime")
+    time, bias, std = found.time, found.bias, found.std
+    walk = session.knobs.track.bias.rate_random_walk
+    device_time = recording.device_time
+    for start in range(0, len(recording), _ROWS):
+        part = slice(start, start + _ROWS)
+        now = device_time[part]
+        outside_s = np.maximum(0.0, np.maximum(time[0] - now, now - time[-1]))
+        bias_now = _between(now, time, bias)
+        bias_std = np.hypot(_between(now, time, std), walk * np.sqrt(outside_s)[:, None])
+        rate = (recording.gyro[part] - bias_now) @ matrix.T
+        left = np.sqrt(np.square(bias_std) @ np.square(matrix).T)
+        rows.rate[part], rows.bias[part], rows.bias_std[part] = rate, bias_now, bias_std
+        rows.rate_std[part] = rate_std(rate, last.noise_std, left, last.scale_std, last.cross_std, last.flicker_std)
+    rows.quality[:] = _quality(rows, session)
+
+
+def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
+    """The best state for all of the boot; doubt that was never cleared stays with the rows it was on."""
+    unsure = np.any(rows.bias_std >= session.knobs.track.bias_std, axis=1)
+    known, doubted = Quality.GOOD, Quality.DEGRADED
+    if session.calibration is None:
+        known, doubted = Quality.BIAS_ONLY, Quality.PRIOR if session.prior else Quality.NONE
+    if session.tracker.doubt.stands:
+        trusted = np.flatnonzero(rows.quality != doubted)
+        unsure[trusted[-1] + 1 if len(trusted) else 0 :] = True
+    return np.where(unsure, doubted, known)
+
+
+def _between(now: Floats, time: Floats, values: Floats) -> Floats:
+    """(n, 3) values (m, 3) at the times now (n,), on straight lines between those of the history (m,)."""
+    return np.column_stack([np.interp(now, time, column) for column in values.T])

@@ -1,0 +1,100 @@
+"""The estimators of a ward: who is alive, who owns which devices since which epoch, what moved when. Pure."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bridge.reasons.catalogue import sentences_as_json
+from bridge.reasons.codes import Code, Sentences
+from bridge.wire.messages import Holding, Move, Owned
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """What one estimator has. load: processor seconds a second."""
+
+    estimator: str
+    alive: bool
+    load: float
+    holdings: tuple[Holding, ...]
+    moves: tuple[Move, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ClusterView:
+    """All of them, by name; `troubles` most urgent first."""
+
+    ward: str
+    shares: Sequence[Share]
+    troubles: Sentences
+
+    @property
+    def devices(self) -> Mapping[str, tuple[str, Holding]]:
+        """Whose each device is: of two that say to have it, whose epoch is the higher."""
+        found: dict[str, tuple[str, Holding]] = {}
+        for share in self.shares:
+            for holding in share.holdings:
+                before = found.get(holding.device)
+                if before is None or holding.epoch > before[1].epoch:
+                    found[holding.device] = share.estimator, holding
+        return dict(sorted(found.items()))
+
+
+def cluster_view(ward: str, alive: Sequence[str], said: Iterable[Owned]) -> ClusterView:
+    """Put together what was heard, in the order in which it came."""
+    parts: dict[str, dict[int, Owned]] = {}
+    for owned in said:
+        heard = parts.setdefault(owned.estimator, {})
+        heard[owned.part] = owned
+        for part in [part for part in heard if part >= max(1, owned.parts)]:
+            del heard[part]
+    shares = [_share(name, parts.get(name, {}), alive=name in alive) for name in sorted({*alive, *parts})]
+    troubles = [] if alive else [Code.NO_ESTIMATOR()]
+    troubles += [
+        Code.ESTIMATOR_SILENT(estimator=share.estimator)
+        for share in shares
+        if share.alive and share.estimator not in parts
+    ]
+    twice = _twice(shares)
+    if twice:
+        shown = ", ".join(twice[:3]) + (" …" if len(twice) > 3 else "")
+        troubles.append(Code.TWO_ESTIMATORS(devices=len(twice), names=shown))
+    return ClusterView(ward, shares, tuple(troubles))
+
+
+def as_json(view: ClusterView) -> dict[str, Any]:
+    """The same as one JSON object."""
+    return {
+        "ward": view.ward,
+        "well": not view.troubles,
+        "troubles": sentences_as_json(view.troubles),
+        "estimators": [
+            {
+                "id": share.estimator,
+                "alive": share.alive,
+                "load": round(share.load, 4),
+                "devices": {
+                    h.device: {"epoch": h.epoch, "boot": f"{h.boot:016x}", "next": h.next} for h in share.holdings
+                },
+                "moves": [
+                    {"time_ns": m.time_ns, "came": m.came, "left": m.left, "reason": sentences_as_json(m.reason)}
+                    for m in share.moves
+                ],
+            }
+            for share in view.shares
+        ],
+    }
+
+
+def _share(name: str, parts: Mapping[int, Owned], *, alive: bool) -> Share:
+    holdings = tuple(h for part in sorted(parts) for h in parts[part].holdings)
+    last = max(parts.values(), key=lambda owned: owned.time_ns, default=None)
+    return Share(name, alive, last.load if last else 0.0, holdings, last.moves if last else ())
+
+
+def _twice(shares: Iterable[Share]) -> list[str]:
+    seen, twice = set[str](), set[str]()
+    for share in shares:
+        for holding in share.holdings:
+            (twice if holding.device in seen else seen).add(holding.device)
+    return sorted(twice)

@@ -1,0 +1,207 @@
+"""A ward in one summary: devices that are well, needs, and whether every sample is accounted for. Pure."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isnan
+from typing import Any
+
+from bridge.ingest import duplicate_bridges
+from bridge.reasons.catalogue import english, in_words, sentences_as_json
+from bridge.reasons.codes import Code, Sentence, Sentences
+from bridge.wire.messages import DeviceInfo, State, Status
+from estimator.device.bridge_choice import ELSEWHERE
+from estimator.overview.ward import LOW_BATTERY_PERCENT, charge_it
+from estimator.service import overload
+from estimator.service.conservation import EVENT
+from estimator.service.quota import FLOODED
+
+_MOST = 3  # reasons
+#: notices that a device's rate is another
+_OF_RATE = (Code.RATE_CHANGED, Code.RATE_DIFFERS, Code.CLOCK_DIFFERS)
+_URGENT = (
+    State.UNKNOWN,
+    State.LOST,
+    State.AWAITING_STILL,
+    State.BIAS_ONLY,
+    State.DEGRADED,
+    State.TURNING,
+    State.WARMING,
+    State.TRACKING,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """A device that needs a person, and why."""
+
+    device: str
+    state: State
+    reason: Sentences
+
+
+@dataclass(frozen=True, slots=True)
+class WardSummary:
+    """All of it; `needs` with the most urgent first, `law` what is broken of it by device, `troubles` of the ward itself.
+
+    unused: samples that were not used, by device and reason, most first; those of which there are none are not in it.
+    told: what its bridge counted of a device beside that, and that its rate is another, in English.
+    """
+
+    ward: str
+    devices: int
+    tracking: int
+    needs: Sequence[Need]
+    samples_in: int
+    samples_out: int
+    dropped: int
+    unused: Mapping[str, Mapping[str, int]]
+    told: Mapping[str, str]
+    law: Mapping[str, Sentence]
+    bridges: Sequence[str]
+    estimators: Sequence[str]
+    troubles: Sentences
+
+    @property
+    def well(self) -> bool:
+        """Whether nobody has to do anything."""
+        return not (self.needs or self.law or self.troubles)
+
+
+def summarise(
+    ward: str,
+    statuses: Mapping[str, Status],
+    infos: Mapping[str, DeviceInfo],
+    bridges: Sequence[str],
+    estimators: Sequence[str],
+) -> WardSummary:
+    """Put together what was heard of a ward."""
+    names = sorted({*statuses, *infos})
+    needs = [need for name in names if (need := _need(name, statuses.get(name), infos.get(name))) is not None]
+    troubles = [] if estimators else [Code.NO_ESTIMATOR()]
+    troubles += [] if bridges else [Code.NO_BRIDGE()]
+    troubles += [
+        *duplicate_bridges.found(statuses.values()),
+        *overload.found(statuses.values()),
+        *overload.unkept(statuses.values()),
+    ]
+    return WardSummary(
+        ward=ward,
+        devices=len(names),
+        tracking=sum(s.state is State.TRACKING for s in statuses.values()),
+        needs=sorted(needs, key=lambda need: _URGENT.index(need.state)),
+        samples_in=sum(s.samples_in for s in statuses.values()),
+        samples_out=sum(s.samples_out for s in statuses.values()),
+        dropped=sum(sum(s.dropped.values()) for s in statuses.values()),
+        unused=_unused(names, statuses, infos),
+        told={name: words for name in names if name in infos and (words := told(infos[name]))},
+        law={name: broken for name, status in sorted(statuses.items()) if (broken := _law(name, status))},
+        bridges=sorted(bridges),
+        estimators=sorted(estimators),
+        troubles=tuple(troubles) if names else (*troubles, Code.NO_DEVICE(), *_misnamed(ward, bridges, estimators)),
+    )
+
+
+def _misnamed(ward: str, bridges: Sequence[str], estimators: Sequence[str]) -> Sentences:
+    return () if bridges or estimators else (Code.WARD_EMPTY(ward=ward),)
+
+
+def as_json(seen: WardSummary) -> dict[str, Any]:
+    """The same as one JSON object."""
+    return {
+        "ward": seen.ward,
+        "well": seen.well,
+        "devices": seen.devices,
+        "tracking": seen.tracking,
+        "needs": [
+            {"device": n.device, "state": n.state.name.lower(), "reason": sentences_as_json(n.reason)}
+            for n in seen.needs
+        ],
+        "law": {
+            "holds": not seen.law,
+            "samples_in": seen.samples_in,
+            "samples_out": seen.samples_out,
+            "dropped": seen.dropped,
+            "broken": {name: sentences_as_json((broken,)) for name, broken in seen.law.items()},
+        },
+        "unused": {"all": dict(total(seen.unused)), "devices": {name: dict(why) for name, why in seen.unused.items()}},
+        "told": dict(seen.told),
+        "bridges": list(seen.bridges),
+        "estimators": list(seen.estimators),
+        "troubles": sentences_as_json(seen.troubles),
+    }
+
+
+def total(unused: Mapping[str, Mapping[str, int]]) -> Counter[str]:
+    """Of all devices together, by reason."""
+    return sum(map(Counter, unused.values()), Counter())
+
+
+def most(reasons: Mapping[str, int]) -> str:
+    """The first few reasons with their counts, in words."""
+    found = Counter(reasons).most_common()
+    said = [f"{n} {why}" for why, n in found[:_MOST]]
+    left = sum(n for _, n in found[_MOST:])
+    return ", ".join([*said, *([f"{left} for other reasons"] if left else [])])
+
+
+def told(info: DeviceInfo) -> str:
+    """The largest counts of what happened to a device, and that its rate is another; empty where there is nothing."""
+    counts = most({in_words(label): n for label, n in info.events.items() if n})
+    rate = english(*(notice for notice in info.notices if notice.code in _OF_RATE))
+    return " ".join(filter(None, (rate, counts)))
+
+
+def _unused(
+    names: Sequence[str], statuses: Mapping[str, Status], infos: Mapping[str, DeviceInfo]
+) -> dict[str, dict[str, int]]:
+    found = {name: reasons for name in names if (reasons := _reasons(statuses.get(name), infos.get(name)))}
+    return dict(sorted(found.items(), key=lambda one: -sum(one[1].values())))
+
+
+def _reasons(status: Status | None, info: DeviceInfo | None) -> dict[str, int]:
+    """What the estimator did not use, and of what its bridge has read."""
+    reasons: Counter[str] = Counter()
+    if status is not None:
+        reasons.update({in_words(label): n for label, n in status.dropped.items()})
+        elsewhere = {
+            label.removeprefix(ELSEWHERE): n for label, n in status.events.items() if label.startswith(ELSEWHERE)
+        }
+        reasons.update({f"sent by {bridge} as well": n for bridge, n in elsewhere.items()})
+        reasons.update({"messages, far more than its share": status.events.get(FLOODED, 0)})
+    if info is not None:
+        reasons.update({f"{in_words(label)} (at {info.bridge})": n for label, n in info.dropped.items()})
+    return {why: n for why, n in reasons.most_common() if n}
+
+
+def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | None:
+    trouble = info.trouble if info else ()
+    if status is None or (trouble and status.state is State.LOST):
+        return Need(name, State.UNKNOWN if status is None else State.LOST, trouble or (Code.NEVER_HEARD(),))
+    if status.state is not State.TRACKING:
+        return Need(name, status.state, status.reason + _refused(info))
+    if refused := _refused(info):
+        return Need(name, status.state, refused)
+    if (
+        info is not None
+        and not isnan(info.battery_percent)
+        and info.battery_percent < LOW_BATTERY_PERCENT
+        and not info.charging
+    ):
+        return Need(name, status.state, (charge_it(info.battery_percent),))
+    return None
+
+
+def _refused(info: DeviceInfo | None) -> Sentences:
+    return () if info is None else tuple(one for one in info.notices if one.code == Code.SAMPLES_BAD)
+
+
+def _law(name: str, status: Status) -> Sentence | None:
+    lost = status.samples_in - status.samples_out - sum(status.dropped.values())
+    if lost:
+        dropped = sum(status.dropped.values())
+        return Code.SAMPLES_UNACCOUNTED(
+            device=name, taken=status.samples_in, out=status.samples_out, dropped=dropped, lost=lost
+        )
+    times = status.events.get(EVENT, 0)
+    return Code.SAMPLES_WERE_UNACCOUNTED(device=name, times=times) if times else None

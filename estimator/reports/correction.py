@@ -1,0 +1,72 @@
+"""What became of a recording that was corrected, in words and as JSON. Degrees live here, not in the core."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bridge.recording import Recording
+from bridge.terminal.plurals import count
+from bridge.wire.messages import Quality
+from estimator.geometry.gyro_model import AXES, SIGMAS
+from estimator.offline.corrected_recording import CorrectedRecording
+from estimator.reports.calibration import first
+
+_NONE = "none; what `truerate calibrate` makes of this recording, or another, is given by --calibration FILE"
+_MEANS = {
+    "NONE": "bias not known, or in doubt",
+    "PRIOR": "the same, another boot's scale",
+    "BIAS_ONLY": "bias known, scale not of this boot",
+    "GOOD": "calibrated",
+    "DEGRADED": "calibrated, the bias in doubt",
+}
+
+
+def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> dict[str, Any]:
+    """Plain values, the bias as at the end."""
+    warm = recording.temperature_c
+    return {
+        "samples": len(corrected),
+        "duration_s": float(recording.time_s[-1]),
+        "rate_hz": recording.rate_hz,
+        "smoothed": corrected.smoothed,
+        "calibration": corrected.calibration or None,
+        "matrix": corrected.matrix.tolist(),
+        "seconds_by_quality": corrected.seconds(),
+        "bias_rad_s": corrected.bias[-1].tolist(),
+        "bias_std_rad_s": corrected.bias_std[-1].tolist(),
+        "temperature_c": None if warm is None else [float(warm.min()), float(warm.max())],
+        "events": corrected.events,
+        "said": list(corrected.said),
+        "written": str(out),
+    }
+
+
+def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> Iterator[str]:
+    """A few lines: what came, how far to trust it, what was used and what refused, where it is."""
+    minutes = recording.time_s[-1] / 60
+    how = "with what is known at its end" if corrected.smoothed else "as it would have been live"
+    yield f"{count(len(corrected), 'sample')}, {minutes:.1f} min at {recording.rate_hz:.4g} Hz, corrected {how}"
+    yield "quality: " + ", ".join(
+        f"{name} {_span(seconds)} ({_MEANS[name]})" for name, seconds in corrected.seconds().items()
+    )
+    bias, wide = np.degrees(corrected.bias[-1]), SIGMAS * np.degrees(corrected.bias_std[-1])
+    yield "bias at the end: " + ", ".join(f"{AXES[i]} {bias[i]:+.4f} ± {wide[i]:.4f}" for i in range(3)) + " °/s (95 %)"
+    yield f"calibration: {corrected.calibration or _NONE}"
+    if (warm := recording.temperature_c) is not None:
+        yield f"temperature: {warm.min():.1f} to {warm.max():.1f} °C"
+    if corrected.quality[-1] == Quality.DEGRADED:
+        yield "the bias is in doubt to the end; if the device was switched off since the calibration, say --other-boot"
+    if corrected.events:
+        yield "on the way: " + ", ".join(f"{name}: {n}" for name, n in sorted(corrected.events.items()))
+    yield f"written to {out}"
+
+
+def said(corrected: CorrectedRecording) -> Iterator[str]:
+    """What a service would have logged, the first lines of it."""
+    yield from first(corrected.said)
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.1f} min"

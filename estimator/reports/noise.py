@@ -1,0 +1,92 @@
+"""The noise of a device in words and as JSON: the command line's view of AtRest. Degrees live here, not in the core."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from math import degrees
+from typing import Any
+
+from bridge.terminal.tables import Column, Columns
+from estimator.geometry.gyro_model import AXES
+from estimator.noise.allan_fit import Coefficient, Noise
+from estimator.offline.noise_identification import AtRest
+
+#: name in Noise, words, unit, and how many of the unit are one SI unit
+COEFFICIENTS = (
+    ("arw", "angle random walk", "°/s/√Hz", degrees(1)),
+    ("bias_instability", "bias instability", "°/h", degrees(3600)),
+    ("rrw", "rate random walk", "°/s/√s", degrees(1)),
+)
+_POOR = 3.0  # of the misfit
+
+
+def as_json(rest: AtRest) -> dict[str, Any]:
+    """Plain values, SI; where `seen` is false, only the upper limit `high` is known."""
+    return {
+        "used_s": [rest.start_s, rest.end_s],
+        "recorded_s": rest.total_s,
+        "rate_hz": rest.rate_hz,
+        "bias_rad_s": rest.mean.tolist(),
+        "noise_std_rad_s": rest.std.tolist(),
+        "step_rad_s": rest.step.tolist(),
+        "temperature_c": rest.temperature_c,
+        "axes": {name: _axis(noise) for name, noise in zip(AXES, rest.axes, strict=True)},
+    }
+
+
+def _axis(noise: Noise) -> dict[str, Any]:
+    found = {name: getattr(noise, name) for name, *_ in COEFFICIENTS}
+    return {name: asdict(c) | {"seen": c.seen} for name, c in found.items()} | {
+        "drift_rad_s2": noise.drift,
+        "fitted_from_s": noise.fitted_from,
+        "misfit": noise.misfit,
+        "tau_s": noise.tau.tolist(),
+        "allan_deviation_rad_s": noise.deviation.tolist(),
+    }
+
+
+_COLUMNS = (
+    Column("noise", least=9),
+    Column("unit", least=6),
+    Column("axis"),
+    *(Column(heading, number=True) for heading in ("value", "from", "to")),
+)
+
+
+def as_table(rest: AtRest) -> Columns:
+    """A row a coefficient and axis, with its 95 % interval, or its upper limit where the rest does not show it."""
+    table = Columns(_COLUMNS)
+    for field, words, unit, scale in COEFFICIENTS:
+        for number, (axis, noise) in enumerate(zip(AXES, rest.axes, strict=True)):
+            found: Coefficient = getattr(noise, field)
+            ends = [f"{end * scale:.3g}" for end in (found.low, found.high)] if found.seen else []
+            table.add(*((words, unit) if number == 0 else ("", "")), axis, said(found, scale), *ends)
+    return table
+
+
+def said(coefficient: Coefficient, scale: float) -> str:
+    """`0.0123`, or `< 0.004` where the rest does not show it."""
+    value, high = coefficient.value * scale, coefficient.high * scale
+    return f"{value:.3g}" if coefficient.seen else f"< {high:.2g}"
+
+
+def sentences(rest: AtRest) -> Iterator[str]:
+    """What was used, and what speaks against it."""
+    yield (
+        f"used: the longest rest, {rest.duration_s:.0f} s of {rest.total_s:.0f} s, from {rest.start_s:.1f} to "
+        f"{rest.end_s:.1f} s, at {rest.rate_hz:.2f} Hz"
+    )
+    celsius = "" if rest.temperature_c is None else "; {:.1f} to {:.1f} °C".format(*rest.temperature_c)
+    yield f"least step of a reading: {' '.join(f'{degrees(step):.2g}' for step in rest.step)} °/s{celsius}"
+    for name, words, *_ in COEFFICIENTS:
+        if unseen := [axis for axis, noise in zip(AXES, rest.axes, strict=True) if not getattr(noise, name).seen]:
+            yield f"not seen in {rest.duration_s:.0f} s: {words} of {', '.join(unseen)}; what is given is the upper limit"
+    named = dict(zip(AXES, rest.axes, strict=True))
+    if filtered := [
+        f"{noise.fitted_from:.2g} s of {axis}" for axis, noise in named.items() if noise.fitted_from > noise.tau[0]
+    ]:
+        yield f"not used, as the device's filter or a vibration shapes it: what is below {', '.join(filtered)}"
+    for axis, noise in named.items():
+        if noise.drift:
+            yield f"{axis}: drifts steadily by {degrees(noise.drift) * 3600:.2g} °/s an hour; let it warm up before recording"
+        if noise.misfit > _POOR:
+            yield f"{axis}: the model explains it poorly (misfit {noise.misfit:.1f}, 1 is well); the intervals are wider for it"

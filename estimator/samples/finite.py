@@ -1,0 +1,16 @@
+"""Runs of finite readings: NaN and infinity are cut out before anything is computed."""
+
+import numpy as np
+
+from bridge.wire.messages import SampleBatch
+
+
+def runs(batch: SampleBatch, first: int) -> list[tuple[int, int]]:
+    """Begin and end of each run of samples that are all finite, from `first` on; a single one when all is well."""
+    finite = np.isfinite(batch.gyro[first:]).all(axis=1)
+    if batch.accel is not None:
+        finite &= np.isfinite(batch.accel[first:]).all(axis=1)
+    if finite.all():
+        return [(first, len(batch))]
+    edges = (np.flatnonzero(np.diff(finite, prepend=False, append=False)) + first).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))

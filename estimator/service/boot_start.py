@@ -1,0 +1,119 @@
+"""Start of a boot: the prior of earlier boots is used, or the reason why not is said."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Sentences
+from bridge.wire.messages import Calibration, DeviceInfo
+from estimator.device.outcome import Outcome
+from estimator.device.prior_knowledge import PriorKnowledge
+from estimator.device.restore_key import changed, restore_key
+from estimator.samples.sample_buffer import Samples
+from estimator.service.device import Device
+from estimator.service.device_roster import DeviceRoster
+from estimator.service.fault_isolation import FaultIsolation
+from estimator.service.store_access import StoreAccess
+
+log = logging.getLogger(__name__)
+
+
+class Boots:
+    """Begins boots of the roster's devices with what the record has of them."""
+
+    def __init__(self, devices: DeviceRoster, record: StoreAccess, guarded: FaultIsolation) -> None:
+        self._devices, self._record, self._guarded = devices, record, guarded
+
+    def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
+        """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
+        session, info = device.session, self._devices.info(batch.bridge, batch.device)
+        if batch.boot != device.repeated:
+            device.repeated = None
+        if session.boot is None and session.sequence.samples_in == 0:
+            session.sequence.recall(partial(self._before, device.name, batch.boot))
+        session.info = info = info if info is not None and info.boot == batch.boot else None
+        remembered, scratch = self._record.recall(device, batch.boot), Sentences()
+        if info is not None:
+            self._record.boot(info)
+            if remembered is not None and remembered.calibration is not None:
+                scratch = changed(remembered.calibration, info, within_boot=True)
+            if scratch:
+                remembered = None
+            if remembered is None or remembered.calibration is None:
+                prior = self._record.earlier.prior(device, info)
+                scratch = scratch if prior is None else ()
+                remembered = _with(remembered, prior)
+                if prior is None:
+                    scratch = scratch or self._record.earlier.scratch(info)
+        outcome = session.begin_boot(batch.boot, batch.first_s, remembered if same else None, None, batch.celsius)
+        if not same:
+            session.count_event("boot number repeated")
+            self._record.repeat(device, batch.boot, *outcome.calibrations)
+            if remembered is not None and remembered.calibration is not None:
+                session.believe(remembered.calibration)
+        if info is not None and scratch:
+            outcome.said += self._from_scratch(device, info, scratch)
+        if info is not None:
+            self._look_up(device, info)
+        return outcome
+
+    def _before(self, name: str, boot: int) -> list[int] | None:
+        """Boots before this one, None while they cannot be read; a cache may begin with the end of an earlier boot."""
+        device = self._devices.get(name)
+        kept = None if device is None else self._record.earlier.past(name)
+        return kept[: kept.index(boot)] if kept is not None and boot in kept else kept
+
+    def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
+        """The bridge that a device is heard from says what it is; before: what it said last."""
+        session = device.session
+        session.info = info
+        if before is not None and before.boot == info.boot and restore_key(before) == restore_key(info):
+            return None
+        self._record.boot(info)
+        outcome = Outcome()
+        used = session.calibration or session.prior
+        scratch = () if used is None else changed(used, info, within_boot=True)
+        if scratch:
+            outcome = session.start_over(scratch)
+        if session.calibration is None:
+            if (prior := self._record.earlier.prior(device, info)) is not None:
+                session.learnt.scratch = scratch = ()
+                session.believe(prior)
+            else:
+                scratch = scratch or self._record.earlier.scratch(info)
+        if scratch:
+            outcome.said += [words for words in self._from_scratch(device, info, scratch) if words not in outcome.said]
+            outcome.changed = True
+        self._look_up(device, info)
+        return outcome
+
+    def resumed(self, device: Device) -> Outcome | None:
+        """A session goes on that another estimator began: its bridge may have said what it is."""
+        info = self._devices.info(device.admission.source.owner, device.name)
+        device.session.sequence.recall(partial(self._before, device.name, device.session.boot or 0))
+        return None if info is None or info.boot != device.session.boot else self.introduced(device, info, None)
+
+    def _look_up(self, device: Device, info: DeviceInfo) -> None:
+        """What earlier boots teach of temperature, and of how far this one may be from them."""
+
+        def use(what: Callable[[], None]) -> None:
+            if self._devices.get(device.name) is device and device.session.boot == info.boot:
+                self._guarded(device, what)
+
+        session = device.session
+        self._record.earlier.law(session, info, lambda law: use(lambda: session.learnt.expect(law)))
+        self._record.earlier.moves(session, info, lambda moves: use(lambda: session.moves(moves)))
+
+    def _from_scratch(self, device: Device, info: DeviceInfo, why: Sentences) -> list[str]:
+        device.session.learnt.scratch = why
+        self._record.started_over(info, why)
+        return [english(*why)]
+
+
+def _with(remembered: PriorKnowledge | None, prior: Calibration | None) -> PriorKnowledge | None:
+    """What is remembered of this boot, with the calibration of an earlier one."""
+    if prior is None:
+        return remembered
+    return PriorKnowledge(prior, None) if remembered is None else replace(remembered, calibration=prior)

@@ -1,0 +1,92 @@
+"""What a command does to a device, and the answer."""
+
+import logging
+import time
+from collections.abc import Callable
+
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentence, Sentences
+from bridge.wire import keys
+from bridge.wire.messages import Command, CommandReply
+from bridge.wire.refusal import Tally
+from estimator.service.device import Device
+from estimator.service.device_roster import DeviceRoster
+from estimator.service.enrolment_gate import EnrolmentGate
+from estimator.service.fault_isolation import FaultIsolation
+from estimator.service.store_access import StoreAccess
+
+log = logging.getLogger(__name__)
+
+#: names told to who asks for a device that is not there
+SHOWN = 20
+#: commands that were done before, and are not done again, under this
+REPEATED = "commands repeated"
+
+
+class CommandHandler:
+    """On the service's own thread: `do` is what Commands.work calls."""
+
+    def __init__(
+        self,
+        devices: DeviceRoster,
+        record: StoreAccess,
+        gate: EnrolmentGate,
+        guarded: FaultIsolation,
+        counts: Tally,
+        now_ns: Callable[[], int],
+    ) -> None:
+        self._devices, self._record, self._gate = devices, record, gate
+        self._guarded, self._counts, self._now_ns = guarded, counts, now_ns
+
+    def do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
+        """Do it, unless it was done before; kept is called once it is written down that it was."""
+        if (before := self._record.answered(key, command)) is not None:
+            self._counts.add(REPEATED)
+            kept()
+            return before
+        if key.device not in self._devices:
+            kept()
+            return self._unknown(key, command)
+        reply = self._done(self._devices[key.device], key.ids["verb"], command)
+        log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, english(*reply.message))
+        self._record.audit(self._devices[key.device], key, command, reply, kept)
+        return reply
+
+    def _unknown(self, key: keys.Key, command: Command) -> CommandReply:
+        """Anybody can make names up: such a command is counted and not kept."""
+        names = sorted(self._devices)
+        message = self._gate.why(key.device) or (Code.UNKNOWN_DEVICE(device=key.device), *_known(names))
+        if self._counts.add("commands to unknown devices") == 1:
+            log.warning("%s by %s: %s (more are only counted)", key.ids["verb"], command.who, english(*message))
+        return CommandReply(command.request_id, accepted=False, message=message)
+
+    def _done(self, device: Device, verb: str, command: Command) -> CommandReply:
+        refusals: list[Sentence | None] = []
+        if not self._guarded(device, lambda: refusals.append(_obey(device, verb, command))):
+            return CommandReply(command.request_id, accepted=False, message=(Code.COMMAND_FAILED(),))
+        if verb == "note" and refusals[0] is None:
+            self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
+        self._guarded(device, lambda: device.say_status(self._now_ns()))
+        self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
+        if (refusal := refusals[0]) is not None:
+            return CommandReply(command.request_id, accepted=False, message=(refusal,))
+        message = (Code.NOTED(),) if verb == "note" else device.session.life.goes_on
+        return CommandReply(command.request_id, accepted=True, message=message)
+
+
+def _known(names: list[str]) -> Sentences:
+    """The devices that are known, or the first of them."""
+    if not names:
+        return ()
+    if len(names) <= SHOWN:
+        return (Code.KNOWN_DEVICES(names=", ".join(names)),)
+    return (Code.KNOWN_DEVICES_AND_MORE(names=", ".join(names[:SHOWN]), more=len(names) - SHOWN),)
+
+
+def _obey(device: Device, verb: str, command: Command) -> Sentence | None:
+    """None, or why not."""
+    if verb == "recalibrate":
+        return device.session.recalibrate(command.who, command.reason)
+    if verb == "cancel":
+        return device.session.cancel(command.who)
+    return None if command.reason.strip() else Code.NOTE_EMPTY()

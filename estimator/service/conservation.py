@@ -1,0 +1,76 @@
+"""Conservation law: every sample that came in went out, or was dropped and counted with a reason. Pure."""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+EVENT = "conservation law broken"
+
+
+class SampleAccount(NamedTuple):
+    """Samples of one device: taken in, corrected, dropped; of those corrected how many were published or still wait.
+
+    `refused` were another bridge's and never let in; `held` wait for their turn before they are.
+    """
+
+    came: int = 0
+    out: int = 0
+    dropped: int = 0
+    said: int = 0
+    refused: int = 0
+    held: int = 0
+
+    @property
+    def unaccounted(self) -> int:
+        """Samples that came and are nowhere; negative where more went out than came."""
+        return self.came - self.out - self.dropped
+
+    @property
+    def unsaid(self) -> int:
+        """Samples that were corrected and never published; negative where they were published and counted as dropped."""
+        return self.out - self.said
+
+
+def combined(accounts: Iterable[SampleAccount]) -> SampleAccount:
+    """What several devices come to."""
+    return SampleAccount(*map(sum, zip(*accounts, strict=True)))
+
+
+class Conservation:
+    """Looks at all accounts together, again and again; remembers what was told, and devices that are forgotten."""
+
+    def __init__(self) -> None:
+        self.violations: dict[str, int] = {}
+        self.total = SampleAccount()
+        self._last: dict[str, SampleAccount] = {}
+        self._gone = SampleAccount()
+        self._told: dict[str, tuple[int, int]] = {}
+
+    def leave(self, name: str) -> None:
+        """A device goes, as it was at the last look; under its name another may come."""
+        self._gone = combined([self._gone, self._last.pop(name, SampleAccount())])
+        self._told.pop(name, None)
+
+    def check(self, accounts: Mapping[str, SampleAccount], decoded: int, turned_away: int) -> dict[str, str]:
+        """What is newly wrong, by device, "" for all of them together: in words.
+
+        decoded: samples that came through the service's door; turned_away: those of them that went to no device, counted with
+        the reason.
+        """
+        for name in self._last.keys() - accounts.keys():
+            self.leave(name)
+        self._last = dict(accounts)
+        self.total = combined([*accounts.values(), self._gone])
+        wrong = [(name, (account.unaccounted, account.unsaid)) for name, account in accounts.items()]
+        wrong.append(("", (decoded - self.total.came - self.total.refused - self.total.held - turned_away, 0)))
+        fresh = {name: found for name, found in wrong if found != self._told.get(name, (0, 0))}
+        self._told |= fresh
+        said = {name: _words(found) for name, found in fresh.items() if any(found)}
+        for name in said:
+            self.violations[name] = self.violations.get(name, 0) + 1
+        return said
+
+
+def _words(found: tuple[int, int]) -> str:
+    unaccounted, unsaid = found
+    parts = [f"{unaccounted} samples came and are neither out nor dropped"] if unaccounted else []
+    return "; ".join(parts + ([f"{unsaid} samples count as out and were not published"] if unsaid else []))

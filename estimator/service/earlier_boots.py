@@ -1,0 +1,96 @@
+"""What earlier boots of the same hardware tell of this one, from the store and from other estimators."""
+
+import logging
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from bridge.reasons.codes import Sentences
+from bridge.wire.messages import Calibration, DeviceInfo
+from estimator.device.restore_key import changed, differing, restore_key
+from estimator.device.session import DeviceSession
+from estimator.geometry.gyro_model import repeatability
+from estimator.service.checkpoints import Checkpoints
+from estimator.service.device import Device
+from estimator.service.store import Store, StoreError
+from estimator.service.store_writer import StoreWriter
+from estimator.tracking.temperature_law import TemperatureLaw
+from estimator.tracking.temperature_learning import learn
+
+_T = TypeVar("_T")
+
+log = logging.getLogger(__name__)
+
+#: so many boots of a device are known again after a restart
+BOOTS_KNOWN = 48
+#: a calibration that is made so much later than now was made by a clock that was wrong, s; or it is now
+AHEAD_S = 60.0
+
+
+class EarlierBoots:
+    """What is looked up of a device's earlier boots.
+
+    pending: calibrations of a device that are not on disk yet.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        replicas: Checkpoints,
+        clerk: StoreWriter,
+        now_ns: Callable[[], int],
+        pending: Callable[[str], list[Calibration]],
+    ) -> None:
+        self._store, self._replicas, self._clerk = store, replicas, clerk
+        self._now_ns, self._pending = now_ns, pending
+
+    def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
+        """The last calibration of the same hardware in an earlier boot, on disk or not yet."""
+        for pending in reversed(self._pending(device.name)):
+            if pending.boot != info.boot and not differing(restore_key(pending), info):
+                return pending
+        now_ns = self._now_ns()
+        found = [c for c in (self._replicas.prior(info), self._store.prior(info)) if c is not None]
+        return self._dated(device, max(found, key=lambda c: (c.time_ns <= now_ns, c.time_ns), default=None))
+
+    def _dated(self, device: Device, c: Calibration | None) -> Calibration | None:
+        """A calibration; where its time lies ahead that is said: then, or now, the clock is wrong."""
+        ahead_s = 0.0 if c is None else (c.time_ns - self._now_ns()) / 1e9
+        if c is not None and ahead_s > AHEAD_S and device.session.count_event("calibration of a time to come") == 1:
+            words = "calibration %s says that it was made %.1f days from now: the clock was wrong then, or is wrong now"
+            log.warning(f"%s: {words}", device.name, c.id, ahead_s / 86400)
+        return c
+
+    def scratch(self, info: DeviceInfo) -> Sentences:
+        """Why no calibration of this device holds; empty where there is none."""
+        latest = self._store.latest(info.device)
+        return () if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
+
+    def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw], None]) -> None:
+        """What the same hardware taught of temperature in earlier boots, if anything; it takes as long as many samples do."""
+        knobs = session.knobs.track.bias
+        self._look_up(lambda: learn(self._store.points(info), knobs), then)
+
+    def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
+        """How far the scale of the same hardware moved from boot to boot, as far as that is known here."""
+
+        def moved() -> float:
+            return repeatability([np.diag(c.matrix) for c in self._store.earlier(info)], session.knobs.prior)
+
+        self._look_up(moved, then)
+
+    def _look_up(self, what: Callable[[], _T | None], then: Callable[[_T], None]) -> None:
+        found = list[_T | None]()
+
+        def looked_up(_: StoreError | None) -> None:
+            for one in found:
+                if one is not None:
+                    then(one)
+
+        self._clerk.look_up(lambda: found.append(what()), looked_up)
+
+    def past(self, device: str) -> list[int] | None:
+        """Boots of a device that were heard before this estimator was started, oldest first; None where they cannot be read."""
+        boots = self._store.boots(device, BOOTS_KNOWN)
+        return None if self._store.database.trouble and not boots else boots

@@ -1,0 +1,171 @@
+"""Which messages are decoded: those of enrolled devices, from their own bridge. The others cost next to nothing.
+
+Keys are told apart before anything is decoded, so that a flood of invented names keeps nobody waiting. Some of those names are
+remembered, so that a person can see what asks to be let in.
+"""
+
+import logging
+from collections.abc import Container
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from bridge.bus.contract import Bus, Message, Publisher
+from bridge.config import enrolment as enrolled
+from bridge.config.enrolment import Enrolment
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentences
+from bridge.wire import codec, keys
+from bridge.wire.messages import Status
+from bridge.wire.refusal import Tally
+from estimator.device.session import DeviceSession
+from estimator.service import output
+
+log = logging.getLogger(__name__)
+
+#: messages refused are counted under these
+STRANGER, FOREIGN = "messages refused, not enrolled", "messages refused, another bridge's device"
+#: so many strangers are listed, and for so long after they were heard last
+LISTED, LISTED_S = 64, 30.0
+#: keys that were looked at before
+_KNOWN = 16_384
+
+
+@dataclass(slots=True)
+class Stranger:
+    """A device that is not enrolled, or not by the bridge that sends it."""
+
+    bridge: str
+    messages: int
+    heard: float
+
+
+class EnrolmentGate:
+    """Lets messages by; `strangers` are some of those that were not. Without an enrolment everybody is let in."""
+
+    def __init__(self, enrolment: Enrolment | None, counts: Tally) -> None:
+        self._enrolment, self._counts = enrolment, counts
+        self._stamp = self._stamped()  # first: what changes while it is read is read again
+        self._places = enrolment.read() if enrolment else {}
+        self._known = set[str]()
+        self._heard = set[str]()  # enrolled, and sent by their own bridges
+        self.strangers: dict[str, Stranger] = {}
+
+    def admit(self, messages: list[Message], now: float) -> list[Message]:
+        """Those of enrolled devices, and those under keys that are none: the door knows why to refuse them."""
+        if self._enrolment is None:
+            return messages
+        known = self._known
+        return [message for message in messages if message.key in known or self._admits(message.key, now)]
+
+    def look(self, now: float) -> None:
+        """Once a second: whether the file has changed, and who is not heard any more."""
+        gone = [name for name, stranger in self.strangers.items() if now - stranger.heard > LISTED_S]
+        for name in {*gone, *(self.strangers.keys() & self._heard)}:
+            del self.strangers[name]
+        if self._enrolment is None or (stamp := self._stamped()) == self._stamp:
+            return
+        self._stamp = stamp
+        try:
+            places = self._enrolment.read()
+        except ValueError as error:
+            log.error("[devices]: %s; what was enrolled before stays so", error)
+            return
+        # As an editor leaves it for a moment, or a disk that is full.
+        if places == enrolled.places(self._enrolment.enrolled) != self._places:
+            log.error(
+                "[devices]: %s: no device of its own stands in it any more; what was enrolled before stays so",
+                self._enrolment.file,
+            )
+            return
+        log.info("[devices]: %d devices are enrolled now, %d before", len(places), len(self._places))
+        self._places = places
+        self._known.clear()
+        self._heard.clear()
+        for name in self.strangers.keys() & places.keys():
+            del self.strangers[name]
+
+    def why(self, device: str, bridge: str = "") -> Sentences:
+        """Why a device, sent by this bridge, is not let in; empty where it would be."""
+        place = self._places.get(device)
+        if place and bridge and place != bridge:
+            return (Code.ENROLLED_ELSEWHERE(place=place, bridge=bridge),)
+        if self._enrolment is None or place is not None:
+            return ()
+        return (Code.NOT_ENROLLED(),)
+
+    def _admits(self, key: str, now: float) -> bool:
+        _, bridge, device = ("", "", *key.rsplit("/", 2))[-3:]
+        place = self._places.get(device)
+        if not (keys.ID.match(device) and keys.ID.match(bridge)):
+            return True
+        if place is None:
+            self._count(device, bridge, now)
+            return False
+        if place and place != bridge:
+            if self._counts.add(FOREIGN) == 1:
+                log.warning("%s is enrolled by %s and sent by %s (more is only counted)", device, place, bridge)
+            if device not in self._heard:
+                self._list(device, bridge, now)
+            return False
+        self._heard.add(device)
+        if len(self._known) >= _KNOWN:
+            self._known.clear()
+        self._known.add(key)
+        return True
+
+    def _count(self, device: str, bridge: str, now: float) -> None:
+        if self._counts.add(STRANGER) == 1:
+            log.warning("%s: %s (said once)", device, english(*self.why(device)))
+        self._list(device, bridge, now)
+
+    def _list(self, device: str, bridge: str, now: float) -> None:
+        stranger = self.strangers.get(device)
+        if stranger is not None:
+            stranger.messages += 1
+            stranger.heard = now
+        elif len(self.strangers) < LISTED:
+            self.strangers[device] = Stranger(bridge, 1, now)
+
+    def _stamped(self) -> tuple[int, int, int] | None:
+        if self._enrolment is None or not self._enrolment.file:
+            return None
+        try:
+            found = Path(self._enrolment.file).stat()
+        except OSError:
+            return None
+        return found.st_mtime_ns, found.st_size, found.st_ino
+
+
+class Notices:
+    """Publishes a status of each stranger, so that it stands in every list of devices."""
+
+    def __init__(self, bus: Bus, ward: str, gate: EnrolmentGate) -> None:
+        self._bus, self._ward, self._gate = bus, ward, gate
+        self._blank: Status = output.status(DeviceSession("none").status(0))
+        self._publishers: dict[str, Publisher] = {}
+
+    def say(self, time_ns: int, known: Container[str]) -> None:
+        """Once a second; of known devices somebody else speaks."""
+        for name in self._publishers.keys() - self._gate.strangers.keys():
+            self._publishers.pop(name).close()
+        for name, stranger in self._gate.strangers.items():
+            if name in known:
+                continue
+            if name not in self._publishers:
+                key = keys.build(self._ward, "status", device=name)
+                self._publishers[name] = self._bus.publisher(key, cache=1)
+            said = replace(
+                self._blank,
+                device=name,
+                time_ns=time_ns,
+                reason=self._gate.why(name, stranger.bridge),
+                events={STRANGER: stranger.messages},
+                bridge=stranger.bridge,
+            )
+            self._publishers[name].put(codec.encode_status(said))
+
+    def close(self) -> None:
+        """Take them back."""
+        for publisher in self._publishers.values():
+            publisher.close()
+        self._publishers.clear()

@@ -1,0 +1,163 @@
+"""The service's state, noted once a second and read from any thread: for /metrics, /healthz and /readyz."""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from bridge.bus.certificate_metric import certificate
+from bridge.bus.routers import Routers
+from bridge.runtime.health_server import HealthSource, MetricFamily
+from bridge.wire.messages import State, Status
+from estimator.device.lifecycle import AWAY, NEVER_S
+from estimator.service.conservation import SampleAccount
+
+#: a loop that has not turned for so long is stuck
+STUCK_S = 5.0
+
+
+class DeviceHealth(NamedTuple):
+    """One device: its status, mean NIS per degree of freedom, seconds from a sample's receipt to its publication."""
+
+    status: Status
+    nis: float
+    latency_s: float
+    violations: int
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """What was so at one moment; time_s is monotonic, busy the share of the last second in which the loop had to do."""
+
+    time_s: float
+    connected: bool
+    store: str
+    devices: Mapping[str, DeviceHealth] = field(default_factory=dict)
+    total: SampleAccount = field(default_factory=SampleAccount)
+    violations: int = 0
+    counts: Mapping[str, int] = field(default_factory=dict)
+    busy: float = 0.0
+
+
+class ServiceHealth:
+    """The latest note. `expects`: whether the ward's file has devices, so that none is a trouble."""
+
+    def __init__(
+        self, *, expects: bool = False, clock: Callable[[], float] = time.monotonic, routers: Routers | None = None
+    ) -> None:
+        self._expects, self._clock = expects, clock
+        #: where it goes, and by which certificate
+        self.routers = routers or Routers(())
+        self._note: Note | None = None
+
+    def note(self, note: Note) -> None:
+        """Replace the note; one assignment, so that readers see one or the other."""
+        self._note = note
+
+    @property
+    def asked(self) -> HealthSource:
+        """What a health server answers."""
+        return HealthSource(self.families, self.sick, self.unready)
+
+    def sick(self) -> list[str]:
+        """Why the process is not alive; it is as long as it waits for its first router."""
+        age = 0.0 if self._note is None else self._clock() - self._note.time_s
+        return [f"the loop has not turned for {age:.0f} s"] if age > STUCK_S else []
+
+    def unready(self) -> list[str]:
+        """Why it cannot do its work now."""
+        note = self._note
+        if note is None:
+            return ["no router yet", *self.routers.faults()]
+        why = self.sick()
+        if not note.connected:
+            why += ["the router is gone", *self.routers.faults()]
+        if note.store:
+            why.append(note.store)
+        states = {d.status.state for d in note.devices.values()}
+        if self._expects and states <= {State.LOST}:
+            why.append("no device is heard")
+        elif self._expects and note.connected and states <= set(AWAY):
+            why.append("nothing that comes of a device can be used")
+        return why
+
+    def families(self) -> Iterator[MetricFamily]:
+        """All metrics; labels are devices of the roster, reasons and states, all of them bounded."""
+        yield from certificate(self.routers)
+        note = self._note
+        yield MetricFamily(
+            "bus_connected", "Whether there is a router.", (), {(): float(note is not None and note.connected)}
+        )
+        if note is None:
+            return
+        yield MetricFamily(
+            "loop_age_seconds", "Since the service's loop turned last.", (), {(): self._clock() - note.time_s}
+        )
+        yield MetricFamily(
+            "busy_ratio", "Share of the time in which the service's loop had to do.", (), {(): note.busy}
+        )
+        yield MetricFamily("store_writable", "Whether the store can be written.", (), {(): float(not note.store)})
+        states = Counter(d.status.state.name.lower() for d in note.devices.values())
+        yield MetricFamily(
+            "devices", "Devices by state.", ("state",), {(s.name.lower(),): states[s.name.lower()] for s in State}
+        )
+        yield MetricFamily(
+            "ward_events",
+            "Messages and samples refused, lost or given up on the whole ward.",
+            ("event",),
+            _by(note.counts),
+            counter=True,
+        )
+        yield MetricFamily(
+            "law_violations_all",
+            "How often samples of the ward were found that are nowhere.",
+            (),
+            {(): note.violations},
+            counter=True,
+        )
+        yield from _of_devices(note.devices)
+
+
+def _of_devices(devices: Mapping[str, DeviceHealth]) -> Iterator[MetricFamily]:
+    def family(name: str, words: str, value: Callable[[DeviceHealth], float], *, counter: bool = False) -> MetricFamily:
+        values = {(device,): value(vitals) for device, vitals in devices.items()}
+        known = {labels: value for labels, value in values.items() if not math.isnan(value)}
+        return MetricFamily(name, words, ("device",), known, counter)
+
+    yield family("samples_in", "Samples taken in.", lambda d: d.status.samples_in, counter=True)
+    yield family("samples_out", "Samples corrected.", lambda d: d.status.samples_out, counter=True)
+    dropped = {(name, why): n for name, d in devices.items() for why, n in d.status.dropped.items()}
+    yield MetricFamily("samples_dropped", "Samples dropped.", ("device", "reason"), dropped, counter=True)
+    yield family("gaps", "Gaps in the samples.", lambda d: d.status.events.get("gaps", 0), counter=True)
+    yield family(
+        "samples_missing", "Samples that never came.", lambda d: d.status.events.get("missing_samples", 0), counter=True
+    )
+    yield family(
+        "law_violations",
+        "How often samples were found that are neither out nor dropped.",
+        lambda d: d.violations,
+        counter=True,
+    )
+    yield family("rate_hz", "Samples a second, by the device's clock.", lambda d: d.status.rate_hz)
+    yield family("latency_seconds", "From a sample's receipt at the bridge to its publication.", lambda d: d.latency_s)
+    yield family("evidence_age_seconds", "Since the bias was measured last; none where it never was.", _evidence_age)
+    yield family(
+        "nis", "Mean normalised innovation squared per degree of freedom; 1 when all is well.", lambda d: d.nis
+    )
+    yield family("bias_std_rad_s", "Standard deviation of the worst axis's bias.", lambda d: max(d.status.bias_std))
+    yield family("temperature_celsius", "Of the device.", lambda d: d.status.temperature_c)
+    state = {(name, d.status.state.name.lower()): 1.0 for name, d in devices.items()}
+    yield MetricFamily("state", "1 for the state a device is in.", ("device", "state"), state)
+    quality = {(name, d.status.quality.name.lower()): 1.0 for name, d in devices.items()}
+    yield MetricFamily("quality", "1 for the quality of a device's corrected rates.", ("device", "quality"), quality)
+
+
+def _evidence_age(of: DeviceHealth) -> float:
+    age_s = of.status.evidence_age_s
+    return age_s if age_s < NEVER_S else math.nan
+
+
+def _by(counts: Mapping[str, int]) -> dict[tuple[str, ...], float]:
+    return {(label,): n for label, n in counts.items()}

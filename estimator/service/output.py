@@ -1,0 +1,155 @@
+"""Encodes what a session says, fit for every subscriber's decoder."""
+
+from dataclasses import replace
+from heapq import nlargest
+from itertools import pairwise
+from math import isnan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire import validation
+from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, CorrectedEncoder
+from bridge.wire.messages import BiasRevision, SampleFlag, Status, WindowBatch
+from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
+from estimator.device.batch_correction import Cut, Rates
+from estimator.device.correction import Correction
+
+MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
+_OTHERS = "others"
+
+
+def status(said: Status) -> Status:
+    """The status with every number in the wire's range; what is not a number becomes the worst there is."""
+    if _status_fits(said):
+        return said
+    return replace(
+        said,
+        bias=tuple([_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias]),
+        bias_std=tuple([_within(s, 0.0, MAX_STD, MAX_STD) for s in said.bias_std]),
+        scale=tuple([_within(s, -MAX_SCALE, MAX_SCALE, 0.0) for s in said.scale]),
+        progress=_within(said.progress, 0.0, 1.0, 0.0),
+        evidence_age_s=_within(said.evidence_age_s, 0.0, MAX_AGE_S, MAX_AGE_S),
+        temperature_c=_within(said.temperature_c, -MAX_CELSIUS, MAX_CELSIUS, np.nan),
+        rate_hz=_within(said.rate_hz, 0.0, MAX_HZ, 0.0),
+        dropped=_counts(said.dropped),
+        events=_counts(said.events),
+    )
+
+
+def _status_fits(said: Status) -> bool:
+    """Whether every number of it is in the wire's range already."""
+    numbers = (
+        0.0 <= said.progress <= 1.0
+        and 0.0 <= said.evidence_age_s <= MAX_AGE_S
+        and (isnan(said.temperature_c) or abs(said.temperature_c) <= MAX_CELSIUS)
+        and 0.0 <= said.rate_hz <= MAX_HZ
+    )
+    vectors = (said.bias, -MAX_RATE, MAX_RATE), (said.bias_std, 0.0, MAX_STD), (said.scale, -MAX_SCALE, MAX_SCALE)
+    return (
+        numbers
+        and all(low <= value <= high for values, low, high in vectors for value in values)
+        and all(len(counts) <= validation.MAX_COUNTS for counts in (said.dropped, said.events))
+        and all(n <= MAX_COUNT for counts in (said.dropped, said.events) for n in counts.values())
+    )
+
+
+class Encoder:
+    """Corrected samples of one device to payloads fit for the wire."""
+
+    def __init__(self, device: str, epoch: int = 0) -> None:
+        self._encoder = CorrectedEncoder(device, epoch)
+        self._correction: Correction | None = None  # of what was encoded last
+
+    def encode(self, cut: Cut, rates: Rates) -> bytes:
+        """The payload of samples that were corrected so."""
+        samples, correction = cut.samples, cut.correction
+        if correction is not self._correction:
+            self._correction = correction
+            self._encoder.corrected_by(correction.quality, correction.calibration, _told(correction))
+        return self._encoder.encode(
+            samples.boot,
+            cut.sequence,
+            cut.start_time_ns,
+            samples.tick_period_s,
+            samples.clock_rate,
+            cut.ticks,
+            *rates,
+        )
+
+
+def _told(correction: Correction) -> dict[str, NDArray[np.float32]]:
+    """What is told of a correction, each number in the wire's range."""
+    told = correction.told._asdict()
+    if all(abs(value) <= min(MAX_RATE, MAX_STD) for column in told.values() for value in column.tolist()):
+        return told
+    return {
+        name: _clipped(value, -MAX_RATE, MAX_RATE) if name == "bias" else _clipped(value, 0.0, MAX_STD)
+        for name, value in told.items()
+    }
+
+
+def revision(said: BiasRevision) -> BiasRevision | None:
+    """The revision without the points no subscriber takes, thinned evenly if there are too many; None when too few are left."""
+    known = ((said.bias_std >= 0) & (said.bias_std < np.inf) & (np.abs(said.bias) <= MAX_RATE)).all(axis=1)
+    known &= (said.sequences <= MAX_SEQUENCE) & (said.times_ns >= 0) & (said.times_ns <= validation.MAX_TIME_NS)
+    kept = np.flatnonzero(known)
+    kept = kept[_rising(said.sequences[kept]) & _rising(said.times_ns[kept])]
+    if len(kept) < MIN_POINTS or not (np.abs(said.matrix) <= MAX_ELEMENT).all():
+        return None
+    if len(kept) > MAX_POINTS:
+        kept = kept[np.linspace(0, len(kept) - 1, MAX_POINTS).round().astype(np.intp)]
+    return replace(
+        said,
+        sequences=said.sequences[kept],
+        times_ns=said.times_ns[kept],
+        bias=said.bias[kept],
+        bias_std=_clipped(said.bias_std[kept], 0.0, MAX_STD),
+    )
+
+
+def windows(said: WindowBatch) -> WindowBatch | None:
+    """The windows with every number in the wire's range; None where their times are none."""
+    times = said.times_ns.tolist()
+    if times[0] < 0 or times[-1] > validation.MAX_TIME_NS or any(a >= b for a, b in pairwise(times)):
+        return None
+    most = max(float(said.rate_max.max()), -float(said.rate_min.min()))
+    worst = max(*said.noise_std.tolist(), *said.bias_std.tolist(), *said.scale_std.tolist())
+    if most <= MAX_CORRECTED and worst <= MAX_STD and max(map(abs, said.bias.tolist())) <= MAX_RATE:
+        return said
+    return replace(
+        said,
+        flags=(said.flags | np.uint32(SampleFlag.CLIPPED)).astype(np.uint32) if most > MAX_CORRECTED else said.flags,
+        rate_mean=_clipped(said.rate_mean, -MAX_CORRECTED, MAX_CORRECTED),
+        rate_std=_clipped(said.rate_std, 0.0, MAX_CORRECTED),
+        rate_min=_clipped(said.rate_min, -MAX_CORRECTED, MAX_CORRECTED),
+        rate_max=_clipped(said.rate_max, -MAX_CORRECTED, MAX_CORRECTED),
+        noise_std=_clipped(said.noise_std, 0.0, MAX_STD),
+        bias_std=_clipped(said.bias_std, 0.0, MAX_STD),
+        scale_std=_clipped(said.scale_std, 0.0, MAX_STD),
+        bias=_clipped(said.bias, -MAX_RATE, MAX_RATE),
+    )
+
+
+def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of the numbers are above all before them."""
+    return np.append(True, numbers[1:] > np.maximum.accumulate(numbers)[:-1])[: len(numbers)]
+
+
+def _within(value: float, low: float, high: float, unknown: float) -> float:
+    return value if low <= value <= high else unknown if isnan(value) else min(max(value, low), high)
+
+
+def _clipped(
+    values: np.ndarray[tuple[int, ...], np.dtype[np.float32]], low: float, high: float
+) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    return np.nan_to_num(np.clip(values, low, high), nan=high).astype(np.float32)
+
+
+def _counts(counts: dict[str, int]) -> dict[str, int]:
+    """As many labels as the wire takes: the rarest are counted together."""
+    if len(counts) > validation.MAX_COUNTS:
+        kept = set(nlargest(validation.MAX_COUNTS - 1, (c for c in counts if c != _OTHERS), key=counts.__getitem__))
+        others = sum(n for label, n in counts.items() if label not in kept)
+        counts = {label: n for label, n in counts.items() if label in kept} | {_OTHERS: others}
+    return {label: min(n, MAX_COUNT) for label, n in counts.items()}

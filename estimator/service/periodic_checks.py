@@ -1,0 +1,82 @@
+"""Once a second: checks the conservation law and notes the state for health and metrics."""
+
+import logging
+
+from bridge.wire.refusal import Tally
+from estimator.device.bridge_choice import ELSEWHERE
+from estimator.service.conservation import EVENT, Conservation, SampleAccount
+from estimator.service.device import Device
+from estimator.service.device_roster import TOO_MANY, DeviceRoster
+from estimator.service.health import DeviceHealth, Note, ServiceHealth
+from estimator.service.replay_log import DONE
+
+log = logging.getLogger(__name__)
+
+#: totals are told no more often, s: seldom enough to be read
+TOLD_S = 10.0
+
+
+class PeriodicChecks:
+    """Counts what comes through the door, and holds it against what the devices made of it."""
+
+    def __init__(self, devices: DeviceRoster, counts: Tally, vitals: ServiceHealth) -> None:
+        self._devices, self._counts, self._vitals = devices, counts, vitals
+        self._law = Conservation()
+        self._decoded = 0
+        self._seen: dict[str, DeviceHealth] = {}
+
+    def came(self, samples: int) -> None:
+        """So many samples came in."""
+        self._decoded += samples
+
+    def check(self) -> None:
+        """Between two rounds: all that came is out, dropped, refused or waiting; else that is said, once, and counted."""
+        accounts = {name: _account(device) for name, device in self._devices.items()}
+        counts = self._counts.as_dict()
+        turned_away = counts.get(TOO_MANY, 0) + counts.get(DONE, 0)
+        for name, words in self._law.check(accounts, self._decoded, turned_away).items():
+            self._counts.add(EVENT)
+            if self._law.violations[name] == 1:
+                log.error("%s: %s: %s (more are only counted)", name or "the ward", EVENT, words)
+            for device in [self._devices[name]] if name else self._devices.values():
+                device.session.count_event(EVENT)
+
+    def leave(self, device: str) -> None:
+        """A device goes; it was looked at just now."""
+        self._law.leave(device)
+
+    def see(self, device: Device) -> None:
+        """One that was looked after just now, and has been announced."""
+        if device.latest is not None:
+            nis, violations = device.session.tracker.doubt.consistency.nis, self._law.violations.get(device.name, 0)
+            self._seen[device.name] = DeviceHealth(device.latest, nis, device.delay(), violations)
+
+    def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float) -> None:
+        """Tell the vitals; of devices as each was seen last, unless it was forgotten."""
+        devices = {name: seen for name, seen in self._seen.items() if name in self._devices}
+        self._seen = dict(devices)
+        violations = sum(self._law.violations.values())
+        self._vitals.note(Note(now, connected, store, devices, self._law.total, violations, counts, busy))
+
+
+def _account(device: Device) -> SampleAccount:
+    sequence = device.session.sequence
+    dropped, refused = sequence.dropped.total(), sequence.events.total(ELSEWHERE)
+    return SampleAccount(
+        sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.admission.waiting.samples
+    )
+
+
+class Totals:
+    """Tells counts; times are monotonic seconds."""
+
+    def __init__(self) -> None:
+        self._told: dict[str, int] = {}
+        self._next_s = float("-inf")
+
+    def tell(self, now: float, counts: dict[str, int], *, last: bool = False) -> None:
+        """Log them if they changed since they were told."""
+        if counts == self._told or (now < self._next_s and not last):
+            return
+        self._told, self._next_s = counts, now + TOLD_S
+        log.warning("so far: %s", ", ".join(f"{label} {n}" for label, n in sorted(counts.items())))

@@ -1,0 +1,153 @@
+"""Samples that are received again: the backlog of a device that is taken over, and what was corrected before a restart. Pure."""
+
+from collections import Counter, deque
+from collections.abc import Collection, Mapping, Sequence
+
+from google.protobuf.message import DecodeError
+
+from bridge.bus.contract import Message
+from bridge.wire import columns_pb2 as columns
+from estimator.samples.sample_buffer import Samples
+
+#: longer than a checkpoint is old plus the time in which a dead estimator is noticed, s
+REPLAY_S = 10.0
+#: samples of one message of a backlog
+MERGED = 512
+#: bytes of all messages, and of one device's: one that floods leaves room for the others
+REPLAY_BYTES, DEVICE_BYTES = 64 * 2**20, 4 * 2**20
+#: samples corrected before the restart are counted under this name
+DONE = "samples corrected before the restart"
+#: longer than a bridge's cache goes back, and than it takes to come, s
+LASTS_S = 60.0
+#: the last seconds are published again: a line may have been dead for so long before that was noticed, s
+OVERLAP_S = 5.0
+
+#: of a device: boot, sequence number and host time, ns, up to which it was corrected; the bridge that it was heard from
+Reached = tuple[int, int, int, str]
+
+
+class ReplayLog:
+    """The last messages of all devices, with their devices, in the order in which they came; `now` is monotonic seconds."""
+
+    def __init__(self) -> None:
+        self._order: deque[tuple[float, str]] = deque()  # when each message came, and of which device
+        self._kept: dict[str, deque[Message]] = {}
+        self._sizes = Counter[str]()
+        self._size = 0
+
+    def add(self, device: str, message: Message, now: float) -> None:
+        """Keep a message, unless its device has more than its share already."""
+        size = len(message.payload)
+        if self._sizes[device] + size > DEVICE_BYTES:
+            return
+        self._order.append((now, device))
+        self._kept.setdefault(device, deque()).append(message)
+        self._sizes[device] += size
+        self._size += size
+        self.tidy(now)
+
+    def tidy(self, now: float) -> None:
+        """Forget what is too old or too much, oldest first."""
+        order = self._order
+        while order and (order[0][0] < now - REPLAY_S or self._size > REPLAY_BYTES):
+            _, device = order.popleft()
+            size = len(self._kept[device].popleft().payload)
+            self._size -= size
+            self._sizes[device] -= size
+            if not self._kept[device]:
+                del self._kept[device], self._sizes[device]
+
+    def devices(self) -> set[str]:
+        """Devices of which anything is kept."""
+        return set(self._kept)
+
+    def of(self, devices: Collection[str]) -> dict[str, list[Message]]:
+        """The messages of some devices, each in its order."""
+        return {device: list(self._kept.get(device, ())) for device in devices}
+
+
+class Resumed:
+    """Knows how far each device was; `now` is monotonic seconds."""
+
+    def __init__(self, reached: Mapping[str, Reached], now: float) -> None:
+        self._reached, self._until = dict(reached), now + LASTS_S
+
+    def lasts(self, now: float) -> bool:
+        """Whether any may still come."""
+        if self._reached and now >= self._until:
+            self._reached = {}
+        return bool(self._reached)
+
+    def done(self, samples: Samples) -> bool:
+        """Whether samples were corrected before the restart; another run under the same boot number was not."""
+        boot, following, time_ns, _ = self._reached.get(samples.device, (-1, 0, 0, ""))
+        before = samples.receive_time_ns < time_ns - OVERLAP_S * 1e9
+        return samples.boot == boot and samples.sequence + samples.n <= following and before
+
+    def bridge(self, device: str, came_ns: int) -> str:
+        """The bridge that a device was heard from before the restart, for samples received before it; empty where unknown."""
+        found = self._reached.get(device)
+        return "" if found is None or came_ns > found[2] else found[3]
+
+
+def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:
+    """What is left to be corrected of a device whose session has come to this number of a boot, in few large messages."""
+    left = [(message, _read(message)) for message in messages]
+    ends = {n: _end(raw) for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot}
+    last = max((n for n, end in ends.items() if end <= following), default=-1)
+    # A second bridge may repeat later what the first one said: what is new before that is kept.
+    return _merged([one for n, one in enumerate(left) if n > last or ends.get(n, 0) > following])
+
+
+_Left = tuple[Message, columns.SampleBatch | None]
+
+
+def _read(message: Message) -> columns.SampleBatch | None:
+    try:
+        return columns.SampleBatch.FromString(message.payload)
+    except (DecodeError, UnicodeDecodeError, RuntimeWarning):
+        return None  # refused at the door, and counted
+
+
+def _end(raw: columns.SampleBatch) -> int:
+    return raw.sequence + len(raw.ticks) // 8
+
+
+def _merged(left: Sequence[_Left]) -> list[Message]:
+    """Messages that go on where the one before ended, as one: a message costs as much as a hundred samples."""
+    merged: list[Message] = []
+    group: list[columns.SampleBatch] = []
+    for message, raw in (*left, (None, None)):
+        if group and (raw is None or message is None or message.key != merged[-1].key or not _goes_on(group, raw)):
+            if len(group) > 1:
+                merged[-1] = Message(merged[-1].key, _one(group).SerializeToString())
+            group = []
+        if message is not None:
+            if not group:
+                merged.append(message)
+            if raw is not None:
+                group.append(raw)
+    return merged
+
+
+def _goes_on(group: Sequence[columns.SampleBatch], raw: columns.SampleBatch) -> bool:
+    first, last = group[0], group[-1]
+    alike = (raw.version, raw.device, raw.boot, raw.tick_period_s) == (
+        first.version,
+        first.device,
+        first.boot,
+        first.tick_period_s,
+    )
+    columns_alike = all(
+        bool(getattr(raw, name)) == bool(getattr(first, name)) for name in ("accel", "temperature_c", "flags")
+    )
+    return alike and columns_alike and raw.sequence == _end(last) and _end(raw) - first.sequence <= MERGED
+
+
+def _one(group: Sequence[columns.SampleBatch]) -> columns.SampleBatch:
+    one = columns.SampleBatch()
+    one.CopyFrom(group[0])
+    one.receive_time_ns = group[-1].receive_time_ns
+    for name in ("ticks", "gyro", "accel", "temperature_c", "flags"):
+        setattr(one, name, b"".join(getattr(raw, name) for raw in group))
+    return one

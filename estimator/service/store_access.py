@@ -1,0 +1,321 @@
+"""The store as the service uses it: no sample waits for the disk, and no failure of the disk stops the service.
+
+A calibration is published once it is on disk, or after half a second of a disk that fails. What cannot be written waits in
+memory and is tried again (`clerk`). What another estimator has said of a device it had is as good as what is kept here
+(`replicas`); `tell` says it of ours.
+"""
+
+import logging
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+from bridge.reasons.codes import Sentences
+from bridge.wire import codec, keys
+from bridge.wire.messages import Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Verdict
+from bridge.wire.refusal import Refusal, Tally
+from estimator.device.prior_knowledge import PriorKnowledge
+from estimator.service.checkpoints import Checkpoints, calibrated
+from estimator.service.device import Device
+from estimator.service.earlier_boots import EarlierBoots
+from estimator.service.store import Store, StoreError
+from estimator.service.store_writer import StoreWriter
+
+log = logging.getLogger(__name__)
+
+CHECKPOINT_S, HISTORY_S = 5.0, 60.0
+#: how often a device's past is thinned, and whether a backup is due is looked up, s
+THIN_S, BACKUP_S = 86400.0, 3600.0
+#: the audit's verb for a device of which nothing known holds any more
+SCRATCH = "from scratch"
+#: counted under this: what could not be kept at all
+NOT_KEPT = "writes to the store not kept"
+#: longer than a bridge keeps what it has sent
+CACHE_NS = 60_000_000_000
+#: how long a calibration, or the answer to a command, waits for the disk at most, s
+HELD_S = 0.5
+
+
+class StoreAccess:
+    """What is kept of the ward's devices; no method raises StoreError. `highest`: the highest epoch that is known."""
+
+    def __init__(
+        self,
+        store: Store,
+        counts: Tally,
+        now_ns: Callable[[], int],
+        clerk: StoreWriter | None = None,
+        replicas: Checkpoints | None = None,
+        tell: Callable[[Device], None] = lambda _: None,
+        highest: Callable[[], int] = lambda: 0,
+        guarded: Callable[[Device, Callable[[], None]], object] = lambda _, work: work(),
+    ) -> None:
+        self._replicas, self._tell, self._highest, self._guarded = replicas or Checkpoints(0), tell, highest, guarded
+        self._store, self._counts, self._now_ns = store, counts, now_ns
+        self._clerk = clerk or StoreWriter(store.database, thread=False)
+        #: calibrations that are not on disk yet, by id, in the order in which they were made
+        self._pending: dict[str, Calibration] = {}
+        self.earlier = EarlierBoots(store, self._replicas, self._clerk, now_ns, self._of_device)
+        self._counted = Counter[str]()  # of what the store counts, how many are in `counts`
+        self._epoch = 0  # the highest that is kept
+        #: devices whose latest bias waits to be written
+        self._noting = set[str]()
+        #: what is done at a time, monotonic s, at the latest: to publish a calibration, to answer a command
+        self._due: deque[tuple[float, Callable[[], None]]] = deque()
+        self._next_backup = self._next_thin = float("-inf")
+        self._to_thin: list[str] = []
+        self._known = store.calibrated_devices()
+        self._looked = True
+
+    @property
+    def trouble(self) -> str:
+        """Why the store cannot be written now; empty when it can."""
+        return self._store.database.trouble
+
+    def collect(self, now: float) -> None:
+        """What was written since is told; who waits for a disk that fails waits no longer."""
+        self._clerk.collect()
+        while self._due and (self._due[0][0] <= now or self.trouble):
+            _, do = self._due.popleft()
+            do()
+
+    def close(self) -> None:
+        """Have written what waits."""
+        self._clerk.close()
+
+    def tend(self, now: float) -> None:
+        """Once a second: count what failed, keep the highest epoch, and see to backups and old rows."""
+        database = self._store.database
+        for what, n in (("store failed", database.failures), ("damage in the store", len(database.notes))):
+            if n > self._counted[what]:
+                self._counts.add(what, n - self._counted[what])
+                self._counted[what] = n
+        if self._looked:  # by now
+            self._looked = False
+            self._clerk.look_up(database.look, self._has_looked)
+        epoch = self._highest()
+        if epoch != self._epoch or (self.trouble and self._clerk.idle):  # whether it works again is seen by writing
+            self._epoch = epoch
+            self._write(lambda: self._store.save_epoch(epoch))
+        if now >= self._next_backup:
+            self._next_backup = now + BACKUP_S
+            self._clerk.look_up(database.back_up_if_due)
+        if now >= self._next_thin:
+            self._next_thin = now + THIN_S
+            self._clerk.look_up(lambda: self._to_thin.extend(self._store.devices()))
+        if self._to_thin:
+            device, now_ns = self._to_thin.pop(), self._now_ns()
+            self._write(lambda: self._store.thin(device, now_ns), soon=False)
+
+    def _has_looked(self, _: StoreError | None) -> None:
+        self._looked = True
+
+    def knows(self, device: str) -> bool:
+        """Whether a calibration of a device was kept before this estimator started."""
+        return device in self._known
+
+    # ---- calibrations -----------------------------------------------------------------------------------------------
+
+    def recall(self, device: Device, boot: int) -> PriorKnowledge | None:
+        """What is known of this very boot, on disk or not yet."""
+        if device.repeated == boot:
+            return None  # all of it is of another power-up
+        said = self._replicas.calibration(device.name, boot)
+        before = self._store.made_before(device.name, boot)
+        if said is not None and before.has(said):
+            said = None  # who says so has not heard of it
+        pending = [c for c in self._of_device(device.name) if c.boot == boot]
+        if pending and (said is None or said.id != pending[-1].id):
+            return PriorKnowledge(pending[-1], None)
+        if said is not None:
+            later = self._later(said)
+            if later is None:
+                self.keep(device, said)
+            ours = self._store.recall(device.name, boot, self._now_ns())
+            same = ours is not None and ours.calibration is not None and ours.calibration.id == (later or said).id
+            return ours if same else PriorKnowledge(later or said, None)
+        if self._replicas.repeated(device.name, boot):
+            self.repeat(device, boot)
+            return None
+        ours = self._store.recall(device.name, boot, self._now_ns())
+        if before.seen_ns is not None and (ours is None or ours.calibration is None):
+            device.repeated = boot  # as before we were restarted: whoever has its calibration is to know
+        return ours
+
+    def stopped(self, device: str, boot: int) -> Checkpoint | None:
+        """Where a device of this boot was when this estimator was stopped in order."""
+        state, bridge = self._store.session(device, boot)
+        if not state:
+            return None
+        return Checkpoint(device, boot, 0, 0, bridge, self._store.calibrated(device, boot), state=state)
+
+    def holds(self, device: Device, known: Checkpoint) -> bool:
+        """Whether a checkpoint of another estimator holds, by what is kept here; its calibration is kept, then."""
+        if (said := calibrated(known)) is None:
+            return True
+        if self._store.made_before(device.name, known.boot).has(said) or self._later(said) is not None:
+            return False
+        self.keep(device, said)
+        return True
+
+    def calibration(self, device: Device, c: Calibration, now: float) -> None:
+        """Keep a calibration, and the bias with it, and then say it: who hears of one can rely on it, unless the disk fails.
+
+        One that no subscriber would understand is neither kept nor said.
+        """
+        payload = codec.encode_calibration(replace(c, epoch=device.epoch))
+        try:
+            codec.decode_calibration(keys.build("store", "calibration", device=c.device), payload)
+        except Refusal as refusal:
+            if device.session.count_event("calibration unfit") == 1:
+                log.error("%s: a calibration cannot be said: %s", c.device, refusal)
+            return
+        if c.verdict is Verdict.ACCEPTED:
+            self._replicas.forget(device.name)
+            device.hold(c.id, payload)
+            self._due.append((now + HELD_S, partial(self._let_go, device, c.id)))
+            self.keep(device, c)
+            device.recorded = float("-inf")  # a point of the history, too
+            self.checkpoint(device, now, force=True)
+        else:
+            row = (self._now_ns(), c.device, "calibrate", c.id, c.who, c.verdict.name.lower(), c.reason)
+            self._write(lambda: self._store.add_audit(*row, accepted=False))
+            device.say_calibration(c.id, payload)
+
+    def keep(self, device: Device, c: Calibration) -> None:
+        """Keep a calibration, also another's, which may be gone for ever with it."""
+        self._pending[c.id] = c
+
+        def saved() -> None:
+            self._pending.pop(c.id, None)
+            self._let_go(device, c.id)
+
+        self._write(lambda: self._store.add_calibration(c), saved)
+
+    def _let_go(self, device: Device, calibration: str) -> None:
+        if device.let_go(calibration):
+            self._guarded(device, lambda: device.say_status(self._now_ns()))
+
+    def _of_device(self, name: str) -> list[Calibration]:
+        """Calibrations of a device that are not on disk yet, in their order."""
+        return [c for c in self._pending.values() if c.device == name]
+
+    def _later(self, said: Calibration) -> Calibration | None:
+        """One made here that has taken the place of what another still goes by, cut off then; by order, not by clocks."""
+        made = self._store.of_boot(said.device, said.boot)
+        return made[-1] if any(c.id == said.id for c in made[:-1]) else None
+
+    # ---- boots ------------------------------------------------------------------------------------------------------
+
+    def boot(self, info: DeviceInfo) -> None:
+        """Note a boot whose info is known."""
+        time_ns = self._now_ns()
+        self._write(lambda: self._store.add_boot(info, time_ns))
+
+    def started_over(self, info: DeviceInfo, why: Sentences) -> None:
+        """For the device's history, once a boot: from here on it is calibrated from scratch."""
+        request = keys.boot_id(info.boot)
+        row = (self._now_ns(), info.device, SCRATCH, request, "estimator", "", why)
+
+        def once() -> None:
+            if self._store.answer(info.device, SCRATCH, request) != (True, why):
+                self._store.add_audit(*row, accepted=True)
+
+        self._write(once)
+
+    def repeat(self, device: Device, boot: int, *more: Calibration) -> None:
+        """Another power-up has this boot number, and is to be calibrated anew; more: of the one before, not kept yet.
+
+        It is said at once: we could be killed, and whoever takes it over may have what was calibrated under that number.
+        """
+        device.repeated = boot
+        self._replicas.forget(device.name)
+        time_ns, made = self._now_ns(), [c.id for c in more if c.boot == boot]
+        self._write(lambda: self._store.repeat(device.name, boot, time_ns, made))
+        self._tell(device)
+
+    def of_before(self, device: Device, calibration: Calibration) -> bool:
+        """Whether it may be of another power-up under the same boot number."""
+        before = self._store.made_before(device.name, calibration.boot)
+        return device.repeated == calibration.boot if before.seen_ns is None else before.has(calibration)
+
+    # ---- where it was -----------------------------------------------------------------------------------------------
+
+    def reached(self) -> dict[str, tuple[int, int, int, str]]:
+        """See Store.reached: of what bridges may still have of before this estimator was started."""
+        return self._store.reached(self._now_ns() - CACHE_NS)
+
+    def epoch(self) -> int:
+        """The highest epoch that was known before this estimator was started."""
+        self._epoch = self._store.epoch()
+        return self._epoch
+
+    def checkpoint(self, device: Device, now: float, *, force: bool = False, whole: bool = False) -> None:
+        """Every few seconds: the bias, where it is known; whole: the session with it, which nothing follows."""
+        if now < device.checkpoint_due and not force:
+            return
+        device.checkpoint_due = now + CHECKPOINT_S
+        self._tell(device)
+        session = device.session
+        state, boot = session.checkpoint(), session.boot
+        if state is None or boot is None or (device.name in self._noting and not force):
+            return
+        # Of one that is silent nothing new is known: a law would be taught the same point again and again.
+        history = now - device.recorded >= HISTORY_S and device.heard > device.recorded
+        if history:
+            device.recorded = now
+        self._noting.add(device.name)
+        learnt, used = session.learnt, session.calibration
+        save = partial(
+            self._store.save_bias,
+            device.name,
+            boot,
+            self._now_ns(),
+            state,
+            history=history,
+            doubted=session.tracker.doubt.stands,
+            calibration="" if used is None else used.id,
+            asked=learnt.asked,
+            reached=None if learnt.turned else learnt.reached,
+            bridge=device.admission.source.owner,
+            session=(session.state() or b"") if whole and not (session.prior or learnt.turned) else b"",
+        )
+        self._write(save, lambda: self._noting.discard(device.name), soon=force)
+
+    # ---- commands ---------------------------------------------------------------------------------------------------
+
+    def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
+        """What this very command was answered before, be it by an estimator that has been restarted since."""
+        for verb, reply in self._replicas.answers(key.device):
+            if (verb, reply.request_id) == (key.ids["verb"], command.request_id):
+                return reply
+        found = self._store.answer(key.device, key.ids["verb"], command.request_id)
+        return None if found is None else CommandReply(command.request_id, accepted=found[0], message=found[1])
+
+    def audit(
+        self, device: Device, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
+    ) -> None:
+        """What was asked for, and what came of it: said to the other estimators, and written, before it is answered.
+
+        kept is called once it is on disk, or after half a second of a disk that fails.
+        """
+        self._replicas.answer(device.name, ((key.ids["verb"], reply),))
+        self._tell(device)
+        row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
+        time_ns = self._now_ns()
+        self._due.append((time.monotonic() + HELD_S, kept))
+        self._write(lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted), kept)
+
+    # ---- what fails -------------------------------------------------------------------------------------------------
+
+    def _write(self, write: Callable[[], None], then: Callable[[], None] = lambda: None, *, soon: bool = True) -> None:
+        """Have something written; then: what follows when it is on disk, or cannot ever be."""
+
+        def done(error: StoreError | None) -> None:
+            if error is not None and self._counts.add(NOT_KEPT) == 1:
+                log.error("%s (more are only counted)", error)
+            then()
+
+        self._clerk.do(write, done, soon=soon)

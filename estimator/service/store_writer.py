@@ -1,0 +1,155 @@
+"""The thread that writes to the store, so that a slow disk delays no sample, and one for long reads.
+
+Writes are done in the order in which they are given. Where the disk fails they wait and are tried again. Reads wait for
+writes that are urgent.
+"""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+from itertools import islice
+
+from estimator.database import Damaged, Database, StoreError, Unavailable
+
+log = logging.getLogger(__name__)
+
+#: most writes that wait for the disk; further ones are refused
+MOST = 10_000
+#: most writes in one transaction
+TOGETHER = 500
+#: how long a write that is not urgent waits for others, s: a transaction costs the disk as much for one as for hundreds
+GATHER_S = 0.25
+#: how long after a failure of the disk it is tried again, s
+RETRY_S = 5.0
+#: how long the last writes are waited for at the end, s
+PATIENCE_S = 10.0
+
+Write = Callable[[], None]
+#: called with the error, or with None after the commit
+Done = Callable[[StoreError | None], None]
+
+
+class StoreWriter:
+    """Writes to a database until it is closed.
+
+    thread: whether on a thread of its own; else within `do`, and what failed again within `collect`.
+    """
+
+    def __init__(self, database: Database, *, thread: bool = True) -> None:
+        self._database = database
+        self._waiting: deque[tuple[Write, Done]] = deque()
+        self._finished: deque[tuple[Done, StoreError | None]] = deque()
+        self._more = threading.Condition()
+        self._urgent = self._closing = False
+        self._reads: deque[tuple[Write, Done]] = deque()
+        self._thread = threading.Thread(target=self._run, name="store", daemon=True) if thread else None
+        if self._thread is not None:
+            self._thread.start()
+
+    @property
+    def idle(self) -> bool:
+        """Whether no write waits."""
+        return not self._waiting
+
+    def do(self, write: Write, done: Done = lambda _: None, *, soon: bool = True) -> None:
+        """Write, at once or together with others; `done` is called in `collect`, once it is on disk or cannot ever be."""
+        with self._more:
+            refused = self._closing or len(self._waiting) >= MOST
+            if not refused:
+                self._waiting.append((write, done))
+                self._urgent |= soon
+                self._more.notify()
+        if refused:
+            done(StoreError(f"store {self._database.path}: {MOST} writes wait for the disk; this one is not kept"))
+        elif self._thread is None:
+            self._write_all()
+            self.collect()
+
+    def look_up(self, read: Write, done: Done = lambda _: None) -> None:
+        """Read, or back up, on the store's thread; `done` is called in `collect`. After close nothing is read."""
+        if self._thread is None:
+            done(_looked_up(read))
+            return
+        with self._more:
+            self._reads.append((read, done))
+            self._more.notify()
+
+    def collect(self) -> None:
+        """Call each `done` that is due, on the caller's thread."""
+        if self._thread is None and self._waiting:
+            self._write_all()
+        while self._finished:
+            done, error = self._finished.popleft()
+            done(error)
+
+    def close(self) -> None:
+        """Write what waits, for as long as anybody would wait for it, and end."""
+        with self._more:
+            self._closing = True
+            self._more.notify()
+        if self._thread is None:
+            self._write_all()
+        else:
+            self._thread.join(PATIENCE_S)
+        if self._waiting:
+            log.error("store %s: the disk fails or does not answer; the last writes are lost", self._database.path)
+            lost = StoreError(f"store {self._database.path}: the disk fails or does not answer")
+            self._finished += [(done, lost) for _, done in self._waiting]
+        self.collect()
+
+    def _run(self) -> None:
+        while True:
+            with self._more:
+                self._more.wait_for(lambda: self._waiting or self._reads or self._closing)
+                self._more.wait_for(
+                    lambda: self._urgent or self._reads or self._closing or len(self._waiting) >= TOGETHER,
+                    timeout=GATHER_S,
+                )
+                self._urgent = False
+            wrote = self._write_all()
+            if self._closing and not (wrote and self._waiting):
+                return
+            while self._reads and not self._urgent and not self._closing:
+                read, done = self._reads.popleft()
+                self._finished.append((done, _looked_up(read)))
+            if not wrote:
+                with self._more:
+                    self._more.wait_for(lambda: self._closing, timeout=RETRY_S)
+
+    def _write_all(self) -> bool:
+        """Write what waits, a part at a time; whether the disk let us."""
+        while self._waiting:
+            with self._more:
+                part = list(islice(self._waiting, TOGETHER))
+            try:
+                with self._database.transaction():
+                    errors = [_tried(write) for write, _ in part]
+            except StoreError:
+                return False
+            for (_, done), error in zip(part, errors, strict=True):
+                self._waiting.popleft()
+                self._finished.append((done, error))
+        return True
+
+
+def _tried(work: Write) -> StoreError | None:
+    """Why it failed by itself; what concerns the whole store is raised."""
+    try:
+        work()
+    except (Damaged, Unavailable):
+        raise
+    except StoreError as error:
+        log.error("%s", error)
+        return error
+    except Exception as error:
+        log.exception("a write to the store failed")
+        return StoreError(f"a write to the store failed: {error!r}")
+    return None
+
+
+def _looked_up(read: Write) -> StoreError | None:
+    try:
+        return _tried(read)
+    except StoreError as error:
+        return error

@@ -1,0 +1,206 @@
+"""The guide in a terminal: what to do now, a bar that fills, and the verdict. On a terminal in place, elsewhere a line a step."""
+
+import time
+from math import degrees, isfinite
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.padding import Padding
+from rich.progress_bar import ProgressBar
+from rich.text import Text
+
+from bridge.bus.contract import BusError
+from bridge.reasons.catalogue import english
+from bridge.terminal.tables import Column, Columns
+from estimator.client import Client
+from estimator.config.device_settings import Treatment
+from estimator.device.session_knobs import SessionKnobs
+from estimator.geometry.gyro_model import AXES, SIGMAS
+from estimator.guide.comparison import compared, differing, last_before
+from estimator.guide.guide import Guide
+from estimator.guide.steps import Instruction, Step
+from estimator.language.texts import Texts
+from estimator.overview.ward import listed
+from estimator.web.guide_view import unless_broken
+from estimator.web.ward_state import Known, Story
+
+#: how often it looks
+LOOK_S = 0.1
+#: after so long a device that no bridge lists is taken for one that there is not
+MISNAMED_S = 3.0
+_STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.CANCELLED: "bold yellow"}
+_STYLES |= dict.fromkeys((Step.AWAY, Step.BROKEN, Step.REFUSED), "bold red")
+_UNDER_WAY = (Step.WARM, Step.PLACE, Step.TURN, Step.STAND, Step.TURNING, Step.POSE, Step.SETTLE)
+_BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
+
+
+def calibrate(
+    console: Console,
+    client: Client,
+    device: str,
+    who: str,
+    t: Texts,
+    *,
+    seconds: float | None = None,
+    knobs: SessionKnobs | None = None,
+) -> int:
+    """Ask for a calibration where none is under way, and guide it to its end; 0 when the device is calibrated."""
+    heard = Heard(client, device, knobs or Treatment().of(device))
+    told, asked, begin, misnamed = heard.guide.told(), False, time.monotonic(), False
+    screen = GuideScreen(console, t, device)
+    try:
+        while True:
+            told, passed = heard.told(LOOK_S), time.monotonic() - begin
+            if passed > MISNAMED_S and not misnamed and (there := heard.others()):
+                misnamed = True
+                console.print(t("guide.not_heard", device=device, names=listed(there)))
+            if told.step is Step.IDLE and not asked:
+                asked = True
+                reply = client.recalibrate(device, who)
+                console.print(Text(f"{device}: {t.text(reply.message)}", "dim"))
+                if not reply.accepted:
+                    return 1
+                continue
+            if told.step is not Step.IDLE:
+                screen.show(told)
+            if told.step in (Step.DONE, Step.CANCELLED) or (seconds is not None and passed > seconds):
+                break
+    except KeyboardInterrupt:
+        pass
+    finally:
+        screen.close()
+        if (step := heard.guide.told().step) not in (Step.DONE, Step.CANCELLED, Step.IDLE):
+            said = _given_up(client, device, who) if asked else _left(t, step, device, time.monotonic() - begin)
+            console.print(Text(said, "dim"), end="\n" if said else "")
+        heard.close()
+    return _end(console, t, told, heard.story)
+
+
+class Heard:
+    """All that is heard of a device, and who is alive to tell of it."""
+
+    def __init__(self, client: Client, device: str, knobs: SessionKnobs) -> None:
+        self._client, self._device, self._known = client, device, Known(client.ward)
+        self.guide, self.story = (
+            Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns),
+            self._known.story(device) or Story(0),
+        )
+        self._samples, self._statuses = client.raw(device), client.follow(device)
+        self._made, self._infos = client.follow_calibrations(device), client.follow_infos()
+        self._watches = [client.watch_alive(what, alive.__setitem__) for what, alive in self._known.alive.items()]
+
+    def told(self, wait_s: float) -> Instruction:
+        """What is told by now; waits so long for readings."""
+        for batch in self._samples.drain(wait_s):
+            self.guide.take_samples(batch)
+        now = time.monotonic()
+        self._known.take_router(now, there=self._client.connected)
+        if (latest := self._statuses.latest()) is not None:  # what was said before somebody looked is over
+            self._known.take_status(latest, now)
+            self.guide.take_status(latest)
+        for calibration in self._made.drain():
+            self._known.take_calibration(calibration)
+        for info in self._infos.drain():
+            self._known.take_info(info)
+        return unless_broken(self.guide.told(), self._known, self._device, now)
+
+    def others(self) -> list[str]:
+        """The devices there are, where this one is none of them."""
+        there = sorted(name for name, story in self._known.stories.items() if story.info is not None)
+        return there if self.story.status is None and self._device not in there else []
+
+    def close(self) -> None:
+        """Stop listening."""
+        for stream in (self._samples, self._statuses, self._made, self._infos):
+            stream.close()
+        for watch in self._watches:
+            watch.close()
+
+
+def _given_up(client: Client, device: str, who: str) -> str:
+    """Take back what was asked for: the device would wait for ever."""
+    try:
+        said = english(*client.cancel(device, who).message)
+    except BusError as error:
+        said = f"the calibration is still under way: {error}"
+    return f"{device}: {said}"
+
+
+def _left(t: Texts, step: Step, device: str, after_s: float) -> str:
+    """What somebody else has asked for is left to them, who may stand at the device."""
+    return t("guide.goes_on", seconds=f"{after_s:.0f}", device=device) if step in _UNDER_WAY else ""
+
+
+class GuideScreen:
+    """Where it is shown."""
+
+    def __init__(self, console: Console, t: Texts, device: str) -> None:
+        self._console, self._t, self._device = console, t, device
+        self._live = Live(console=console, refresh_per_second=10, transient=True) if console.is_terminal else None
+        self._said = ""
+        if self._live:
+            self._live.start()
+
+    def show(self, told: Instruction) -> None:
+        """What is told now."""
+        if self._live:
+            self._live.update(Group(*panel(told, self._device, self._t)))
+        said = "\n".join(sentences(told, self._t))
+        if not self._live and said != self._said:
+            self._said = said
+            self._console.print(said, highlight=False)
+
+    def close(self) -> None:
+        """Show no more."""
+        if self._live:
+            self._live.stop()
+
+
+def sentences(told: Instruction, t: Texts) -> list[str]:
+    """What is said: what was wrong, what to do, how."""
+    wrong = [t.text((one,)) for one in told.wrong]
+    again = [t("guide.rebooted")] if told.rebooted else []
+    return [*again, *wrong, t.say("head", told.head), f"  {t(f'how.{told.step}')}"]
+
+
+def panel(told: Instruction, device: str, t: Texts) -> list[RenderableType]:
+    """The same as a picture of a few lines."""
+    *wrong, head, how = sentences(told, t)
+    lines: list[RenderableType] = [
+        Text(t("guide.title", device=device), "bold"),
+        *(Text(one, "yellow") for one in wrong),
+    ]
+    lines += [Text(head, _STYLES.get(told.step, "bold cyan")), Text(how.strip())]
+    if told.step in _BARS:
+        lines.append(
+            Padding(ProgressBar(total=1.0, completed=told.ring, width=40))
+        )  # which ends its line, as a bar does not
+    turned = f"{abs(degrees(told.angle)):.0f}°" if told.step is Step.TURNING else ""
+    turns = [
+        f"{AXES[axis]} {t(f'guide.{told.ways[axis]}')}: {t('guide.done' if axis in told.done else 'guide.next')}"
+        for axis in sorted((*told.done, *told.needed))
+    ]
+    if told.sides is not None:
+        turns = [t("guide.sides", seen=len(told.sides))]
+    lines.append(Text("   ".join([*([turned] if turned else []), *turns]), "dim"))
+    return lines
+
+
+def _end(console: Console, t: Texts, told: Instruction, story: Story) -> int:
+    if console.is_terminal:  # elsewhere it stands there already
+        console.print("\n".join(sentences(told, t)), highlight=False)
+    calibration = story.calibrations.get(story.status.calibration) if story.status is not None else None
+    if told.step is not Step.DONE or calibration is None:
+        return 0 if told.step is Step.DONE else 1
+    before = last_before(calibration, story.calibrations.values())
+    rows = compared(calibration, before)
+    table = Columns([Column(t(f"guide.{name}"), number=True) for name in ("axis", "scale", "scale_before", "bias")])
+    for one in rows:
+        then = f"{one.before:.4f} ± {SIGMAS * one.before_std:.4f}" if isfinite(one.before) else ""
+        bias = f"{degrees(one.bias):.3f} ± {SIGMAS * degrees(one.bias_std):.3f}"
+        table.add(AXES[one.axis], f"{one.scale:.4f} ± {SIGMAS * one.scale_std:.4f}", then, bias)
+    console.print(table)
+    if before is not None and (apart := differing(rows)):
+        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(before.time_ns / 1e9))
+        console.print(t("guide.differs", when=when, axes=", ".join(AXES[axis] for axis in apart)), highlight=False)
+    return 0

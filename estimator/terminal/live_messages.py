@@ -1,0 +1,45 @@
+"""Live messages of a ward, told apart from those that the bus only remembers."""
+
+import time
+
+from estimator.client.client import NONE_S, Client
+from estimator.overview.ward import SILENT_S, WardView
+
+#: every device is spoken of once a second
+FIRST_S = 1.5
+_STEP_S = 0.1
+
+
+def interrupted(begin: float, *, heard: bool) -> None:
+    """After Ctrl-C: it goes on where nothing was heard, and it is too early to say so."""
+    if not heard and time.monotonic() - begin < NONE_S:
+        raise KeyboardInterrupt
+
+
+class LiveMessages:
+    """Follows the statuses and infos of a client's ward, into `view`."""
+
+    def __init__(self, client: Client) -> None:
+        self.view = WardView()
+        self._statuses, self._infos = client.follow(), client.follow_infos()
+
+    def listen(self, for_s: float) -> None:
+        """What is said in so many seconds."""
+        time.sleep(for_s)
+        for info in self._infos.drain():
+            self.view.take_info(info)
+        now = time.monotonic()
+        for status in self._statuses.drain():
+            self.view.take_status(status, now)
+
+    def close(self) -> None:
+        """Stop listening; the view stays as it is."""
+        self._statuses.close()
+        self._infos.close()
+
+    def settle(self, least_s: float = FIRST_S) -> None:
+        """So long, and until every device was spoken of anew, or for so long was not that it is unknown."""
+        self.listen(least_s)
+        end = time.monotonic() + 2 * SILENT_S
+        while not self.view.settled(time.monotonic()) and time.monotonic() < end:
+            self.listen(_STEP_S)

@@ -1,0 +1,90 @@
+"""A ward on a terminal: its table, and a live view of it; elsewhere a line per change."""
+
+from math import degrees
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from bridge.reasons.catalogue import english
+from bridge.terminal.tables import Column, Columns
+from bridge.wire.messages import State, Status
+from estimator.geometry.gyro_model import AXES, SIGMAS
+
+STYLES = {
+    State.UNKNOWN: "bold magenta",
+    State.WARMING: "yellow",
+    State.AWAITING_STILL: "yellow",
+    State.BIAS_ONLY: "cyan",
+    State.TURNING: "cyan",
+    State.TRACKING: "green",
+    State.DEGRADED: "magenta",
+    State.LOST: "bold red",
+}
+
+
+def word(state: State) -> Text:
+    """A state as a coloured word."""
+    return Text(state.name.lower().replace("_", " "), STYLES.get(state, ""))
+
+
+_COLUMNS = (
+    Column("device", least=20),
+    Column("state", least=8),
+    Column("quality", spare=3, least=6),
+    Column("turns", number=True, spare=2),
+    Column("bias ± 95 % °/s", number=True, spare=1),
+    Column("why", least=20),
+)
+
+
+def table(statuses: dict[str, Status], title: str = "") -> Columns:
+    """A row a device: where it is, how good its output is, what is known of it, and why."""
+    shown = Columns(_COLUMNS, title=title)
+    for name in sorted(statuses):
+        status = statuses[name]
+        turns = "".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
+        shown.add(
+            name,
+            word(status.state),
+            status.quality.name.lower().replace("_", " "),
+            turns if status.progress < 1 else "done",
+            f"{SIGMAS * degrees(max(status.bias_std)):.3f}",
+            english(*status.reason),
+        )
+    return shown
+
+
+class LiveTable:
+    """Shows statuses as they come; on anything but a terminal only what changed."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
+
+    def show(self, elapsed_s: float, statuses: dict[str, Status], changes: list[Status], note: str) -> None:
+        """The state of the ward elapsed_s after the start."""
+        if self._live is not None:
+            self._live.update(table(statuses, f"{elapsed_s:4.0f} s  {note}"))
+            return
+        for status in changes:
+            self.say(
+                elapsed_s, f"{status.device}: {status.state.name.lower().replace('_', ' ')}: {english(*status.reason)}"
+            )
+
+    def say(self, elapsed_s: float, words: str) -> None:
+        """A line that stays."""
+        self._console.print(f"{elapsed_s:5.1f} s  {words}", soft_wrap=True, highlight=False)
+
+    def __enter__(self) -> Self:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()

@@ -1,0 +1,250 @@
+"""`truerate watch` and `truerate devices`: a ward in the terminal."""
+
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from math import degrees
+
+import numpy as np
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.text import Text
+
+from bridge.ingest import duplicate_bridges
+from bridge.reasons.catalogue import english, in_words
+from bridge.reasons.codes import Code
+from bridge.terminal.tables import Column, Columns
+from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, Status
+from estimator.client.client import NONE_S, Client
+from estimator.device.lifecycle import NEVER_S
+from estimator.geometry.gyro_model import AXES, SIGMAS
+from estimator.overview import summary
+from estimator.overview.summary import WardSummary
+from estimator.overview.ward import SILENT_S, WardView, listed
+from estimator.terminal.live_messages import FIRST_S, LiveMessages, interrupted
+from estimator.terminal.ward_table import table, word
+
+
+def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
+    """Everything known of every device of a ward; 1 when there is none."""
+    with Client(endpoints, ward=ward) as client:
+        statuses, infos = _said(client)
+    if not infos and not statuses:
+        console.print(f"ward {ward}: no device is heard. Is a bridge running? Is the ward's name right?")
+        return 1
+    console.print(_hardware(infos))
+    console.print()
+    console.print(table(statuses) if statuses else "no estimator has said anything of them: is one running?")
+    for clash in duplicate_bridges.found(statuses.values()):
+        console.print(Text(f"\n{english(clash)}", "bold red"))
+    return 0
+
+
+def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_json: bool) -> int:
+    """A ward at one look; 1 when somebody has to do something."""
+    with Client(endpoints, ward=ward) as client:
+        bridges, estimators = client.alive("bridge"), client.alive("estimator")
+        statuses, infos = _said(client)
+    seen = summary.summarise(ward, statuses, infos, bridges, estimators)
+    if as_json:
+        console.print_json(data=summary.as_json(seen))
+    else:
+        console.print(_glance(seen), highlight=False)
+    return 0 if seen.well else 1
+
+
+def _said(client: Client) -> tuple[dict[str, Status], dict[str, DeviceInfo]]:
+    """What is said of a ward now."""
+    with closing(LiveMessages(client)) as ears:
+        ears.settle()
+    return ears.view.statuses(time.monotonic()), ears.view.infos()
+
+
+def _glance(seen: WardSummary) -> Group:
+    needs = Columns([Column("device", least=20), Column("state"), Column("why", least=20)], headings=False)
+    for need in seen.needs:
+        needs.add(need.device, word(need.state), english(*need.reason))
+    law = f"in = out + dropped: {seen.samples_in} = {seen.samples_out} + {seen.dropped}"
+    rows: list[RenderableType] = [Text(f"{seen.ward}: {seen.tracking} of {seen.devices} tracking", "bold")]
+    rows += [needs] if seen.needs else []
+    rows += [Text(english(trouble), "bold red") for trouble in seen.troubles]
+    rows += [Text(english(broken), "bold red") for broken in seen.law.values()]
+    rows += [] if seen.law else [Text(law)]
+    rows += _unused(seen)
+    if seen.told:
+        happened = Columns([Column("device", least=20), Column("what", least=20)], headings=False)
+        for name, words in seen.told.items():
+            happened.add(f"  {name}", words)
+        rows += [Text("counted at the bridges:"), happened]
+    rows.append(
+        Text(f"bridges: {', '.join(seen.bridges) or 'none'}   estimators: {', '.join(seen.estimators) or 'none'}")
+    )
+    return Group(*rows)
+
+
+def _unused(seen: WardSummary) -> list[RenderableType]:
+    """What was not used and why: of all devices together, and of those with most."""
+    if not seen.unused:
+        return []
+    devices = Columns([Column("device", least=20), Column("why", least=20)], headings=False)
+    for name, reasons in list(seen.unused.items())[:_MOST_UNUSED]:
+        devices.add(f"  {name}", summary.most(reasons))
+    if (left := len(seen.unused) - _MOST_UNUSED) > 0:
+        devices.add("  …", f"and {left} more devices")
+    return [Text(f"not used: {summary.most(summary.total(seen.unused))}"), devices]
+
+
+def _hardware(infos: dict[str, DeviceInfo]) -> Columns:
+    shown = Columns(_HARDWARE)
+    for name in sorted(infos):
+        shown.add(*_hardware_row(infos[name]))
+    return shown
+
+
+_MOST_UNUSED = 5  # devices
+_HARDWARE = (
+    Column("device", least=20),
+    Column("what it is", spare=2),
+    Column("bridge", spare=1),
+    Column("Hz", number=True),
+    Column("samples", number=True),
+    Column("not published or in trouble", least=16),
+)
+
+
+def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
+    measured = f"{info.measured_rate_hz:.1f} of {info.rate_hz:g}" if info.measured_rate_hz else f"{info.rate_hz:g}"
+    dropped = summary.most({in_words(reason): n for reason, n in info.dropped.items()})
+    wrong = "; ".join(filter(None, (dropped, summary.told(info)))) or "0"
+    what = f"{info.model} {info.firmware}" if info.boot else "not heard yet"
+    return info.device, what, info.bridge, measured, str(info.samples), english(*info.trouble) or wrong
+
+
+def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
+    """One device until Ctrl-C, or for so many seconds; 1 when nothing of it was heard."""
+    with Client(endpoints, ward=ward) as client:
+        corrected = client.corrected(device, history=False, quiet=True)
+        status = client.follow(device)
+        revisions = client.revisions(device, history=False)
+        live = Live(console=console, refresh_per_second=10) if console.is_terminal else None
+        view, latest, shown = WardView(), None, _Shown()
+        heard, waiting = False, f"waiting for {device} …"
+        told = False
+        shown_at = begin = time.monotonic()
+        if live:
+            live.start()
+        try:
+            while seconds is None or time.monotonic() - begin < seconds:
+                new = corrected.receive(0.2)
+                batch = shown.of(new, time.monotonic())
+                if (said := status.latest()) is not None:
+                    view.take_status(said, time.monotonic())
+                latest = view.statuses(time.monotonic()).get(device)
+                heard = heard or new is not None
+                if (revision := revisions.receive(0.0)) is not None:
+                    console.print(_revision_line(revision), highlight=False)
+                if not (heard or latest or told) and time.monotonic() - begin > NONE_S:
+                    told, waiting = True, f"{waiting}\n{_who_is_there(client, device)}"
+                    if not live:
+                        console.print(waiting, highlight=False, soft_wrap=True)
+                if live:
+                    live.update(_panel(device, batch, latest) if batch or latest else Text(waiting))
+                elif new is not None and time.monotonic() - shown_at >= 1.0:
+                    shown_at = time.monotonic()
+                    console.print(_line(new, latest), highlight=False)
+        except KeyboardInterrupt:
+            interrupted(begin, heard=heard)
+        finally:
+            if live:
+                live.stop()
+    if not heard:
+        console.print(_unheard(device, ward, latest), highlight=False, soft_wrap=True)
+    return 0 if heard else 1
+
+
+class _Shown:
+    """The last batch, for as long as it is of now: some devices send one now and then."""
+
+    def __init__(self) -> None:
+        self._batch: CorrectedBatch | None = None
+        self._until = 0.0
+
+    def of(self, new: CorrectedBatch | None, now: float) -> CorrectedBatch | None:
+        if new is not None or now > self._until:
+            self._batch, self._until = new, now + SILENT_S
+        return self._batch
+
+
+def _who_is_there(client: Client, device: str) -> str:
+    """For who waits for a device: why, or who is heard where that name is nobody's."""
+    with closing(LiveMessages(client)) as ears:
+        ears.listen(FIRST_S)
+        infos = ears.view.infos()
+        names = {*ears.view.statuses(time.monotonic()), *(name for name, info in infos.items() if info.boot)}
+    if (info := infos.get(device)) is not None:
+        return english(*(info.trouble or (Code.NO_ESTIMATOR_SPOKE(),)))
+    if not names:
+        return f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
+    return f"heard in ward {client.ward}: {listed(names)}"
+
+
+def _unheard(device: str, ward: str, status: Status | None) -> str:
+    if status is None:
+        return f"nothing was heard of {device} in ward {ward}; see `truerate devices`"
+    state = status.state.name.lower().replace("_", " ")
+    return f"no sample of {device} came in ward {ward}: it is {state}: {english(*status.reason)}"
+
+
+def _line(batch: CorrectedBatch, status: Status | None) -> str:
+    rates = " ".join(
+        f"{AXES[axis]} {degrees(float(batch.rate[-1, axis])):+7.2f}±{SIGMAS * degrees(float(batch.rate_std[-1, axis])):.2f}"
+        for axis in range(3)
+    )
+    state = status.state.name.lower().replace("_", " ") if status else "?"
+    return f"{batch.sequence + len(batch) - 1:7d} {rates} °/s  {batch.quality.name.lower().replace('_', ' ')}  {state}"
+
+
+def _revision_line(revision: BiasRevision) -> str:
+    seconds, wide = np.ptp(revision.times_ns) / 1e9, SIGMAS * degrees(float(revision.bias_std.max()))
+    return f"the bias of {seconds:.0f} s is known better now, to ± {wide:.4f} °/s (95 %): {english(*revision.reason)}"
+
+
+#: and what is left out first where there is no room; the bar has no heading
+_PANEL = {"axis": 0, "rate °/s": 0, "± 95 %": 0, "": 3, "bias °/s": 0, "± 95 % °/s": 1, "scale": 2}
+
+
+def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> Group:
+    rows = Columns([Column(heading, number=True, spare=spare) for heading, spare in _PANEL.items()])
+    for axis, name in enumerate(AXES):
+        rate = degrees(float(batch.rate[-1, axis])) if batch else float("nan")
+        wide = SIGMAS * degrees(float(batch.rate_std[-1, axis])) if batch else float("nan")
+        rows.add(
+            name,
+            f"{rate:+8.2f}",
+            f"{wide:.2f}",
+            _bar(rate),
+            f"{degrees(status.bias[axis]):+.3f}" if status else "",
+            f"{SIGMAS * degrees(status.bias_std[axis]):.4f}" if status else "",
+            f"{status.scale[axis]:.4f}" if status else "",
+        )
+    if status is None:
+        return Group(Text(device, "bold"), rows)
+    head = Text.assemble((device, "bold"), "  ", word(status.state), f"  quality {status.quality.name.lower()}")
+    parts: list[RenderableType] = [head, Text(english(*status.reason)), rows]
+    if status.progress < 1:
+        parts.append(ProgressBar(total=1.0, completed=status.progress, width=40))
+    temperature = "" if np.isnan(status.temperature_c) else f"   {status.temperature_c:.1f} °C"
+    age_s = status.evidence_age_s
+    rest = f"last rest {age_s:.0f} s ago" if age_s < NEVER_S else "no rest known yet"
+    parts.append(Text(f"{status.rate_hz:.1f} Hz   {rest}{temperature}", "dim"))
+    return Group(*parts)
+
+
+def _bar(rate_dps: float, half: int = 12, full_dps: float = 200.0) -> str:
+    """A rate as a bar left or right of the middle."""
+    if np.isnan(rate_dps):
+        return " " * (2 * half + 1)
+    length = min(half, round(abs(rate_dps) / full_dps * half))
+    left, right = ("█" * length, "") if rate_dps < 0 else ("", "█" * length)
+    return f"{left:>{half}}│{right:<{half}}"

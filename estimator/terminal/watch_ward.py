@@ -1,0 +1,143 @@
+"""`truerate watch` without a device: all of a ward, live in a terminal's height, or as it is now, or as JSON."""
+
+import sys
+import time
+from collections.abc import Sequence
+
+import msgspec
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from bridge.reasons.catalogue import english
+from estimator.client import Client
+from estimator.overview.ward import TRACKING, WORDS, DeviceRow, age, chosen, counted, head_line, listed, strangers
+from estimator.terminal.live_messages import FIRST_S, LiveMessages, interrupted
+from estimator.terminal.ward_table import STYLES
+
+_REDRAW_S = 1.0
+_STYLE = {WORDS[state]: style for state, style in STYLES.items()}
+_TROUBLE = "bold red"
+#: columns, and the least width of a terminal that shows each
+_COLUMNS = {"device": 0, "state": 0, "quality": 100, "Hz": 70, "gaps": 100, "rest": 100, "battery": 70, "why": 0}
+_NUMBERS = ("Hz", "gaps", "rest", "battery")
+_WHOLE = 10_000
+
+
+def watch_ward(
+    console: Console,
+    client: Client,
+    only: Sequence[str] = (),
+    *,
+    once: bool = False,
+    as_json: bool = False,
+    seconds: float | None = None,
+) -> int:
+    """The client's ward until Ctrl-C, for so many seconds, or once; 1 when no device was heard of."""
+    ears, heard, said, strange = LiveMessages(client), False, dict[str, str](), list[str]()
+    listen = ears.settle if once else ears.listen
+    begin = time.monotonic()
+    screen = Live(console=console, auto_refresh=False, screen=True)
+    live = console.is_terminal and not once and not as_json
+    try:
+        if live:
+            screen.start()
+            screen.update(_text(f"{client.ward}: listening …"), refresh=True)
+        while True:
+            listen(_REDRAW_S if heard else FIRST_S)
+            now = time.monotonic()
+            everything = ears.view.rows(now)
+            rows = chosen(everything, only)
+            heard = heard or bool(everything)
+            head = f"{client.ward}: {head_line(everything)}" + ("" if client.connected else "; no router is there now")
+            strange = strangers(everything, only)
+            head += f"; none is {' or '.join(only)}" if only and not rows and not strange else ""
+            head += f"; {_strange(strange, everything)}" if strange else ""
+            if as_json:
+                _print_json(client.ward, everything, rows)
+            elif live:
+                screen.update(shown(rows, head, console.width, console.height), refresh=True)
+            elif once:
+                if not console.is_terminal:
+                    console.width = _WHOLE  # one line a device, for other programs
+                console.print(shown(rows, head, console.width))
+            else:
+                _print_changes(console, rows, said)
+            if once or (seconds is not None and now - begin >= seconds):
+                break
+    except KeyboardInterrupt:
+        interrupted(begin, heard=heard)
+    finally:
+        screen.stop()
+    if not heard:
+        words = f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
+        print(words, file=sys.stderr)  # noqa: T201
+    elif strange and (as_json or not (live or once)):
+        print(_strange(strange, everything), file=sys.stderr)  # noqa: T201
+    return 0 if heard and not strange else 1
+
+
+def _strange(words: list[str], heard: Sequence[DeviceRow]) -> str:
+    states = ", ".join(word.replace(" ", "-") for word in WORDS.values())
+    there = f"; heard are {listed(row.device for row in heard)}" if heard else ""
+    return f"no device that is heard, and no state, is {' or '.join(words)}; states are {states}{there}"
+
+
+def shown(rows: Sequence[DeviceRow], head: str, width: int, height: int | None = None) -> Group:
+    """A head line, headings and a line a device; the last line tells of the devices that have no room in `height` lines.
+
+    Without a height reasons are folded, with one they are cut. Columns without a value are left out.
+    """
+    room = len(rows) if height is None else max(1, height - 2)
+    listed, rest = (rows, ()) if len(rows) <= room else (rows[: room - 1], rows[room - 1 :])
+    cells = [_cells(row) for row in listed]
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    kept = [
+        at
+        for at, least in enumerate(_COLUMNS.values())
+        if not least or (width >= least and any(line[at] for line in cells))
+    ]
+    names = [*_COLUMNS]
+    for at in kept:
+        table.add_column(names[at], justify="right" if names[at] in _NUMBERS else "left", no_wrap=names[at] != "why")
+    for row, line in zip(listed, cells, strict=True):
+        styles = {"state": _STYLE.get(row.state, _TROUBLE), "battery": _TROUBLE if row.low_battery else ""}
+        table.add_row(*(_text(line[at], styles.get(names[at], ""), cut=height is not None) for at in kept))
+    more = [_text(f"… and {len(rest)} more: {counted(rest)}", "dim")] if rest else []
+    return Group(_text(head, "bold", cut=height is not None), table, *more)
+
+
+def _text(words: str, style: str = "", *, cut: bool = True) -> Text:
+    return Text(words, style, no_wrap=cut or None, overflow="ellipsis" if cut else "fold")
+
+
+def _cells(row: DeviceRow) -> tuple[str, ...]:
+    battery = "" if row.battery_percent is None else f"{row.battery_percent:.0f} %{'+' if row.charging else ''}"
+    said = (*row.notices, *row.reason) if row.state == TRACKING else (*row.reason, *row.notices)
+    return (
+        row.device,
+        row.state,
+        row.quality,
+        f"{row.rate_hz:.1f}" if row.rate_hz else "",
+        f"{row.gaps}" if row.quality else "",
+        age(row.evidence_age_s) if row.evidence_age_s is not None else "none" if row.quality else "",
+        battery,
+        english(*(one for i, one in enumerate(said) if one not in said[:i])),
+    )
+
+
+def _print_json(ward: str, everything: Sequence[DeviceRow], rows: Sequence[DeviceRow]) -> None:
+    tracking = sum(row.state == TRACKING for row in everything)
+    found = {"ward": ward, "tracking": tracking, "of": len(everything), "devices": [row.as_dict() for row in rows]}
+    print(msgspec.json.encode(found).decode(), flush=True)  # noqa: T201
+
+
+def _print_changes(console: Console, rows: Sequence[DeviceRow], said: dict[str, str]) -> None:
+    """On anything but a terminal a line for every device whose state is new."""
+    for row in rows:
+        if said.get(row.device) != row.state:
+            said[row.device] = row.state
+            console.print(
+                f"{row.device}: {row.state}: {english(*row.reason)}", highlight=False, soft_wrap=True, markup=False
+            )

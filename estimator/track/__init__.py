@@ -1,1 +1,0 @@
-"""Tracking: the bias filter and the evidence that feeds it."""

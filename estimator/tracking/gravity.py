@@ -1,0 +1,175 @@
+"""Gravity, carried through any motion by the gyro, against the accelerometer: what the bias must be for the two to agree.
+
+Appended to the filter's state, all in the device's axes now: gravity g (3) m/s² as an accelerometer at rest would read it,
+velocity v (3) m/s, accelerometer bias (3) m/s², relative change of the gyro's matrix (9, row by row). Over a span
+
+    g' = C^T g,   v' = C^T (v + push - g T),   bias, accelerometer bias and matrix stay.
+
+Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean over a span is measured as zero, give or take
+what the unrest of the stretch allows; all else follows: a wrong bias tilts g, and a tilted g makes v run away. Unrest is how far
+the velocity strays within the span, not how hard it is pushed: what shakes goes nowhere, a slow swing does. The mean, for what
+goes to and fro within a second cancels in it, while v itself, looked at once a second, shows it as something slow. A walker's
+does not: it is the same for many seconds, and so many are believed no more than one (steady_motion.py). The gyro's scale and
+misalignment are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as they are
+known.
+Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Principles of GNSS, Inertial, and Multisensor
+Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
+"""
+
+from dataclasses import dataclass, field, replace
+from math import exp
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.geometry.strapdown import Span
+from estimator.kernels.gravity import carried
+from estimator.kernels.strapdown import DRIFT, END, PUSH
+from estimator.state import StateStruct
+from estimator.tracking.bias_filter import OWN, BiasFilter, BiasState, Step
+from estimator.tracking.evidence import Evidence, Receipt
+from estimator.tracking.steady_motion import SteadyMotion, SteadyMotionKnobs, SteadyMotionState
+
+Floats = NDArray[np.float64]
+
+G = 9.80665
+GRAVITY, VELOCITY, ACCEL_BIAS, MATRIX = (slice(OWN + i, OWN + j) for i, j in ((0, 3), (3, 6), (6, 9), (9, 18)))
+SIZE = OWN + 18
+_ONE, _NONE = np.eye(3), np.zeros(3)
+_VELOCITY_SEEN = np.eye(SIZE)[VELOCITY]
+
+
+@dataclass(frozen=True, slots=True)
+class GravityKnobs:
+    """How far gravity is believed. m/s², m/s."""
+
+    #: m/s, mean speed over a span of a wearer that shows no unrest, what each m/s of unrest adds to it, and the most: a limb
+    #: that is shaken harder gets no further, a walker goes so fast
+    speed: float = 0.07
+    speed_per_unrest: float = 2.0
+    fastest: float = 0.7
+    #: and of a wearer whose velocity lasts
+    lasting: SteadyMotionKnobs = field(default_factory=SteadyMotionKnobs)
+    #: of a resting device
+    resting_speed: float = 0.01
+    #: a velocity this unlikely (NIS, 3 degrees of freedom) is believed less
+    doubt: float = 12.0
+    #: of the gyro, per rad turned within a span: non-linearity, sensitivity to acceleration
+    way_share: float = 1.4e-3
+    #: of the accelerometer, m/s² per root Hz, and the walk of its bias, m/s² per root s
+    accel_noise: float = 0.03
+    accel_bias: float = 0.05
+    accel_walk: float = 1e-3
+    #: and what turning it changes in its error, m/s² per rad and at the most: scale, misalignment and curvature read otherwise
+    #: in each pose
+    accel_pose: float = 0.05
+    #: m/s², how far the strength of gravity at the begin may be off: from then on it is what it is known to be
+    strength: float = 0.005
+    #: greatest error of gravity's first direction, m/s²
+    first: float = 4.0
+
+
+class GravityState(StateStruct):
+    """known: whether g and v in the filter's state are of now."""
+
+    known: bool
+    lasting: SteadyMotionState
+
+
+class Gravity:
+    """Carries gravity along in one filter."""
+
+    def __init__(self, knobs: GravityKnobs) -> None:
+        self.knobs = knobs
+        #: whether g and v in the state are of now
+        self.known = False
+        self._lasting = SteadyMotion(knobs.lasting)
+        stays = knobs.resting_speed**2 * _ONE
+        self._resting = Evidence("gravity", _NONE, _VELOCITY_SEEN, stays, knobs.doubt, soft=True)
+
+    def extend(self, state: BiasState, scale_std: Floats, cross_std: Floats) -> BiasState:
+        """A state with this evidence's parts behind its own; relative deviations (3,) of the matrix's diagonal and rows."""
+        x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
+        x[:OWN], P[:OWN, :OWN] = state.x[:OWN], state.P[:OWN, :OWN]
+        P[ACCEL_BIAS, ACCEL_BIAS] = self.knobs.accel_bias**2 * np.eye(3)
+        std = np.repeat(cross_std, 3)
+        std[::4] = scale_std
+        P[MATRIX, MATRIX] = np.diag(std**2)
+        self.lose()
+        return replace(state, x=x, P=P)
+
+    @property
+    def state(self) -> GravityState:
+        """All that evolves, beside what is in the filter's state."""
+        return GravityState(self.known, self._lasting.state)
+
+    def restore(self, state: GravityState) -> None:
+        """Go on from a state."""
+        self.known, self._lasting.state = state.known, state.lasting
+
+    def lose(self) -> None:
+        """The way gravity went is not known."""
+        self.known = False
+        self._lasting.broken()
+
+    def carry(
+        self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
+    ) -> Step:
+        """How the filter goes on (BiasFilter.predict) over a span summed up with its own bias, matrix and accelerometer bias.
+
+        gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn rad, unseen_push m/s: see Second.
+        """
+        if not self.known:
+            self._begin(span, bias)
+        knobs, T = self.knobs, span.seconds
+        kept = self._accel_kept(span)
+        noise = (
+            gyro_noise**2 * T + (knobs.way_share * span.way) ** 2 + unseen_turn**2,
+            knobs.accel_noise**2 * T + unseen_push**2,
+            knobs.accel_walk**2 * T + (1 - kept**2) * self._accel_var,
+        )
+        return Step(*carried(bias.x, bias.cov, span.rows, kept, G, noise))
+
+    def evidence(self, span: Span, *, resting: bool) -> Evidence:
+        """The velocity of a span just carried over, measured as zero: on the mean, and at the end of one at rest."""
+        if resting:
+            return self._resting
+        # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. What a wrong bias does within the span is little.
+        H = _VELOCITY_SEEN.copy()
+        H[0, GRAVITY.start] = H[1, GRAVITY.start + 1] = H[2, GRAVITY.start + 2] = span.seconds / 2
+        R = self._lasting.factor * self._speed(span) ** 2 * _ONE
+        return Evidence("gravity", span.rows[DRIFT], H, R, self.knobs.doubt, soft=True)
+
+    def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
+        """Note what came of this evidence of a span; what is that unlikely is no walk: a mirrored accelerometer, say."""
+        if resting or receipt.test_ratio > 1:
+            self._lasting.broken()
+        else:
+            self._lasting.heard(receipt.innovation, self._speed(span) ** 2, span.rows[END], span.seconds)
+
+    def _speed(self, span: Span) -> float:
+        return min(self.knobs.fastest, self.knobs.speed + self.knobs.speed_per_unrest * span.unrest)
+
+    def _accel_kept(self, span: Span) -> float:
+        """What turning leaves of the accelerometer's error: it wanders with the pose, and never beyond what it may be at all."""
+        return exp(-((self.knobs.accel_pose * min(span.way, 1.0)) ** 2) / (2 * self._accel_var))
+
+    @property
+    def _accel_var(self) -> float:
+        return self.knobs.accel_bias**2 + self.knobs.accel_pose**2
+
+    def _begin(self, span: Span, bias: BiasFilter) -> None:
+        """Gravity is where the accelerometer points on the mean; nothing ties it to what was before."""
+        speed = self._speed(span)
+        x, P = bias.x.copy(), bias.cov.copy()
+        mean = span.rows[PUSH] / span.seconds
+        up = mean / max(float(np.linalg.norm(mean)), 1e-9)
+        x[GRAVITY], x[VELOCITY] = G * up, 0.0
+        for part in (GRAVITY, VELOCITY):
+            P[part, :] = P[:, part] = 0.0
+        tilt = min(self.knobs.first, 0.1 + np.sqrt(2) * speed / span.seconds)
+        along = np.outer(up, up)
+        P[GRAVITY, GRAVITY] = tilt**2 * (np.eye(3) - along) + self.knobs.strength**2 * along
+        P[VELOCITY, VELOCITY] = speed**2 * np.eye(3)
+        bias.extend(replace(bias.state, x=x, P=P))
+        self.known = True

@@ -1,0 +1,105 @@
+"""Rauch-Tung-Striebel smoothing, by filterpy: what is learnt later improves what was believed before.
+
+Kept for each second: the filter's own six states after all evidence, and how they went on from the second before.
+"""
+
+from bisect import bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.tracking.bias_filter import BIAS, OWN, Step
+
+Floats = NDArray[np.float64]
+_NOTHING = np.zeros(OWN)
+_P, _F, _Q = slice(1, 1 + OWN), slice(1 + OWN, 1 + 2 * OWN), slice(1 + 2 * OWN, None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Smoothed:
+    """m points: time (m,) s, bias (m, 3) rad/s with its standard deviation std (m, 3)."""
+
+    time: Floats
+    bias: Floats
+    std: Floats
+
+
+@dataclass(slots=True, eq=False)
+class _Step:
+    """A second: rows (19, 6) of x, P, and F and Q from the step before to this one, one above the other."""
+
+    time: float
+    rows: Floats
+    known: Floats  # what of x is none of the filter's doing: the smoother has no input
+
+
+class History:
+    """The latest steps of one filter; beyond `most` of them every second one is left out."""
+
+    def __init__(self, most: int | None = None) -> None:
+        self._most = most
+        self._steps: list[_Step] = []
+
+    def __len__(self) -> int:
+        return len(self._steps)
+
+    def add(self, time: float, x: Floats, P: Floats, step: Step, bent: Floats | None = None) -> None:
+        """Note the state x (n,), P (n, n) at a time, and the step of BiasFilter.predict that led there.
+
+        bent (6,) was added for certain.
+        """
+        known = self._steps[-1].known if self._steps else _NOTHING
+        F = step.F[:OWN, :OWN]
+        known = known if known is _NOTHING else F @ known
+        known = known if bent is None else known + bent
+        rows = np.empty((1 + 3 * OWN, OWN))
+        rows[0], rows[_P], rows[_F], rows[_Q] = x[:OWN] - known, P[:OWN, :OWN], F, step.Q[:OWN, :OWN]
+        self._steps.append(_Step(time, rows, known))
+        if self._most is not None and len(self._steps) > self._most:
+            self._thin()
+
+    def doubt(self, cov: Floats, since: float, now: float) -> None:
+        """Between two times the bias walked by so much more, (3, 3), than the steps there say; evenly, as far as one knows.
+
+        since -inf: it was so much less known from the first step on.
+        """
+        if np.isneginf(since):
+            for step in self._steps:
+                step.rows[_P][BIAS, BIAS] += cov
+            return
+        before = since
+        for step in self._after(since):
+            step.rows[_P][BIAS, BIAS] += cov * (step.time - since) / (now - since)
+            step.rows[_Q][BIAS, BIAS] += cov * (step.time - before) / (now - since)
+            before = step.time
+
+    def smoothed(self, since: float = -np.inf) -> Smoothed | None:
+        """The bias at every step after `since`, by all that is known now; None before there is any."""
+        steps = self._after(since)
+        if not steps:
+            return None
+        rows, known = np.array([step.rows for step in steps]), np.array([step.known for step in steps])
+        x, P = rows[:, 0], rows[:, _P]
+        if len(steps) > 1:
+            from filterpy.kalman import rts_smoother  # noqa: PLC0415 - as in bias_filter.py
+
+            # A slope that is known exactly, where there is no temperature, would make P singular.
+            P = P + 1e-24 * np.eye(OWN)
+            onward = steps[1:]
+            x, P, _, _ = rts_smoother(x, P, [s.rows[_F] for s in onward], [s.rows[_Q] for s in onward])
+        std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2)[:, BIAS], 0.0))
+        return Smoothed(np.array([step.time for step in steps]), (x + known)[:, BIAS], std)
+
+    def _after(self, since: float) -> list[_Step]:
+        return self._steps[bisect_right(self._steps, since, key=lambda step: step.time) :]
+
+    def _thin(self) -> None:
+        kept = self._steps[:1]
+        for first, second in zip(self._steps[1::2], self._steps[2::2], strict=False):
+            second.rows[_Q] = second.rows[_F] @ first.rows[_Q] @ second.rows[_F].T + second.rows[_Q]
+            second.rows[_F] = second.rows[_F] @ first.rows[_F]
+            kept.append(second)
+        if len(self._steps) % 2 == 0:
+            kept.append(self._steps[-1])
+        self._steps = kept

@@ -1,0 +1,373 @@
+"""Zero angular rate update: while the device rests, its reading is its bias.
+
+Split by gravity where there is an accelerometer. A turn about a horizontal axis would tilt gravity: that part of a rest is
+checked and always usable. A turn about the vertical is invisible, and a bed or a chair turns slowly and evenly: that part must
+lie inside its gate. When it stays outside but constant for long, it is believed; in another pose it becomes horizontal by itself.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from math import ceil, inf, radians
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.kernels.zaru import along, calm, together, upright
+from estimator.state import StateStruct, shaped
+from estimator.tracking.bias_filter import BIAS, BiasFilter
+from estimator.tracking.evidence import GATES, Evidence, Receipt
+from estimator.tracking.gravity import GRAVITY
+from estimator.tracking.seconds import Second
+from estimator.tracking.tilt_check import TiltCheck, TiltKnobs, TiltState
+
+Floats = NDArray[np.float64]
+
+#: seconds whose means are compared
+_RECENT = 8
+#: an NIS, by degrees of freedom, that one measurement in a thousand has
+_SURPRISE = {1: 10.83, 2: 13.82, 3: 16.27}
+_AXES = np.eye(3)
+#: what is to be judged with what follows; from, to
+_Waiting = tuple[Evidence, float, float]
+REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
+INSISTED, JUMPED = "insisted", "jumped"
+
+
+@dataclass(frozen=True, slots=True)
+class ZaruKnobs:
+    """When a rest speaks for the bias."""
+
+    #: motion of a resting body that no reading shows, rad/s
+    quasi_static: float = radians(0.003)
+    #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
+    unproven: float = radians(0.1)
+    #: the same without an accelerometer: so much sways who stands for a moment in a walk (tests/bench/honesty.py); and before any
+    #: rest was proven, of a bias that is not known: one half-breath at power-up shut out the truth for minutes
+    #: (tests/bench/warming.py: seed 16, begun late)
+    unproven_at_most: float = radians(0.19)
+    proven_after: int = 4
+    #: and in the last second of a rest: a movement begins too gently for a gyro alone to see
+    edge: float = radians(0.015)
+    #: means that scatter by more than this many times their noise variance show a body that moves a little
+    scatter: float = 3.0
+    #: a jump of the bias is believed after so many seconds of rest in a row
+    sure_rests: int = 5
+    #: the vertical part of a rest is believed within this (normalised innovation squared): 4 standard deviations
+    vertical_gate: float = 16.0
+    #: a contradiction that stays the same for this long is believed
+    insist_s: float = 120.0
+    #: in a gap between rests the bias may have walked so many times faster than the knobs of the filter say
+    hurry: float = 5.0
+    #: a gap is at least this long, s
+    gap_s: float = 5.0
+    #: what is gated waits, and is judged together with what follows, until their mean is this good, rad/s; s at most
+    certain: float = radians(0.006)
+    longest_wait_s: int = 8
+    tilt: TiltKnobs = field(default_factory=TiltKnobs)
+
+
+class ZaruState(StateStruct):
+    """What rests have shown. means (k, 2, 3): of the latest quiet seconds, with their variance; quiet: how many in a row.
+
+    rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether the latest second of rest
+    is one. rested: whether a rest has been one since a restart. blind: whether it was not seen, and has not been seen to rest
+    since. surprised: kinds of evidence that the gap has been held against. in_question: variance of what was believed for its
+    insistence alone. waiting: what is to be judged with what follows, from and to when. contradiction: since when, and what was
+    measured then, z and R. surprises, judged: what became of what waited, until somebody asks.
+    """
+
+    tilt: TiltState
+    ever_proven: bool
+    means: Floats = msgspec.field(default_factory=lambda: np.zeros((0, 2, 3)))
+    quiet: int = 0
+    quiet_until: float = inf
+    rests: int = 0
+    gap_s: float = 0.0
+    proven: bool = False
+    rested: bool = True
+    blind: bool = False
+    surprised: set[str] = msgspec.field(default_factory=lambda: {"zaru", "zaru level", "zaru vertical"})
+    in_question: float = 0.0
+    waiting: list[tuple[Evidence, float, float]] = msgspec.field(default_factory=list)
+    contradiction: tuple[float, Floats, Floats] | None = None
+    surprises: list[Receipt] = msgspec.field(default_factory=list)
+    judged: list[Receipt] = msgspec.field(default_factory=list)
+
+
+class Zaru:
+    """Seconds in, receipts out; feeds one BiasFilter."""
+
+    def __init__(self, knobs: ZaruKnobs | None = None, *, known: bool = False) -> None:
+        """known: whether the bias is known well enough to hold a rest against."""
+        self.knobs = knobs or ZaruKnobs()
+        self.tilt = TiltCheck(self.knobs.tilt)
+        self.state = ZaruState(self.tilt.state, ever_proven=known)
+
+    def saved(self, bias: BiasFilter) -> ZaruState:
+        """All that evolves, beside what the filter has forgotten already."""
+        self.state.tilt = self.tilt.state
+        self._drop_forgotten(bias)
+        return self.state
+
+    def restore(self, state: ZaruState, bias: BiasFilter) -> None:
+        """Go on from a state, with a filter that goes on from its own. Raises ValueError."""
+        n = len(bias.x)
+        shaped(state.means, -1, 2, 3)
+        for evidence, _, _ in state.waiting:
+            m = len(evidence.z)
+            if m not in GATES:
+                raise ValueError("damaged state: what waits is no measurement")
+            shaped(evidence.z, m, finite=True)
+            shaped(evidence.H, m, n, finite=True)
+            shaped(evidence.R, m, m, finite=True)
+            if evidence.common_var is not None:
+                shaped(evidence.common_var, m)
+        if state.contradiction is not None:
+            _, z, R = state.contradiction
+            shaped(z, -1)
+            shaped(R, len(z), len(z))
+        self.state, self.tilt.state = state, state.tilt
+
+    def moved(self, bias: BiasFilter) -> None:
+        """What was seen of a rest is over."""
+        self.state.in_question, self.state.contradiction, self.state.blind = 0.0, None, False
+        self._over(bias)
+
+    def unseen(self, bias: BiasFilter, seconds: float) -> None:
+        """For so long nobody saw it: it may rest still. What is in question stays so, and what contradicts waits no less."""
+        self._lengthen(seconds)
+        self.state.blind = True
+        self._over(bias)
+
+    def interrupted(self, bias: BiasFilter, seconds: float) -> None:
+        """The device was quiet still for so long, but not at rest."""
+        if self.state.blind:  # what is still shows only some time after a hole
+            self._lengthen(seconds)
+        else:
+            self.state.contradiction = None
+        self._judge(bias)
+
+    def _lengthen(self, seconds: float) -> None:
+        if self.state.contradiction is not None:
+            since, z, R = self.state.contradiction
+            self.state.contradiction = since + seconds, z, R
+
+    def _over(self, bias: BiasFilter) -> None:
+        self.state.quiet = self.state.rests = 0
+        self.state.means = self.state.means[:0]
+        self.tilt.over()
+        self._judge(bias)
+
+    def _judge(self, bias: BiasFilter) -> None:
+        """What waits, without what would have followed."""
+        if self.state.waiting:
+            evidence, begun, ended = self.state.waiting.pop()
+            self.state.waiting.append((self._at_edge(evidence), begun, ended))
+        self._drop_forgotten(bias)
+        while self.state.waiting:
+            self.state.judged.append(self._late(bias))
+        bias.forget()
+
+    def judged(self) -> list[Receipt]:
+        """What became, since this was asked last, of what waited as its rest ended."""
+        judged, self.state.judged = self.state.judged, []
+        return judged
+
+    def _drop_forgotten(self, bias: BiasFilter) -> None:
+        """What was measured before the filter was begun anew is in what it was begun from."""
+        del self.state.waiting[: len(self.state.waiting) - bias.waiting]
+
+    def surprises(self) -> list[Receipt]:
+        """What surprised since this was asked last, as it was before the filter was told to expect it."""
+        surprises, self.state.surprises = self.state.surprises, []
+        return surprises
+
+    def at_rest(self, second: Second, bias: BiasFilter) -> bool:
+        """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
+        knobs = self.knobs
+        self.state.quiet += 1
+        latest = np.array([[second.mean, second.mean_var]])
+        self.state.means = np.concatenate([self.state.means[1 - _RECENT :], latest])
+        quiet = calm(self.state.means, knobs.quasi_static**2, knobs.scatter)
+        if self.tilt.watch(second):
+            self.state.waiting.clear()
+            bias.forget()
+        if second.start - self.state.quiet_until >= knobs.gap_s:
+            self.state.gap_s, self.state.surprised = second.start - self.state.quiet_until, set()
+        self.state.quiet_until = second.end
+        resting = second.still and quiet
+        self.state.rests = self.state.rests + 1 if resting else 0
+        self.state.blind = self.state.blind and not resting
+        return resting
+
+    def take(
+        self, second: Second, bias: BiasFilter, up: Floats | None, gravity: Evidence | None = None
+    ) -> tuple[list[Receipt], Receipt | None]:
+        """Take a second of rest, and what gravity says of it: receipts of the rest, and what became of gravity.
+
+        up (3,) points as gravity's reading does, None without an accelerometer. Where gravity's evidence is given it is in the
+        state; within a rest it is taken together with the parts across what was known of it, in one step.
+        """
+        # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
+        proven = self.state.proven = self.state.quiet >= self.knobs.proven_after and (
+            up is not None or self.state.rests > 1
+        )
+        self.state.ever_proven |= proven
+        self.state.rested |= proven
+        checked = up is not None and self.state.ever_proven
+        motion_var = self.knobs.quasi_static**2 if proven else self._unproven_var(second, checked=checked)
+        var, said = second.mean_var + motion_var, None
+        if gravity is not None and (self.tilt.state.seen or self._begins(proven=proven)):
+            said, gravity, up = bias.update(gravity), None, bias.x[GRAVITY]
+        if up is None or second.accel_mean is None:
+            receipts = self._gated(_along("zaru", _AXES, second, var, GATES[3], bias), second, bias)
+        elif self.tilt.state.seen:
+            bias.forget()
+            z = second.mean - bias.x[BIAS]
+            self.state.contradiction = None
+            nothing = Receipt(bias.time, "zaru", z, np.diag(var), np.inf, accepted=False, reason=REFUSED_TILT)
+            return [nothing], said
+        else:
+            axes = upright(up)
+            level, vertical = _split(_along("zaru", axes, second, var, GATES[2], bias), self.knobs.vertical_gate)
+            receipt, also = self._level(level, gravity, second, bias)
+            said = said or also
+            receipts = [receipt, *self._gated(vertical, second, bias)]
+        return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
+
+    def _begins(self, *, proven: bool) -> bool:
+        """Whether gravity may have more to say than within a rest, and is to be heard before anything is held against it."""
+        return self.state.rests == 1 or (proven and "zaru level" not in self.state.surprised)
+
+    def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
+        """(3,) of the motion there may be; who slows down or turns back within the second is no nearer to rest than that."""
+        if not checked:
+            return self.knobs.unproven_at_most**2
+        half = second.samples // 2
+        change = second.gyro[half:].mean(axis=0) - second.gyro[:half].mean(axis=0)
+        return np.asarray(self.knobs.unproven**2 + change**2 / 4)
+
+    def _level(
+        self, evidence: Evidence, gravity: Evidence | None, second: Second, bias: BiasFilter
+    ) -> tuple[Receipt, Receipt | None]:
+        """The two parts across gravity, after what gravity says.
+
+        A bias that surprises there has moved, along the vertical as far as anyone knows.
+        """
+        self._adapt(evidence, bias)
+        said, receipt = (None, bias.update(evidence)) if gravity is None else bias.update_both(gravity, evidence)
+        if 1 < receipt.test_ratio < np.inf and self._checked(second, receipt.innovation):
+            return self._believed(receipt, evidence, bias, JUMPED), said
+        return receipt, said
+
+    def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
+        """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""
+        self._adapt(evidence, bias)
+        self._drop_forgotten(bias)
+        if self.state.waiting and self.state.waiting[0][0].H.shape != evidence.H.shape:
+            self.state.waiting.clear()  # the accelerometer came or went
+            bias.forget()
+        evidence = self._questioned(evidence)
+        bias.wait()
+        self.state.waiting.append((evidence, second.start, second.end))
+        weighed = bias.weigh(_mean(evidence, self.state.waiting) if len(self.state.waiting) > 1 else evidence)
+        if weighed.accepted:
+            self.state.contradiction = None
+            ready = len(self.state.waiting) + 1 - ceil(self._waits(evidence, weighed))
+            return [self._late(bias) for _ in range(ready)]
+        begun = self.state.waiting[0][1]
+        self.state.waiting.clear()
+        bias.forget()
+        if not self._insisted(weighed.time, begun, evidence.z, evidence.R, bias):
+            return [weighed]
+        self.state.contradiction = None
+        # It may still turn: how sure that can be stays in question until it has moved and rests again.
+        self.state.in_question = float(np.mean(weighed.innovation**2)) / 4
+        return [self._believed(weighed, self._questioned(evidence), bias, INSISTED)]
+
+    def _at_edge(self, evidence: Evidence) -> Evidence:
+        if evidence.kind != "zaru":
+            return evidence  # an accelerometer was there
+        return evidence._replace(R=evidence.R + self.knobs.edge**2 * np.eye(len(evidence.R)))
+
+    def _questioned(self, evidence: Evidence) -> Evidence:
+        if not self.state.in_question:
+            return evidence
+        common = np.zeros(len(evidence.z)) if evidence.common_var is None else evidence.common_var
+        return evidence._replace(common_var=np.maximum(common, self.state.in_question))
+
+    def _late(self, bias: BiasFilter) -> Receipt:
+        """Take what has waited longest; the bias has walked on since."""
+        evidence, _, _ = self.state.waiting.pop(0)
+        receipt = bias.take_first(evidence)
+        unproven = min(evidence.R.diagonal().tolist()) >= self.knobs.unproven**2
+        return receipt._replace(reason=receipt.reason or UNPROVEN) if unproven else receipt
+
+    def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
+        """How many seconds are judged together: none wait where the bias is known worse than one second tells it.
+
+        Else the latest always does: it may be the last of its rest.
+        """
+        own, seen = evidence.R.diagonal().tolist(), weighed.innovation_cov.diagonal().tolist()
+        most, waiting = float(max(own)), len(self.state.waiting)
+        for var, R in zip(seen, own, strict=True):
+            if var - R / waiting > most:
+                return 1
+        return min(self.knobs.longest_wait_s, max(2.0, most / self.knobs.certain**2))
+
+    def _believed(self, refused: Receipt, evidence: Evidence, bias: BiasFilter, reason: str) -> Receipt:
+        """The bias has moved by what was refused: doubt all of it by that much, then take it."""
+        bias.widen(float(np.mean(refused.innovation**2)) * np.eye(3))
+        bias.update(evidence)
+        return refused._replace(accepted=True, reason=reason)
+
+    def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
+        """A first rest after a gap that surprises shows a walk faster than was thought, within reason: in all axes alike."""
+        if evidence.kind in self.state.surprised or not self.state.proven:
+            return
+        self.state.surprised.add(evidence.kind)
+        weighed = bias.weigh(evidence)
+        if _SURPRISE[len(evidence.z)] < weighed.nis < np.inf:
+            self.state.surprises.append(weighed)
+            most = (self.knobs.hurry * bias.knobs.rate_random_walk) ** 2 * self.state.gap_s
+            bias.widen(min(float(np.mean(weighed.innovation**2)), most) * np.eye(3))
+
+    def _checked(self, second: Second, innovation: Floats) -> bool:
+        """Whether a turn at such a rate would by now have been seen to tilt gravity."""
+        if self.state.rests < self.knobs.sure_rests:
+            return False
+        return self.tilt.would_show(float(np.linalg.norm(innovation)), second)
+
+    def _insisted(self, now: float, start: float, z: Floats, R: Floats, bias: BiasFilter) -> bool:
+        if self.state.contradiction is None or not self._same(*self.state.contradiction, now, z, R, bias):
+            self.state.contradiction = start, z, R
+        return now - self.state.contradiction[0] >= self.knobs.insist_s
+
+    def _same(self, since: float, z0: Floats, R0: Floats, now: float, z: Floats, R: Floats, bias: BiasFilter) -> bool:
+        if len(z0) != len(z):
+            return False
+        walk = bias.knobs.rate_random_walk**2 * (now - since) * np.eye(len(z))
+        apart = z - z0
+        return bool(apart @ np.linalg.solve(R + R0 + walk, apart) <= GATES[len(z)])
+
+
+def _along(kind: str, axes: Floats, second: Second, var: Floats, gate: float, bias: BiasFilter) -> Evidence:
+    """The mean of a second, of variance var (3,), as a measurement of the bias along axes (m, 3)."""
+    z, H, R, common_var = along(axes, second.mean, var, second.common_var, len(bias.x))
+    return Evidence(kind, z, H, R, gate, common_var)
+
+
+def _split(whole: Evidence, vertical_gate: float) -> tuple[Evidence, Evidence]:
+    """The two parts of a measurement across gravity, and the one along it."""
+    kind, z, H, R, gate, common_var, _ = whole
+    assert common_var is not None
+    level = Evidence(f"{kind} level", z[:2], H[:2], R[:2, :2], gate, common_var[:2])
+    return level, Evidence(f"{kind} vertical", z[2:], H[2:], R[2:, 2:], vertical_gate, common_var[2:])
+
+
+def _mean(latest: Evidence, waiting: Iterable[_Waiting]) -> Evidence:
+    """All that wait, the latest among them, as one: what is common to them does not average out."""
+    common = np.zeros(len(latest.z)) if latest.common_var is None else latest.common_var
+    z, R = together(np.array([e.z for e, _, _ in waiting]), np.array([e.R for e, _, _ in waiting]), common)
+    return latest._replace(z=z, R=R)

@@ -1,0 +1,188 @@
+"""Where programs ask: /api/v1."""
+
+import json
+import time
+from http import HTTPStatus
+from typing import Any
+
+import msgspec
+from starlette.datastructures import QueryParams
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+
+from bridge.wire.keys import check_id
+from bridge.wire.refusal import Refusal
+from estimator.overview.ward import URGENCY, DeviceRow, chosen, listed
+from estimator.web import request_form
+from estimator.web.api import answers, openapi
+from estimator.web.commanding import commands
+from estimator.web.http_error import Fault
+from estimator.web.site import CHALLENGE, Desk
+
+ROOT = "/api/v1"
+#: words of ?only=, and characters of one: an id has at most 32
+MOST_WORDS, LONGEST = 16, 64
+_JSON = "application/json"
+
+
+def routes() -> list[BaseRoute]:
+    """Their places."""
+    return [
+        Route(f"{ROOT}/openapi.json", document),
+        Route(f"{ROOT}/devices", devices),
+        Route(f"{ROOT}/devices/{{device}}", device),
+        Route(f"{ROOT}/devices/{{device}}/calibrations", calibrations),
+        *commands(f"{ROOT}/devices/{{device}}", command),
+    ]
+
+
+def answer(content: Any, status: HTTPStatus = HTTPStatus.OK, headers: dict[str, str] | None = None) -> Response:
+    """JSON."""
+    return Response(msgspec.json.encode(content), status, headers, _JSON)
+
+
+def refused(fault: Fault) -> Response:
+    """Why not, as JSON."""
+    return answer(
+        answers.Error(answers.ErrorWords(fault.code, fault.message, answers.said(fault.reason))),
+        fault.status,
+        fault.headers,
+    )
+
+
+async def document(request: Request) -> Response:
+    """What can be asked, and what is answered."""
+    _asked(request)
+    return answer(openapi.document())
+
+
+async def devices(request: Request) -> Response:
+    """All of them, or with ?only= those in a state, or whose id matches."""
+    desk = Desk.of(request)
+    only = _asked(request, "only").getlist("only")
+    if len(only) > MOST_WORDS:
+        words = f"'only' is there {len(only)} times; at most {MOST_WORDS} are taken."
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
+    rows = desk.known.rows(time.monotonic())
+    for word in only:
+        _nothing_like(word, rows)
+    return answer(answers.devices(desk.known, rows, only))
+
+
+async def device(request: Request) -> Response:
+    """One."""
+    _asked(request)
+    desk, name = Desk.of(request), _named(request)
+    return answer(answers.device(desk.known.row(name, time.monotonic()), desk.story(name)))
+
+
+async def calibrations(request: Request) -> Response:
+    """Those of one: the latest, or with ?before= those before one; at most ?limit= of them."""
+    asked = _asked(request, "before", "limit")
+    desk, name = Desk.of(request), _named(request)
+    found = await desk.calibrations(request, name)
+    before = asked.get("before")
+    if before is not None:
+        ids = [calibration.id for calibration in found]
+        if before not in ids:
+            raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", id=before[:64], device=name)
+        found = found[: ids.index(before)]
+    return answer(answers.calibrations(name, desk.story(name), found, _limit(asked.get("limit", f"{answers.PAGE}"))))
+
+
+def _asked(request: Request, *names: str) -> QueryParams:
+    """The parameters; Fault when there is another than these."""
+    unknown = set(request.query_params) - set(names)
+    if unknown:
+        there = "there are: " + ", ".join(names) if names else "there is none"
+        words = f"There is no parameter {min(unknown)[:40]!r}; {there}."
+        raise Fault(HTTPStatus.BAD_REQUEST, "unknown_parameter", words)
+    return request.query_params
+
+
+def _nothing_like(word: str, rows: list[DeviceRow]) -> None:
+    """Fault where a word of ?only= is probably mistyped."""
+    if len(word) > LONGEST:
+        words = f"'only' has a word of {len(word)} characters; at most {LONGEST} are taken."
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
+    if not word:
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", "'only' is empty; a state or an id is taken.")
+    state = word.lower().replace("-", " ").replace("_", " ") in URGENCY
+    if not (state or set(word) & set("*?") or chosen(rows, [word])):
+        heard = f"; heard are: {listed(row.device for row in rows)}" if rows else ""
+        words = f"{word[:40]!r} is no state and no device; states are: {', '.join(URGENCY)}{heard}."
+        raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", words)
+
+
+def _limit(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 9 and 1 <= int(text) <= answers.MOST):
+        words = f"'limit' is {text[:40]!r}; 1 to {answers.MOST} is taken."
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
+    return int(text)
+
+
+def _named(request: Request) -> str:
+    """The device of the path; Fault when it is no id, or none that was heard of."""
+    name = request.path_params["device"]
+    try:
+        check_id(name, "device")
+    except Refusal as refusal:
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_id", refusal.detail) from None
+    Desk.of(request).story(name)
+    return str(name)
+
+
+async def command(request: Request, verb: str) -> Response:
+    """Ask the estimator; 409 when it does not do it."""
+    desk = Desk.of(request)
+    _asked(request)
+    who = await _who(desk, request)
+    words = await _words(request)
+    reply = await desk.ask(_named(request), verb, who, words)
+    if not reply.accepted:
+        raise Fault(HTTPStatus.CONFLICT, "not_accepted", reason=reply.message)
+    return answer(answers.Reply(accepted=True, message=answers.said(reply.message)))
+
+
+async def _who(desk: Desk, request: Request) -> str:
+    """Who asks: by `Authorization: Bearer name.secret`, or by a page's cookie with its X-CSRF-Token."""
+    kind, _, credentials = request.headers.get("authorization", "").partition(" ")
+    if not kind:
+        return desk.checked(request, request.headers.get("x-csrf-token", "")).name
+    name, _, secret = credentials.strip().partition(".")
+    if kind.lower() != "bearer" or not name or not secret:
+        raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", "Authorization is taken as `Bearer name.secret`.", CHALLENGE)
+    await desk.let_in(request, name, secret)
+    return name
+
+
+async def _words(request: Request) -> str:
+    body = await request_form.body(request)
+    if not body:
+        return ""
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if kind != _JSON:
+        raise Fault(
+            HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "not_json", f"{kind[:40] or 'Nothing'} is not taken; {_JSON} is."
+        )
+    try:
+        return msgspec.json.decode(body.decode(), type=answers.Words).words
+    except UnicodeDecodeError:
+        raise Fault(HTTPStatus.BAD_REQUEST, "not_json", "The body is not UTF-8.") from None
+    except msgspec.ValidationError as error:
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_body", f"{error}.") from None
+    except msgspec.DecodeError as error:
+        halved = "A \\u escape is half of a character: a surrogate without its other half."
+        raise Fault(HTTPStatus.BAD_REQUEST, "not_json", halved if _halved(body) else f"{error}.") from None
+
+
+def _halved(body: bytes) -> bool:
+    """Whether it is JSON, of a text that is none: msgspec only says that it ended too early."""
+    try:
+        json.dumps(json.loads(body), ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        return True
+    except (ValueError, RecursionError):
+        return False
+    return False

@@ -1,0 +1,137 @@
+"""What was said of one device over time: bias and its uncertainty, temperature, rests, what happened. Pure, of bounded size."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.reasons.codes import Sentences
+from bridge.wire.messages import BiasRevision, Floats, Status
+from estimator.device.lifecycle import NEVER_S
+from estimator.tracking.seconds import SecondKnobs
+
+#: points kept; when there are so many, every other one of the older half is left out
+POINTS = 720
+#: rests that are so near to each other are one; evidence not older than this is a rest that goes on
+REST_S = 3.0
+#: of what a rest teaches: it began so long before its first evidence came
+TAUGHT_S = SecondKnobs().length_s
+RESTS, MARKS = 120, 120
+#: a clock that goes back by more was set, or is another's: what it has not come to yet is not known any more
+BACK_NS = 5 * 10**9
+#: of a device's events those that are evidence refused, as the tracker names them: `zaru: the reason`
+_REFUSED = ": "
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Something that happened: `kind` is boot, calibrated, refused, note or state.
+
+    words: of a note its text, of evidence refused and of a boot a label, of a calibration its reason.
+    """
+
+    time_ns: int
+    kind: str
+    words: str | Sentences
+
+
+class Trail:
+    """One device. Columns of `points`: bias x, y, z and its std x, y, z in rad/s, °C."""
+
+    def __init__(self) -> None:
+        self._times = np.zeros(POINTS, np.int64)
+        self._rows = np.zeros((POINTS, 7))
+        self._n = 0
+        self._behind_ns = 0  # the time of the last status, where it was left out
+        self.rests: deque[tuple[int, int]] = deque(maxlen=RESTS)
+        self.marks: deque[Mark] = deque(maxlen=MARKS)
+        self._events: dict[str, int] | None = None
+        self._boot = 0
+
+    def __len__(self) -> int:
+        return self._n
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """(n,) host time of each point, rising."""
+        return self._times[: self._n]
+
+    @property
+    def points(self) -> Floats:
+        """(n, 7); NaN is not known."""
+        return self._rows[: self._n]
+
+    def take(self, status: Status) -> None:
+        """A status, said once a second and at every change; one that is not newer than the last is left out.
+
+        A second one, newer than that, is by a clock that was set back.
+        """
+        behind_ns, self._behind_ns = self._behind_ns, 0
+        if self._n and status.time_ns <= (latest := self._times[self._n - 1]):
+            if not 0 < behind_ns < status.time_ns < latest - BACK_NS:
+                self._behind_ns = status.time_ns
+                return
+            self._cut(status.time_ns)
+        self._happenings(status)
+        if self._n == POINTS:
+            self._thin()
+        self._times[self._n] = status.time_ns
+        self._rows[self._n] = (*status.bias, *status.bias_std, status.temperature_c)
+        self._n += 1
+        if status.evidence_age_s < NEVER_S:
+            self._rest(status.time_ns - round(status.evidence_age_s * 1e9))
+
+    def mark(self, mark: Mark) -> None:
+        """Something happened; what was told already is not told again."""
+        if mark not in self.marks:
+            self.marks.append(mark)
+
+    def revise(self, revision: BiasRevision) -> None:
+        """The bias of the past, as it is known now."""
+        times = self.times_ns
+        inside = (times >= revision.times_ns[0]) & (times <= revision.times_ns[-1])
+        for axis in range(3):
+            for column, values in ((axis, revision.bias), (3 + axis, revision.bias_std)):
+                known = np.interp(times[inside], revision.times_ns, values[:, axis].astype(float))
+                self._rows[: self._n][inside, column] = known
+
+    def spread(self, n: int, begin_ns: int, end_ns: int) -> Floats:
+        """(n, 7) points at even distances of a stretch of time, each the last before it; NaN where there is none."""
+        at = np.linspace(begin_ns, end_ns, n).astype(np.int64)
+        found = np.full((n, 7), np.nan)
+        index = np.searchsorted(self.times_ns, at, side="right") - 1
+        step = (end_ns - begin_ns) / max(1, n - 1)
+        known = (index >= 0) & (at - self._times[np.maximum(index, 0)] < max(3 * step, 5e9)) if self._n else index >= 0
+        found[known] = self._rows[index[known]]
+        return found
+
+    def _rest(self, at_ns: int) -> None:
+        if self.rests and at_ns <= self.rests[-1][1] + REST_S * 1e9:
+            begin, end = self.rests[-1]
+            self.rests[-1] = begin, max(end, at_ns)
+        else:
+            self.rests.append((at_ns - round(TAUGHT_S * 1e9), at_ns))
+
+    def _happenings(self, status: Status) -> None:
+        if self._boot and status.boot != self._boot:
+            self.mark(Mark(status.time_ns, "boot", "started anew"))
+        new = self._boot != status.boot
+        self._boot = status.boot
+        before, self._events = self._events, status.events
+        if before is None or new:
+            return
+        for name, count in status.events.items():
+            if _REFUSED in name and count > before.get(name, 0):
+                self.mark(Mark(status.time_ns, "refused", name))
+
+    def _cut(self, at_ns: int) -> None:
+        self._n = int(np.searchsorted(self.times_ns, at_ns))
+        earlier = [(begin, min(end, at_ns)) for begin, end in self.rests if begin < at_ns]
+        self.rests = deque(earlier, self.rests.maxlen)
+
+    def _thin(self) -> None:
+        half = POINTS // 2
+        kept = np.concatenate([np.arange(0, half, 2), np.arange(half, POINTS)])
+        self._times[: len(kept)], self._rows[: len(kept)] = self._times[kept], self._rows[kept]
+        self._n = len(kept)

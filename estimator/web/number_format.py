@@ -1,0 +1,75 @@
+"""Numbers as people read them, in their language. Degrees live here, not in the core."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from math import degrees, isfinite
+
+from estimator.geometry.gyro_model import SIGMAS
+from estimator.language.texts import Texts
+from estimator.overview.ward import age
+
+MINUS = "\N{MINUS SIGN}"
+#: where no line ends
+SPACE = "\N{NO-BREAK SPACE}"
+
+
+def signed(value: float, digits: int) -> str:
+    """With its sign, as wide whichever it is."""
+    return f"{value:+.{digits}f}".replace("-", MINUS)
+
+
+def bias(bias: Sequence[float], std: Sequence[float]) -> str:
+    """`+0.12 −0.40 +0.03 ± 0.004 °/s`: each axis of rad/s, and 95 % of the one that is least known."""
+    wide = SIGMAS * degrees(max(std))
+    digits = 3 if wide < 0.1 else 2
+    return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {wide:.{digits}f} °/s"
+
+
+def rate(measured_hz: float, told_hz: float, t: Texts) -> str:
+    """`103.9 of 104 Hz`."""
+    if not measured_hz:
+        return t("words.rate_told", told=f"{told_hz:g}") if told_hz else ""
+    measured = f"{measured_hz:.1f}"
+    return t("words.rate_of", measured=measured, told=f"{told_hz:g}") if told_hz else f"{measured} Hz"
+
+
+def gaps(count: int, missing: int, t: Texts) -> str:
+    """`none`, `3, in one gap`, or `12, in 2 gaps`."""
+    if count == 1:
+        return t("words.gap", missing=missing)
+    return t("words.gaps", count=count, missing=missing) if count else t("words.no_gaps")
+
+
+def temperature(celsius: float) -> str:
+    """Nothing when it is not known."""
+    return f"{celsius:.1f} °C" if isfinite(celsius) else ""
+
+
+def battery(percent: float | None, t: Texts, *, charging: bool) -> str:
+    """`82 %`, with whether it is charging."""
+    if percent is None:
+        return ""
+    return t("words.charging", percent=f"{percent:.0f}") if charging else f"{percent:.0f} %"
+
+
+def ago(then_ns: int, now_ns: int, t: Texts) -> str:
+    """`2 h ago`."""
+    return t("words.ago", age=lasting(max(0.0, (now_ns - then_ns) / 1e9), t))
+
+
+def lasting(seconds: float, t: Texts) -> str:
+    """`2 h`."""
+    n, _, unit = age(seconds).partition(" ")
+    return t(f"words.{unit}", n=n)
+
+
+def clock(time_ns: int) -> str:
+    """`2026-11-21 13:39:19 UTC+01:00`: a date and a time of the server's zone, which it says."""
+    local = datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone()
+    return f"{local:%Y-%m-%d %H:%M:%S} {zone_name(local)}"
+
+
+def zone_name(local: datetime) -> str:
+    """How far a time's zone is from UTC: `UTC`, or `UTC+01:00`."""
+    offset = local.isoformat()[-6:]
+    return "UTC" if offset == "+00:00" else f"UTC{offset.replace('-', MINUS)}"

@@ -1,0 +1,36 @@
+"""What a page's form or a program's JSON says, within bounds."""
+
+import asyncio
+from http import HTTPStatus
+from urllib.parse import parse_qsl
+
+from starlette.requests import ClientDisconnect, Request
+
+from estimator.web.http_error import Fault
+
+MAX_BYTES = 16_384
+#: a body of ours is on the way for moments only
+WHOLE_S = 10.0
+
+
+async def body(request: Request) -> bytes:
+    """All of it; Fault when it is more than any of ours, is too long on the way, or ends too early."""
+    found = b""
+    try:
+        async with asyncio.timeout(WHOLE_S):
+            async for part in request.stream():
+                found += part
+                if len(found) > MAX_BYTES:
+                    raise Fault(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too_large", most=MAX_BYTES)
+    except (TimeoutError, ClientDisconnect):
+        raise Fault(HTTPStatus.REQUEST_TIMEOUT, "incomplete", headers={"Connection": "close"}) from None
+    return found
+
+
+async def fields(request: Request) -> dict[str, str]:
+    """The fields of a form; the last of those that have one name."""
+    text = (await body(request)).decode("utf-8", "replace")
+    try:
+        return dict(parse_qsl(text, keep_blank_values=True, max_num_fields=20))
+    except ValueError:
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_form") from None

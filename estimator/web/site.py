@@ -1,0 +1,197 @@
+"""What every page works with: the ward's state, who is logged in, and the way to the estimator."""
+
+import asyncio
+import logging
+import secrets
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from http import HTTPStatus
+from math import ceil
+from pathlib import Path
+from unicodedata import category
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import HTTPConnection, Request
+
+from bridge.bus.contract import BusError
+from bridge.reasons.codes import Code
+from bridge.wire.messages import Calibration, CommandReply
+from bridge.wire.validation import MAX_SENTENCE
+from estimator.client import Client
+from estimator.config.dashboard import Dashboard
+from estimator.config.device_settings import Treatment
+from estimator.service import history
+from estimator.service.store import Store, StoreError
+from estimator.web import cookie
+from estimator.web.client_address import neighbourhood
+from estimator.web.http_error import Fault
+from estimator.web.hub import Hub
+from estimator.web.login_attempts import Attempts
+from estimator.web.passwords import Passwords
+from estimator.web.sessions import Session, Sessions
+from estimator.web.shared_work import SharedWork
+from estimator.web.ward_state import CALIBRATIONS, Known, Story
+
+log = logging.getLogger(__name__)
+
+#: how long what a store said of a device is taken for all there is
+PAST_S = 30.0
+#: how long a picture is shown again, s: each costs a third of a second of a core
+DRAWN_S = 5.0
+#: how a program says who it is; no browser asks a person because of it
+CHALLENGE = {"WWW-Authenticate": 'Bearer realm="truerate"'}
+VERBS = ("recalibrate", "cancel", "note")
+
+
+class Desk:
+    """One dashboard."""
+
+    def __init__(
+        self,
+        known: Known,
+        hub: Hub,
+        settings: Dashboard,
+        store: Path | None = None,
+        treatment: Treatment | None = None,
+    ) -> None:
+        self.known, self.hub, self.settings = known, hub, settings
+        self.treatment = treatment or Treatment()
+        self.sessions = Sessions(settings.session_hours * 3600, settings.idle_minutes * 60)
+        #: for commands, in a session of the bus of its own; None while no router was ever there
+        self.control: Client | None = None
+        self._attempts, self._passwords = Attempts(), Passwords(settings.people)
+        self._one_at_a_time = asyncio.Lock()
+        #: pictures by device, and all calibrations in the store by device
+        self.pictures, self._listed = SharedWork[bytes](DRAWN_S), SharedWork[list[Calibration]](PAST_S)
+        self._store = store
+        #: held while the past of a device is read
+        self._reading = defaultdict[str, asyncio.Lock](asyncio.Lock)
+        self._past_at: dict[str, float] = {}
+
+    @classmethod
+    def of(cls, connection: HTTPConnection) -> "Desk":
+        """The desk that a request came to."""
+        desk = connection.app.state.desk
+        assert isinstance(desk, cls)
+        return desk
+
+    # ---- who asks -------------------------------------------------------------------------------------------------
+
+    def session(self, connection: HTTPConnection) -> Session | None:
+        """Who is logged in, by the cookie."""
+        return self.sessions.find(cookie.found(connection), time.monotonic())
+
+    def checked(self, connection: HTTPConnection, csrf: str) -> Session:
+        """Who gives a command, by cookie and by what their own page says beside it; else Fault."""
+        session = self.session(connection)
+        if session is None:
+            raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", headers=CHALLENGE)
+        if not secrets.compare_digest(session.csrf.encode(), csrf.encode("utf-8", "replace")):
+            raise Fault(HTTPStatus.FORBIDDEN, "stale_page")
+        return session
+
+    async def let_in(self, request: Request, name: str, password: str) -> None:
+        """Return if it is the right password; else Fault, as for too many tries."""
+        if not name or not password:
+            raise Fault(HTTPStatus.BAD_REQUEST, "empty")
+        address = neighbourhood(request.client.host if request.client else "")
+        counted = name[:64]
+        async with self._one_at_a_time:
+            wait_s = self._attempts.wait_s(address, counted, time.monotonic())
+            if wait_s > 0:
+                raise Fault(
+                    HTTPStatus.TOO_MANY_REQUESTS,
+                    "too_many_tries",
+                    headers={"Retry-After": f"{ceil(wait_s)}"},
+                    seconds=ceil(wait_s),
+                )
+            if not await run_in_threadpool(self._passwords.right, name, password):
+                self._attempts.failed(address, counted, time.monotonic())
+                log.warning("a wrong name or password from %s", address)
+                raise Fault(HTTPStatus.UNAUTHORIZED, "wrong_password", headers=CHALLENGE)
+            self._attempts.succeeded(address, counted)
+
+    # ---- devices --------------------------------------------------------------------------------------------------
+
+    def story(self, device: str) -> Story:
+        """Of a device that was heard of; else Fault."""
+        story = self.known.stories.get(device)
+        if story is None:
+            there = ", ".join(sorted(self.known.stories)[:20]) or "–"
+            raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", device=device[:64], names=there)
+        return story
+
+    async def ask(self, device: str, verb: str, who: str, words: str = "") -> CommandReply:
+        """What the estimator answers to a command; Fault when nobody answers."""
+        self.story(device)
+        words = plain(words)
+        if len(words) > MAX_SENTENCE or not words.isprintable():
+            raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", most=MAX_SENTENCE)
+        if verb == "note" and not words.strip():
+            raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", reason=(Code.NOTE_EMPTY(),))
+        if self.control is None:
+            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_router")
+        commands: dict[str, Callable[[str, str, str], CommandReply]] = {
+            "recalibrate": self.control.recalibrate,
+            "cancel": self.control.cancel,
+            "note": self.control.note,
+        }
+        try:
+            return await run_in_threadpool(commands[verb], device, who, words)
+        except BusError as error:
+            log.warning("%s: no answer to %s: %s", device, verb, error)
+            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer") from error
+
+    async def remember(self, device: str) -> None:
+        """Add what the store has of a device that is known, where the store is at hand; Fault where it is not."""
+        self.story(device)
+        if self._store is None or not self._store.is_file() or self._fresh(device):
+            return
+        async with self._reading[device]:  # whoever asks meanwhile waits for it, too
+            if self._fresh(device):
+                return
+            try:
+                self.known.take_past(await run_in_threadpool(_past, self._store, device))
+            except (StoreError, OSError) as error:
+                log.warning("the store %s cannot be read: %s", self._store, error)
+            self._past_at[device] = time.monotonic()
+
+    def _fresh(self, device: str) -> bool:
+        return time.monotonic() - self._past_at.get(device, -PAST_S) < PAST_S
+
+    async def calibrations(self, request: Request, device: str) -> list[Calibration]:
+        """All of a device, oldest first: what was heard, and from the store what is older than is remembered."""
+        await self.remember(device)
+        heard = self.story(device).calibrations
+        store = self._store
+        if len(heard) < CALIBRATIONS or store is None or not store.is_file():
+            return list(heard.values())
+        try:
+            stored = await self._listed.get(request, device, lambda: _calibrations(store, device))
+        except (StoreError, OSError) as error:
+            log.warning("the store %s cannot be read: %s", self._store, error)
+            stored = []
+        return sorted(({one.id: one for one in stored} | heard).values(), key=lambda one: one.time_ns)
+
+
+def _calibrations(path: Path, device: str) -> list[Calibration]:
+    store = Store.reading(path)
+    try:
+        return store.calibrations(device)
+    finally:
+        store.close()
+
+
+def plain(words: str) -> str:
+    """As it is kept: every kind of blank is a blank, and what only joins or directs letters is left out."""
+    kinds = ((letter, category(letter)) for letter in words)
+    return "".join(" " if kind == "Zs" else letter for letter, kind in kinds if kind != "Cf")
+
+
+def _past(path: Path, device: str) -> history.History:
+    store = Store.reading(path)
+    try:
+        return history.read(store, device)
+    finally:
+        store.close()

@@ -1,0 +1,56 @@
+"""[devices]: what is an enrolment and what is not."""
+
+from pathlib import Path
+
+import pytest
+
+from bridge.config.enrolment import MOST_BYTES, Enrolment, places
+from bridge.config.schema import ConfigError, Root, load
+from tests.bridge.wire.test_keys import HOSTILE
+
+
+def test_ids_alone_and_with_their_bridge(tmp_path: Path) -> None:
+    file = tmp_path / "e.txt"
+    file.write_text("b2/hip # spare\n#\n  ankle\n")
+    found = Enrolment(enrolled=("wrist", "b1/chest"), file=str(file)).read()
+    assert found == {"wrist": "", "chest": "b1", "hip": "b2", "ankle": ""}
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [*(text for text in HOSTILE if text != "a/b"), "/a", "a/", "a/b/c", "*/a", "b1/*"],
+    ids=lambda text: ascii(text[:12]),
+)
+def test_what_is_no_id_is_not_enrolled(entry: str) -> None:
+    with pytest.raises(ValueError, match="not valid"):
+        places([entry])
+
+
+def test_two_bridges_of_one_device_are_a_mistake() -> None:
+    assert places(["b1/a", "b1/a"]) == {"a": "b1"}
+    with pytest.raises(ValueError, match="'a' is enrolled twice, by b1 and any bridge"):
+        places(["b1/a", "a"])
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("", "give enrolled"),
+        ('enrolled = ["A"]', "'A' is not valid"),
+        ('file = "/nowhere/at/all"', "there is no such file"),
+        ('file = "{broken}"', "'a/..' is not valid"),
+        ('file = "{huge}"', f"more than {MOST_BYTES} bytes"),
+        ('file = "{binary}"', "is not UTF-8 text: save it as UTF-8"),
+        ('devices = ["a"]', "unknown key 'devices'"),
+    ],
+)
+def test_what_is_wrong_is_said(tmp_path: Path, table: str, words: str) -> None:
+    for name, text in (("broken", b"a/../b\n"), ("huge", b"a\n" * MOST_BYTES), ("binary", b"\xff")):
+        (tmp_path / name).write_bytes(text)
+        table = table.replace(f"{{{name}}}", str(tmp_path / name))
+    path = tmp_path / "w.toml"
+    path.write_text(f'ward = "w"\n[devices]\n{table}\n')
+    with pytest.raises(ConfigError) as error:
+        load(path, Root)
+    assert words in str(error.value)
+    assert "[devices]" in str(error.value)

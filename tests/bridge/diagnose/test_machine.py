@@ -1,0 +1,93 @@
+"""Checks of the machine and of the router."""
+
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+
+import pytest
+
+from bridge.bus.contract import Bus, BusError
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.diagnose import machine
+from bridge.diagnose.finding import Level
+from bridge.diagnose.router import router
+from tests.bridge.diagnose.test_port_access import only, process
+
+
+def test_a_clock_is_kept_right_by_another_or_not() -> None:
+    assert only(machine.clock(0x2001))[0] is Level.OK
+    assert only(machine.clock(0x40))[0] is Level.WARNING
+    assert only(machine.clock(None))[0] is Level.WARNING
+    assert machine.clock_status() is not None
+
+
+@pytest.mark.parametrize(("free", "level"), [(5e9, Level.OK), (5e8, Level.WARNING), (5e6, Level.TROUBLE)])
+def test_a_disk_has_room_or_not(tmp_path: Path, free: float, level: Level) -> None:
+    found, said, _ = only(machine.disk({"store": tmp_path / "not/yet/there"}, lambda _: int(free)))
+    assert found is level
+    assert said == f"{tmp_path}: {free / 1e9:.1f} GB free"
+
+
+def test_a_place_that_is_no_folder_cannot_be_written_to(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    level, said, do = only(machine.disk({"recordings": tmp_path / "file" / "x"}))
+    assert (level, said) == (Level.TROUBLE, f"{tmp_path}/file cannot be written to")
+    assert "choose another place" in do
+    assert only(machine.disk({"store": tmp_path}))[1].startswith(str(tmp_path))
+
+
+def test_two_bridges_of_one_file_are_seen(tmp_path: Path) -> None:
+    def bridge(pid: int, folder: str, file: str) -> None:
+        process(tmp_path, pid, "truerate", command=f"/v/bin/python /v/bin/truerate bridge run {file}")
+        (tmp_path / str(pid) / "cwd").symlink_to(tmp_path / folder)
+
+    assert only(machine.bridges(tmp_path))[:2] == (Level.OK, "none running")
+    bridge(1, "a", "ward.toml")
+    bridge(2, "b", "ward.toml")
+    process(tmp_path, 3, "sudo", command="sudo truerate bridge run ward.toml")
+    assert only(machine.bridges(tmp_path))[:2] == (Level.OK, "2 running")
+    bridge(4, "b", str(tmp_path / "a/ward.toml"))
+    level, said, do = only(machine.bridges(tmp_path))
+    assert level is Level.TROUBLE
+    assert said == f"{tmp_path}/a/ward.toml: 2 bridges run with it, processes 1, 4"
+    assert do == "stop all but one: kill 4"
+
+
+def test_packages_are_as_asked_for_or_not() -> None:
+    have = {"filterpy": "2.0.0", "eclipse-zenoh": "1.9.0", "numpy": "2.1"}
+
+    def installed(name: str) -> str:
+        if name not in have:
+            raise PackageNotFoundError(name)
+        return have[name]
+
+    wanted = ["filterpy>=2.0,<3", "eclipse-zenoh<1.11,>=1.10", "numpy>=2", "protobuf>=7", 'pylsl>=1; extra == "lsl"']
+    found = {f.check: (f.level, f.said) for f in machine.packages(wanted, installed, (3, 10))}
+    assert found == {
+        "Python": (Level.TROUBLE, "3.10"),
+        "filterpy": (Level.OK, "2.0.0"),
+        "eclipse-zenoh": (Level.TROUBLE, "1.9.0, but <1.11,>=1.10 is needed"),
+        "protobuf": (Level.TROUBLE, "not installed"),
+    }
+    assert all(finding.level is Level.OK for finding in machine.packages())
+
+
+def test_a_router_is_reached_or_not() -> None:
+    def nobody(_: Sequence[str]) -> Bus:
+        raise BusError("no router answered")
+
+    assert only(router(["tcp/h:1"], nobody))[0] is Level.TROUBLE
+    assert only(router(["tcp/h:1"], lambda _: MemoryBus(MemoryBroker())))[:2] == (Level.OK, "reached at tcp/h:1")
+
+
+def test_of_two_routers_the_one_that_is_away_is_named() -> None:
+    def one_of_two(endpoints: Sequence[str]) -> Bus:
+        if "tcp/h:2" in endpoints:
+            raise BusError("no router answered at tcp/h:2")
+        return MemoryBus(MemoryBroker())
+
+    found = router(["tcp/h:1", "tcp/h:2"], one_of_two)
+    assert [(finding.level, finding.said) for finding in found] == [
+        (Level.OK, "reached at tcp/h:1"),
+        (Level.WARNING, "no router answered at tcp/h:2"),
+    ]

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from estimator.geometry import rotation
+
+Floats = NDArray[np.float64]
+
+
+def test_a_full_turn_comes_back() -> None:
+    n = 500
+    rate = np.tile([0.0, 0.0, 2 * np.pi], (n, 1))
+    path = rotation.attitudes(rate, np.full(n, 1 / n))
+    np.testing.assert_allclose(path[-1], np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(path[n // 4] @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+
+
+def test_attitudes_take_body_vectors_to_the_start() -> None:
+    # A quarter turn about x, then one about the new y: the body's z then points along the first x.
+    path = rotation.attitudes(np.array([[np.pi / 2, 0, 0], [0, np.pi / 2, 0]]), np.ones(2))
+    np.testing.assert_allclose(path[1] @ [0, 1, 0], [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(path[2] @ [0, 0, 1], [1, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("vector", [[0.0, 0.0, 0.0], [1e-9, 0.0, 0.0], [0.3, -2.0, 1.0], [np.pi - 1e-6, 0.0, 0.0]])
+def test_log_is_the_rotation_vector(vector: list[float]) -> None:
+    attitude = rotation.attitudes(np.array([vector]), np.ones(1))[-1]
+    np.testing.assert_allclose(rotation.log(attitude), vector, atol=1e-9)
+
+
+def test_a_sample_holds_over_the_interval_that_ends_at_it() -> None:
+    np.testing.assert_allclose(rotation.intervals(np.array([1.0, 1.1, 1.3, 1.4])), [0.1, 0.1, 0.2, 0.1])
+    np.testing.assert_array_equal(rotation.intervals(np.array([1.0])), [0.0])
+
+
+def one_by_one(rate: Floats, dt: Floats) -> Floats:
+    result, attitude = [np.eye(3)], np.eye(3)
+    for step in Rotation.from_rotvec(rate * dt[:, None]).as_matrix():
+        attitude = attitude @ step
+        result.append(attitude)
+    return np.array(result)
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 8, 9, 16, 17, 63, 64, 65, 640, 3001])
+def test_attitudes_are_those_of_products_one_by_one(n: int) -> None:
+    rng = np.random.default_rng(n)
+    rate, dt = rng.normal(0, 3, (n, 3)), rng.uniform(0.005, 0.02, n)
+    np.testing.assert_allclose(rotation.attitudes(rate, dt), one_by_one(rate, dt), atol=1e-12, rtol=0)
+
+
+def test_coned_steps_are_mean_rates_whose_direction_changes() -> None:
+    """A rate that turns evenly in a plane, read as means over long intervals: third order against first."""
+    fine = np.arange(64 * 20) / (64 * 20)
+    rate = np.column_stack([np.cos(2 * fine), np.sin(2 * fine), 0.5 * np.ones_like(fine)])
+    dt = np.full(len(fine), 1 / len(fine))
+    true = rotation.attitudes(rate, dt)[-1]
+    steps = (rate * dt[:, None]).reshape(20, 64, 3).sum(axis=1)
+
+    def off(used: Floats) -> float:
+        return float(np.linalg.norm(rotation.log(rotation.chained(used)[-1].T @ true)))
+
+    assert off(rotation.coned(steps)) < off(steps) / 10

@@ -1,0 +1,168 @@
+"""Who is let in: enrolled devices from their own bridges. Others are listed, some of them, and cost nothing more."""
+
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bridge.bus.contract import Message
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.config.enrolment import Enrolment
+from bridge.reasons.codes import Code
+from bridge.wire import codec, keys
+from bridge.wire.messages import Command, State, Status
+from bridge.wire.refusal import Tally
+from estimator.client import Client
+from estimator.config.schema import Estimator
+from estimator.overview import summary
+from estimator.overview.ward import WardView
+from estimator.service import enrolment_gate as rules
+from estimator.service.device_roster import MAX_DEVICES
+from estimator.service.enrolment_gate import FOREIGN, STRANGER, EnrolmentGate, Notices
+from estimator.service.run_loop import Service
+from estimator.service.store import Store
+from tests.estimator.stream import calibration, info
+
+ASKED = Command("r", "nurse", "")
+ENROLLED = Enrolment(enrolled=("chest", "b1/wrist"))
+
+
+def sent(bridge: str, device: str) -> Message:
+    return Message(keys.build("w", "raw", bridge=bridge, device=device), b"")
+
+
+@pytest.fixture
+def counts() -> Tally:
+    return Tally()
+
+
+@pytest.fixture
+def gate(counts: Tally) -> EnrolmentGate:
+    return EnrolmentGate(ENROLLED, counts)
+
+
+def test_without_an_enrolment_all_are_let_in(counts: Tally) -> None:
+    gate, messages = EnrolmentGate(None, counts), [sent("b1", "x"), sent("b2", "y")]
+    assert gate.admit(messages, 0.0) is messages
+    assert gate.why("x") == ()
+
+
+def test_only_enrolled_devices_from_their_own_bridges_are_let_in(gate: EnrolmentGate, counts: Tally) -> None:
+    let_in = [sent("b1", "chest"), sent("b2", "chest"), sent("b1", "wrist")]
+    assert gate.admit([*let_in, sent("b2", "wrist"), sent("b1", "ghost"), sent("b1", "ghost")] * 2, 0.0) == let_in * 2
+    assert counts.as_dict() == {FOREIGN: 2, STRANGER: 4}
+    assert gate.strangers["ghost"].messages == 4
+
+
+def test_a_hundred_thousand_invented_devices_take_no_more_room_than_a_few(gate: EnrolmentGate, counts: Tally) -> None:
+    for n in range(100_000):
+        assert gate.admit([sent(f"b{n % 7}", f"ghost-{n}"), sent(f"b{n}", "chest")], n * 1e-4) == [
+            sent(f"b{n}", "chest")
+        ]
+    assert counts.as_dict() == {STRANGER: 100_000}
+    assert len(gate.strangers) == rules.LISTED
+    assert len(gate._known) <= rules._KNOWN
+    assert rules.LISTED < MAX_DEVICES
+    gate.look(10.0 + rules.LISTED_S)
+    assert gate.strangers == {}, "who is not heard any more makes room for others"
+
+
+def test_the_file_is_read_again_when_it_changes_and_kept_when_it_is_broken(
+    tmp_path: Path, counts: Tally, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = tmp_path / "enrolled.txt"
+    file.write_text("# of bay 2\nb1/wrist\n\nchest  # spare\n")
+    gate = EnrolmentGate(Enrolment(enrolled=("hip",), file=str(file)), counts)
+    all_three = [sent("b1", "wrist"), sent("b1", "chest"), sent("b1", "hip")]
+    assert gate.admit([*all_three, sent("b1", "ankle")], 0.0) == all_three
+    for n, (text, let_in) in enumerate(
+        (("ankle\n", ["hip", "ankle"]), ("../x\n", ["hip", "ankle"]), ("wrist\n", ["hip", "wrist"]))
+    ):
+        file.write_text(text)
+        os.utime(file, ns=(n, n))
+        gate.look(1.0)
+        found = gate.admit([sent("b1", name) for name in ("chest", "hip", "ankle", "wrist")], 1.0)
+        assert [message.key.rpartition("/")[2] for message in found] == let_in
+        assert "ankle" not in gate.strangers or n == 2
+    assert caplog.text.count("what was enrolled before stays so") == 1
+    file.unlink()
+    gate.look(2.0)
+    assert gate.admit([sent("b1", "wrist")], 2.0), "a file that is gone for a moment throws nobody out"
+
+
+@pytest.fixture
+def status() -> Iterator[tuple[Notices, EnrolmentGate, list[Status]]]:
+    gate, bus = EnrolmentGate(ENROLLED, Tally()), MemoryBus(MemoryBroker())
+    heard = bus.subscribe(keys.pattern("w", "status"))
+    notices, said = Notices(bus, "w", gate), list[Status]()
+
+    class Said(list[Status]):
+        def __iter__(self) -> Iterator[Status]:
+            return (codec.decode_status(*message) for message in heard.drain(1000, 0.0))
+
+    yield notices, gate, Said()
+    notices.close()
+    bus.close()
+    assert said == []
+
+
+def test_a_stranger_stands_in_every_list_as_not_enrolled(status: tuple[Notices, EnrolmentGate, list[Status]]) -> None:
+    notices, gate, said = status
+    gate.admit([sent("b9", "ghost"), sent("b9", "listed")], 0.0)
+    notices.say(5, {"listed"})
+    (one,) = said
+    assert (one.device, one.bridge, one.events, one.samples_in) == ("ghost", "b9", {STRANGER: 1}, 0)
+    assert one.reason == (Code.NOT_ENROLLED(),)
+    seen = summary.summarise("w", {"ghost": one}, {}, ["b9"], ["e"])
+    assert (seen.needs[0].device, seen.needs[0].reason, seen.well) == ("ghost", one.reason, False)
+    view = WardView()
+    view.take_status(one, 0.0)
+    (row,) = view.rows(0.0)
+    assert (row.state, row.reason) == ("unknown", one.reason)
+    gate.look(rules.LISTED_S + 1.0)
+    notices.say(6, ())
+    assert list(said) == []
+    assert notices._publishers == {}
+
+
+def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_path: Path) -> None:
+    file = tmp_path / "enrolled.txt"
+    file.write_text("wrist\n")
+    broker = MemoryBroker()
+    bridge, store = MemoryBus(broker), Store(tmp_path / "s.sqlite3")
+    bus = MemoryBus(broker)
+    service = Service("w", Estimator(id="e"), bus, store, enrolment=Enrolment(file=str(file)))
+    client = Client(ward="w", bus=MemoryBus(broker))
+    raw = bridge.publisher(keys.build("w", "raw", bridge="b1", device="chest"), cache=0)
+    told = bridge.publisher(keys.build("w", "info", bridge="b1", device="chest"), cache=0)
+    batches = [codec.encode_samples(replace(one, device="chest")) for one in calibration(seed=1).batches()[:20]]
+    told.put(codec.encode_info(replace(info(1), device="chest", bridge="b1")))
+    for payload in batches[:10]:
+        raw.put(payload)
+    service.step(0.0)
+    service._every_second(time.monotonic())
+    service.work()
+    said = client.statuses(0.05)["chest"]
+    assert (said.state, said.events) == (State.UNKNOWN, {STRANGER: 11})
+    assert service._devices == {}
+    assert service._devices.info("b1", "chest") is None
+    key = keys.parse(keys.build("w", "rpc", device="chest", verb="cancel"))
+    assert service._orders.do(key, ASKED, lambda: None).message == (Code.NOT_ENROLLED(),)
+    assert client.corrected(idle_s=0.05).receive(0.05) is None
+    file.write_text("wrist\nb1/chest\n")
+    service._every_second(time.monotonic())
+    service.work()
+    for payload in batches[10:]:
+        raw.put(payload)
+    service.step(0.0)
+    service._intake.give_up()
+    service._every_second(time.monotonic())
+    service.work()
+    said = client.statuses(0.05)["chest"]
+    assert (said.samples_in, said.samples_out) == (100, 100)
+    bus.close()
+    bridge.close()
+    store.close()

@@ -1,0 +1,128 @@
+"""`truerate calibrate --live`: the guide as lines, in a ward in memory."""
+
+import io
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+from rich.console import Console
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.sim.motion import Piece, Still
+from estimator.cli.main import main
+from estimator.client import Client
+from estimator.language.texts import texts
+from estimator.overview.ward import SILENT_S
+from estimator.terminal.guided_calibration import MISNAMED_S, calibrate
+from tests.estimator.stream import NAME
+from tests.web.played import Played
+from tests.web.talk import WARD, Talk, about
+from tests.web.test_guide import rests_between, turn
+
+
+def guided(pieces: list[Piece], language: str = "en", skip: int = 0) -> tuple[int, str]:
+    """What is printed while a hand does its pieces, from the one numbered `skip` on, and the exit code."""
+    broker = MemoryBroker()
+    talk = Talk(broker)
+    played = Played(talk, speed=20.0)
+    played.switch_on(pieces)
+    if skip:
+        played.play_piece(skip)
+    console = Console(file=io.StringIO(), width=100)
+    bus = MemoryBus(broker)
+    found: list[int] = []
+
+    def run() -> None:
+        with Client(ward=WARD, bus=bus) as client:
+            found.append(calibrate(console, client, NAME, "nurse", texts(language), seconds=60.0))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    while skip and not talk.asked and thread.is_alive():
+        time.sleep(0.02)
+    played.play(played._ends[-1] - played._time_s + 2.0)
+    thread.join(30)
+    talk.close()
+    assert isinstance(console.file, io.StringIO)
+    return found[0], console.file.getvalue()
+
+
+def test_it_follows_the_hand_to_the_verdict() -> None:
+    code, printed = guided(rests_between(turn(2), turn(0, 180.0), turn(0), turn(1)))
+    assert code == 0
+    for words in (
+        "Put it at the edge of the table, and let go",
+        "Turn the device once all the way round.",
+        "Done: it is calibrated",
+    ):
+        assert words in printed
+    assert printed.index("Turn it round once, flat") < printed.index("Again: roll it over") < printed.index("Done:")
+    assert "scale ± 95 %" in printed
+
+
+def test_it_says_it_in_chinese() -> None:
+    code, printed = guided(rests_between(turn(2), turn(0), turn(1)), "zh")
+    assert code == 0
+    assert "完成：设备已校准" in printed
+
+
+def test_what_somebody_else_asked_for_goes_on_and_that_is_said() -> None:
+    broker = MemoryBroker()
+    talk = Talk(broker)
+    Played(talk, speed=20.0).switch_on([Still(3.0)])
+    console = Console(file=io.StringIO(), width=100)
+    with Client(ward=WARD, bus=MemoryBus(broker)) as client:
+        assert calibrate(console, client, NAME, "nurse", texts("en"), seconds=1.0) == 1
+    assert talk.asked == []
+    talk.close()
+    assert isinstance(console.file, io.StringIO)
+    said = console.file.getvalue().splitlines()[-1]
+    assert said == "Given up after 1 s. The calibration goes on; `truerate cancel chest` stops it."
+
+
+def test_a_device_nobody_hears_of() -> None:
+    console = Console(file=io.StringIO(), width=100)
+    with Client(ward=WARD, bus=MemoryBus(MemoryBroker())) as client:
+        assert calibrate(console, client, "nobody", "nurse", texts("en"), seconds=0.2) == 1
+    assert isinstance(console.file, io.StringIO)
+    assert "Nothing is heard of it" in console.file.getvalue()
+
+
+@pytest.mark.parametrize("gone", [Talk.die, Talk.hush])
+def test_what_the_ward_cannot_hear_is_no_fault_of_the_device(gone: Callable[[Talk], None]) -> None:
+    """Estimator and bridge are gone, or nothing is said any more."""
+    broker = MemoryBroker()
+    talk = Talk(broker)
+    played = Played(talk, speed=20.0)
+    played.switch_on([Still(3.0)])
+    console = Console(file=io.StringIO(), width=100)
+    threading.Timer(0.5, gone, (talk,)).start()
+    with Client(ward=WARD, bus=MemoryBus(broker)) as client:
+        assert calibrate(console, client, NAME, "nurse", texts("en"), seconds=SILENT_S + 2.0) == 1
+    talk.close()
+    assert isinstance(console.file, io.StringIO)
+    said = console.file.getvalue()
+    assert said.index("Put it at the edge of the table") < said.index("The ward's computer does not answer")
+    assert "The device is well" in said
+
+
+def test_a_name_that_is_mistyped_is_answered_by_those_there_are() -> None:
+    broker = MemoryBroker()
+    talk = Talk(broker)
+    talk(about("chest", boot=1), about("ankle", boot=1))
+    console = Console(file=io.StringIO(), width=100)
+    with Client(ward=WARD, bus=MemoryBus(broker)) as client:
+        assert calibrate(console, client, "chset", "nurse", texts("en"), seconds=MISNAMED_S + 0.5) == 1
+    talk.close()
+    assert isinstance(console.file, io.StringIO)
+    assert console.file.getvalue().count("No device chset was heard; there are: ankle, chest.") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["calibrate"], "a file is needed, or --live DEVICE"), (["calibrate", "a.npz", "--live", "chest"], "not both")],
+)
+def test_it_says_how_to_use_it(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    assert said in capsys.readouterr().err

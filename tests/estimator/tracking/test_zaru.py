@@ -1,0 +1,286 @@
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge.sim.motion import Piece, Spin, Still
+from estimator.tracking.bias_filter import OWN, BiasFilter, BiasKnobs, start
+from estimator.tracking.evidence import Evidence, Receipt
+from estimator.tracking.seconds import Second
+from estimator.tracking.zaru import REFUSED_TILT, UNPROVEN, Zaru, ZaruKnobs
+from tests.estimator.stream import Stream, stream
+from tests.estimator.tracking.worn import LEVEL, PLAIN, Worn, rest
+
+Floats = NDArray[np.float64]
+BIAS = np.radians([1.0, -2.0, 0.5])
+UP = np.array([0.0, 0.0, 1.0])
+N = 104
+
+
+class Rest:
+    """A device that rests, its seconds made directly; `up` in device axes where it has an accelerometer."""
+
+    def __init__(self, noise_dps: float = 0.03, seed: int = 0, up: Floats | None = None) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.noise = np.radians(noise_dps)
+        self.time = 0.0
+        self.up = up
+        self.zaru = Zaru()
+        knobs = BiasKnobs()
+        self.filter = BiasFilter(start(BIAS, np.radians(0.005) ** 2 * np.eye(3), 0.0, knobs), knobs)
+
+    def seconds(self, seconds: float, offset: Floats | float = 0.0, *, still: bool = True) -> Iterator[Second]:
+        accel_std = None if self.up is None else np.full(3, 0.02)
+        for _ in range(round(seconds)):
+            mean = BIAS + offset + self.noise / np.sqrt(N) * self.rng.normal(size=3)
+            std, none = np.full(3, self.noise), np.zeros((N, 3))
+            begin, self.time = self.time, self.time + 1.0
+            accel = None if self.up is None else 9.81 * self.up + 0.02 / np.sqrt(N) * self.rng.normal(size=3)
+            yield Second(
+                begin, self.time, np.full(N, 1 / N), none, None, still, "",
+                mean, std, std**2 / N, np.zeros(3), std, accel, accel_std,
+            )  # fmt: skip
+
+    def take(self, second: Second) -> list[Receipt]:
+        self.filter.predict(second.end)
+        if not self.zaru.at_rest(second, self.filter):
+            self.zaru.interrupted(self.filter, 1.0)
+            return []
+        return self.zaru.take(second, self.filter, self.up)[0]
+
+    def lives(self, seconds: float, offset_dps: float = 0.0, *, axis: int = 2, still: bool = True) -> list[Receipt]:
+        offset = np.radians(offset_dps) * np.eye(3)[axis]
+        return [r for second in self.seconds(seconds, offset, still=still) for r in self.take(second)]
+
+    def moves(self, seconds: float) -> None:
+        self.time += seconds
+        self.zaru.moved(self.filter)
+
+    def error_dps(self) -> Floats:
+        return np.degrees(self.filter.state.bias - BIAS)
+
+
+# ---- a rest -------------------------------------------------------------------------------------------------------
+
+
+def test_a_rest_measures_the_bias_with_the_noise_of_its_mean() -> None:
+    rest = Rest()
+    receipts = rest.lives(20.0)
+    assert len(receipts) == 19, "but the latest, which may be the last"
+    assert all(r.accepted and r.kind == "zaru" for r in receipts)
+    own = np.radians(0.03) ** 2 / N + ZaruKnobs().quasi_static ** 2
+    walked = BiasKnobs().rate_random_walk ** 2 * np.eye(3)
+    then = rest.filter.state.bias_cov
+    (late,) = rest.lives(1.0)
+    # A second late, and its mean half a second older than its end: no more is known of now than then was of it.
+    np.testing.assert_allclose(np.diag(late.innovation_cov), np.diag(then - walked + walked / 3 + own), rtol=0.01)
+
+
+def test_the_first_seconds_of_quiet_are_no_proof_of_rest() -> None:
+    knobs = BiasKnobs()
+    rest = Rest()
+    rest.filter = BiasFilter(start(BIAS, np.radians(5.0) ** 2 * np.eye(3), 0.0, knobs), knobs)
+    receipts = rest.lives(8.0)
+    assert [r.reason for r in receipts] == [UNPROVEN] * 3 + [""] * 4
+    assert receipts[0].innovation_cov[0, 0] > ZaruKnobs().unproven ** 2
+    assert receipts[ZaruKnobs().proven_after].innovation_cov[0, 0] < ZaruKnobs().unproven ** 2
+    sure = Rest()
+    assert sure.lives(3.0) == [], "who knows better waits for the proof"
+
+
+def test_seconds_that_prove_nothing_hide_no_turn_from_those_that_do() -> None:
+    """In their plain mean four seconds of a slow turn were believed, the fourth to 0.004 °/s."""
+    rest = Rest()
+    rest.lives(20.0)
+    rest.moves(10.0)
+    assert not any(r.accepted for r in rest.lives(60.0, 0.3))
+    assert np.abs(rest.error_dps()).max() < 0.01
+
+
+def test_a_slow_drift_is_followed() -> None:
+    rest = Rest()
+    for step in range(60):
+        assert all(r.accepted for r in rest.lives(5.0, 0.002 * step))
+    np.testing.assert_allclose(rest.error_dps()[2], 0.118, atol=0.03)
+
+
+def test_readings_that_never_differ_are_no_perfect_measurement() -> None:
+    rest = Rest()
+    step = np.radians(0.061)
+    rounding = np.full(3, step**2 / 12)
+    for second in rest.seconds(60.0):
+        held = second._replace(
+            mean=step * np.round(BIAS / step), std=np.zeros(3), mean_var=rounding, common_var=rounding
+        )
+        rest.take(held)
+    score = rest.error_dps() / np.degrees(rest.filter.state.std)
+    assert np.abs(score).max() < 3.5
+
+
+def test_who_breathes_does_not_rest() -> None:
+    rest = Rest()
+    rest.lives(10.0)
+    judged = []
+    for i, second in enumerate(rest.seconds(30.0)):
+        breath = np.radians(0.3) * np.sin(2 * np.pi * i / 4.3) * np.array([1.0, 0.0, 0.0])
+        judged.append(rest.zaru.at_rest(second._replace(mean=second.mean + breath), rest.filter))
+    assert not any(judged[3:])
+
+
+# ---- slow turns ---------------------------------------------------------------------------------------------------
+
+
+def turned(rate_dps: float, axis: int, noise_dps: float, seed: int) -> Stream:
+    """A minute's rest on a table, a minute's even turn about an axis, the z axis up, and rest."""
+    pieces: list[Piece] = [Still(60.0), Spin(60.0, np.eye(3)[axis], np.radians(rate_dps), 1.0), Still(10.0)]
+    return stream(pieces, 130.0, seed=seed, spec=replace(PLAIN, noise_dps=noise_dps), attitude=LEVEL)
+
+
+def way_deg(of: Stream, axis: int, *, accel: bool) -> float:
+    """How far it turned within the minute by readings corrected as they came."""
+    worn = Worn.new(of.bias[0], 0.02).lives(of, accel=accel)
+    here = slice(of.at(60.0), of.at(120.0))
+    return float(np.degrees((of.gyro - worn.at(of.time))[here, axis].sum() / of.rate_hz))
+
+
+@pytest.mark.parametrize("accel", [True, False], ids=["aided", "gyro only"])
+@pytest.mark.parametrize("axis", [0, 2], ids=["tilting", "level"])
+@pytest.mark.parametrize("rate_dps", [0.1, 0.3, 1.0, 2.0])
+def test_of_a_slow_turn_99_percent_is_kept(rate_dps: float, axis: int, accel: bool) -> None:
+    kept = [way_deg(turned(rate_dps, axis, 0.03, seed), axis, accel=accel) / (59.0 * rate_dps) for seed in range(4)]
+    assert np.mean(kept) > 0.99
+    # What noise leaves in the bias, 1e-3 °/s or so, is there without a turn as well.
+    assert min(kept) > 0.99 - 1e-3 / rate_dps
+
+
+@pytest.mark.parametrize("accel", [True, False], ids=["aided", "gyro only"])
+@pytest.mark.parametrize(("rate_dps", "axis"), [(0.3, 2), (1.0, 2), (0.3, 0)])
+def test_a_noisier_gyro_swallows_no_more(rate_dps: float, axis: int, accel: bool) -> None:
+    kept = []
+    for seed in range(4):
+        moved, same = (way_deg(turned(rate, axis, 0.15, seed), axis, accel=accel) for rate in (rate_dps, 0.0))
+        kept.append((moved - same) / (59.0 * rate_dps))
+    assert np.mean(kept) > 0.98
+    assert min(kept) > 0.95
+
+
+# ---- a bias that moves --------------------------------------------------------------------------------------------
+
+
+def jumped(dps: Floats, seconds: float) -> Stream:
+    """At rest all the time; after 40 s the bias jumps."""
+    of = rest(40.0 + seconds, seed=3)
+    jump = np.where((of.time > 40.0)[:, None], np.radians(dps), 0.0)
+    return replace(of, gyro=of.gyro + jump, bias=of.bias + jump)
+
+
+def test_a_jump_across_gravity_is_learnt_within_seconds() -> None:
+    of = jumped(np.array([0.5, 0.0, 0.0]), 20.0)
+    worn = Worn.new().lives(of)
+    assert abs(worn.error_dps(of)[0]) < 0.01
+    assert any(r.reason == "jumped" for r in worn.receipts)
+
+
+def test_a_jump_along_gravity_waits_until_it_insists() -> None:
+    insist_s = ZaruKnobs().insist_s
+    early, late = (jumped(np.array([0.0, 0.0, 0.5]), insist_s + s) for s in (-5.0, 15.0))
+    waiting, learnt = (Worn.new().lives(of) for of in (early, late))
+    assert waiting.error_dps(early)[2] == pytest.approx(-0.5, abs=0.01)
+    assert abs(learnt.error_dps(late)[2]) < 0.01
+    assert any(r.reason == "insisted" for r in learnt.receipts)
+
+
+def with_holes(of: Stream, *holes: tuple[float, float]) -> Worn:
+    """Lived but for what is lost, from and to s."""
+    worn, begin = Worn.new(), 0
+    for since, until in holes:
+        worn.lives(of.part(begin, int(np.searchsorted(of.time, since))))
+        begin = int(np.searchsorted(of.time, until))
+    return worn.lives(of.part(begin, len(of)))
+
+
+def test_holes_keep_no_contradiction_from_being_believed_but_lengthen_it() -> None:
+    insist_s = ZaruKnobs().insist_s
+    of = jumped(np.array([0.0, 0.0, 0.5]), insist_s + 40.0)
+    holed = with_holes(of, *((s, s + 0.4) for s in (70.0, 100.0, 130.0)))
+    assert any(r.reason == "insisted" for r in holed.receipts)
+    assert abs(holed.error_dps(of)[2]) < 0.01
+    late = with_holes(of, (60.0, 130.0))
+    assert not any(r.reason == "insisted" for r in late.receipts), "nobody saw it rest meanwhile"
+
+
+def test_a_bed_that_turns_evenly_for_nearly_two_minutes_teaches_nothing() -> None:
+    rest = Rest()
+    rest.lives(30.0)
+    assert not any(r.accepted and r.reason != UNPROVEN for r in rest.lives(115.0, 0.5))
+    rest.lives(20.0)
+    np.testing.assert_allclose(rest.error_dps(), 0.0, atol=0.02)
+
+
+def test_movement_ends_an_insistence() -> None:
+    rest = Rest()
+    rest.lives(10.0)
+    for _ in range(3):
+        assert not any(r.reason == "insisted" for r in rest.lives(ZaruKnobs().insist_s - 5.0, 0.5))
+        rest.moves(0.5)
+
+
+# ---- tilting ------------------------------------------------------------------------------------------------------
+
+
+def test_while_gravity_turns_no_rest_is_believed() -> None:
+    rest = Rest(up=UP)
+    rest.lives(20.0)
+    before = rest.filter.state.bias
+    rate = np.radians(0.5)
+    receipts = []
+    for i, second in enumerate(rest.seconds(30.0, rate * np.eye(3)[0])):
+        angle = rate * (i + 0.5)
+        pulled = 9.81 * np.array([0.0, np.sin(angle), np.cos(angle)])
+        rest.up = pulled / 9.81
+        receipts += rest.take(second._replace(accel_mean=pulled))
+    assert {r.reason for r in receipts[6:] if r.kind == "zaru"} == {REFUSED_TILT}
+    assert np.degrees(np.abs(rest.filter.state.bias - before)).max() < 0.01
+    # And when gravity stays, it is a rest again.
+    assert rest.lives(ZaruKnobs().tilt.settled_s + ZaruKnobs().tilt.over_s + 10.0)[-1].accepted
+
+
+@pytest.mark.parametrize("leap", [1.0, 1000.0])
+@pytest.mark.parametrize("waits", [0, 1, 3])
+@pytest.mark.parametrize("now", [True, False])
+def test_late_no_more_is_known_than_all_that_was_measured_says(leap: float, waits: int, *, now: bool) -> None:
+    """Against all at once: walks, their means and what was measured as one Gaussian. In one step the bias may leap."""
+    knobs, steps, along = BiasKnobs(), 6, np.array([[0.1, 0.2, 1.0]])
+    P0, R, now_R = np.radians(0.02) ** 2, np.radians(0.006) ** 2, np.radians(0.004) ** 2
+    seconds = np.where(np.arange(steps) == 3, leap, 1.0)
+    # The first bias, the walk of each step, and how far the mean of each is behind its end.
+    prior, ends = np.zeros((1 + 2 * steps, 1 + 2 * steps)), np.tri(steps, 1 + 2 * steps, 1)
+    prior[0, 0] = P0
+    for k, own in enumerate([1 + k, 1 + k + steps] for k in range(steps)):
+        prior[np.ix_(own, own)] = knobs.rate_random_walk**2 * seconds[k] * np.array([[1, 1 / 2], [1 / 2, 1 / 3]])
+    bias = BiasFilter(start(np.zeros(3), P0 * np.eye(3), 0.0, knobs), knobs)
+    waiting: list[Evidence] = []
+    for time in np.cumsum(seconds):
+        bias.predict(time)
+        if now:
+            bias.update(Evidence("now", np.zeros(2), np.eye(2, OWN), now_R * np.eye(2), np.inf))
+        H = np.pad(along, ((0, 0), (0, OWN - 3)))
+        waiting.append(Evidence("late", np.zeros(1), H, R * np.eye(1), np.inf))
+        bias.wait()
+        while len(waiting) > waits:
+            bias.take_first(waiting.pop(0))
+    for evidence in waiting:
+        bias.take_first(evidence)
+    behind = np.eye(steps, 1 + 2 * steps, 1 + steps)
+    seen, var = np.kron(ends - behind, along), np.full(steps, R)
+    if now:
+        seen, var = np.vstack([seen, np.kron(ends, np.eye(2, 3))]), np.append(var, np.full(2 * steps, now_R))
+    before, last = np.kron(prior, np.eye(3)), np.kron(ends[-1], np.eye(3))
+    S = seen @ before @ seen.T + np.diag(var)
+    least = last @ before @ last.T - last @ before @ seen.T @ np.linalg.solve(S, seen @ before @ last.T)
+    if now:  # what it tells of the walks that wait is not used
+        assert np.linalg.eigvalsh(bias.cov[:3, :3] - least).min() > -1e-6 * least.max()
+    else:
+        np.testing.assert_allclose(bias.cov[:3, :3], least, rtol=1e-9, atol=1e-9 * least.max())

@@ -1,0 +1,88 @@
+"""A tracker fed as a session feeds it, with what it believed second by second."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.sim.imu_errors import ImuSpec
+from bridge.sim.motion import Still
+from estimator.geometry.gyro_model import GyroModel
+from estimator.stillness.detector import Stillness
+from estimator.tracking.bias_filter import BiasKnobs
+from estimator.tracking.evidence import Receipt
+from estimator.tracking.tracker import Tracker, TrackKnobs
+from tests.estimator.stream import Stream, stream
+
+Floats = NDArray[np.float64]
+#: nothing wrong with it but the bias and white noise
+PLAIN = ImuSpec(scale=(1.0, 1.0), bias_limit_dps=2.0)
+KNOBS = TrackKnobs(bias=BiasKnobs(warm_up_walk=0.0))
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def model(bias: Floats | None = None, scale_std: float = 1e-4, cross_std: float = 1e-4) -> GyroModel:
+    """A gyro whose matrix is known."""
+    bias = np.zeros(3) if bias is None else bias
+    return GyroModel(np.eye(3), bias, np.full(3, scale_std), np.full(3, cross_std), np.full(3, 5e-4))
+
+
+def rest(seconds: float, *, seed: int = 0, noise_dps: float = 0.03, spec: ImuSpec = PLAIN) -> Stream:
+    """A device that lies flat."""
+    return stream([Still(seconds)], seconds, seed=seed, spec=replace(spec, noise_dps=noise_dps), attitude=LEVEL)
+
+
+@dataclass(slots=True, eq=False)
+class Worn:
+    """A device and its tracker; `bias`, `std` (m, 3) and `time` (m,) after each of the windows it was fed."""
+
+    tracker: Tracker
+    stillness: Stillness
+    receipts: list[Receipt]
+    time: list[float]
+    bias: list[Floats]
+    std: list[Floats]
+
+    @staticmethod
+    def new(
+        bias: Floats | None = None, bias_std_dps: float = 5.0, knobs: TrackKnobs = KNOBS, gyro: GyroModel | None = None
+    ) -> "Worn":
+        """From what is believed of the bias, rad/s, with a deviation in °/s."""
+        tracker = Tracker(knobs, 0.0, gyro or model(bias), np.full(3, np.radians(bias_std_dps)))
+        return Worn(tracker, Stillness(), [], [], [], [])
+
+    def lives(
+        self,
+        of: Stream,
+        *,
+        accel: bool = True,
+        temperature: bool = False,
+        edges: Sequence[int] | None = None,
+        clipped: NDArray[np.bool_] | None = None,
+    ) -> "Worn":
+        """Take all of a stream, cut before each of the edges."""
+        clipped = np.zeros(len(of), bool) if clipped is None else clipped
+        bounds = [0, *(range(500, len(of), 500) if edges is None else edges), len(of)]
+        fed = self.stillness.fed
+        for a, b in itertools.pairwise(bounds):
+            force = of.accel[a:b] if accel else None
+            for windows in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b]).each():
+                ((_, now, last, _),) = windows.heads
+                if temperature:
+                    self.tracker.thermometer.read(now, float(of.temperature_c[max(0, last - fed)]))
+                self.receipts += self.tracker.take(windows)
+                self.time.append(now)
+                self.bias.append(self.tracker.bias)
+                self.std.append(self.tracker.std)
+        return self
+
+    def at(self, time: Floats) -> Floats:
+        """(n, 3) the bias as it was known at times (n,)."""
+        known = np.searchsorted(self.time, time, side="left") - 1
+        return np.array(self.bias)[np.maximum(known, 0)]
+
+    def error_dps(self, of: Stream) -> Floats:
+        """(3,) how far the bias is off, °/s, at the end of the stream."""
+        return np.asarray(np.degrees(self.tracker.bias - of.bias[-1]))
