@@ -1,4 +1,4 @@
-"""zenoh behind one contract: messages of each publisher in order and once, over losses and restarts.
+"""The bus: one contract, and zenoh behind it.
 
 Begin at `contract`; `zenoh_bus` implements it, `gap_repair` fetches what a subscription lacks.
 """

@@ -1,4 +1,6 @@
-"""What the rest of the program knows of a bus. `zenoh_bus` and `memory_bus` keep this contract, one suite holds both.
+"""What the rest of the program knows of a bus.
+
+`zenoh_bus` keeps this contract, and so does the tests' in-memory bus; one suite holds both.
 
 Threads: every method may be called from any thread. A handler given to `answer` or `watch_alive` runs on a thread of
 the bus; it must be quick and must not raise (what it raises is logged and counted, never lost). Nothing here blocks

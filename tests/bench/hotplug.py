@@ -16,7 +16,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config.schema import Bridge, Device
 from bridge.drivers.byte_stream import StreamOptions
 from bridge.ingest.pump import Pump
@@ -24,6 +23,7 @@ from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 PULLED, BESIDE = "pulled", "beside"
 _GOAL_S, _GOAL_PERCENT = 0.25, 1.0

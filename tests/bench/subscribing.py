@@ -9,12 +9,12 @@ from time import process_time
 from rich.console import Console
 
 from bridge.bus.embedded_router import Router
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import codec, keys
 from estimator.client import Client
 from estimator.demo.ward import free_port
 from tests.estimator.client.test_revision import batch
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 WARD, DEVICES, BATCHES, SAMPLES = "w", 100, 600, 5
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bridge.bus.contract import Subscription
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import CommandReply, DeviceInfo, SampleBatch, Status
 from estimator.client import Client, Corrected
@@ -16,6 +15,7 @@ from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from estimator.service.store_writer import StoreWriter
 from tests.estimator.stream import NAME
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 WARD = "w"
 SETTINGS = Estimator(id="e1", silence_s=1.0)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config.enrolment import Enrolment
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, DeviceInfo, SampleBatch
 from estimator.config.schema import Estimator
 from estimator.service.run_loop import Service
 from estimator.service.store import Store
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 WARD, BRIDGE = "w", "bridge"
 NOW_NS = 1_700_000_100_000_000_000

@@ -9,7 +9,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.recording import Recording
 from bridge.sim.motion import Still
 from bridge.sim.motion_scripts import swing
@@ -22,6 +21,7 @@ from estimator.offline.recordings import correct
 from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.stream import NAME, Stream, calibration
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 WARD, NOW_NS = "w", 1_700_000_000_000_000_000
 #: of a batch of a device, or any bytes under its key

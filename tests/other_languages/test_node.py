@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire import truerate_pb2 as pb
@@ -29,6 +28,7 @@ from estimator.client import Client, revised
 from estimator.device.session import DeviceSession
 from estimator.device.window_summary import Second, windows
 from tests.estimator.stream import NAME, calibration, feed
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.other_languages.dump import pack
 from tests.sentences import free
 

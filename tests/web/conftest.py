@@ -11,10 +11,10 @@ import pytest
 from argon2 import PasswordHasher
 from playwright.sync_api import Browser, ConsoleMessage, Dialog, Page, Request
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from estimator.config.dashboard import Dashboard, Person
 from estimator.demo.ward import free_port
 from estimator.web.serve import Server
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.web.talk import WARD, Talk
 
 PASSWORD = "correct horse battery"

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from bridge.bus.contract import Publisher, Reply
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import (
     Calibration,
@@ -22,6 +21,7 @@ from bridge.wire.messages import (
 )
 from estimator.device.session import DeviceSession
 from tests.estimator.stream import info
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import free
 
 WARD = "w"

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire.messages import Note
 from estimator.client import Client
 from estimator.web import topics
@@ -17,6 +16,7 @@ from estimator.web.hub import WAITING, Frame, Hub, Viewer
 from estimator.web.topics import Sources
 from estimator.web.ward_state import Known
 from estimator.web.ward_topics import SPARKS
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.web.talk import WARD, Talk, said
 from tests.web.test_views import NOW, S, corrected, raw
 

@@ -11,7 +11,6 @@ import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.reasons.catalogue import sentences_as_json
 from bridge.wire.messages import CommandReply, Status
 from estimator.config.dashboard import Dashboard
@@ -19,6 +18,7 @@ from estimator.offline import calibration_file
 from estimator.web.login_attempts import FREE
 from estimator.web.serve import Server
 from tests.estimator.device.test_correction import CALIBRATION
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import free
 from tests.web.conftest import PASSWORD, PEOPLE
 from tests.web.talk import WARD, Talk, about, said

@@ -4,8 +4,8 @@ import pytest
 
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.key_expressions import matches
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from tests.bridge.bus.worlds import collect, meet
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 def test_a_pattern_takes_its_own_keys_only(a: Bus, b: Bus) -> None:

@@ -8,8 +8,8 @@ from typing import Protocol
 
 from bridge.bus.contract import Bus, BusError, Message, Publisher, Subscription
 from bridge.bus.embedded_router import Router
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.bus.zenoh_bus import ZenohBus
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 class World(Protocol):

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from bridge.bus.contract import Bus, BusError
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.diagnose import machine
 from bridge.diagnose.finding import Level
 from bridge.diagnose.router import router
 from tests.bridge.diagnose.test_port_access import only, process
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 def test_a_clock_is_kept_right_by_another_or_not() -> None:

@@ -18,8 +18,8 @@ from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause, SampleFlag
 from bridge.wire.refusal import Tally
-from tests.bridge.drivers.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, reals
 from tests.bridge.drivers.emulated_line import Wire
+from tests.bridge.drivers.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, reals
 
 S = 1_000_000_000
 

@@ -14,8 +14,8 @@ from bridge.drivers.witmotion import WitMotionDecoder, WitMotionOptions, Word
 from bridge.framing.witmotion import WitFrames
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
-from tests.bridge.drivers.witmotion_device import WitDevice, checked, motion, time, unchecked
 from tests.bridge.drivers.emulated_line import Wire
+from tests.bridge.drivers.witmotion_device import WitDevice, checked, motion, time, unchecked
 
 S = 1_000_000_000
 TURN_NS = 20_000_000

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.ingest.device_thread import Taken
 from bridge.ingest.intake import Intake
 from bridge.ingest.pump import DevicePublisher
 from bridge.wire import keys
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 def test_a_device_info_is_published_after_a_change_and_once_a_second() -> None:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import pytest
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config.schema import Bridge, Device
 from bridge.drivers.byte_stream import StreamOptions
 from bridge.ingest.pump import Pump
@@ -15,6 +14,7 @@ from bridge.sim.virtual_device import VirtualDevice, demo_device
 from bridge.transport import udp_listener
 from tests.bridge.ingest.published.hearing import Listener, unbroken
 from tests.bridge.transport.test_network import free_port
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 class Living:

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from bridge.bus.access_self_test import self_test
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.bus.routers import Routers
 from bridge.pki.folder import utc_now
 from bridge.pki.member import Member
 from estimator.cli.main import main
 from estimator.client import Client
 from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: self test")]
 

@@ -10,7 +10,6 @@ import pytest
 from rich.console import Console
 
 from bridge.bus.contract import BusError
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config.schema import Root
 from bridge.recording.error import RecordingError
 from bridge.recording.record import record
@@ -19,6 +18,7 @@ from bridge.recording.settings import Recorder, seconds
 from bridge.recording.survey import survey
 from bridge.toml.loader import ConfigError, load
 from tests.bridge.recording.crowd import WARD, Crowd
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 NOWHERE = ("tcp/127.0.0.1:1",)
 

@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config.schema import Bridge, Device
 from bridge.drivers import replayed
 from bridge.drivers.replay_segments import ReplaySegment
@@ -22,6 +21,7 @@ from bridge.transport.errors import DeviceUnavailable
 from bridge.wire import keys
 from tests.bridge.recording.crowd import STEP, TICK_S, WARD
 from tests.bridge.recording.test_contents import KNOBS, S, about, recorded, run
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 SPEED = 10.0
 

@@ -9,10 +9,10 @@ import pytest
 
 from bridge.bus import startup
 from bridge.bus.contract import Bus, BusError
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.bus.startup import wait_for_router
 from bridge.runtime.signals import stopped_by_signal
 from bridge.wire import keys
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 class Coming:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import ximu3
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.drivers.byte_stream import StreamDriver
 from bridge.drivers.driver import Event, Identity, Readings
 from bridge.drivers.ximu3 import KIND, Ximu3Options
@@ -23,6 +22,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, Quality, SampleBatch
 from estimator.cli.main import main
 from tests.bridge.drivers import xio
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 N, HZ = 10, 100.0
 BIAS = np.float32(0.25)

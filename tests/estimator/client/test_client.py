@@ -4,7 +4,6 @@ from dataclasses import replace
 import pytest
 
 from bridge.bus.contract import BusError, Publisher, Reply
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality
 from estimator.client.client import Client
@@ -12,6 +11,7 @@ from estimator.device.session import DeviceSession
 from tests.estimator.client.test_revision import revision
 from tests.estimator.device.test_correction import CALIBRATION, chosen
 from tests.estimator.stream import NAME, corrected_by, info, stream
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import free
 
 WARD = "w"

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 
 import pytest
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import Holding, Move, Owned
 from estimator.cli.main import main
 from estimator.client import Client
 from estimator.overview.cluster import as_json, cluster_view
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 def owned(name: str, *devices: str, epoch: int = 5, part: int = 0, parts: int = 1, at: int = 1) -> Owned:

@@ -10,7 +10,6 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from bridge.bus.contract import Publisher
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
@@ -19,6 +18,7 @@ from estimator.device.session import DeviceSession
 from estimator.overview.ward import SILENT_S, WardView, chosen
 from estimator.terminal import live_messages, watch_device, watch_ward
 from tests.estimator.stream import info
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import codes, free
 
 WARD = "w"

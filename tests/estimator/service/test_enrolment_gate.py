@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from bridge.bus.contract import Message
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config.enrolment import Enrolment
 from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
@@ -25,6 +24,7 @@ from estimator.service.enrolment_gate import FOREIGN, STRANGER, EnrolmentGate, N
 from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.stream import calibration, info
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 ASKED = Command("r", "nurse", "")
 ENROLLED = Enrolment(enrolled=("chest", "b1/wrist"))

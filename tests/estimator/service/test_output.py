@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.batches import MAX_CORRECTED
 from bridge.wire.messages import BiasRevision, SampleBatch, SampleFlag, Status
@@ -23,6 +22,7 @@ from estimator.service.store import Store
 from tests.estimator.client.test_revision import revision
 from tests.estimator.device.test_correction import CALIBRATION, chosen
 from tests.estimator.stream import NAME, stream
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 KEY = keys.build("w", "status", device=NAME)
 RAW = keys.build("w", "raw", bridge="b", device=NAME)

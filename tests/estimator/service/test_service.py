@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bridge.bus.memory_bus import MemoryBus
 from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
@@ -19,6 +18,7 @@ from estimator.samples.sample_buffer import Samples
 from tests.estimator.client.test_revision import revision
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
+from tests.memory_bus import MemoryBus
 from tests.sentences import codes, free
 
 REVISION = revision()

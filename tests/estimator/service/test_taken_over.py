@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Holding, Owned, SampleBatch
@@ -24,6 +23,7 @@ from estimator.service.quota import ROUND
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.served import Kept
 from tests.estimator.stream import NAME, calibration, feed, info
+from tests.memory_bus import MemoryBus
 
 #: the places of the length of a block and of the correction that is applied, in a state
 LENGTH_S, APPLIED = 7, 10

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
 from estimator.device.session import DeviceSession
@@ -20,6 +19,7 @@ from estimator.tracking.temperature_law import TemperatureLaw
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, feed, info
 from tests.estimator.tracking.test_temperature_law import LAW, boot, learnt
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sim.day import simulate_day
 
 HOUR_NS = 3_600_000_000_000

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from bridge.bus.contract import BusError
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
 from bridge.runtime import signals
@@ -30,6 +29,7 @@ from estimator.service.overload import OVERLOADED
 from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 @pytest.fixture(scope="module")

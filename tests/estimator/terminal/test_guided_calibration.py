@@ -8,7 +8,6 @@ from collections.abc import Callable
 import pytest
 from rich.console import Console
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Piece, Still
 from estimator.cli.main import main
 from estimator.client import Client
@@ -16,6 +15,7 @@ from estimator.language.texts import texts
 from estimator.overview.ward import SILENT_S
 from estimator.terminal.guided_calibration import MISNAMED_S, calibrate
 from tests.estimator.stream import NAME
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.web.played import Played
 from tests.web.talk import WARD, Talk, about
 from tests.web.test_guide import rests_between, turn

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from bridge.bus.memory_bus import MemoryBroker
 from tests.bridge.ingest.published.hearing import Listener
+from tests.memory_bus import MemoryBroker
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config.schema import Bridge, Device
 from bridge.drivers.byte_stream import StreamOptions
 from bridge.ingest.pump import Pump
@@ -14,6 +13,7 @@ from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo, SampleBatch
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 class Listener:

@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 
 from bridge.bus.contract import BusError, Publisher
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.ingest.device_thread import DeviceThread
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_batches import merged
@@ -13,6 +12,7 @@ from bridge.ingest.pump import DevicePublisher
 from bridge.wire.messages import SampleFlag
 from tests.bridge.ingest.published.hearing import Listener
 from tests.bridge.ingest.published.scripted import HELLO, Scripted, run, said
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 
 class Failing:

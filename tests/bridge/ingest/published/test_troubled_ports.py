@@ -6,7 +6,6 @@ from typing import cast
 
 import pytest
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config.schema import Bridge, Device
 from bridge.drivers import registry
 from bridge.drivers.byte_stream import StreamOptions
@@ -18,6 +17,7 @@ from bridge.sim.virtual_device import VirtualDevice
 from bridge.wire.messages import DeviceInfo
 from tests.bridge.diagnose.protocol import KINDS, Talker, lines
 from tests.bridge.ingest.published.hearing import Listener
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import codes
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config.schema import Bridge, Device
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
@@ -21,6 +20,7 @@ from bridge.sim.virtual_device import demo_device
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Quality, SampleFlag, State, Status
 from tests.bridge.ingest.published.hearing import Listener, accounted, native, published, unbroken
+from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import codes
 
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 import pytest
 
 from bridge.bus.contract import Message, Subscription
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Command, CommandReply, DeviceInfo, SampleBatch
@@ -19,6 +18,7 @@ from estimator.service.ownership import owner
 from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.stream import NAME, calibration, info
+from tests.memory_bus import MemoryBroker, MemoryBus
 
 WARD = "w"
 FIRST, SECOND = ("e1", "e2") if owner(NAME, ("e1", "e2")) == "e2" else ("e2", "e1")

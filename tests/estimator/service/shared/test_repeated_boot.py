@@ -2,7 +2,6 @@
 
 import pytest
 
-from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
@@ -10,6 +9,7 @@ from estimator.service.device import Device
 from tests.estimator.device.test_restore_key import an_hour_later
 from tests.estimator.service.shared.conftest import FIRST, SECOND, WARD, Both, fails, powered_up_again
 from tests.estimator.stream import NAME, calibration
+from tests.memory_bus import MemoryBus
 
 
 class Handed:

@@ -2,7 +2,6 @@
 
 import pytest
 
-from bridge.bus.memory_bus import MemoryBus
 from bridge.reasons.codes import Code
 from bridge.sim.motion import Still
 from bridge.wire.messages import SampleBatch, State
@@ -13,6 +12,7 @@ from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.service.shared.conftest import FIRST, SECOND, WARD, Both
 from tests.estimator.stream import NAME, calibration
+from tests.memory_bus import MemoryBus
 from tests.sentences import codes
 
 

@@ -1,6 +1,6 @@
-"""The bus without a network: the same contract inside one process, with outages on demand.
+"""The bus without a network, for tests: the same contract inside one process, with outages on demand.
 
-For tests, replays and the demo on one machine. Repairs after an outage as publishers with a cache on zenoh do.
+Repairs after an outage as publishers with a cache on zenoh do.
 """
 
 import threading
@@ -68,7 +68,7 @@ class MemoryBus:
         history: bool = False,
         capacity: int = 65536,
         most_past: int | None = None,
-        prompt: bool = True,  # noqa: ARG002 - here everything is
+        prompt: bool = True,
     ) -> "_Subscription":
         """See contract.Bus."""
         inbox = _Subscription(self._open(), check_patterns(patterns), capacity, history=history)
