@@ -19,7 +19,7 @@ def session() -> Session:
 
 
 def test_it_promises_these_names_and_each_is_documented() -> None:
-    assert truerate.__all__ == ["Client", "Recording", "calibrate", "correct", "load"]
+    assert truerate.__all__ == ["Client", "Recording", "calibrate", "correct", "explain", "load"]
     assert all(getattr(truerate, name).__doc__ for name in truerate.__all__)
 
 
@@ -34,6 +34,7 @@ def test_arrays_are_calibrated_and_corrected(session: Session) -> None:
     recording = truerate.Recording.from_arrays(session.gyro, session.accel, session.rate_hz)
     result, _ = truerate.calibrate(recording)
     assert result.verdict.name == "ACCEPTED"
+    assert truerate.explain(result.reason).startswith("Three turns closed to ")
     np.testing.assert_allclose(result.scale, np.diag(session.truth.matrix), rtol=1e-3)
     np.testing.assert_allclose(result.bias, session.bias[-1], atol=np.radians(0.1))
     corrected = truerate.correct(recording, result)

@@ -49,6 +49,11 @@ def catalogue(language: str) -> Catalogue:
     return Catalogue(language)
 
 
+def explain(reason: Iterable[Sentence], language: str = LANGUAGES[0]) -> str:
+    """The text of a reason, such as that of a result, a status or a revision; language: "en" or "zh"."""
+    return catalogue(language).text(reason)
+
+
 def english(*sentences: Sentence) -> str:
     """The English text, for logs and command lines."""
     return catalogue(LANGUAGES[0]).text(sentences)

@@ -4,7 +4,7 @@
 
     session = truerate.Recording.from_arrays(gyro, accel, rate_hz=104.0)  # rad/s, m/s²
     result, passed_over = truerate.calibrate(session)
-    print(result.verdict.name, result.reason, result.scale, result.bias)
+    print(result.verdict.name, truerate.explain(result.reason), result.scale, result.bias)
     day = truerate.correct(truerate.load("day.npz"), result)
     print(day.rate, day.rate_std, day.quality)
 
@@ -16,8 +16,9 @@ Rates are in rad/s in the device's frame, specific force in m/s², times in s. N
 `estimator` is promised to stay as it is.
 """
 
+from bridge.reasons.catalogue import explain
 from bridge.recording import Recording, load
 from estimator.client import Client
 from estimator.offline.recordings import calibrate, correct
 
-__all__ = ["Client", "Recording", "calibrate", "correct", "load"]
+__all__ = ["Client", "Recording", "calibrate", "correct", "explain", "load"]

@@ -264,7 +264,7 @@ def test_the_example_of_the_readme_runs(
     monkeypatch.chdir(tmp_path)
     exec(compile(code, str(README), "exec"), {})
     printed = capsys.readouterr().out
-    assert printed.startswith("ACCEPTED turns_closed ")
+    assert printed.startswith("ACCEPTED Three turns closed to ")
     assert 70 <= int(printed.split("% good")[0].rsplit("\n", 1)[-1]) <= 100
 
 
