@@ -6,7 +6,7 @@ from pathlib import Path
 from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parent))
-from generate import command_line, configuration
+from generate import codes, command_line, configuration
 
 project = "truerate"
 author = copyright = "truerate maintainers"
@@ -29,4 +29,5 @@ def setup(app: Sphinx) -> None:
     """Write the generated reference pages before Sphinx reads its sources."""
     folder = Path(app.srcdir) / "reference"
     (folder / "command-line.md").write_text(command_line(), encoding="utf-8")
+    (folder / "codes.md").write_text(codes(), encoding="utf-8")
     (folder / "configuration.md").write_text(configuration(), encoding="utf-8")

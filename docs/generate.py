@@ -10,6 +10,8 @@ from bridge.cli.parser import Parser
 from bridge.config.enrolment import Enrolment
 from bridge.config.schema import Bridge, Bus, Router
 from bridge.drivers.registry import OURS, kinds
+from bridge.reasons.catalogue import catalogue
+from bridge.reasons.codes import Code
 from bridge.recording.settings import Recorder
 from estimator.cli.main import build
 from estimator.config.dashboard import Dashboard
@@ -38,6 +40,18 @@ def _all(parser: Parser) -> Iterator[Parser]:
     yield parser
     for inner in parser.commands.values():
         yield from _all(inner)
+
+
+def codes() -> str:
+    """Every code of a reason with its parameters and its texts, as Markdown."""
+    rows = [
+        f"| `{code}` | {', '.join(code.params)} | {catalogue('en').sentences[code]} | {catalogue('zh').sentences[code]} |"
+        for code in Code
+    ]
+    return (
+        "# Codes\n\nReasons travel as codes with parameters. Each program shows them in its reader's language.\n\n"
+        "| code | parameters | English | Chinese |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
+    )
 
 
 def configuration() -> str:
