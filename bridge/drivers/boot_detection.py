@@ -13,8 +13,7 @@ _CONFIRMED = 3  # samples that must agree: where the protocol has no checksum, a
 _AGREE_S = 1.0
 _SKEW = 0.002
 _WIDE_S = 10 * 365.25 * 86_400  # a clock with a longer turn counts as never wrapping
-# _SILENT: after a silence of this part of its turn, a wrapping clock must be at its expected time: any tick is near
-# some turn.
+# _SILENT: after a silence of this part of its turn, a wrapping clock must be at its expected time.
 # _CHANCE: where the tolerance exceeds this part of a turn, agreement is chance.
 _SILENT, _CHANCE = 0.1, 0.005
 

@@ -31,8 +31,7 @@ class CounterUnwrapper:
             forward = step(readings.sequence, self._sequence, identity.sequence_bits)
             first, origin = self._sequence + forward, self._ticks
             tick_steps = steps(readings.ticks, origin, identity.tick_bits)
-            # After a long silence the ticks may have wrapped unseen; the sequence number tells how long the silence
-            # was.
+            # After a long silence the ticks may have wrapped unseen; the sequence number tells its length.
             expected = forward / (identity.rate_hz * identity.tick_period_s)
             if abs(expected) > 2 ** (identity.tick_bits - 2):
                 tick_steps[0] = whole_turns(int(tick_steps[0]), expected, identity.tick_bits)

@@ -44,8 +44,8 @@ class DeviceThread:
     The thread reads all available data, then pauses until `read_soon`, 50 ms at most. Data arriving meanwhile wait in
     the system's buffers, which saves wake-ups.
     Batches wait in a bounded queue; on overflow the oldest are dropped and counted.
-    A lost device is reopened every 0.1 s where the driver finds that cheap (a port that is not plugged in), otherwise
-    at growing intervals up to 2 s.
+    A lost device is reopened every 0.1 s where the driver finds that cheap, as for an unplugged port. Other devices are
+    reopened at growing intervals, up to 2 s.
     """
 
     def __init__(self, device: str, driver: Driver, intake: Intake) -> None:
