@@ -1,4 +1,4 @@
-"""The verbs `truerate bridge ...`: arguments in, exit code out."""
+"""Command-line verbs `truerate bridge ...`: arguments in, exit code out."""
 
 import argparse
 import logging
@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `bridge` to the command; each verb of it sets `run(args) -> exit code`."""
+    """Add `bridge` to the command; each of its verbs sets `run(args) -> exit code`."""
     run_example = "truerate bridge run configs/ward.toml"
     inner = add_group(verbs, "bridge", "read devices and publish them", run_example).add_subparsers(
         metavar="VERB", required=True
@@ -82,7 +82,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _replay(args: argparse.Namespace) -> int:
     root = ward_of(args, Root)
-    # A bad file is said at once, not tried again and again.
+    # Report a bad file at once; the driver would retry it again and again.
     tables = _of_a_ward(args) if args.file.suffix.lower() == ".mcap" else _of_a_device(args)
     bridge = Bridge(
         id=f"replay-{tables[0]['id']}"[:32] if len(tables) == 1 else "replay",
@@ -92,8 +92,8 @@ def _replay(args: argparse.Namespace) -> int:
 
 
 def _of_a_ward(args: argparse.Namespace) -> list[dict[str, object]]:
-    """A table for each device of a ward's recording, or for the one that is wanted."""
-    from bridge.drivers import replayed  # noqa: PLC0415 - a bridge that runs is not kept waiting by what reads recordings
+    """Configuration tables of the devices of a ward's recording, or of the chosen device."""
+    from bridge.drivers import replayed  # noqa: PLC0415 - slow to import, and only replays need it
 
     there = replayed.devices(args.file)
     if args.device is not None and args.device not in there:
@@ -119,7 +119,7 @@ def _replayed(args: argparse.Namespace) -> dict[str, object]:
 
 
 def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int:
-    """Publish until stopped, or until every recording is over. Patient: wait for a router rather than give up."""
+    """Publish until stopped, or until every recording has ended. patient: wait for a router instead of giving up."""
     with stopped_by_signal() as stop:
         bus = wait_for_router(connect, stop, patient=patient)
         if bus is None:

@@ -1,4 +1,4 @@
-"""A parser of arguments that names the nearest word where one is misspelt, and what verbs are added to it by."""
+"""Argument parser that suggests the nearest known word for a misspelt one, and helpers that add verbs to it."""
 
 import argparse
 import re
@@ -15,14 +15,14 @@ _NO_CHOICE = re.compile(r"(?P<where>.*)invalid choice: '(?P<word>.*)' \(choose f
 
 
 class Verbs(Protocol[P_co]):
-    """What `add_subparsers` of argparse gives."""
+    """The result of argparse's `add_subparsers`."""
 
     def add_parser(self, name: str, **how: Any) -> P_co:
-        """The parser of a verb."""
+        """Add the parser of a verb."""
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors name the nearest word, and that tells its commands."""
+    """Argument parser whose errors name the nearest known word, and which lists its commands."""
 
     def add_subparsers(self, **how: Any) -> "argparse._SubParsersAction[Any]":
         """See argparse."""
@@ -38,14 +38,14 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override] # argparse's overloads say no more
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """See argparse; what is left over is refused here, where the verb's options are known."""
+        """See argparse; unknown arguments are refused here, where the verb's options are known."""
         given, over = super().parse_known_args(args, namespace)
         if over:
             self.error(_left_over(over, _OPTION.findall(self.format_usage())))
         return given, over
 
     def error(self, message: str) -> NoReturn:
-        """See argparse, in one line; the nearest word stands where all would."""
+        """See argparse; the error is one line, with the nearest choice instead of all choices."""
         if match := _NO_CHOICE.fullmatch(message):
             known = re.findall(r"[\w-]+", match["known"])
             message = f"{match['where']}unknown {match['word']!r}; {nearest(match['word'], known)}"
@@ -60,7 +60,7 @@ def _left_over(words: Sequence[str], options: Iterable[str]) -> str:
 
 
 class Version(argparse.Action):
-    """Say which truerate this is; looked up when it is asked, for that takes a moment."""
+    """Print truerate's version; looked up only when asked, because that is slow."""
 
     def __init__(self, option_strings: Sequence[str], dest: str) -> None:
         super().__init__(option_strings, dest, nargs=0, help="show program's version number and exit")
@@ -74,42 +74,42 @@ class Version(argparse.Action):
 
 
 def seed(text: str) -> int:
-    """Of random numbers; for argparse."""
+    """Parse a random seed, 0 to 2**31 - 1; an argparse type."""
     if not (text.isdecimal() and int(text) < 1 << 31):
         raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {(1 << 31) - 1} is expected")
     return int(text)
 
 
 def sentence(words: str) -> str:
-    """What a verb does, as a sentence."""
+    """A verb's help text as a sentence."""
     return f"{words[:1].upper()}{words[1:]}{'' if words.endswith(('.', '?')) else '.'}"
 
 
 def add_verb(
     verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Callable[[argparse.Namespace], int | None], help_text: str
 ) -> argparse.ArgumentParser:
-    """Add a verb that calls run with the parsed arguments."""
+    """Add a verb that calls `run` with the parsed arguments."""
     parser = verbs.add_parser(name, help=help_text, description=sentence(help_text))
     parser.set_defaults(run=run)
     return parser
 
 
 def add_group(verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, example: str) -> argparse.ArgumentParser:
-    """Add a verb that has an example, and maybe verbs of its own."""
+    """Add a verb with an example; it may get verbs of its own."""
     return verbs.add_parser(name, help=does, description=sentence(does), epilog=f"Example: {example}")
 
 
 def add_guarded(
     verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Run, does: str, example: str
 ) -> argparse.ArgumentParser:
-    """Add a verb whose ValueErrors are errors of who gave the arguments."""
+    """Add a verb whose ValueErrors are reported as errors in the arguments."""
     verb = add_group(verbs, name, does, example)
     verb.set_defaults(run=_guarded(run))
     return verb
 
 
 def _guarded(run: Run) -> Run:
-    """What was given and cannot be is an error of who gave it, as in a file; how errors are said is the command's."""
+    """Turn a ValueError of a verb into ConfigError, which the command reports without a traceback."""
 
     def guarded(args: argparse.Namespace) -> int:
         try:

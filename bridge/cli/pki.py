@@ -1,4 +1,4 @@
-"""The verbs `truerate pki ...`: arguments in, exit code out; that of `show` tells whether somebody has to act."""
+"""Command-line verbs `truerate pki ...`: arguments in, exit code out; `show` exits with 1 if a certificate needs action."""
 
 import argparse
 import json
@@ -21,7 +21,7 @@ from bridge.runtime.logs import printable
 from bridge.terminal.console import plain_console
 from bridge.terminal.tables import Column, Columns
 
-#: no certificate lasts longer, and no date is further off
+#: longest life of a certificate, days; also keeps dates in range
 _MOST_DAYS = 36_500
 
 ROLES = """who: ROLE:NAME. Roles: bridge (its [bridge] id as the name), estimator (its [estimator] id), viewer (looks),
@@ -36,7 +36,7 @@ docs/security.md goes through it, word by word."""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `pki`; each verb of it sets `run(args) -> exit code`."""
+    """Add `pki`; each of its verbs sets `run(args) -> exit code`."""
     pki = verbs.add_parser(
         "pki",
         help="certificates: who may be what on the bus",
@@ -146,7 +146,7 @@ def _renew(given: argparse.Namespace) -> int:
     if not members:
         print("none ends soon; nothing was renewed")
     wrong = list[str]()
-    for member in dict.fromkeys(members):  # one that cannot be renewed keeps none of the others from it
+    for member in dict.fromkeys(members):  # one failed renewal must not stop the others
         try:
             _made(folder.renew(member, now, given.days))
         except ValueError as error:
@@ -192,7 +192,7 @@ def _show(given: argparse.Namespace) -> int:
 
 
 def _rows(folder: Folder, now: datetime) -> Iterator[dict[str, Any]]:
-    """A row for each certificate, the authority's first; its trouble is empty where nobody has to act."""
+    """One row per certificate, the authority's first; `trouble` is empty if nothing has to be done."""
 
     def row(role: str, who: str, lasts: Validity, remedy: str) -> dict[str, Any]:
         trouble = f"expire{'d' if now > lasts.ends else 's soon'}: {remedy}" if now >= lasts.soon else ""

@@ -1,4 +1,4 @@
-"""The verbs `truerate bridge profiles` and `try`: list text profiles, try one on a captured file."""
+"""Command-line verbs `truerate bridge profiles` and `try`: list text profiles, try one on a captured file."""
 
 import argparse
 import math
@@ -14,12 +14,12 @@ from bridge.text.profile import load_profile, shipped
 
 MAX_FILE: Final = 64_000_000
 _DONE, _FAILED = 0, 1
-#: of what devices print nearly all is of these; read at another speed, nothing is
+#: the bytes of nearly all text, and their least share in it; at a wrong baud rate the share is lower
 _PRINTED, _MOSTLY = frozenset(b"\t\r\n" + bytes(range(32, 127))), 0.9
 
 
 def profiles(_: argparse.Namespace) -> int:
-    """`truerate bridge profiles`: those that come with truerate."""
+    """List the profiles shipped with truerate: `truerate bridge profiles`."""
     known = Columns([Column("profile", least=16), Column("of what", least=20)], headings=False)
     for name in shipped():
         known.add(name, load_profile(name).summary)
@@ -28,7 +28,7 @@ def profiles(_: argparse.Namespace) -> int:
 
 
 def add_try(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `truerate bridge try`."""
+    """Add the arguments of `truerate bridge try`."""
     parser.add_argument("profile", metavar="PROFILE", help="a profile's name, or the path of its .toml")
     parser.add_argument("file", type=Path, metavar="FILE", help="what the device printed: cat /dev/ttyACM0 > FILE")
     parser.add_argument("--seconds", type=float, metavar="S", help="how long it was listened to")
@@ -36,7 +36,7 @@ def add_try(parser: argparse.ArgumentParser) -> None:
 
 
 def try_profile(args: argparse.Namespace) -> int:
-    """`truerate bridge try`: 0 if any sample was understood."""
+    """Try a profile on a captured file: `truerate bridge try`. Exit code 0 if any sample was understood."""
     for option, given in (("--seconds", args.seconds), ("--rate-hz", args.rate_hz)):
         if given is not None and not 0 < given < math.inf:
             raise ValueError(f"{option} is {given:g}; more than 0 is expected, or leave it out where nobody knows")
@@ -51,7 +51,7 @@ def try_profile(args: argparse.Namespace) -> int:
 
 
 def _came(data: bytes) -> str:
-    """What a file holds of which nothing was understood, and what to do."""
+    """A sentence on a file without a single sample, and what to do."""
     if not data.strip():
         return (
             f"{count(len(data), 'byte')}, and nothing in them: the device printed nothing, or not there; `truerate bridge scan`"

@@ -1,4 +1,4 @@
-"""Options of the command line that say what a recording's file does not say."""
+"""Command-line options for properties missing in a recording's file."""
 
 import argparse
 from pathlib import Path
@@ -7,7 +7,7 @@ from bridge.recording.reading import Reading
 
 
 def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
-    """Add the options of a Reading; device: with those that choose from a ward's recording."""
+    """Add the options of a Reading; device: also the option that chooses a device of a ward's recording."""
     told = verb.add_argument_group("what the file does not say, or says wrongly")
     told.add_argument("--rate-hz", type=float, metavar="HZ", help="output data rate; it replaces the file's times")
     told.add_argument("--gyro-unit", metavar="UNIT", help="of the rates: deg/s, rad/s, mdeg/s")
@@ -30,7 +30,7 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
 
 
 def reading_of(given: argparse.Namespace) -> Reading:
-    """The options that were given. Raises RecordingError."""
+    """The Reading of the given options; raises RecordingError."""
     return Reading(
         rate_hz=given.rate_hz,
         gyro_unit=given.gyro_unit,
@@ -46,5 +46,5 @@ def reading_of(given: argparse.Namespace) -> Reading:
 
 
 def named(columns: str) -> tuple[str, ...]:
-    """Names apart from each other by commas; or, where names have commas in them, by semicolons."""
+    """Column names separated by commas, or by semicolons where names contain commas."""
     return tuple(name.strip() for name in columns.split(";" if ";" in columns else ",") if name.strip())

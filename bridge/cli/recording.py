@@ -1,4 +1,4 @@
-"""The verbs `truerate record` and `truerate recording ...`: arguments in, exit code out."""
+"""Command-line verbs `truerate record` and `truerate recording ...`: arguments in, exit code out."""
 
 import argparse
 import json
@@ -162,7 +162,7 @@ def _table(settings: Recorder) -> dict[str, Any]:
 
 
 def _info(given: argparse.Namespace) -> int:
-    from bridge.recording.report import as_json, show  # noqa: PLC0415 - arrays and protobuf are slow to load
+    from bridge.recording.report import as_json, show  # noqa: PLC0415 - arrays and protobuf are slow to import
     from bridge.recording.survey import survey  # noqa: PLC0415
 
     with Bar() as bar:

@@ -1,4 +1,4 @@
-"""The verb `truerate router`: zenoh's router, by a ward's file or by one of its own."""
+"""Command-line verb `truerate router`: runs a zenoh router, configured by a ward's file or a router file."""
 
 import argparse
 import logging
@@ -19,14 +19,14 @@ from bridge.runtime.signals import stopped_by_signal
 from bridge.wire import keys
 
 _DONE = 0
-#: how often a router says that its certificate ends soon
+#: interval of the warning that the certificate ends soon
 _SELDOM_S = 12 * 3600.0
 _ENDS = "the certificate that this router began with ends on %s: renew it, and start the router again"
 _log = logging.getLogger(__name__)
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `router`."""
+    """Add the verb `router`."""
     example = f"truerate router --listen {LOCAL}"
     verb = add_guarded(verbs, "router", router, "run zenoh's router here", example)
     verb.add_argument("--listen", action="append", metavar="ENDPOINT", help=f"where to listen (default {LOCAL})")
@@ -36,13 +36,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def router(args: argparse.Namespace) -> int:
-    """Run it until it is stopped; ValueError where an argument is none."""
+    """Run the router until stopped; raises ValueError for an invalid argument."""
     written = args.config and args.config.suffix in (".json5", ".json")
     file = _looked_through(args.config) if written else None
     lasts = Routers(file.listen, file.identity).lasts() if file else None
     with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as running:
         _log.info("router: listening on %s", ", ".join(running.listen))
-        while True:  # of the certificate that it began with: of a new one it knows nothing
+        while True:  # checks the certificate of the start: the router does not load a renewed one
             if lasts and datetime.now(UTC) >= lasts.soon:
                 _log.warning(_ENDS, f"{lasts.ends:%Y-%m-%d %H:%M} UTC")
             if stop.wait(_SELDOM_S):
@@ -50,7 +50,7 @@ def router(args: argparse.Namespace) -> int:
 
 
 def _looked_through(path: Path) -> RouterFile:
-    """Read and check a router's file. Raises BusError where its certificate cannot be used."""
+    """Read and check a router's file; raises BusError if its certificate cannot be used."""
     file = router_check.read(path)
     if file.identity is not None and (wrong := faults(file.identity, datetime.now(UTC), (Role.ROUTER,))):
         raise BusError("\n".join(wrong))

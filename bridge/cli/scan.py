@@ -1,4 +1,4 @@
-"""The verb `truerate bridge scan`: which device is on which port, and what to write into the ward's file."""
+"""Command-line verb `truerate bridge scan`: which device is on which port, with a snippet for the ward's file."""
 
 import argparse
 
@@ -14,7 +14,7 @@ _DONE, _NOTHING = 0, 1
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the arguments of `truerate bridge scan`."""
     verb.add_argument(
         "--port",
         action="append",
@@ -34,7 +34,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def scan(args: argparse.Namespace) -> int:
-    """Print a table, what is to be said, and what to paste; ValueError where an argument is none."""
+    """Scan the ports; print a table, advice and a snippet to paste. Raises ValueError for an invalid argument."""
     tried = candidates(registry.kinds().values())
     speeds = args.baud or bauds(tried)
     if not 0.1 <= args.seconds <= 60:

@@ -1,4 +1,4 @@
-"""Options of a verb that name a ward and its routers."""
+"""Command-line options that select a ward and its routers."""
 
 import argparse
 from pathlib import Path
@@ -12,7 +12,7 @@ R = TypeVar("R", bound=Root)
 
 
 def add_ward(verb: argparse.ArgumentParser, config: str = "the ward's file: says the ward and the routers") -> None:
-    """The options that say it; what its file is for."""
+    """Add --config, --ward and --connect; config: the help text of --config."""
     verb.add_argument("--config", type=Path, help=config)
     verb.add_argument("--ward", metavar="W", help="the ward's name (default: the file's, else 'ward')")
     verb.add_argument(
@@ -21,7 +21,7 @@ def add_ward(verb: argparse.ArgumentParser, config: str = "the ward's file: says
 
 
 def ward_of(args: argparse.Namespace, kind: type[R]) -> R:
-    """The file, or what it is by default, with the ward and the routers that were said; ValueError if these are none."""
+    """The ward's file or its defaults, with the given ward and routers; raises ValueError if these are invalid."""
     root = load(args.config, kind) if args.config else kind(ward=args.ward or "ward")
     bus = replace(root.bus, connect=check_endpoints(args.connect, "--connect")) if args.connect else root.bus
     return replace(root, ward=check(args.ward or root.ward, "--ward"), bus=bus)

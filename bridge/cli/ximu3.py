@@ -1,4 +1,4 @@
-"""The verb `truerate bridge ximu3`: devices of a ward, shown as x-IMU3s."""
+"""Command-line verb `truerate bridge ximu3`: shows devices of a ward as x-IMU3s."""
 
 import argparse
 import logging
@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the arguments of `truerate bridge ximu3`."""
     verb.add_argument("--device", action="append", default=[], metavar="ID", help="which (default: all that are heard)")
     verb.add_argument("--raw", action="store_true", help="raw rates rather than corrected ones")
     verb.add_argument(
@@ -36,9 +36,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def shown(args: argparse.Namespace) -> int:
-    """Show them until it is stopped; ValueError where an argument is none."""
+    """Show the devices until stopped; raises ValueError for an invalid argument."""
     root = ward_of(args, Root)
-    connect = root.bus.routers_as(Role.COMMANDER, Role.RECORDER)  # a viewer has no accelerations, which are raw
+    # accelerations are raw data, which viewers may not read
+    connect = root.bus.routers_as(Role.COMMANDER, Role.RECORDER)
     devices = tuple(check(device, "--device") for device in dict.fromkeys(args.device))
     if len(devices) > MOST_DEVICES:
         raise ValueError(f"{len(devices)} devices are to be shown; at most {MOST_DEVICES} can be")

@@ -1,4 +1,4 @@
-"""What may be wrong, and what to do: the checks of `truerate doctor`, the port scan, a profile tried on a capture.
+"""Diagnosis of faults, with what to do: the checks of `truerate doctor`, the port scan, a profile tried on a capture.
 
-Begin at `finding`; `protocol_guess` tells a device by its bytes.
+Begin at `finding`; `protocol_guess` recognises a device by its bytes.
 """

@@ -5,7 +5,7 @@ from enum import Enum
 
 
 class Level(Enum):
-    """How bad it is: `warning` works today, `trouble` does not."""
+    """Severity of a finding: with `warning` it works today, with `trouble` it does not."""
 
     OK = "ok"
     WARNING = "warning"
@@ -14,7 +14,7 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at: what it is, how it is, and what to do unless it is well."""
+    """Result of one check: what was checked, its state, and what to do if it is not ok."""
 
     check: str
     level: Level
@@ -23,15 +23,15 @@ class Finding:
 
 
 def ok(check: str, said: str) -> Finding:
-    """All is well."""
+    """A finding that all is well."""
     return Finding(check, Level.OK, said)
 
 
 def warning(check: str, said: str, do: str) -> Finding:
-    """It works, but not always, or not well."""
+    """A finding of something that works, but not always or not well."""
     return Finding(check, Level.WARNING, said, do)
 
 
 def trouble(check: str, said: str, do: str) -> Finding:
-    """It does not work."""
+    """A finding of something that does not work."""
     return Finding(check, Level.TROUBLE, said, do)

@@ -1,4 +1,4 @@
-"""Checks of the machine: clock, disk, Python, packages, and how many bridges it runs."""
+"""Checks of the machine: clock, disk, Python, packages, and bridges that run twice."""
 
 import ctypes
 import os
@@ -21,7 +21,7 @@ _OLDEST = (3, 11)
 
 
 class _Timex(ctypes.Structure):
-    """The beginning of struct timex, and room for the rest."""
+    """The beginning of struct timex, with room for the rest."""
 
     _fields_ = (
         ("modes", ctypes.c_int),
@@ -35,7 +35,7 @@ class _Timex(ctypes.Structure):
 
 
 def clock_status() -> int | None:
-    """What the kernel says of its clock, STA_* of adjtimex(2); None where it says nothing."""
+    """The kernel's clock status, STA_* of adjtimex(2); None if not available."""
     timex = _Timex()
     try:
         told = ctypes.CDLL(None).adjtimex(ctypes.byref(timex))
@@ -45,7 +45,7 @@ def clock_status() -> int | None:
 
 
 def clock(status: int | None) -> list[Finding]:
-    """Whether the clock is kept right by another one: recordings and machines are put together by it."""
+    """Whether the clock is synchronised: recordings and machines are aligned by it."""
     if status is None:
         return [warning("clock", "cannot be asked whether it is synchronised", "see `timedatectl`")]
     if status & _UNSYNCHRONISED:
@@ -56,12 +56,12 @@ def clock(status: int | None) -> list[Finding]:
 def disk(
     places: dict[str, Path], free: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
 ) -> list[Finding]:
-    """Whether each folder, by what is kept there, can be written to and has room."""
+    """Whether each folder, given by its use, is writable and has free space."""
     return [_room(what, folder.absolute(), free) for what, folder in places.items()]
 
 
 def bridges(proc: Path = PROC) -> list[Finding]:
-    """Whether two bridges serve one file: they would fight for its ports."""
+    """Whether two bridges run with the same ward's file: they would compete for its ports."""
     files: dict[str, list[int]] = defaultdict(list)
     for entry in proc.glob("[0-9]*"):
         pid = int(entry.name)
@@ -83,7 +83,7 @@ def packages(
     installed: Callable[[str], str] = version,
     python: tuple[int, ...] = sys.version_info[:3],
 ) -> list[Finding]:
-    """Whether what is installed is what truerate asks for."""
+    """Whether the installed packages meet truerate's requirements."""
     findings = []
     if python < _OLDEST:
         findings.append(trouble("Python", ".".join(map(str, python)), "install Python 3.11 or newer"))
@@ -108,7 +108,7 @@ def _package(requirement: Requirement, installed: Callable[[str], str]) -> Findi
 
 def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
     check = f"disk, {what}"
-    # Where we may not look `exists` raises an error.
+    # Path.exists raises an error where access is denied.
     there = next(path for path in (folder, *folder.parents) if os.path.exists(path))  # noqa: PTH110
     if not there.is_dir() or not os.access(there, os.W_OK):
         return trouble(
@@ -124,9 +124,9 @@ def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
 
 
 def _served(pid: int, proc: Path) -> str:
-    """The ward's file of a bridge, in full where its folder is known."""
+    """The ward's file of a bridge process, with its folder if known."""
     words = command(pid, proc)
-    after = words[words.index("run") + 1 :] if "run" in words else []  # it may have ended meanwhile
+    after = words[words.index("run") + 1 :] if "run" in words else []  # the process may have ended meanwhile
     file = next((word for word in after if not word.startswith("-")), "")
     try:
         return str((proc / str(pid) / "cwd").readlink() / file)

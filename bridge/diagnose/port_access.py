@@ -19,19 +19,19 @@ _IGNORED = "ID_MM_DEVICE_IGNORE"
 
 @dataclass(frozen=True, slots=True)
 class Me:
-    """Who asks: user id and the ids of the groups of this login."""
+    """The asking user: user id and group ids of this login."""
 
     uid: int
     gids: frozenset[int]
 
 
 def me() -> Me:
-    """Whoever runs this."""
+    """The user who runs this process."""
     return Me(os.geteuid(), frozenset({os.getegid(), *os.getgroups()}))
 
 
 def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
-    """Whether each port that is there may be opened."""
+    """Whether each existing port may be opened."""
     there = [(port, os.stat(port)) for port in ports if os.path.exists(port)]  # noqa: PTH110, PTH116 - names, as everywhere
     closed = [(port, status) for port, status in there if not _may(status, who)]
     if not there:
@@ -49,7 +49,7 @@ def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
 
 
 def modem_manager(proc: Path = PROC, rules: Collection[Path] = _RULE_FOLDERS) -> list[Finding]:
-    """Whether ModemManager, which writes to every new port to see if it is a modem, leaves ours alone."""
+    """Whether ModemManager, which writes to every new port to look for modems, leaves serial devices alone."""
     if not any(_read(path).strip() == "ModemManager" for path in proc.glob("[0-9]*/comm")):
         return [ok("ModemManager", "does not run")]
     if any(_IGNORED in _read(rule) for folder in rules for rule in folder.glob("*.rules")):
@@ -64,7 +64,7 @@ def modem_manager(proc: Path = PROC, rules: Collection[Path] = _RULE_FOLDERS) ->
 
 
 def _read(path: Path) -> str:
-    """What is there, of a process that may have ended meanwhile."""
+    """Contents of a file; empty if unreadable, as of an ended process."""
     try:
         return path.read_text(errors="replace")
     except OSError:
@@ -72,7 +72,7 @@ def _read(path: Path) -> str:
 
 
 def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
-    """Whether every port has at most one reader, and that a bridge. Other users' programs only root sees."""
+    """Whether every port has at most one reader, which is a bridge. Only root sees other users' programs."""
     findings = []
     for port in ports:
         having = holders(port, proc)
@@ -91,7 +91,7 @@ def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
 
 
 def present(devices: dict[str, str]) -> list[Finding]:
-    """Whether the serial ports of a file's devices, {id: port}, are there."""
+    """Whether the serial ports of the configured devices, {id: port}, exist."""
     missing = {device: port for device, port in devices.items() if "://" not in port and not os.path.exists(port)}  # noqa: PTH110
     wrong = {device: port for device, port in devices.items() if "://" not in port and serial_errors.no_port(port)}
     advice = "find its name with `truerate bridge scan` and put it into the ward's file"
@@ -102,7 +102,7 @@ def present(devices: dict[str, str]) -> list[Finding]:
 
 
 def doubled(devices: dict[str, str]) -> list[Finding]:
-    """Whether two devices of a file, {id: port}, are on one port under two names."""
+    """Whether two configured devices, {id: port}, are on one port under two names."""
     real: dict[str, list[str]] = {}
     for device, port in devices.items():
         if "://" not in port:

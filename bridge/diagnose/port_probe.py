@@ -1,4 +1,4 @@
-"""Probe one port: open it at one speed after another, until a driver understands its bytes."""
+"""Probes one port: opens it at one speed after another, until a driver understands its bytes."""
 
 import contextlib
 import os
@@ -17,11 +17,11 @@ from bridge.transport.port_holders import holders
 from bridge.transport.transport import Chunk, Transport
 
 COMMON_BAUDS = (115_200, 9600, 57_600, 230_400, 460_800, 921_600, 38_400, 19_200)
-_SILENT_SPEEDS = 2  # nothing at these, nothing at any
+_SILENT_SPEEDS = 2  # after silence at this many speeds, no other is tried
 _READ_S = 0.1
 _ENOUGH_BYTES = 1 << 20
 _ALIKE = 0.05
-_ODD_BYTES = 0.05  # of a text
+_ODD_BYTES = 0.05  # of all bytes; the most unprintable bytes in a text
 _SHOWN = 48  # bytes
 
 Say = Callable[[str], None]
@@ -29,7 +29,10 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a port has: a guess and its speed (0 where a port has none), or why there is none; words say what to do."""
+    """Result of probing a port: a guess and its speed (0 for ports without one), or None.
+
+    words: why there is no guess, and what to do.
+    """
 
     found: Found
     guess: Guess | None
@@ -38,12 +41,12 @@ class Verdict:
 
 
 def bauds(tried: Iterable[Candidate]) -> list[int]:
-    """Speeds to try, those of the drivers first."""
+    """Baud rates to try, those of the drivers first."""
     return list(dict.fromkeys([*(candidate.baud for candidate in tried if candidate.baud), *COMMON_BAUDS]))
 
 
 def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], seconds: float, say: Say) -> Verdict:
-    """Find out; `say` is told what goes on. Opens the port once a speed, and sends nothing."""
+    """Probe a port; `say` is called with progress messages. Opens the port once per speed, and sends nothing."""
     is_serial = "://" not in found.port
     if is_serial and serial_errors.no_port(found.port):
         return Verdict(found, None, 0, english(Code.NOT_A_SERIAL_PORT(place=found.port)))
@@ -59,7 +62,7 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
             if made:
                 words = _advice(made, opened_ns, heard[baud][0].receive_time_ns, is_serial=is_serial)
                 return Verdict(found, made[0], baud if is_serial else 0, words)
-            # A wrong speed makes no text, and some bytes of every byte: no other speed need be tried.
+            # A wrong speed gives bytes, but no text; so text, or silence at two speeds, ends the search.
             if _as_text(_joined(heard[baud])) or (len(heard) >= _SILENT_SPEEDS and not any(heard.values())):
                 break
     except DeviceUnavailable as error:
@@ -68,11 +71,11 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
 
 
 def _listen(transport: Transport, seconds: float) -> list[Chunk]:
-    """What comes; raises DeviceUnavailable."""
+    """Chunks received within `seconds`; raises DeviceUnavailable."""
     chunks: list[Chunk] = []
     transport.open()
     end_s, enough = time.monotonic() + seconds, _ENOUGH_BYTES
-    with contextlib.closing(transport), contextlib.suppress(DeviceLost):  # over, or gone: what came is what there is
+    with contextlib.closing(transport), contextlib.suppress(DeviceLost):  # at the end or loss, use the bytes so far
         while time.monotonic() < end_s and enough > 0:
             chunk = transport.read(_READ_S)
             enough -= len(chunk.data)
@@ -115,7 +118,7 @@ def _joined(chunks: Iterable[Chunk]) -> bytes:
 
 
 def _as_text(data: bytes) -> str:
-    """A whole line of it, if it is text."""
+    """The longest whole line of the data, if they are text; empty otherwise."""
     if not data or len(data.translate(None, string.printable.encode())) > _ODD_BYTES * len(data):
         return ""
     lines = data.decode("ascii", "replace").splitlines()

@@ -1,4 +1,4 @@
-"""A profile tried on what a device printed: what of it is understood, what not, and why. Pure: bytes in, words out."""
+"""Tries a text profile on captured output: samples understood, lines refused, and why. Pure: bytes in, words out."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,15 +15,15 @@ from bridge.text.line_parser import Refused
 from bridge.text.profile import Profile
 
 SHOWN_SAMPLES: Final = 5
-SHOWN_LINES: Final = 5  # of each fault
+SHOWN_LINES: Final = 5  # per fault
 _SHOWN_WIDTH = 100
 
 
 @dataclass(slots=True)
 class Trial:
-    """What came of it.
+    """Result of a trial.
 
-    rate_known: somebody said how many samples come in a second. first: some samples, as lines of text.
+    rate_known: the output data rate was given. first: some samples, as lines of text.
     lines: by fault, the first refused lines, as lines of text.
     """
 
@@ -36,7 +36,7 @@ class Trial:
     lines: dict[str, list[str]] = field(default_factory=dict)
 
     def take(self, event: Event) -> None:
-        """Count an event in."""
+        """Add an event to the result."""
         if isinstance(event, Identity):
             self.identities.append(event)
         elif isinstance(event, Notice):
@@ -48,7 +48,7 @@ class Trial:
 
 
 def attempt(profile: Profile, data: bytes, rate_hz: float = 0.0) -> Trial:
-    """What a device of this profile would have been understood to say by these bytes."""
+    """Decode bytes as the output of a device with this profile."""
     trial = Trial(rate_known=bool(rate_hz or profile.device.rate_hz))
     number = 0
 
@@ -59,7 +59,7 @@ def attempt(profile: Profile, data: bytes, rate_hz: float = 0.0) -> Trial:
 
     decoder = TextDecoder(profile, rate_hz, refused=refused, captured=True)
     events: list[Event] = []
-    for number, line in enumerate(data.splitlines(keepends=True), 1):  # noqa: B007 - `refused` tells it
+    for number, line in enumerate(data.splitlines(keepends=True), 1):  # noqa: B007 - used by `refused`
         events += decoder.feed(line, 0)
     for event in events + decoder.finish():
         trial.take(event)
@@ -68,7 +68,7 @@ def attempt(profile: Profile, data: bytes, rate_hz: float = 0.0) -> Trial:
 
 
 def report(trial: Trial, seconds: float = 0.0) -> list[str]:
-    """In words; seconds: how long the device was listened to, 0 where nobody knows."""
+    """The result as lines of text; seconds: duration of the capture, 0 if unknown."""
     lines = [
         f"understood: {count(trial.samples, 'sample')} in {count(len({who.boot for who in trial.identities}), 'boot')}"
     ]

@@ -1,4 +1,4 @@
-"""Guess the protocol of bytes: every driver's decoder gets them, and the one that understands most wins. Pure."""
+"""Guesses the protocol of bytes: every driver's decoder gets them, and the one that understands most wins. Pure."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,16 +11,19 @@ from bridge.drivers.driver import DriverKind, Event, Identity, Readings
 from bridge.toml.loader import options
 from bridge.transport.transport import Chunk
 
-_FEWEST = 5  # samples; a short check may pass by chance
+_FEWEST = 5  # samples; with fewer, a short checksum may match by chance
 _SHARE = 0.5  # of samples and faults together
 _PLAUSIBLE = 100.0  # rad/s
-_BOOT_S = 0.5  # by which a device's clock may be ahead of the opening that booted it
+_BOOT_S = 0.5  # s; tolerance of a device's clock in recognising a boot caused by opening
 _PORT = "scan"
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A driver, and what it is to be told beside port and speed; baud: the speed its devices usually have, 0 if it says none."""
+    """A driver and its options besides port and baud.
+
+    baud: the usual speed of its devices, 0 if it has none.
+    """
 
     kind: DriverKind
     table: dict[str, Any]
@@ -33,9 +36,10 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What one candidate made of the bytes. rate_hz: measured by the host, or as the device says; 0 if not known.
+    """Result of one candidate's decoder on the bytes.
 
-    young_s: how long the device's own clock had run at its first sample; None where it has none.
+    rate_hz: measured by the host, else as the device reports; 0 if unknown.
+    young_s: the device's clock at its first sample, in s; None without a clock.
     """
 
     candidate: Candidate
@@ -47,17 +51,17 @@ class Guess:
 
     @property
     def share(self) -> float:
-        """Of what came, how much was understood."""
+        """Share of the data that was understood, 0 to 1."""
         return self.samples / max(1, self.samples + self.faults)
 
     @property
     def understood(self) -> bool:
-        """Enough to say that this is it."""
+        """Whether enough was understood to accept this candidate."""
         return self.samples >= _FEWEST and self.share >= _SHARE
 
 
 def candidates(kinds: Iterable[DriverKind]) -> list[Candidate]:
-    """Everything that can be tried on unknown bytes."""
+    """All candidates for unknown bytes."""
     return [
         Candidate(kind, table, None if not table else chosen, getattr(chosen, "baud", 0))
         for kind in kinds
@@ -68,13 +72,13 @@ def candidates(kinds: Iterable[DriverKind]) -> list[Candidate]:
 
 
 def guesses(tried: Iterable[Candidate], chunks: Sequence[Chunk]) -> list[Guess]:
-    """What each makes of the bytes, best first."""
+    """Results of all candidates, best first."""
     made = [guess for candidate in tried if (guess := _try(candidate, chunks)) is not None]
     return sorted(made, key=lambda guess: (guess.understood, round(guess.share, 2), guess.samples), reverse=True)
 
 
 def booted_by(guess: Guess, opened_ns: int, first_ns: int) -> bool:
-    """Whether the device seems to have booted because its port was opened: by its own clock it is no older than that."""
+    """Whether the device seems to have booted because its port was opened: its clock is no older than the opening."""
     return guess.young_s is not None and guess.young_s <= (first_ns - opened_ns) * 1e-9 + _BOOT_S
 
 
@@ -82,11 +86,11 @@ def _options(kind: DriverKind, table: dict[str, Any]) -> Any:
     try:
         return options({"port": _PORT, **table}, kind.options)
     except ValueError:
-        return None  # a driver whose options are not those of a stream
+        return None  # the driver's options are not those of a byte stream
 
 
 def _try(candidate: Candidate, chunks: Sequence[Chunk]) -> Guess | None:
-    """None where the decoder fails: code of others must not stop the scan."""
+    """Result of one candidate; None if its decoder fails, since a faulty foreign driver must not stop the scan."""
     assert candidate.kind.decoder is not None
     events: list[Event] = []
     try:

@@ -1,4 +1,4 @@
-"""Checks of a ward's routers: can they be reached, and with which certificate."""
+"""Checks of a ward's routers: reachability and certificate."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -9,7 +9,7 @@ from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
 
 
 def certificate(routers: Routers) -> Iterator[Finding]:
-    """Whether the certificate is valid, or ends within days."""
+    """Whether the certificate is valid, or expires soon."""
     lasts = routers.lasts()
     if wrong := routers.faults():
         yield trouble(
@@ -24,7 +24,7 @@ def certificate(routers: Routers) -> Iterator[Finding]:
 
 
 def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = ZenohBus) -> list[Finding]:
-    """Connect to each router, and leave again: the spare one has to answer too."""
+    """Connect to each router and disconnect again; the spare router has to answer too."""
     routers = Routers.of(endpoints)
     reached, silent = list[str](), dict[str, str]()
     for endpoint in routers:

@@ -1,4 +1,4 @@
-"""What a scan found: a table, and what to paste into the ward's file. Pure."""
+"""Report of a scan: a table, and a snippet to paste into the ward's file. Pure."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -16,7 +16,7 @@ _COLUMNS = (
 
 
 def table(verdicts: Iterable[Verdict]) -> Columns:
-    """A row a port."""
+    """A table with one row per port."""
     made = Columns(_COLUMNS)
     for verdict in verdicts:
         guess = verdict.guess
@@ -29,7 +29,7 @@ def table(verdicts: Iterable[Verdict]) -> Columns:
 
 
 def snippet(verdicts: Sequence[Verdict]) -> str:
-    """[[bridge.devices]] of those that were understood; empty if there are none."""
+    """The [[bridge.devices]] tables of the recognised devices; empty if there are none."""
     blocks = []
     for number, verdict in enumerate((verdict for verdict in verdicts if verdict.guess is not None), 1):
         assert verdict.guess is not None
@@ -48,5 +48,5 @@ def snippet(verdicts: Sequence[Verdict]) -> str:
 
 
 def _toml(value: object) -> str:
-    """A string, number or truth value: JSON writes them as TOML does."""
+    """A string, number or boolean as TOML; JSON writes these the same way."""
     return json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""The serial ports of this machine, each by its most stable name, with what its USB device says of itself."""
+"""Lists this machine's serial ports, each by its most stable name, with the description of its USB device."""
 
 import re
 from pathlib import Path
@@ -9,14 +9,17 @@ _KINDS = ("ttyUSB*", "ttyACM*", "rfcomm*")
 
 
 class Found(NamedTuple):
-    """A port: the name to use, and its USB device in words, empty where there is none."""
+    """A port: the name to use, and its USB device in words, empty if there is none."""
 
     port: str
     usb: str = ""
 
 
 def find(dev: Path = DEV, sys: Path = SYS) -> list[Found]:
-    """Every port once. by-id stays with the device, by-path with the socket it is plugged into, ttyUSB0 with nothing."""
+    """Every port once, by its most stable name.
+
+    by-id names stay with the device, by-path names with the USB socket, ttyUSB0 with neither.
+    """
     named: dict[Path, Path] = {}
     for names in (
         sorted((dev / "serial/by-id").glob("*")),
@@ -35,7 +38,7 @@ def _numbered(path: Path) -> tuple[str, int]:
 
 
 def _usb(terminal: str, sys: Path) -> str:
-    """Manufacturer, product and serial number: of the first device above the terminal that has a product."""
+    """Manufacturer, product and serial number of the first device above the terminal that has a product."""
     device = sys / "class/tty" / terminal / "device"
     if not device.exists():
         return ""

@@ -1,5 +1,5 @@
-"""Packets to identities and readings; one protocol a file, named in `registry`.
+"""Device drivers: packets to identities and readings. Each protocol is one file, listed in `registry`.
 
-Begin at `driver` (the contract) and `byte_stream` (what every driver of a byte device shares). Drivers of other packages
-register under the entry point `truerate.drivers`.
+Begin at `driver` (the contract) and `byte_stream` (shared by all drivers of byte devices). Other packages register
+their drivers under the entry point `truerate.drivers`.
 """

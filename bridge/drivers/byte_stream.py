@@ -1,4 +1,4 @@
-"""Every driver of a device that sends bytes: a decoder of its protocol on a transport, which know nothing of each other."""
+"""Drivers of byte devices: a protocol decoder on top of a transport, each independent of the other."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -12,37 +12,37 @@ from bridge.transport.errors import DeviceLost
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
-_UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # and as many of each
+_UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # limits of the undecoded bytes kept: chunks, bytes of a chunk
 
 
 class Decoder(Protocol):
-    """One device's protocol: any chunking of its bytes in, events out. Without I/O and clock; lives as long as the driver.
+    """Decoder of one device's protocol: bytes in any chunking in, events out. Without I/O or clock; lives as long as the driver.
 
-    faults: counts what could not be understood, by label.
+    faults: counts data that could not be decoded, by label.
     """
 
     faults: Tally
 
     def opened(self) -> None:
-        """The way to the device was opened (again): what was begun is not to be finished, and it may be another boot."""
+        """Note that the port was opened (again): drop unfinished frames; the device may have rebooted."""
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events these bytes complete, in order; called with none too, so that it can tell that time goes by."""
+        """The events completed by these bytes, in order. Also called with no bytes, so that the decoder sees time pass."""
 
     def to_send(self) -> bytes:
-        """What the device is to be sent now; once."""
+        """Bytes to send to the device now; each is returned once."""
 
 
 @runtime_checkable
 class Holds(Protocol):
-    """A decoder that holds samples back until it knows more of the device."""
+    """A decoder that holds samples back until it knows more about the device."""
 
     def finish(self) -> list[Event]:
-        """What is held, once nothing more comes, ever."""
+        """Events of the held samples, at the final end of the stream."""
 
 
 class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where the device is, and the speed of a serial port (which USB devices ignore)."""
+    """Options of a byte device: port, and baud of a serial port (ignored by USB devices)."""
 
     port: str
     baud: int = 115_200
@@ -52,9 +52,9 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """A decoder behind a transport.
+    """A driver made of a decoder and a transport.
 
-    bytes_in, samples_in: how many came, and were understood, since it was opened.
+    bytes_in, samples_in: bytes received and samples decoded since the port was opened.
     """
 
     def __init__(self, options: StreamOptions, decoder: Decoder) -> None:
@@ -74,14 +74,14 @@ class StreamDriver:
         self._decoder.opened()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """What came; raises DeviceLost."""
+        """Events decoded from the bytes that arrived; raises DeviceLost."""
         if data := self._decoder.to_send():
             self._transport.write(data)
         try:
             return self._feed(self._transport.read(timeout_s))
         except DeviceLost as lost:
             if lost.over and (rest := self._rest()):
-                return rest  # the next call says that it is over
+                return rest  # the next call raises DeviceLost
             raise
 
     def _feed(self, chunk: Chunk) -> list[Event]:
@@ -101,11 +101,11 @@ class StreamDriver:
         return events
 
     def unread(self) -> list[Chunk]:
-        """The latest of what came since the last event: bytes that the decoder makes nothing of. For the reading thread."""
+        """The latest chunks since the last event: bytes that the decoder cannot decode. For the reading thread only."""
         return list(self._unread)
 
     def close(self) -> None:
-        """Close the transport, ending a read in another thread."""
+        """Close the transport; this ends a read in another thread."""
         self._transport.close()
 
 
@@ -118,9 +118,9 @@ def stream_kind(
     auto: bool = True,
     variants: Callable[[], Sequence[dict[str, Any]]] = lambda: ({},),
 ) -> DriverKind:
-    """The kind of driver that a decoder makes.
+    """Build the DriverKind of a decoder on a transport.
 
-    auto: `bridge scan` tries it on bytes of unknown make, with each of the variants of its options, {} being none.
+    auto: `bridge scan` tries the decoder on unknown bytes, once per option table in `variants` ({} for none).
     """
     return DriverKind(
         name=name,

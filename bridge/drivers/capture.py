@@ -1,4 +1,4 @@
-"""A capture of a device's bytes, or a log by a profile, as the columns of a recording."""
+"""Decodes a capture of a device's bytes, or a text log, into the columns of a recording."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,12 +17,15 @@ from bridge.terminal.plurals import count
 from bridge.toml.loader import nearest
 
 _CHUNK, _SETTLING = 4096, 1 << 16
-#: a decoder that does not know yet whether its device tells time, or at what rate, is fed the beginning again and again
+#: a decoder that does not know yet whether its device has a clock, or its rate, gets the beginning repeatedly
 _NS_A_BYTE, _ROUNDS, _SETTLED_NS = 100_000, 8, 1_000_000_000_000
 
 
 def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Recording:
-    """Decode a capture by a driver, or by a text profile. Raises RecordingError, and ConfigError for no such profile."""
+    """Decode a capture by a driver, or by a text profile.
+
+    Raises RecordingError, and ConfigError for an unknown profile.
+    """
     check_file(path)
     if path.stat().st_size > MAX_BYTES:
         raise RecordingError(f"{path}: {path.stat().st_size} bytes; at most {MAX_BYTES} are taken")
@@ -37,7 +40,7 @@ def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Rec
 
 
 def _decoder(path: Path, driver: str, profile: str, reading: Reading) -> Callable[[], Decoder]:
-    from bridge.drivers import registry  # noqa: PLC0415 - a driver's package may be large
+    from bridge.drivers import registry  # noqa: PLC0415 - a driver's package may be slow to import
     from bridge.drivers.text_profile import TextDecoder  # noqa: PLC0415
     from bridge.text.profile import load_profile  # noqa: PLC0415
 
@@ -52,7 +55,7 @@ def _decoder(path: Path, driver: str, profile: str, reading: Reading) -> Callabl
 
 
 def _decoded(decoder: Decoder, data: bytes) -> tuple[list[Event], list[str]]:
-    """The events of all bytes, and what of them was not understood."""
+    """Decode all bytes; events, and a text for each kind of undecoded data."""
     before = decoder.faults.as_dict()
     decoder.opened()
     events: list[Event] = []
@@ -64,7 +67,7 @@ def _decoded(decoder: Decoder, data: bytes) -> tuple[list[Event], list[str]]:
 
 
 def _settle(decoder: Decoder, start: bytes) -> None:
-    """Feed the beginning until samples come: else those before are dropped, as of a device that was just plugged in."""
+    """Feed the beginning until samples come; otherwise the decoder drops the first ones, as after plugging in."""
     for turn in range(_ROUNDS):
         for at in range(0, len(start), _CHUNK):
             now_ns = (turn * len(start) + at) * _NS_A_BYTE
@@ -114,7 +117,7 @@ def _table(path: Path, who: Identity, parts: list[Readings], faults: list[str], 
 
 
 def _unwrapped(ticks: NDArray[np.unsignedinteger], bits: int) -> Floats:
-    """Ticks (n,) as float64, the wraps of a counter of so many bits undone."""
+    """Ticks (n,) as float64, unwrapped at 2**bits."""
     steps = np.diff(ticks.astype(np.float64))
     most = 2.0**bits
     steps[steps < -most / 2] += most

@@ -1,6 +1,6 @@
-"""The contract of a driver: what a device says, as events, whatever carries it.
+"""The driver contract: a driver turns a device's data into events, over any transport.
 
-A driver opens its device, reads, and closes. It knows nothing of the bus, of clocks or of gaps: `intake` does that for all.
+A driver opens its device, reads it and closes it. The bus, clocks and gaps are the business of `bridge.ingest.intake`.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,11 +18,12 @@ from bridge.wire.refusal import Tally
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who the device is, said at boot and again at any time; the same boot may be told again.
+    """A device's identity, sent at boot; the same boot may be announced again at any time.
 
-    tick_bits: width of the device's tick counter, for unwrapping; sequence_bits likewise.
-    has_clock: False where the device tells no time: its ticks are then a count of its samples, its rate a promise; time is
-    made of them by the intake.
+    tick_bits, sequence_bits: widths of the device's tick counter and sequence number, for unwrapping.
+    has_clock: False for a device without a clock. Its ticks then count samples, rate_hz is only nominal, and the intake
+    derives the sample times.
+    gyro_range: full-scale range in rad/s, 0 if unknown.
     """
 
     boot: int
@@ -41,10 +42,12 @@ class Identity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """n consecutive samples as the device sent them: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,).
+    """n consecutive samples as the device sent them, not yet validated.
 
-    ticks (n,) and sequence are as sent, wrapping at Identity's widths. clipped (n,): whose rates are beyond its range, as the
-    device itself says; None: of none. receive_time_ns is by `host_time.now_ns`, a clock that nobody sets. Not yet validated.
+    gyro (n, 3) in rad/s, accel (n, 3) in m/s², temperature_c (n,) in °C.
+    ticks (n,) and sequence are as sent; they wrap at the widths in Identity.
+    clipped (n,): samples that the device itself reports as beyond its range; None if it reports none.
+    receive_time_ns is from `host_time.now_ns`, a clock that is never set.
     """
 
     boot: int
@@ -59,7 +62,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """How full the device's battery is, 0 to 100 %."""
+    """The charge of the device's battery, 0 to 100 %."""
 
     percent: float
     charging: bool = False
@@ -67,9 +70,9 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """What a person should know of the device: its own messages, settings that disturb.
+    """A message about the device for people: the device's own messages, or settings that disturb the measurement.
 
-    A later notice of the same name replaces it; said None: it is no longer so.
+    A later notice of the same name replaces this notice; said=None withdraws it.
     """
 
     name: str
@@ -80,9 +83,10 @@ Event = Identity | Readings | Battery | Notice
 
 
 class Driver(Protocol):
-    """One device. `faults` counts what it could not understand, by label; it lives as long as the driver.
+    """The interface of a driver for one device.
 
-    place: where the device is, for people: a port, a file.
+    faults: counts the data the driver could not decode, by label, over the driver's life.
+    place: where the device is, for people: a port or a file.
     """
 
     faults: Tally
@@ -92,21 +96,23 @@ class Driver(Protocol):
         """Open the device; raises DeviceUnavailable."""
 
     def read(self, timeout_s: float) -> list[Event]:
-        """What came, waiting at most timeout_s for the first of it; raises DeviceLost. Called from one thread."""
+        """Events that arrived, waiting at most timeout_s for the first; raises DeviceLost. Called from one thread."""
 
     def close(self) -> None:
-        """Close; never raises, a second close does nothing. May be called from another thread to end a read."""
+        """Close the device; never raises, and may be repeated. Another thread may call close to end a read."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriverKind:
-    """A kind of driver, under the name the configuration calls it by.
+    """A kind of driver, under its name in the configuration.
 
-    summary: one line for people. options: the Struct of what it takes beside `id` and `driver`; `make` and `state` are
-    given one. state says in a few words whether the device could be opened now, without opening it. decoder makes what
-    understands its bytes, of options or of None; without one, unknown bytes are not tried as its. variants: what options,
-    beside port and baud, to try on unknown bytes, one table each, where the bytes alone do not say; decoder is then given
-    those.
+    summary: one line for people.
+    options: the Struct of the settings besides `id` and `driver`; `make` and `state` take an instance.
+    state: says in a few words whether the device could be opened now, without opening the device.
+    decoder: makes the protocol's decoder, from options or from None. A kind without a decoder is left out when `bridge
+    scan` identifies unknown bytes.
+    variants: option tables, besides port and baud, to try on unknown bytes whose protocol alone does not decide; the
+    decoder then gets those options.
     """
 
     name: str

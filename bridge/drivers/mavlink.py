@@ -1,7 +1,9 @@
-"""A flight controller, or whatever else speaks MAVLink; pymavlink (the extra `mavlink`) does all parsing and checking.
+"""Driver for flight controllers and other devices that speak MAVLink.
 
-Read are HIGHRES_IMU, SCALED_IMU and RAW_IMU, the best that a device sends (https://mavlink.io/en/messages/common.html).
-RAW_IMU is "without any scaling", so nobody knows its units, but ArduPilot's, which are SCALED_IMU's. The first sensor only.
+pymavlink (the extra `mavlink`) does all parsing and checking.
+Messages read are HIGHRES_IMU, SCALED_IMU and RAW_IMU, the best that a device sends
+(https://mavlink.io/en/messages/common.html). RAW_IMU is "without any scaling": its units are unknown except for
+ArduPilot, which uses SCALED_IMU's. Only the first sensor is read.
 """
 
 import importlib.util
@@ -17,12 +19,12 @@ from bridge.wire.refusal import Tally
 NEEDS: Final = "needs pip install 'truerate[mavlink]'"
 BAD_FRAME, OTHER_SYSTEM, OTHER_MESSAGE, NOT_NEW = "frame_bad", "other_system", "other_message", "gyro_not_new"
 SEVERAL: Final = "several_systems"
-_RANKS: Final = ("RAW_IMU", "SCALED_IMU", "HIGHRES_IMU")  # ever better
+_RANKS: Final = ("RAW_IMU", "SCALED_IMU", "HIGHRES_IMU")  # from worst to best
 _CLOCKS: Final = {"RAW_IMU": (1e-6, 64), "SCALED_IMU": (1e-3, 32), "HIGHRES_IMU": (1e-6, 64)}
 _MILLI_G: Final = 9.80665e-3
-_GYRO_NEW, _TEMPERATURE_NEW = 0b111000, 1 << 12  # of HIGHRES_IMU's fields_updated
+_GYRO_NEW, _TEMPERATURE_NEW = 0b111000, 1 << 12  # bits of HIGHRES_IMU's fields_updated
 _ARDUPILOT: Final = 3
-_MAX_SYSTEMS: Final = 8  # named to people
+_MAX_SYSTEMS: Final = 8  # named in a notice
 
 
 def available() -> bool:
@@ -31,7 +33,10 @@ def available() -> bool:
 
 
 class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where it is; `system`: whose messages are read, where several are heard on one port (0: the first that sends any)."""
+    """Options of a MAVLink device.
+
+    system: id of the system to read where one port carries several; 0 takes the first that sends inertial messages.
+    """
 
     system: int = 0
 
@@ -44,39 +49,39 @@ class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class MavlinkDecoder:
-    """The decoder of one system's inertial messages. A boot is a clock that went back, as for every device without a word.
+    """Decoder of one system's inertial messages. A boot is detected by a clock that went back.
 
-    Whose messages they are is settled by the first, and stays: another device on the line is not to pass for this one.
+    The first message settles the system, so that another device on the line cannot be mistaken for this one.
     """
 
     def __init__(self, system: int = 0) -> None:
-        from pymavlink.dialects.v20 import common  # noqa: PLC0415 - an extra
+        from pymavlink.dialects.v20 import common  # noqa: PLC0415 - optional extra
 
         self.faults = Tally()
         self._dialect = common
         self._system = system
         self._component: int | None = None
-        self._heard: dict[int, None] = {}  # systems that send inertial messages, in the order of their first
+        self._heard: dict[int, None] = {}  # systems that send inertial messages, in the order of their first message
         self._said: Sentence | None = None
         self._autopilot = 0
         self._message = ""
         self._about = DeviceDescription(model="MAVLink")
-        self._assembly = SampleAssembler(self.faults, self._about, None)  # replaced by the first message
-        self._held = 0  # samples it has not told of yet
+        self._assembly = SampleAssembler(self.faults, self._about, None)  # replaced at the first message
+        self._held = 0  # samples not yet returned as events
         self._has_temperature = False
         self._parser = self._new_parser()
 
     def opened(self) -> None:
-        """Begin anew, with the same system."""
+        """Reset the parser for a newly opened port; the system stays the same."""
         self._parser = self._new_parser()
         self._assembly.opened()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events these bytes complete, in order."""
+        """The events completed by these bytes, in order."""
         parser = self._parser
         for message in parser.parse_buffer(data) or ():
             self._take(message, receive_time_ns)
-        if parser.buf_index:  # it frees what it has read only when nothing is left
+        if parser.buf_index:  # the parser frees read bytes only when its buffer is empty
             del parser.buf[: parser.buf_index]
             parser.buf_index = 0
         events = self._assembly.events()
@@ -85,12 +90,12 @@ class MavlinkDecoder:
         return events and [*self._notices(), *events]
 
     def finish(self) -> list[Event]:
-        """What is held at the end."""
+        """The remaining events at the end."""
         events = self._assembly.finish()
         return events and [*self._notices(), *events]
 
     def to_send(self) -> bytes:
-        """Nothing: who listens does not command."""
+        """Nothing: this driver sends no commands."""
         return b""
 
     def _new_parser(self) -> Any:
@@ -114,7 +119,7 @@ class MavlinkDecoder:
             self._know(replace(self._about, firmware=f"{major}.{minor}.{patch}"))
 
     def _is_ours(self, message: Any) -> bool:
-        """Whether an inertial message is of the system we read; the first settles it."""
+        """Whether an inertial message is of the selected system; the first message selects it."""
         system = message.get_srcSystem()
         if len(self._heard) < _MAX_SYSTEMS:
             self._heard[system] = None
@@ -130,7 +135,7 @@ class MavlinkDecoder:
         return bool(message.get_srcSystem() == self._system and message.get_srcComponent() in {self._component, None})
 
     def _is_best(self, kind: str) -> bool:
-        """Whether no better message is sent than this one; a better one begins anew, as its clock is another."""
+        """Whether no better kind of message is sent; a better kind restarts the assembly, because its clock differs."""
         unknown = kind == "RAW_IMU" and self._autopilot != _ARDUPILOT
         if unknown or (self._message and _RANKS.index(kind) < _RANKS.index(self._message)):
             self.faults.add(OTHER_MESSAGE)
@@ -145,7 +150,7 @@ class MavlinkDecoder:
         rates = (message.xgyro, message.ygyro, message.zgyro)
         forces = (message.xacc, message.yacc, message.zacc)
         if kind == "HIGHRES_IMU":
-            new = message.fields_updated  # 0 where the sender does not say
+            new = message.fields_updated  # 0 where the sender does not fill it in
             if message.id or (new and new & _GYRO_NEW != _GYRO_NEW):
                 self.faults.add(NOT_NEW if not message.id else OTHER_MESSAGE)
                 return

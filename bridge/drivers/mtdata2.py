@@ -1,4 +1,4 @@
-"""An Xsens (Movella) motion tracker that sends MTData2: MTi 1-, 10-, 100- and 600-series."""
+"""Driver for Xsens (Movella) motion trackers that send MTData2: MTi 1-, 10-, 100- and 600-series."""
 
 from math import radians
 
@@ -18,15 +18,17 @@ MISSING, CLIPPED = "missing_messages", "clipped_by_its_own_word"
 TICK_S = 1e-4
 _MODEL = "Xsens MT"
 _COUNTS = 1 << 16
-_REORDERED = _COUNTS // 2  # beyond, a count has gone back
-_BITS = 620  # a message as it is told to be, ten bits a byte
+_REORDERED = _COUNTS // 2  # a larger step means that the counter went back
+_BITS = 620  # of a message with the configured output, ten bits per byte
 _NO_RATE = 200  # messages
 
 
 class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """ask: who it is, for which it stops measuring for a moment. rate_hz: what it is told to send, and keeps; 0: nothing.
+    """Options of an Xsens motion tracker.
 
-    gyro_range_dps: its full scale, where it is known.
+    ask: query the identity, for which the device stops measuring for a moment.
+    rate_hz: output data rate to set, which the device keeps; 0 leaves the output as it is.
+    gyro_range_dps: full-scale range in °/s, if known.
     """
 
     ask: bool = False
@@ -45,7 +47,10 @@ class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class MtData2Decoder:
-    """The decoder. Without options it listens only. Samples are dropped, and counted, until it is clear whether it tells time."""
+    """Decoder of MTData2; without options it only listens.
+
+    Samples are dropped and counted until it is clear whether the device sends its time.
+    """
 
     def __init__(self, options: MtData2Options | None = None) -> None:
         self.faults = Tally()
@@ -60,19 +65,19 @@ class MtData2Decoder:
         self.opened()
 
     def opened(self) -> None:
-        """Ask everything anew."""
+        """Reset for a newly opened port, and query the device anew if configured."""
         self._messages.opened()
         if self._assembly is not None:
             self._assembly.opened()
         self._counter: int | None = None
-        self._before: tuple[int, int] | None = None  # time and count of the message before
-        self._step = 0  # ticks between two messages
-        self._lost = 0  # messages since the last sample
+        self._before: tuple[int, int] | None = None  # time and counter of the previous message
+        self._step = 0  # ticks from one message to the next
+        self._lost = 0  # messages lost since the last sample
         if self._asks:
             self._settings.begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events these bytes complete, in order."""
+        """The events completed by these bytes, in order."""
         events: list[Event] = []
         for message in self._messages.feed(data):
             events += self._took(message, receive_time_ns)
@@ -80,7 +85,7 @@ class MtData2Decoder:
         return events + ([] if self._assembly is None else self._assembly.events())
 
     def finish(self) -> list[Event]:
-        """What is held at the end."""
+        """The remaining events at the end."""
         return [] if self._assembly is None else self._assembly.finish()
 
     def to_send(self) -> bytes:
@@ -101,13 +106,13 @@ class MtData2Decoder:
             return []
         notices = self._settings.answered(message)
         if message.kind == mtdata2.GOTO_MEASUREMENT + 1:
-            self._counter = None  # which begins anew
+            self._counter = None  # the counter restarts
         if self._assembly is not None:
             self._assembly.about = self._about()
         return notices
 
     def _woke(self) -> None:
-        """It has booted."""
+        """Handle the WakeUp message: the device has booted."""
         self._counter, self._lost = None, 0
         if self._assembly is not None:
             self._assembly.rebooted()
@@ -148,7 +153,7 @@ class MtData2Decoder:
         return notices
 
     def _with_rate(self, data: Data) -> Data:
-        """Its rate and acceleration, from Δq and Δv and the time since the message before where it sends no others."""
+        """Data with rate and acceleration from Δq, Δv and the time since the previous message, where it has no direct rate."""
         if data.gyro is not None or data.turned is None or data.time is None:
             return data
         before, self._before = self._before, (data.time, data.counter or 0)
@@ -163,7 +168,7 @@ class MtData2Decoder:
         return data._replace(gyro=gyro, accel=accel)
 
     def _count(self, counter: int | None) -> None:
-        """Follow the count of messages."""
+        """Follow the message counter, and count missing messages."""
         if counter is None:
             return
         if self._counter is not None:

@@ -1,6 +1,6 @@
-"""What an Xsens motion tracker is asked and told. Time is an argument.
+"""Queries and settings of an Xsens motion tracker. Pure: time is an argument.
 
-In its config state, which it is called into and sent out of again; what it is told it keeps, power or not.
+Queries need the config state, which is entered first and left afterwards. The device keeps its settings without power.
 """
 
 from bridge.drivers.driver import Notice
@@ -11,13 +11,14 @@ from bridge.reasons.codes import Code
 
 _ASKED = (mtdata2.REQ_PRODUCT, mtdata2.REQ_DEVICE, mtdata2.REQ_FIRMWARE)
 _AGAIN_S, _TIMES = 0.5, 5
-_ALWAYS = 0xFFFF  # in every message
+_ALWAYS = 0xFFFF  # output frequency that means: in every message
 _WARMTH_HZ = 10
 
 
 class Settings:
-    """One device's. rate_hz: what it is to send, 0 for what it sends.
+    """State of one device's queries and settings.
 
+    rate_hz: output data rate to set, 0 to leave it.
     model, firmware, sends_hz: empty and 0 until answered.
     """
 
@@ -29,15 +30,15 @@ class Settings:
 
     @property
     def settled(self) -> bool:
-        """Nothing is waited for."""
+        """Whether no answer is pending, or the queries were given up."""
         return self._given_up or self._requests.key is None
 
     def begin(self, *, woken: bool = False) -> None:
-        """Ask and set everything: the device was opened, or has booted and said so."""
+        """Query and set everything: the device was opened, or reported a boot (woken)."""
         self._given_up = False
         self._requests.clear()
         if woken:
-            self._requests.tell(encode(mtdata2.WAKE_UP_ACK))  # else it would begin to measure
+            self._requests.tell(encode(mtdata2.WAKE_UP_ACK))  # otherwise the device would start to measure
         for kind in (mtdata2.GOTO_CONFIG, *_ASKED):
             self._requests.add(kind, encode(kind))
         if self._wanted_hz:
@@ -45,15 +46,15 @@ class Settings:
         self._back()
 
     def command(self) -> bytes:
-        """The next one to send; empty if none."""
+        """The next command to send; empty if none."""
         return self._requests.command()
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Ask what is open, for the first time or again; what is not answered is given up, but never the way back."""
+        """Send or repeat the open query; unanswered queries are given up, but never the return to measurement."""
         return self._failed(Code.REQUEST_UNANSWERED) if self._requests.passed(now_ns) else []
 
     def answered(self, message: Message) -> list[Notice]:
-        """A message that is no data."""
+        """Handle a message that is not data."""
         kind = self._requests.key
         if kind is not None and message.kind == mtdata2.ERROR:
             return self._failed(Code.REQUEST_REFUSED, error=message.data.hex())
@@ -72,7 +73,7 @@ class Settings:
         return []
 
     def measures(self) -> None:
-        """It sent data: where it was given up, it is left at that."""
+        """Note that the device sent data: after giving up, no more commands are sent."""
         if self._given_up:
             self._requests.clear()
 
@@ -87,7 +88,7 @@ class Settings:
         return [Notice("settings", code(request=f"{kind:02X}", **params))]
 
     def _output(self) -> bytes:
-        """All that is of use, and nothing else."""
+        """Output configuration with the useful data only."""
         rate_hz = round(self._wanted_hz)
         wanted = {
             mtdata2.PACKET_COUNTER: _ALWAYS,
@@ -101,7 +102,7 @@ class Settings:
 
 
 def _rate_in(data: bytes) -> float:
-    """The rate of turn's, in what the device says that it will send."""
+    """Output data rate of the rate of turn, from an output configuration, in Hz; 0 if not given."""
     for at in range(0, len(data) - 3, 4):
         if int.from_bytes(data[at : at + 2], "big") & 0xFFF0 == mtdata2.RATE_OF_TURN:
             rate_hz = int.from_bytes(data[at + 2 : at + 4], "big")

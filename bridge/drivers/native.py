@@ -1,4 +1,4 @@
-"""A device that speaks the native serial protocol of bridge/framing."""
+"""Driver for devices that speak truerate's own serial protocol (`bridge.framing.packets`)."""
 
 from collections import deque
 
@@ -10,12 +10,12 @@ from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 
 ASK = frame(packets.encode_identify())
-_MAX_HELD = 64  # packets kept while nobody has said whose they are: over a second at the usual 50 a second
+_MAX_HELD = 64  # packets of an unknown boot that are kept: over a second at the usual 50 a second
 _ASK_AGAIN = 16  # packets
 
 
 class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """rate_hz: what the device is told to send; 0: what it sends is left as it is."""
+    """Options of the native driver. rate_hz: output data rate to set on the device; 0 leaves the device's rate unchanged."""
 
     rate_hz: float = 0.0
 
@@ -26,36 +26,36 @@ class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class NativeDecoder:
-    """The decoder of the native protocol; it sends ASK when it needs to know whose the packets are, and a rate where chosen.
+    """Decoder of the native protocol; sends an identify request for an unknown boot, and the configured rate.
 
-    Readings come out after the identity of their boot only. Packets of an unknown boot are held back, and the device is
-    asked; what cannot be held, or turns out to be of another boot, is counted in `faults` by samples.
+    Readings come out only after the identity of their boot. Packets of an unknown boot are held while the device is
+    asked. Samples that cannot be held, or belong to yet another boot, are counted in `faults`.
     """
 
     def __init__(self, rate_hz: float = 0.0) -> None:
         self.faults = Tally()
         self._wanted_hz = rate_hz
-        self._held: deque[tuple[packets.Data, int]] = deque()  # and when they came
+        self._held: deque[tuple[packets.Data, int]] = deque()  # packet, receive time in ns
         self.opened()
 
     def opened(self) -> None:
-        """Begin anew, with a question."""
+        """Reset for a newly opened port, and request the identity."""
         self._ask = True
         self._deframer = Deframer()
         self._deframer.faults = self.faults
         self._boot: int | None = None
         self.finish()
         self._unknown = 0  # packets of an unknown boot since the last HELLO
-        self._tell = False  # the rate
+        self._tell = False  # the rate is to be sent
 
     def finish(self) -> list[Event]:
-        """Nothing more comes that says whose the held packets are."""
+        """Count the held packets as lost: no identity can follow."""
         held, self._held = self._held, deque()
         self._forget(sum(len(data.ticks) for data, _ in held))
         return []
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events these bytes complete, in order."""
+        """The events completed by these bytes, in order."""
         events: list[Event] = []
         for payload in self._deframer.feed(data):
             try:
@@ -70,7 +70,7 @@ class NativeDecoder:
         return events
 
     def to_send(self) -> bytes:
-        """ASK, and the rate, when it is time."""
+        """The identify request and the rate command, when due; each is returned once."""
         ask, self._ask = self._ask, False
         tell, self._tell = self._tell, False
         return (ASK if ask else b"") + (frame(packets.encode_rate(self._wanted_hz)) if tell else b"")
@@ -103,7 +103,7 @@ class NativeDecoder:
         if len(self._held) == _MAX_HELD:
             self._forget(len(self._held.popleft()[0].ticks))
         self._held.append((data, receive_time_ns))
-        # At the first packet of an unknown boot, and again if no answer comes.
+        # Ask at the first packet of an unknown boot, and again if no answer comes.
         if self._unknown % _ASK_AGAIN == 0:
             self._ask = True
         self._unknown += 1
@@ -115,7 +115,7 @@ class NativeDecoder:
 
 
 def _readings(data: packets.Data, receive_time_ns: int, hello: packets.Hello) -> Readings:
-    """The columns that are real."""
+    """Readings of a data packet, with only the columns that the device measures."""
     return Readings(
         data.boot,
         data.sequence,

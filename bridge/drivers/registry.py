@@ -1,4 +1,4 @@
-"""The drivers by name: ours, and those that installed packages offer as entry points of the group `truerate.drivers`."""
+"""Registry of drivers by name: built-in drivers, and entry points of the group `truerate.drivers`."""
 
 import functools
 import logging
@@ -8,7 +8,7 @@ from importlib import import_module
 from bridge.drivers.driver import DriverKind
 
 GROUP = "truerate.drivers"
-#: ours, each in the module of its name, which is loaded when it is asked for
+#: built-in drivers, each in the module of the same name, imported on first use
 OURS = ("native", "ximu3", "witmotion", "mtdata2", "text_profile", "mavlink", "replayed", "simulated")
 
 _log = logging.getLogger(__name__)
@@ -30,7 +30,7 @@ _KINDS = _Kinds()
 
 
 def kinds() -> Mapping[str, DriverKind]:
-    """Every driver by name, ours first."""
+    """All drivers by name, built-in drivers first."""
     return _KINDS
 
 
@@ -41,14 +41,17 @@ def _ours(name: str) -> DriverKind:
 
 @functools.cache
 def foreign() -> dict[str, DriverKind]:
-    """Drivers of others. One that cannot be loaded, or takes a name of ours, is left out with a warning."""
-    from importlib.metadata import entry_points  # noqa: PLC0415 - a ward of our own drivers is not kept waiting by it
+    """Drivers of other packages, by name.
+
+    A driver that cannot be loaded, or whose name is taken, is left out with a warning.
+    """
+    from importlib.metadata import entry_points  # noqa: PLC0415 - slow, and not needed for built-in drivers
 
     found: dict[str, DriverKind] = {}
     for entry in entry_points(group=GROUP):
         try:
             kind = entry.load()
-        except Exception as error:  # noqa: BLE001 - code of others must not stop ours
+        except Exception as error:  # noqa: BLE001 - a faulty foreign driver must not stop the others
             _log.warning("driver %s (%s) cannot be loaded: %s", entry.name, entry.value, error)
             continue
         if not isinstance(kind, DriverKind) or kind.name in (*OURS, *found):

@@ -1,4 +1,4 @@
-"""Segments of a replay: the samples of one boot, their device, and when each is due."""
+"""Replay segments: the samples of one boot, their device's identity, and when each sample is due."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -12,12 +12,15 @@ from bridge.recording.stretches import Stretch
 from bridge.wire.messages import BootCause
 
 _BOOTS = 2**64
-_ODD = 0x9E3779B97F4A7C15  # tells apart the stretches of one boot
+_ODD = 0x9E3779B97F4A7C15  # makes different boot numbers for the stretches of one boot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplaySegment:
-    """n samples: due_s (n,) never falls, seconds since the playback began; the columns are as in driver.Readings."""
+    """n samples of one boot to replay.
+
+    due_s (n,): seconds since the playback began, never falling. The other columns are as in driver.Readings.
+    """
 
     identity: Identity
     due_s: NDArray[np.float64]
@@ -32,7 +35,7 @@ class ReplaySegment:
 
     @classmethod
     def of_recording(cls, recording: Recording, boot: int, gyro_range: float = 0.0) -> Self:
-        """A recording that knows no boot: this one begins as it is opened."""
+        """Segment of a recording without boots: its boot begins as the recording is opened."""
         identity = Identity(
             boot=boot,
             boot_cause=BootCause.PORT_OPENED,
@@ -51,9 +54,10 @@ class ReplaySegment:
 
     @classmethod
     def of_stretch(cls, stretch: Stretch, begin_ns: int, salt: int, gyro_range: float = 0.0) -> Self:
-        """A boot of a ward's recording that began at begin_ns, host time; its boot number is another in every playback.
+        """Segment of one boot of a ward's recording.
 
-        Subscribers would take the samples of a boot they know for repeats.
+        begin_ns: host time at which the recording began. salt: makes the boot number differ in every playback;
+        otherwise subscribers would take the samples for repeats.
         """
         info = stretch.info
         identity = Identity(

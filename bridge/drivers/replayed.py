@@ -1,6 +1,6 @@
-"""A recording played as if it were a device, without a port: at its own pace, or `speed` times that.
+"""Driver that plays a recording as a device, without a port, at `speed` times its own pace.
 
-Of a ward's recording (.mcap) each driver plays one device; all that were opened together go on together, as they were.
+From a ward's recording (.mcap) each driver plays one device. Devices opened together keep their relative timing.
 """
 
 import functools
@@ -29,15 +29,15 @@ from bridge.wire.refusal import Tally
 
 _MAX_CHUNK = 4096  # samples
 _READING = [one.name for one in fields(Reading) if one.name not in {"device", "accel_file"}]
-_SALT = secrets.randbits(64)  # one for all devices of a playback: who shared a boot number still does
+_SALT = secrets.randbits(64)  # one for all devices of a playback, so that devices sharing a boot number still share it
 _reading = threading.Lock()
 _log = logging.getLogger(__name__)
 
 
 class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The recording, how many times faster than it was, and what its file does not say, as in recording.Reading.
+    """Options of a replay: file, speed, and properties missing in the file, as in recording.Reading.
 
-    recorded_device: whom of a .mcap to play, where it has several.
+    recorded_device: the device of a .mcap to play, if there are several.
     """
 
     file: str
@@ -65,27 +65,27 @@ class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Playback:
-    """What of some takes is due: pure, host seconds since the start are an argument."""
+    """The due samples of replay segments. Pure: host seconds since the start are an argument."""
 
     def __init__(self, takes: Sequence[ReplaySegment], speed: float) -> None:
         self._takes = [take for take in takes if len(take)]
         self._speed = speed
-        self._at = 0  # which take
-        self._next = 0  # which of its samples
+        self._at = 0  # index of the segment
+        self._next = 0  # index of its next sample
 
     @property
     def over(self) -> bool:
-        """Everything has been played."""
+        """Whether everything has been played."""
         return self._at >= len(self._takes)
 
     def wait_s(self, elapsed_s: float) -> float:
-        """Host seconds until the next sample is due; 0 when it is, or all is over."""
+        """Host seconds until the next sample is due; 0 if a sample is due, or at the end."""
         if self.over:
             return 0.0
         return max(0.0, float(self._takes[self._at].due_s[self._next]) / self._speed - elapsed_s)
 
     def due(self, elapsed_s: float, receive_time_ns: int) -> list[Event]:
-        """What is due by elapsed_s of one boot, in runs of consecutive samples; who it is, ahead of its first."""
+        """Events of one boot due by elapsed_s, in runs of consecutive samples; the identity precedes the first run."""
         if self.over or self.wait_s(elapsed_s):
             return []
         take, first = self._takes[self._at], self._next
@@ -113,7 +113,7 @@ def _run(take: ReplaySegment, part: slice, receive_time_ns: int) -> Readings:
 
 
 def devices(path: Path) -> list[str]:
-    """The devices of a ward's recording; raises RecordingError when it cannot be played."""
+    """Device ids in a ward's recording; raises RecordingError if it cannot be played."""
     found = list(_recorded(path).stretches)
     if not found:
         raise RecordingError(f"{path}: there are no samples in it")
@@ -158,7 +158,7 @@ def _takes(options: ReplayedOptions) -> list[ReplaySegment]:
 
 
 class ReplayedDriver:
-    """A playback with a clock."""
+    """Driver that plays a recording by the host's clock."""
 
     def __init__(self, options: ReplayedOptions) -> None:
         self.faults = Tally()
@@ -179,7 +179,7 @@ class ReplayedDriver:
         self._closed.clear()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """What is due; at the end DeviceLost, for good."""
+        """Events that are due; raises DeviceLost for good at the end."""
         playback = self._playback
         if playback is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -189,7 +189,7 @@ class ReplayedDriver:
         return playback.due(time.monotonic() - self._start_s, host_time.now_ns())
 
     def close(self) -> None:
-        """Stop playing, ending a read in another thread."""
+        """Stop playing; this ends a read in another thread."""
         self._closed.set()
         self._playback = None
 

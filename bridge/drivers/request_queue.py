@@ -1,4 +1,4 @@
-"""Requests to a device: one at a time, each sent again until it is answered. Pure: time is an argument."""
+"""Queue of requests to a device: one open at a time, repeated until answered. Pure: time is an argument."""
 
 from collections import deque
 from typing import NamedTuple
@@ -10,9 +10,11 @@ class _Request(NamedTuple):
 
 
 class RequestQueue:
-    """A queue of requests. again_s: how long an answer is waited for; times: how often a request is sent before it is given up.
+    """Requests to a device, sent one at a time and repeated until answered.
 
-    spacing_s: what the device needs between two commands.
+    again_s: seconds to wait for an answer before sending again.
+    times: sends before a request is given up.
+    spacing_s: minimum seconds between two commands.
     """
 
     def __init__(self, again_s: float, times: int, spacing_s: float = 0.0) -> None:
@@ -22,37 +24,37 @@ class RequestQueue:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all that is open."""
+        """Discard all requests and commands."""
         self._open: deque[_Request] = deque()
         self._commands: deque[bytes] = deque()
         self._sent = self._asked_ns = 0
 
     @property
     def key(self) -> int | str | None:
-        """Of the request whose answer is waited for, or that is to be sent next; None: all are answered."""
+        """Key of the open request, waiting for its answer or next to be sent; None if all are answered."""
         return self._open[0].key if self._open else None
 
     @property
     def sending(self) -> bool:
-        """Commands wait to be sent."""
+        """Whether commands wait to be sent."""
         return bool(self._commands)
 
     def add(self, key: int | str, *commands: bytes) -> None:
-        """Make a request of some commands; one that is waiting under the same key is enough."""
+        """Queue a request of one or more commands, unless a request of the same key already waits."""
         if all(request.key != key for request in list(self._open)[1 if self._sent else 0 :]):
             self._open.append(_Request(key, commands))
 
     def tell(self, *commands: bytes) -> None:
-        """Send commands that are not answered."""
+        """Queue commands that are not answered."""
         self._commands += commands
 
     def answered(self) -> None:
-        """The answer came: go on with the next."""
+        """Close the open request: its answer came."""
         self._open.popleft()
         self._sent = 0
 
     def passed(self, now_ns: int) -> bool:
-        """Send what is due at now_ns. Whether the open request was sent often enough, and is given up."""
+        """Queue the commands due at now_ns; True if the open request was sent `times` times and is to be given up."""
         self._now_ns = now_ns
         if not self._open or self._commands or (self._sent and 0 <= now_ns - self._asked_ns < self._again_ns):
             return False
@@ -64,7 +66,7 @@ class RequestQueue:
         return False
 
     def command(self) -> bytes:
-        """The next command to send; empty if none, or if the device has not had the time for the last one."""
+        """The next command to send; empty if there is none, or if spacing_s since the last command has not passed."""
         if not self._commands or (self._sent_ns and self._now_ns - self._sent_ns < self._spacing_ns):
             return b""
         self._sent_ns = self._now_ns

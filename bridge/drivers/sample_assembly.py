@@ -1,4 +1,4 @@
-"""Identities and readings for a device that numbers neither boots nor samples."""
+"""Builds identities and readings for a device that numbers neither boots nor samples."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,22 +12,23 @@ from bridge.wire.refusal import Tally
 
 Vector = tuple[float, float, float]
 ODD_TIME, RATE_CHANGED, STANDS_STILL = "odd_time", "rate_changed", "clock_stands_still"
-_STEPS = 32  # between samples, before a rate is believed
-_MOST_HELD = 1024  # until one is known: a clock that has not gone on by then does not
-_CHANGED = 0.15  # of the rate
-_MISSING = 1.75  # periods: beyond, a sample is missing between two
-_NOMINAL = 0.01  # of the rate: an oscillator errs by less
+_STEPS = 32  # tick steps between samples before a measured rate is used
+_MOST_HELD = 1024  # samples held until the rate is known; by then a working clock has moved
+_CHANGED = 0.15  # relative change of the rate that counts as a new rate
+_MISSING = 1.75  # periods; a longer step means a missing sample
+_NOMINAL = 0.01  # relative; oscillator errors are smaller
 _MAX_BATCH = 256
 _LARGEST = 1 << 64
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceDescription:
-    """What is known of a device beside its samples. rate_hz 0: measured by its clock, or guessed where it has none.
+    """A device's properties that are not in its samples.
 
-    gyro_range: rad/s, 0 when unknown.
-    divided_hz: a measured rate that is this divided by a whole number is told as that: no two boots measure the same, and
-    a calibration is found again by its rate.
+    rate_hz: 0 if to be measured by the device's clock; guessed_rate_hz is used where the device has no clock.
+    gyro_range: full-scale range in rad/s, 0 when unknown.
+    divided_hz: a measured rate close to divided_hz / n (n whole) is reported as exactly that. No two boots measure the
+    same rate, and a stored calibration is looked up by rate.
     """
 
     model: str
@@ -44,7 +45,7 @@ class _Sample(NamedTuple):
     accel: Vector | None
     temperature_c: float | None
     receive_time_ns: int
-    missing: int  # before it, where no clock tells
+    missing: int  # samples missing before this one, for devices without a clock
     clipped: bool
 
     @property
@@ -53,10 +54,11 @@ class _Sample(NamedTuple):
 
 
 class SampleAssembler:
-    """Takes one sample after another; `events` gives what they are, once.
+    """Turns single samples into identities and readings; `events` returns each event once.
 
-    `about` may be replaced at any time and is then told anew. tick_period_s is that of the device's clock, None where it
-    has none; it wraps at 2**tick_bits. By the clock a missing sample is known, and has a number; without, nobody knows.
+    `about` may be replaced at any time; the identity is then announced again.
+    tick_period_s: seconds per tick of the device's clock, None without a clock. The clock wraps at 2**tick_bits.
+    With a clock, a missing sample is detected and takes up a sequence number; without a clock it goes unseen.
     Samples are held until the rate is known.
     """
 
@@ -77,15 +79,15 @@ class SampleAssembler:
         self._begin()
 
     def opened(self) -> None:
-        """The way to the device was opened (again)."""
+        """Note that the port was opened (again)."""
         self._boots.opened()
 
     def rebooted(self) -> None:
-        """The device said that it has booted."""
+        """Note that the device reported a boot."""
         self._boots.said()
 
     def paced(self, rate_hz: float) -> None:
-        """The device was told to sample at another rate, and from the next sample on it does."""
+        """Set a new sample rate, which the device uses from the next sample on."""
         if self._rate_hz:
             self._flush()
             self._rate_hz = rate_hz
@@ -102,10 +104,11 @@ class SampleAssembler:
         missing: int = 0,
         clipped: bool = False,
     ) -> None:
-        """One sample as the device sent it: tick of its clock (of no meaning where it has none), rad/s, m/s², °C.
+        """Add one sample as the device sent it.
 
-        missing: samples known to be lost before it; where the device has a clock that tells by itself.
-        clipped: by its own word.
+        tick: of the device's clock (ignored without a clock). gyro in rad/s, accel in m/s², temperature_c in °C.
+        missing: samples known to be lost before this sample; the clock tells by itself where there is one.
+        clipped: the device reports this sample as clipped.
         """
         placed = self._boots.observe(tick, receive_time_ns)
         if placed is Time.ODD:
@@ -126,40 +129,40 @@ class SampleAssembler:
             self._steps.clear()
 
     def events(self) -> list[Event]:
-        """What is complete."""
+        """The complete events, each returned once."""
         self._flush()
         events, self._events = self._events, []
         return events
 
     def finish(self) -> list[Event]:
-        """What is left at the end of a stream, be the rate known or not."""
+        """The remaining events at the end of a stream, even if the rate is still unknown."""
         self._finish()
         return self.events()
 
     def _begin(self) -> None:
-        """What is of one boot only."""
+        """Reset the state that belongs to one boot."""
         self._boot, self._cause = self._boots.number, self._boots.cause
         self._last_tick: int | None = None
         self._steps: list[int] = []
         self._held: list[_Sample] = []
-        self._run: list[_Sample] = []  # numbered, without a hole
-        self._run_end = 0  # the number after its last
-        self._sequence = 0  # of the next sample
-        self._numbered_tick = 0  # of the one before it
+        self._run: list[_Sample] = []  # numbered samples without a gap
+        self._run_end = 0  # the sequence number after the last of _run
+        self._sequence = 0  # sequence number of the next sample
+        self._numbered_tick = 0  # tick of the sample before it
         self._told: Identity | None = None
         self._rate_hz = self.about.rate_hz
         if self._period_s is None and not self._rate_hz:
             self._rate_hz = self.about.guessed_rate_hz
 
     def _finish(self) -> None:
-        """Whatever is left of a boot, be its rate known or not."""
+        """Emit the remaining samples of a boot, with the guessed rate if none is known."""
         if not self._rate_hz:
             self._rate_hz = self.about.guessed_rate_hz
         self._number_held()
         self._flush()
 
     def _measure(self, tick: int) -> None:
-        """The rate by the median step; a device may change it as it goes."""
+        """Measure the rate by the median tick step, and follow a device that changes its rate."""
         if self._last_tick is not None and tick > self._last_tick:
             self._steps.append(tick - self._last_tick)
         self._last_tick = tick
@@ -183,7 +186,7 @@ class SampleAssembler:
         for sample in self._held:
             number = self._sequence + self._missing_before(sample)
             if number < 0:
-                self.faults.add(ODD_TIME)  # of a time before the boot's first
+                self.faults.add(ODD_TIME)  # older than the first sample of the boot
                 continue
             run = self._run
             if run and (number != self._run_end or len(run) == _MAX_BATCH or sample.columns != run[-1].columns):
@@ -195,7 +198,7 @@ class SampleAssembler:
         self._held = []
 
     def _missing_before(self, sample: _Sample) -> int:
-        """How many are missing; less than 0 for one that newer ones overtook, which gets the number it should have had."""
+        """Number of samples missing before this one; negative for an overtaken sample, which gets the number it missed."""
         if self._sequence == 0:
             return 0
         if self._period_s is None:
@@ -225,7 +228,7 @@ class SampleAssembler:
         )
 
     def _introduce(self, *, has_accel: bool, has_temperature: bool) -> None:
-        """Say who the device is, at a boot and whenever that is no longer what was told."""
+        """Emit the identity at a boot, and whenever it differs from the one last announced."""
         identity = Identity(
             boot=self._boot,
             boot_cause=self._cause,

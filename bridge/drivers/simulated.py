@@ -1,4 +1,4 @@
-"""A virtual device inside the bridge: the simulator's bytes through the native decoder, without a port."""
+"""Driver for a virtual device inside the bridge: the simulator's bytes through the native decoder, without a port."""
 
 import threading
 import time
@@ -20,10 +20,11 @@ _TURN_S = 0.02
 
 
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The seed decides what the device is and does; speed is how many times faster than life it lives.
+    """Options of a virtual device.
 
-    life: after its calibration, `lively`, a rest of
-    some seconds after each movement, or as on a `ward`: lying, asleep, sitting, walking, in a bed that turns.
+    seed: decides the device's properties and motion. speed: multiple of real time. rate_hz: output data rate.
+    life: the motion after the calibration. `lively`: movements, each followed by a rest of some seconds. `ward`: lying,
+    asleep, sitting, walking, in a bed that turns.
     """
 
     seed: int = 0
@@ -41,7 +42,7 @@ class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class SimulatedDriver:
-    """A virtual device and a clock. `device` is made by the first open and lives on through close and open."""
+    """Driver of a virtual device, timed by the host's clock. The first open makes `device`, which survives close and open."""
 
     def __init__(self, options: SimulatedOptions) -> None:
         self.place = f"simulated, seed {options.seed}"
@@ -53,7 +54,7 @@ class SimulatedDriver:
         self._born_s = 0.0
 
     def open(self) -> None:
-        """Power the device up, the first time."""
+        """Open the device; the first open powers it up."""
         if self.device is None:
             self.device = _made(self._options)
             self._born_s = time.monotonic()
@@ -61,7 +62,7 @@ class SimulatedDriver:
         self._closed.clear()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """What the device said meanwhile; DeviceLost after close."""
+        """Events since the last read; raises DeviceLost after close."""
         if self.device is None or self._closed.wait(min(timeout_s, _TURN_S)):
             raise DeviceLost(Code.CLOSED(place=self.place))
         if ask := self._decoder.to_send():
@@ -70,17 +71,17 @@ class SimulatedDriver:
         return self._decoder.feed(data, host_time.now_ns())
 
     def close(self) -> None:
-        """Stop listening, ending a read in another thread."""
+        """Stop reading; this ends a read in another thread."""
         self._closed.set()
 
 
 def _made(options: SimulatedOptions) -> "VirtualDevice":
-    # Imported late: who reads a ward's file, as an estimator does, has no use for it.
+    # Imported late: other readers of a ward's configuration, such as an estimator, do not need the simulator.
     from bridge.sim.motion_scripts import demo_script  # noqa: PLC0415
     from bridge.sim.virtual_device import demo_device  # noqa: PLC0415
     from bridge.sim.ward_script import ward_script  # noqa: PLC0415
 
-    # Boot numbers are no earlier run's: the bus would take the samples for known ones.
+    # Boot numbers are random: with those of an earlier run, the bus would take the samples for repeats.
     script = {"lively": demo_script, "ward": ward_script}[options.life]
     return demo_device("simulated", options.seed, rate_hz=options.rate_hz, draw_boot=draw_boot, script=script)
 

@@ -1,4 +1,4 @@
-"""Devices that print lines, each described by a profile (`bridge/text/profile.py`): a header row, banners, samples."""
+"""Driver for devices that print lines, each described by a profile (`bridge/text/profile.py`): header row, banners, samples."""
 
 import math
 import re
@@ -23,15 +23,18 @@ from bridge.wire.refusal import Tally
 LINE_TOO_LONG, LINE_BEGUN, LINE_CUT, BANNER_ODD = "line_too_long", "line_begun", "line_cut", "banner_odd"
 SCALE_FAULT, NO_CLOCK = "known_scale_fault", "no_clock"
 _COUNTED_HZ = 100.0
-MAX_LINE = 1024  # bytes; a logger's header row of many sensors reaches some hundreds
+MAX_LINE = 1024  # bytes; a header row of many sensors has some hundreds
 
 
 class TextDecoder:
-    """The decoder of one profile. rate_hz, gyro_range: of this device, where its profile is wrong of it; 0: it is right.
+    """Decoder of the lines described by one text profile.
 
-    refused: is told of every line that is not taken, and why. The first line after an opening may be the end of one, which
-    can look like a whole one: it is taken only if it is a banner. captured: nobody knows when what it is fed came, and the
-    device's own clock is believed. file: what it is fed is a file, whose first line is whole.
+    rate_hz, gyro_range (rad/s): this device's own values where they differ from the profile; 0 takes the profile's.
+    refused: called with each refused line and the reason.
+    The first line after opening may be the end of a longer line and look complete. It is accepted only if it is a
+    banner.
+    captured: receive times are unknown, so the device's own clock is used.
+    file: the data is a file, whose first line is complete.
     """
 
     def __init__(
@@ -59,24 +62,24 @@ class TextDecoder:
             gyro_range=gyro_range or math.radians(device.gyro_range_dps),
             rate_hz=rate_hz or device.rate_hz,
         )
-        # The layout that a header row told outlives a lost port: a device that did not restart does not tell it again.
+        # The layout from a header row outlives a lost port: a device that did not restart does not repeat its header.
         self._reader: Reader = (
             RegexReader(profile)
             if profile.regex is not None
             else CsvReader(profile, needs_clock=not self._about.rate_hz)
         )
-        self._booting = False  # it said so, and no sample has come since
+        self._booting = False  # a banner came, and no sample since
         self._clock = self._reader.has_clock is not False
         self._assembly = self._assemble()
         self._said: dict[str, Sentence] = {}
 
     def opened(self) -> None:
-        """The port was opened (again)."""
+        """Note that the port was opened (again)."""
         self._lines.opened()
         self._assembly.opened()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events these bytes complete, in order."""
+        """The events completed by these bytes, in order."""
         events: list[Event] = []
         for line in self._lines.feed(data):
             events += self._take(line, receive_time_ns)
@@ -84,16 +87,16 @@ class TextDecoder:
         return [*self._notices(), *events] if events else []
 
     def finish(self) -> list[Event]:
-        """What is left at the end, be the rate known or not."""
+        """The remaining events at the end, even if the rate is unknown."""
         events = self._assembly.finish()
         return [*self._notices(), *events] if events else []
 
     def to_send(self) -> bytes:
-        """Nothing."""
+        """Nothing: text devices get no commands."""
         return b""
 
     def _take(self, line: Line, receive_time_ns: int) -> list[Event]:
-        """A line; events only if what came before it is of another kind."""
+        """Decode one line; returns events only if a header row ends the samples before it."""
         text = line.data.decode("utf-8", "replace").strip()
         if not text:
             return []
@@ -117,14 +120,14 @@ class TextDecoder:
         return []
 
     def _told_ns(self, tick: int) -> int:
-        """When it came, by the device's clock: a counter that is lower by more than half a turn went round."""
+        """Receive time by the device's clock, in ns; a counter lower by more than half a turn has wrapped."""
         turn = 1 << self._tick_bits
         step = (tick - self._told) % turn
         self._told += step if step < turn // 2 else step - turn
         return round(self._told * self._tick_s * 1e9)
 
     def _is_banner(self, text: str) -> bool:
-        """Whether the device said that it starts; what else it said of itself is kept."""
+        """Whether the line is a boot banner; stores the model, firmware, range and rate it names."""
         match = next((match for banner in self._banners if (match := banner.search(text))), None)
         if match is None:
             return False
@@ -148,7 +151,7 @@ class TextDecoder:
         return True
 
     def _began(self) -> list[Event]:
-        """A header row came: whether there is a clock may be news."""
+        """Handle a header row: the device may have gained or lost its time column."""
         if self._clock == (self._reader.has_clock is not False):
             return []
         self._clock = not self._clock
@@ -170,7 +173,7 @@ class TextDecoder:
         return SampleAssembler(self.faults, self._about_it(), self._tick_s, self._tick_bits)
 
     def _about_it(self) -> DeviceDescription:
-        """A clock knows the rate better than whoever wrote it down."""
+        """The device description; a device with a clock has its rate measured, not taken from the profile."""
         if self._profile.time is None or not self._clock:
             return self._about
         promised_hz = self._about.rate_hz
@@ -182,7 +185,7 @@ class TextDecoder:
             self._refused(refused, text)
 
     def _notices(self) -> list[Event]:
-        """What is to be said of the device and was not said yet, or is no longer so."""
+        """Notices that are new, changed or withdrawn."""
         notices = {name: Code.PROFILE_NOTICE(words=text) for name, text in self._profile.notices.items()}
         range_dps = math.degrees(self._about.gyro_range)
         known = self._profile.known_scale_faults
@@ -207,12 +210,15 @@ def _amount(text: str) -> float:
 
 
 class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where the device is; its profile, by name or as a path; its rate and full scale, where they differ from the profile's."""
+    """Options of a text device.
+
+    profile: name or path. rate_hz (Hz), gyro_range_dps (°/s): only where they differ from the profile's.
+    """
 
     profile: str
     rate_hz: float = 0.0
     gyro_range_dps: float = 0.0
-    baud: int = 0  # the profile's
+    baud: int = 0  # 0: the profile's
 
     def __post_init__(self) -> None:
         try:
@@ -239,7 +245,7 @@ def _decoder(options: TextOptions) -> TextDecoder:
 
 
 def _variants() -> list[dict[str, Any]]:
-    """Every profile that is shipped; those that need a rate with one, which `bridge scan` puts right by counting."""
+    """All shipped profiles as option tables. A profile without a rate gets 100 Hz, which `bridge scan` corrects by counting."""
     profiles = {name: load_profile(name) for name in shipped()}
     return [
         {"profile": name}

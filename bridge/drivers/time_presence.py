@@ -1,10 +1,13 @@
-"""Whether a device sends its time: some can be set either way, and a frame with it may be lost."""
+"""Detects whether a device sends timestamps: some devices can be set either way, and a frame with the time may be lost."""
 
-_SURE, _CHANGED = 2, 32  # samples in a row
+_SURE, _CHANGED = 2, 32  # consecutive samples: to decide first, to change the decision
 
 
 class TimePresence:
-    """tells: whether it does, None until it is clear. in_a_row: samples of late that agree with each other."""
+    """Whether samples carry a time.
+
+    tells: the decision, None until it is clear. in_a_row: the latest consecutive samples that agree with each other.
+    """
 
     def __init__(self) -> None:
         self.tells: bool | None = None
@@ -12,13 +15,13 @@ class TimePresence:
         self._leaning = False
 
     def fits(self, *, timed: bool) -> bool:
-        """Take the next sample's: whether it is as was settled."""
+        """Add the next sample's; whether it agrees with the decision."""
         self.in_a_row = self.in_a_row + 1 if timed == self._leaning else 1
         self._leaning = timed
         return timed == self.tells
 
     def settle(self) -> bool:
-        """Believe the latest samples, if they are enough to."""
+        """Decide by the latest samples, if there are enough; whether the decision was made."""
         if self.in_a_row < (_SURE if self.tells is None else _CHANGED):
             return False
         self.tells = self._leaning

@@ -1,4 +1,4 @@
-"""A WitMotion sensor (WT901, HWT905, JY901, WT901BLE …): its rates, its clock where it sends one, its settings."""
+"""Driver for WitMotion sensors (WT901, HWT905, JY901, WT901BLE …): rates, clock where the device sends one, settings."""
 
 from enum import StrEnum
 from math import log
@@ -14,14 +14,14 @@ from bridge.wire.refusal import Tally
 
 UNSETTLED, UNTIMED = "samples_before_settled", "time_missing"
 _MODEL = "WitMotion"
-_FORGOTTEN = 8  # cycles in a row without their time
+_FORGOTTEN = 8  # consecutive cycles without their time
 _COUNTED_S = 1.0
-_BITS_A_CYCLE = 330  # time, acceleration and rate, ten bits a byte
+_BITS_A_CYCLE = 330  # time, acceleration and rate frames, at ten bits per byte
 _FASTEST_HZ = 200.0
 
 
 class Word(StrEnum):
-    """Where the temperature is: which frame's fourth word the device means so."""
+    """The frame whose fourth word is the temperature on this device."""
 
     ACCEL = "accel"
     GYRO = "gyro"
@@ -29,9 +29,10 @@ class Word(StrEnum):
 
 
 class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """rate_hz: what it is told to send, together with its time; 0: what it sends is left as it is.
+    """Options of a WitMotion sensor.
 
-    keep_settings: tell it nothing and ask nothing; rate_hz is then what it is known to send.
+    rate_hz: output data rate to set, together with sending the time; 0 leaves the device as it is.
+    keep_settings: change and query nothing; rate_hz is then the rate the device is known to send.
     """
 
     baud: int = 9600
@@ -50,7 +51,10 @@ class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, k
 
 
 class WitMotionDecoder:
-    """The decoder. Without options it listens only. Samples are dropped, and counted, until it is clear whether it tells time."""
+    """Decoder of WitMotion sensors; without options it only listens.
+
+    Samples are dropped and counted until it is clear whether the device sends its time.
+    """
 
     def __init__(self, options: WitMotionOptions | None = None) -> None:
         self.faults = Tally()
@@ -60,11 +64,11 @@ class WitMotionDecoder:
         self._cycles = Cycles(self.faults)
         self._assembly: SampleAssembler | None = None
         self._timed = TimePresence()
-        self._boot = 0  # that was told
+        self._boot = 0  # number of the boot last announced
         self.opened()
 
     def opened(self) -> None:
-        """Ask everything anew."""
+        """Reset for a newly opened port; the device is queried anew."""
         self._frames.opened()
         self._cycles.opened()
         if self._assembly is not None:
@@ -73,7 +77,7 @@ class WitMotionDecoder:
         self._counted, self._since_ns = 0, 0
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events these bytes complete, in order."""
+        """The events completed by these bytes, in order."""
         events: list[Event] = []
         for frame in self._frames.feed(data):
             if frame.kind in (REGISTERS, MOTION_REGISTERS):
@@ -86,7 +90,7 @@ class WitMotionDecoder:
         return events + self._assembled()
 
     def finish(self) -> list[Event]:
-        """What is held at the end."""
+        """The remaining events at the end."""
         return [] if self._assembly is None else self._assembly.finish()
 
     def to_send(self) -> bytes:
@@ -113,12 +117,12 @@ class WitMotionDecoder:
         assembly.add(time_ms, sample.gyro, sample.accel, celsius, receive_time_ns=receive_time_ns)
 
     def _decided(self, *, timed: bool, now_ns: int) -> SampleAssembler | None:
-        """Where a sample goes; None while, or as long as, it does not fit what the device is: one that tells time, or none."""
+        """Sample assembler for a timed or untimed sample; None while undecided, or if the sample does not fit the decision."""
         assembly = self._assembly
         if self._timed.fits(timed=timed):
             return assembly
         if assembly is not None and not timed and self._timed.in_a_row == _FORGOTTEN and self._asked:
-            assembly.rebooted()  # it had been told to send its time: what it was told is lost with power
+            assembly.rebooted()  # it was set to send its time, and the setting is lost with power
             self._ask()
         rate_hz = 0.0 if timed else self._promised_hz(now_ns)
         if not self._settled or not (timed or rate_hz) or not self._timed.settle():
@@ -131,7 +135,10 @@ class WitMotionDecoder:
         return self._options.keep_settings or (self._asked and self._settings.settled)
 
     def _promised_hz(self, now_ns: int) -> float:
-        """The rate of a device that tells no time: as it says, or as was said of it, or the nearest to what comes in."""
+        """Rate of a device without time, in Hz; 0 while counting.
+
+        It is the rate that the device reports, else the configured rate, else the setting nearest to the counted rate.
+        """
         self._since_ns = self._since_ns or now_ns
         self._counted += 1
         if told_hz := self._settings.sends_hz or self._options.rate_hz:
@@ -147,7 +154,7 @@ class WitMotionDecoder:
         for event in events:
             if isinstance(event, Identity) and event.boot != self._boot:
                 if self._boot and self._asked:
-                    self._ask()  # what it was told is lost
+                    self._ask()  # settings are lost in a reboot
                 self._boot = event.boot
         return events
 

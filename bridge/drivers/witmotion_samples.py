@@ -1,4 +1,4 @@
-"""WitMotion's frames made samples: a cycle is time, acceleration, rate and more, each in a frame of its own, in this order."""
+"""Assembles WitMotion frames into samples: a cycle has time, acceleration, rate and more, one frame each, in this order."""
 
 import struct
 from datetime import datetime, timedelta
@@ -14,14 +14,17 @@ HALF, BAD_TIME = "half_missing", "bad_time"
 GYRO_RANGE = radians(2000.0)
 _GYRO = GYRO_RANGE / 32768
 _ACCEL = 16 * 9.80665 / 32768
-_ANGLES_END = 18  # bytes; the date and time follow, where a device sends them
-_WITHOUT_ACCEL = 8  # rates in a row: it is not sent at all
-_EPOCH = datetime(1999, 12, 31)  # noqa: DTZ001 - the device knows no zone
+_ANGLES_END = 18  # bytes; date and time follow on devices that send them
+_WITHOUT_ACCEL = 8  # consecutive rates, after which acceleration counts as not sent
+_EPOCH = datetime(1999, 12, 31)  # noqa: DTZ001 - the device has no time zone
 _FOUR, _SIX = struct.Struct("<4h"), struct.Struct("<6h")
 
 
 class Sample(NamedTuple):
-    """gyro rad/s, accel m/s². time_ms: of the device's calendar since 2000. The words are the fourth of either frame, °C/100."""
+    """One sample: gyro in rad/s, accel in m/s².
+
+    time_ms: ms of the device's calendar since 1999-12-31. accel_word, gyro_word: fourth word of each frame, 0.01 °C.
+    """
 
     time_ms: int | None
     gyro: Vector
@@ -31,21 +34,21 @@ class Sample(NamedTuple):
 
 
 class Cycles:
-    """Frames in, samples out. Halves are of one cycle; one whose other half is missing is dropped and counted."""
+    """Frames in, samples out. A half without the other half of its cycle is dropped and counted."""
 
     def __init__(self, faults: Tally) -> None:
         self.faults = faults
         self.opened()
 
     def opened(self) -> None:
-        """What was begun is not to be finished."""
+        """Drop an unfinished cycle."""
         self._last_kind = 0
         self._time_ms: int | None = None
         self._accel: tuple[int, ...] | None = None
         self._alone = 0
 
     def take(self, frame: Frame) -> Sample | None:
-        """The sample that a frame completes."""
+        """The sample that a frame completes, or None."""
         if frame.kind == witmotion.MOTION:
             x, y, z, *gyro = _SIX.unpack_from(frame.data)
             time_ms = self._time(frame.data[_ANGLES_END:]) if len(frame.data) > _ANGLES_END else None
@@ -80,7 +83,7 @@ class Cycles:
         self._time_ms = self._accel = None
 
     def _time(self, data: bytes) -> int | None:
-        """ms; the calendar of a device that nobody has set has a month and a day 0."""
+        """Time of the device's calendar in ms; an unset calendar has month 0 and day 0."""
         year, month, day, hour, minute, second = data[:6]
         ms = int.from_bytes(data[6:], "little")
         try:
@@ -88,7 +91,7 @@ class Cycles:
         except ValueError:
             self.faults.add(BAD_TIME)
             return None
-        at = of_month if day else of_month - timedelta(days=1)  # day 1 comes after it
+        at = of_month if day else of_month - timedelta(days=1)  # day 0 is the day before day 1
         return round((at - _EPOCH).total_seconds()) * 1000 + ms
 
 

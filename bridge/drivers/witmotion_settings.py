@@ -1,7 +1,7 @@
-"""What a WitMotion device is asked and told, 0.1 s between commands. Time is an argument.
+"""Queries and settings of a WitMotion device, 0.1 s between commands. Pure: time is an argument.
 
-Nothing is saved: what was changed is lost with power. Registers are those of the WIT Standard Communication Protocol; a
-serial answer does not say which register it is of, so one question is open at a time.
+Nothing is saved on the device, so changes are lost with power. Registers are those of the WIT Standard Communication
+Protocol. A serial answer does not name its register, so only one query is open at a time.
 """
 
 import struct
@@ -13,18 +13,19 @@ from bridge.reasons.codes import Code, Sentence
 CONTENT, RATE, VERSION, STILL_TIME = 0x02, 0x03, 0x2E, 0x63
 RATES_HZ = {1: 0.2, 2: 0.5, 3: 1.0, 4: 2.0, 5: 5.0, 6: 10.0, 7: 20.0, 8: 50.0, 9: 100.0, 11: 200.0}
 _CODES = {rate_hz: code for code, rate_hz in RATES_HZ.items()}
-TIME_ACCEL_GYRO = 0x07  # of CONTENT
+TIME_ACCEL_GYRO = 0x07  # value of CONTENT
 _UNLOCK = bytes.fromhex("FF AA 69 88 B5")
 _READ = 0x27
 _SPACING_S, _AGAIN_S = 0.1, 0.5
-_TIMES = 3  # a question, and a setting that is found to be other than told
+_TIMES = 3  # tries of a query, and of a setting that does not take effect
 _OFF_OLD, _LONGEST = 1, 0xFFFF
 _CALIBRATES = "gyro auto-calibration"
 
 
 class Settings:
-    """One device's. rate_hz: what it is to send, 0 for what it sends. writes: whether it may be told anything.
+    """State of one device's queries and settings.
 
+    rate_hz: output data rate to set, 0 to leave it. writes: whether settings may be changed.
     firmware, sends_hz: empty and 0 until answered.
     """
 
@@ -36,7 +37,7 @@ class Settings:
         self._requests = RequestQueue(_AGAIN_S, _TIMES, _SPACING_S)
 
     def begin(self, *, checked: bool) -> None:
-        """Ask and set everything: the device was opened, or has booted. checked: it speaks the serial form."""
+        """Query everything: the device was opened, or has booted. checked: the device speaks the serial form with checksums."""
         self._checked = checked
         self._told = {CONTENT: 0, STILL_TIME: 0}
         self._requests.clear()
@@ -45,22 +46,22 @@ class Settings:
 
     @property
     def settled(self) -> bool:
-        """Nothing is waited for."""
+        """Whether no answer and no command is pending."""
         return self._requests.key is None and not self._requests.sending
 
     def command(self) -> bytes:
-        """The next one to send; empty if none, or if the device has not had the time for the last one."""
+        """The next command to send; empty if none, or if 0.1 s since the last command have not passed."""
         return self._requests.command()
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Ask what is open, for the first time or again; a device that does not answer one is left alone."""
+        """Send or repeat the open query; after a query without an answer, give up all of them, with a notice."""
         if not self._requests.passed(now_ns):
             return []
         self._requests.clear()
         return self._notice(Code.MAY_CALIBRATE_ITSELF())
 
     def answered(self, data: bytes) -> list[Notice]:
-        """Registers came: of the open question, or where the form tells it, of the register it tells."""
+        """Handle a register answer: of the open query, or of the register named in the answer where the form names it."""
         register, values = self._requests.key, struct.unpack(f"<{len(data) // 2}H", data)
         if register is None or self._requests.sending:
             return []
@@ -79,7 +80,7 @@ class Settings:
         return []
 
     def _sends(self, content: int, rate_hz: float) -> None:
-        """What it sends, and how often; told otherwise where that is wished."""
+        """Handle the reported content and rate; set them if they differ from the wanted ones."""
         self.sends_hz = rate_hz
         right = self._wanted_hz == rate_hz and (content == TIME_ACCEL_GYRO or not self._checked)
         if right or not (self._writes and self._wanted_hz) or self._told[CONTENT] == _TIMES:
@@ -91,7 +92,11 @@ class Settings:
         self._ask(CONTENT)
 
     def _calibrates(self, still_time: int) -> list[Notice]:
-        """Older devices: 0 is on, 1 is off. Newer ones: after so many ms of rest, and there is no off."""
+        """Turn the gyro auto-calibration off, or give a notice.
+
+        Older devices: 0 is on, 1 is off. Newer devices: calibrates after this many ms of rest, and cannot be turned
+        off.
+        """
         off = _OFF_OLD if still_time in (0, _OFF_OLD) else _LONGEST
         if still_time != off and self._writes and self._told[STILL_TIME] < _TIMES:
             self._told[STILL_TIME] += 1

@@ -1,4 +1,4 @@
-"""An x-IMU3 of x-io Technologies, and whatever speaks as it does: over USB, serial, TCP, UDP, or from a file."""
+"""Driver for x-io Technologies' x-IMU3 and compatible devices: over USB, serial, TCP, UDP, or from a file."""
 
 from collections import deque
 from math import radians
@@ -17,9 +17,9 @@ from bridge.wire.refusal import Tally
 _G = 9.80665
 _GYRO_RANGE = radians(2000.0)
 _MODEL = "x-IMU3"
-_REMEMBERED = 3  # messages of each kind, for a person
-_PATIENCE_S, _MOST_HELD = 1.0, 1024  # how long, and how many samples, it is waited for who the device is
-_SEEN = 0.1  # of a period that was asked for
+_REMEMBERED = 3  # messages of each kind, shown to people
+_PATIENCE_S, _MOST_HELD = 1.0, 1024  # seconds, and samples, to wait for the device's identity
+_SEEN = 0.1  # relative tolerance for recognising a new sample period
 
 
 class _Held(NamedTuple):
@@ -29,9 +29,11 @@ class _Held(NamedTuple):
 
 
 class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """rate_hz: what it is to be told to send, 400 divided by a whole number; else what it sends is left as it is.
+    """Options of an x-IMU3.
 
-    A serial line of 115200 baud carries no more than 200. keep_settings: tell it nothing, ask only.
+    rate_hz: output data rate to set, 400 Hz divided by a whole number; None leaves the device's rate. A serial line of
+    115200 baud carries at most 200 Hz.
+    keep_settings: query the device, but change no setting.
     """
 
     rate_hz: float | None = None
@@ -44,7 +46,10 @@ class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class Ximu3Decoder:
-    """The decoder. It asks who the device is, turns its own bias correction off, and sets its rate; none of it is needed."""
+    """Decoder of the x-IMU3; queries the identity, turns the on-board bias correction off and sets the rate.
+
+    Samples are decoded even if the device answers none of it.
+    """
 
     def __init__(self, options: Ximu3Options | None = None) -> None:
         self.faults = Tally()
@@ -55,14 +60,14 @@ class Ximu3Decoder:
         self._assembly = SampleAssembler(self.faults, self._about(), 1e-6)
         self._said = {error: deque[str](maxlen=_REMEMBERED) for error in (False, True)}
         self._temperature_c: float | None = None
-        self._time_us = 0  # of the latest sample
-        self._boot = 0  # that was told
-        self._fresh = True  # nothing was received since it was opened
-        self._held: list[_Held] = []  # until it is known whose they are
+        self._time_us = 0  # device time of the latest sample
+        self._boot = 0  # number of the boot last announced
+        self._fresh = True  # no sample since the port was opened
+        self._held: list[_Held] = []  # samples held until the device's identity is known
         self._patient_until_ns = 0
 
     def opened(self) -> None:
-        """Ask everything anew."""
+        """Reset for a newly opened port, and query the device anew."""
         self._release()
         self._lines.opened()
         self._assembly.opened()
@@ -71,7 +76,7 @@ class Ximu3Decoder:
         self._fresh = True
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events these bytes complete, in order."""
+        """The events completed by these bytes, in order."""
         events: list[Event] = []
         for line in self._lines.feed(data):
             try:
@@ -87,12 +92,12 @@ class Ximu3Decoder:
         return events + self._assembled()
 
     def finish(self) -> list[Event]:
-        """What is held at the end, be it known or not whose it is, and at what rate."""
+        """The remaining events at the end, even if identity or rate are unknown."""
         self._release()
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """The next command: each by itself, as a datagram takes it."""
+        """The next command; one at a time, so that each fits a datagram."""
         return self._settings.command()
 
     def _took(self, message: Message, receive_time_ns: int) -> list[Event]:
@@ -118,7 +123,7 @@ class Ximu3Decoder:
 
     def _sample(self, sample: Inertial, receive_time_ns: int) -> None:
         if self._fresh and not self._settings.answered:
-            self._settings.ask()  # before it sent anything, questions may have led nowhere
+            self._settings.ask()  # questions sent before the device's first data may have been lost
         self._fresh = False
         taken = _Held(sample, self._temperature_c, receive_time_ns)
         if self._held or self._waits(receive_time_ns):
@@ -146,7 +151,7 @@ class Ximu3Decoder:
         )
 
     def _waits(self, now_ns: int) -> bool:
-        """Whether to wait for who it is: a calibration is found again by its name."""
+        """Whether to hold samples until the device is identified; a stored calibration is looked up by the name."""
         if self._boot or self._settings.answered or len(self._held) >= _MOST_HELD:
             return False
         if not self._held:
@@ -158,7 +163,7 @@ class Ximu3Decoder:
         for event in events:
             if isinstance(event, Identity) and event.boot != self._boot:
                 if self._boot:
-                    self._settings.ask()  # what was not saved is lost
+                    self._settings.ask()  # unsaved settings are lost in a reboot
                 self._boot = event.boot
         return events
 

@@ -1,6 +1,6 @@
-"""What an x-IMU3 is asked and told. Time is an argument.
+"""Queries and settings of an x-IMU3. Pure: time is an argument.
 
-Keys and values are those of the user manual, "Individual settings". Nothing is saved on request, but the device itself
+Keys and values are those of the user manual, "Individual settings". No save command is sent, but the device itself
 saves its settings when it is switched off.
 """
 
@@ -12,21 +12,22 @@ from bridge.drivers.request_queue import RequestQueue
 from bridge.framing.ximu3 import Reply, plain
 from bridge.reasons.codes import Code, Sentence
 
-SAMPLES_HZ = 400.0  # a message is the mean of `divisor` samples
+SAMPLES_HZ = 400.0  # an inertial message is the mean of `divisor` samples
 PING, FIRMWARE, HARDWARE = "ping", "firmware_version", "hardware_version"
 CORRECTION, DIVISOR = "gyroscope_offset_correction_enabled", "inertial_message_rate_divisor"
 _ASKED = (PING, FIRMWARE, HARDWARE, CORRECTION, DIVISOR)
 _AGAIN_S, _TIMES = 1.0, 10
-_WRITES = 3  # of one setting, for each time it is asked about
+_WRITES = 3  # writes of one setting per query
 _MAX_DIVISOR = 4000
 _MAX_TEXT = 31
 
 
 class Settings:
-    """One device's. chosen_hz: the rate it is to have, None for the one it has. writes: whether it may be told anything.
+    """State of one device's queries and settings.
 
+    chosen_hz: output data rate to set, None to leave it. writes: whether settings may be changed.
     name, serial, firmware, hardware: empty until answered.
-    coming_us: the period that it was told to have, until it is seen.
+    coming_us: sample period that was set but not yet seen in the samples; None otherwise.
     """
 
     def __init__(self, chosen_hz: float | None, *, writes: bool) -> None:
@@ -38,7 +39,7 @@ class Settings:
         self.ask()
 
     def ask(self) -> None:
-        """Ask everything: the device was opened, or has booted."""
+        """Query everything: the device was opened, or has booted."""
         self._requests.clear()
         for key in _ASKED:
             self._requests.add(plain(key), _command(key, None))
@@ -47,22 +48,22 @@ class Settings:
 
     @property
     def answered(self) -> bool:
-        """Nothing is waited for."""
+        """Whether no answer is pending."""
         return self._requests.key is None
 
     def command(self) -> bytes:
-        """The next one to send; empty if none."""
+        """The next command to send; empty if none."""
         return self._requests.command()
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Ask again what was not answered, for a while; then say so."""
+        """Repeat unanswered queries for a while; then give up, with a notice."""
         if not self._requests.passed(now_ns):
             return []
         self._requests.clear()
         return self._notice(Code.MAY_CORRECT_ITSELF())
 
     def took(self, reply: Reply) -> list[Notice]:
-        """An answer came."""
+        """Handle an answer."""
         asked = reply.key == self._requests.key
         if asked:
             self._requests.answered()
@@ -80,7 +81,7 @@ class Settings:
         return []
 
     def _corrects(self, value: object, *, asked: bool) -> list[Notice]:
-        """It follows its own bias, which would be a bias that leaps: for those who calibrate it, or it is turned off."""
+        """Handle the on-board bias correction, whose bias jumps disturb a calibration: turn it off, or give a notice."""
         if value is False:
             return self._notice(None)
         if not asked or (value is not True and not self._written[CORRECTION]):
@@ -97,7 +98,7 @@ class Settings:
         self.coming_us = None if refused or not self._write(DIVISOR, value=wanted) else 1e6 * wanted / SAMPLES_HZ
 
     def _write(self, key: str, *, value: object) -> bool:
-        """Whether it is told: it may be, and was not told often enough."""
+        """Queue a setting; False if writing is not allowed, or was tried often enough."""
         if not self._may_write or self._written[key] == _WRITES:
             return False
         self._written[key] += 1
@@ -112,7 +113,7 @@ class Settings:
 
 
 def divisor_of(rate_hz: float) -> int:
-    """What gives the nearest rate."""
+    """The rate divisor that gives the nearest rate."""
     return min(max(1, round(SAMPLES_HZ / rate_hz)), _MAX_DIVISOR)
 
 

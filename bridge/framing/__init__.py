@@ -1,4 +1,4 @@
-"""Bytes to packets, without I/O: any chunking in, whole packets out, damaged ones counted, bounded memory.
+"""Byte framing without I/O: any chunking of bytes in, whole packets out, damaged packets counted, bounded memory.
 
-Begin at `cobs_frames`; one protocol a file.
+Begin at `cobs_frames`; each protocol is one file.
 """

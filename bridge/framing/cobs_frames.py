@@ -13,13 +13,13 @@ from bridge.wire.refusal import Tally
 
 MAX_PAYLOAD = 1024
 _CRC_BYTES = 4
-_CRC_OF_WHOLE = 0x2144DF1C  # the CRC-32 of anything followed by its own
-# COBS adds one byte, and one more for every 254.
+_CRC_OF_WHOLE = 0x2144DF1C  # CRC-32 of any data followed by its own CRC-32
+# COBS adds one byte, plus one for every 254.
 _MAX_FRAME = MAX_PAYLOAD + _CRC_BYTES + 2 + (MAX_PAYLOAD + _CRC_BYTES) // 254
 
 
 def frame(payload: bytes) -> bytes:
-    """The bytes to send for a payload of 1 to MAX_PAYLOAD bytes; ValueError outside that."""
+    """Encode a payload of 1 to MAX_PAYLOAD bytes as a frame; raises ValueError for other lengths."""
     if not 1 <= len(payload) <= MAX_PAYLOAD:
         raise ValueError(f"a payload has 1 to {MAX_PAYLOAD} bytes, not {len(payload)}")
     crc = zlib.crc32(payload).to_bytes(_CRC_BYTES, "little")
@@ -27,14 +27,14 @@ def frame(payload: bytes) -> bytes:
 
 
 class Deframer:
-    """Any chunking of bytes in, whole payloads out; faults are counted in `faults`, memory is bounded."""
+    """Decoder of COBS frames: any chunking of bytes in, whole payloads out; counts faults, with bounded memory."""
 
     def __init__(self) -> None:
         self.faults = Tally()
-        self._partial = b""  # of a frame that is too long, one byte too many: enough to tell
+        self._partial = b""  # of an overlong frame, one byte more than allowed is kept, to recognise it
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes as they came and return the payloads they complete, in order."""
+        """Add received bytes; the payloads they complete, in order."""
         *ended, rest = data.split(b"\0")
         payloads = []
         for piece in ended:

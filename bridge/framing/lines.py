@@ -7,7 +7,10 @@ LINE_FEED, ANY_END = b"\n", b"\r\n"
 
 
 class Line(NamedTuple):
-    """One line without its end. begun: it is the first after an opening, and may be the end of one; too_long: it was cut."""
+    """One line without its end.
+
+    begun: the first line after opening, perhaps only the end of a line. too_long: the line was cut.
+    """
 
     data: bytes
     begun: bool
@@ -15,7 +18,7 @@ class Line(NamedTuple):
 
 
 class Lines:
-    """Splits at any byte of `ends`; empty lines are passed over. Of a line that is too long only the beginning is kept."""
+    """Splits a byte stream at any byte of `ends`; skips empty lines, and cuts lines longer than `longest`."""
 
     def __init__(self, longest: int, ends: bytes = LINE_FEED) -> None:
         self._longest = longest
@@ -23,13 +26,13 @@ class Lines:
         self.opened()
 
     def opened(self) -> None:
-        """Forget the line that was begun: the port was opened (again)."""
+        """Drop an unfinished line: the port was opened (again)."""
         self._partial = bytearray()
         self._too_long = False
         self._begun = True
 
     def feed(self, data: bytes) -> list[Line]:
-        """The lines that these bytes end, in order."""
+        """The lines completed by these bytes, in order."""
         *ended, rest = self._end.split(data)
         lines = []
         for piece in ended:

@@ -1,9 +1,9 @@
-"""Xsens' messages on a byte stream, and the items of MTData2, without I/O. All numbers are big-endian.
+"""Xsens messages on a byte stream, and the items of MTData2, without I/O. All numbers are big-endian.
 
-    message    FA FF kind length data sum          length FF: two more bytes say it
-    item       identifier[2] length data           its low nibble is the format of its numbers
+    message    FA FF kind length data sum          length FF: two more bytes give the length
+    item       identifier[2] length data           the identifier's low nibble is the number format
 
-All bytes of a message but the first add up to 0 modulo 256. After any damage bytes are dropped one at a time until a
+All bytes of a message but the first add up to 0 modulo 256. After damage, bytes are dropped one at a time until a
 message is found. Source: MT Low Level Communication Protocol Documentation, MT0101P.
 """
 
@@ -19,27 +19,28 @@ GOTO_CONFIG, MTDATA2, WAKE_UP, WAKE_UP_ACK, ERROR, SET_OUTPUT = 0x30, 0x36, 0x3E
 TEMPERATURE, PACKET_COUNTER, SAMPLE_TIME = 0x0810, 0x1020, 0x1060
 ACCELERATION, RATE_OF_TURN, STATUS = 0x4020, 0x8020, 0xE020
 DELTA_V, DELTA_Q = 0x4010, 0x8030
-MTDATA = 0x32  # of devices before MTData2
+MTDATA = 0x32  # message kind of devices older than MTData2
 BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
 MAX_DATA = 2048
 _HEAD = b"\xfa\xff"
 _LONG = 0xFF
-_GYRO_CLIPPED = 0x3800  # of the status: x, y, z
+_GYRO_CLIPPED = 0x3800  # status bits: x, y, z
 _PACKED = {0: ("f", 4), 1: ("i", 4), 3: ("d", 8)}
 _FP_12_20, _FP_16_32 = 1, 2
 
 
 class Message(NamedTuple):
-    """Of the device, or to it."""
+    """A message from or to the device: kind and data."""
 
     kind: int
     data: bytes
 
 
 class Data(NamedTuple):
-    """What is of use in an MTData2: rad/s, m/s², °C, a count of messages (16 bits), time in 0.1 ms (32 bits).
+    """The useful contents of an MTData2 message; None where missing.
 
-    turned: the rotation vector, rad, of a Δq; sped: Δv, m/s; both since the message before.
+    gyro rad/s, accel m/s², celsius °C, counter of messages (16 bits), time in 0.1 ms (32 bits).
+    turned: rotation vector of Δq, rad. sped: Δv, m/s. Both are since the previous message.
     """
 
     gyro: tuple[float, float, float] | None
@@ -53,25 +54,25 @@ class Data(NamedTuple):
 
 
 def encode(kind: int, data: bytes = b"") -> bytes:
-    """A message to the device."""
+    """Encode a message to the device."""
     body = bytes((0xFF, kind, len(data))) + data
     return b"\xfa" + body + bytes((-sum(body) & 0xFF,))
 
 
 class Messages:
-    """Any chunking of bytes in, messages out; faults are counted, memory is bounded."""
+    """Decoder of messages: any chunking of bytes in, messages out; counts faults, with bounded memory."""
 
     def __init__(self, faults: Tally) -> None:
         self.faults = faults
         self.opened()
 
     def opened(self) -> None:
-        """What was begun is not to be finished."""
+        """Drop an unfinished message."""
         self._bytes = bytearray()
-        self._dropped = 0  # since the last message
+        self._dropped = 0  # bytes dropped since the last message
 
     def feed(self, data: bytes) -> list[Message]:
-        """The messages these bytes complete, in order."""
+        """The messages completed by these bytes, in order."""
         self._bytes += data
         held, at, messages = self._bytes, 0, []
         while (span := self._span(held, at)) is not None:
@@ -89,7 +90,7 @@ class Messages:
         return messages
 
     def _span(self, held: bytearray, at: int) -> tuple[int, int] | None:
-        """Where the data of the message at this place are, (0, 0) where there is none, None where that is not known yet."""
+        """Start and end of the data of the message at `at`; (0, 0) if there is no message, None if it is not complete yet."""
         head = held[at : at + 6]
         if not _HEAD.startswith(head[:2]):
             return 0, 0
@@ -104,14 +105,14 @@ class Messages:
         if len(held) <= end:
             return None
         if sum(held[at + 1 : end + 1]) & 0xFF:
-            if not self._dropped:  # where a message was to be; in rubbish anything may look like one
+            if not self._dropped:  # only where a message was expected: among garbage anything may look like a message
                 self.faults.add(BAD_SUM)
             return 0, 0
         return begin, end
 
 
 def decode(data: bytes) -> Data:
-    """The items of an MTData2, those that are not known passed over; BadPacket where they do not fill it."""
+    """Decode the known items of an MTData2 message; raises BadPacket if the items do not fill it exactly."""
     items: dict[int, tuple[int, bytes]] = {}
     at = 0
     while at < len(data):
@@ -136,7 +137,7 @@ def decode(data: bytes) -> Data:
 
 
 def _rotation(quaternion: list[float]) -> tuple[float, float, float] | None:
-    """The rotation vector, rad, of a unit quaternion, scalar first; None of none."""
+    """Rotation vector, rad, of a unit quaternion, scalar first; None for an empty list."""
     if not quaternion:
         return None
     w, *xyz = quaternion if quaternion[0] >= 0 else [-part for part in quaternion]
@@ -159,7 +160,7 @@ def _whole(items: dict[int, tuple[int, bytes]], what: int, size: int) -> int | N
 
 
 def _numbers(items: dict[int, tuple[int, bytes]], what: int, n: int) -> list[float]:
-    """N numbers, none where there is no such item. Of a 16.32 the 32 bits behind the point come first."""
+    """N numbers of an item, empty if there is no such item; in the 16.32 format the 32 fractional bits come first."""
     if what not in items:
         return []
     form, data = items[what]

@@ -1,14 +1,14 @@
-"""The packets of the native serial protocol, little-endian, each in one frame.
+"""Packets of the native serial protocol, little-endian, one packet per frame.
 
     HELLO     01 version boot tick_period_s rate_hz gyro_range has model 00 firmware    device -> host
     DATA      02 n boot sequence (ticks gyro[3] accel[3] temperature)[n]                device -> host
-    IDENTIFY  81                                                                        host -> device: say HELLO
-    RATE      82 rate_hz                                                                host -> device: send so often
+    IDENTIFY  81                                                                        host -> device: send HELLO
+    RATE      82 rate_hz                                                                host -> device: set this rate
 
-A device says HELLO at boot, once a second and when asked. `boot` is a number drawn at power-up, `sequence` counts
+A device sends HELLO at boot, once a second and when asked. `boot` is a number drawn at power-up, `sequence` counts
 samples since then, `ticks` is the device's clock (32 bits, wraps). Gyro in rad/s, accelerometer in m/s², temperature in
-°C, as float32; `has` says which of the last two are real. A device need not obey RATE; one that does says HELLO with its
-new rate, which it has until it loses power.
+°C, as float32; `has` tells which of the last two are measured. A device may ignore RATE. A device that obeys sends
+HELLO with its new rate, which lasts until power is lost.
 """
 
 import struct
@@ -30,7 +30,7 @@ _SAMPLE = np.dtype([("ticks", "<u4"), ("gyro", "<f4", 3), ("accel", "<f4", 3), (
 
 
 class BadPacket(Exception):
-    """A packet whose frame was whole but whose content is not of this protocol; `label` is what to count."""
+    """A packet with an intact frame but invalid content; `label` names the fault to count."""
 
     def __init__(self, label: str) -> None:
         super().__init__(label)
@@ -39,7 +39,7 @@ class BadPacket(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Who the device is, and its boot."""
+    """A device's identity and boot."""
 
     boot: int
     tick_period_s: float
@@ -52,7 +52,7 @@ class Hello:
 
 
 class Data(NamedTuple):
-    """n consecutive samples: ticks (n,) uint32, gyro (n, 3), accel (n, 3), temperature_c (n,) float32."""
+    """n consecutive samples: ticks (n,) uint32; gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C, all float32."""
 
     boot: int
     sequence: int
@@ -63,14 +63,14 @@ class Data(NamedTuple):
 
 
 def encode_hello(hello: Hello) -> bytes:
-    """The payload of a HELLO."""
+    """Encode the payload of a HELLO packet."""
     has = HAS_ACCEL * hello.has_accel | HAS_TEMPERATURE * hello.has_temperature
     head = _HELLO.pack(HELLO, VERSION, hello.boot, hello.tick_period_s, hello.rate_hz, hello.gyro_range, has)
     return head + hello.model.encode() + b"\0" + hello.firmware.encode()
 
 
 def encode_data(data: Data) -> bytes:
-    """The payload of a DATA of 1 to MAX_SAMPLES samples."""
+    """Encode the payload of a DATA packet; raises ValueError unless it has 1 to MAX_SAMPLES samples."""
     n = len(data.ticks)
     if not 1 <= n <= MAX_SAMPLES:
         raise ValueError(f"a DATA packet has 1 to {MAX_SAMPLES} samples, not {n}")
@@ -81,17 +81,17 @@ def encode_data(data: Data) -> bytes:
 
 
 def encode_identify() -> bytes:
-    """The payload that asks a device to say HELLO."""
+    """Encode the payload that asks a device for HELLO."""
     return bytes([IDENTIFY])
 
 
 def encode_rate(rate_hz: float) -> bytes:
-    """The payload that tells a device how often to send."""
+    """Encode the payload that sets a device's output data rate."""
     return _RATE.pack(RATE, rate_hz)
 
 
 def decode_rate(payload: bytes) -> float | None:
-    """The rate that a payload to the device tells; None where it tells none that can be."""
+    """Rate in a payload to the device, Hz; None if it is not a RATE packet or the rate is out of range."""
     if payload[0] != RATE or len(payload) != _RATE.size:
         return None
     _, rate_hz = _RATE.unpack(payload)
@@ -99,7 +99,7 @@ def decode_rate(payload: bytes) -> float | None:
 
 
 def decode(payload: bytes) -> Hello | Data:
-    """A device's packet; raises BadPacket with the label to count."""
+    """Decode a packet from a device; raises BadPacket with the label to count."""
     if payload[0] == HELLO:
         return _decode_hello(payload)
     if payload[0] == DATA:

@@ -1,12 +1,13 @@
-"""WitMotion's frames on a byte stream, without I/O: 55, a kind, data, and mostly a sum.
+"""WitMotion's frames on a byte stream, without I/O: 55, a kind, data, and in the serial form a checksum.
 
-    serial       55 kind data[8] sum      the sum of the ten bytes before it, modulo 256
-    Bluetooth    55 61 data[18]           acceleration, rate, angle; nothing checks it
-                 55 61 data[26]           the same, and the date and time (WT901SDCL-BT50)
-                 55 71 data[18]           a register's number, and eight registers from it on
+    serial       55 kind data[8] sum      sum: of the ten bytes before it, modulo 256
+    Bluetooth    55 61 data[18]           acceleration, rate, angle; no checksum
+                 55 61 data[26]           the same, with date and time (WT901SDCL-BT50)
+                 55 71 data[18]           a register's number, and eight registers from there on
 
-A device speaks one of the two. After any damage bytes are dropped one at a time until a frame is found; where nothing
-checks a frame it is then taken only if another one follows it. Source: WIT Standard Communication Protocol, vendor's C SDK.
+A device uses one of the two forms. After damage, bytes are dropped one at a time until a frame is found; a frame
+without checksum is then accepted only if another frame follows it. Source: WIT Standard Communication Protocol,
+vendor's C SDK.
 """
 
 from typing import NamedTuple
@@ -23,7 +24,7 @@ _UNCHECKED_KINDS = frozenset((MOTION, MOTION_REGISTERS))
 
 
 class Frame(NamedTuple):
-    """Data of 8, 18 or 26 bytes; after_fault: bytes were dropped before it, be they frames or not."""
+    """A frame's kind, and data of 8, 18 or 26 bytes. after_fault: bytes were dropped before the frame."""
 
     kind: int
     data: bytes
@@ -31,9 +32,9 @@ class Frame(NamedTuple):
 
 
 class WitFrames:
-    """Any chunking of bytes in, frames out; faults are counted, memory is bounded.
+    """Decoder of WitMotion frames: any chunking of bytes in, frames out; counts faults, with bounded memory.
 
-    checked: whether the device speaks the serial form, None until it was heard.
+    checked: whether the device uses the serial form with checksums; None until known.
     """
 
     def __init__(self, faults: Tally) -> None:
@@ -41,14 +42,14 @@ class WitFrames:
         self.opened()
 
     def opened(self) -> None:
-        """What comes may be of another device."""
+        """Forget the form and any unfinished frame: the device may be another."""
         self.checked: bool | None = None
         self._motion_size = _UNCHECKED
         self._bytes = bytearray()
-        self._dropped = 0  # since the last frame
+        self._dropped = 0  # bytes dropped since the last frame
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames these bytes complete, in order."""
+        """The frames completed by these bytes, in order."""
         self._bytes += data
         held, at, frames = self._bytes, 0, []
         while (size := self._size(held, at)) >= 0:
@@ -64,7 +65,7 @@ class WitFrames:
         return frames
 
     def _size(self, held: bytearray, at: int) -> int:
-        """How many bytes the frame at this place has; 0 where there is none, -1 where it cannot be known yet."""
+        """Size in bytes of the frame at `at`; 0 if there is no frame, -1 if it is not known yet."""
         left = len(held) - at
         if left > 0 and held[at] != HEAD:
             return 0
@@ -82,12 +83,17 @@ class WitFrames:
         if sum(held[at : at + _CHECKED - 1]) & 0xFF == held[at + _CHECKED - 1]:
             self.checked = True
             return _CHECKED
-        if not self._dropped and self.checked:  # where a frame was to be; in rubbish anything may look like one
+        # only where a frame was expected: among garbage anything may look like a frame
+        if not self._dropped and self.checked:
             self.faults.add(BAD_SUM)
         return 0
 
     def _unchecked_size(self, held: bytearray, at: int, left: int, kind: int) -> int:
-        """In the right place a frame is one unless something else follows it; elsewhere only if another one follows it."""
+        """Size of a frame without checksum, as in `_size`.
+
+        Where a frame is expected, it is accepted unless something else follows; elsewhere, only if another frame
+        follows.
+        """
         if self.checked is False and not self._dropped:
             size = self._motion_size if kind == MOTION else _UNCHECKED
             if left < size:

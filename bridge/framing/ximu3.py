@@ -1,4 +1,4 @@
-r"""The messages of an x-IMU3, binary and ASCII mixed as they come, each a line.
+r"""Messages of an x-IMU3, binary and ASCII in any mix, one message per line.
 
     C9 time numbers[6]          I,time,gx,gy,gz,ax,ay,az        a sample: °/s, g
     D4 time numbers[1]          T,time,celsius
@@ -6,8 +6,8 @@ r"""The messages of an x-IMU3, binary and ASCII mixed as they come, each a line.
     CE time text, C6 time text  N,time,text and F,time,text     a notification, an error
     {"key":value}                                               the answer to a command
 
-Time is a count of microseconds, 64 bits; numbers are float32, little-endian. Within a binary line 0A stands as DB DC and
-DB as DB DD. There is no check: a damaged number that is still a number is not seen here.
+Time is a count of microseconds, 64 bits; numbers are float32, little-endian. In a binary line, 0A is escaped as DB DC
+and DB as DB DD. There is no checksum: a damaged number that is still a number is not detected.
 Source: x-io Technologies, x-IMU3 user manual, "Communication protocol".
 """
 
@@ -20,12 +20,13 @@ import msgspec
 
 from bridge.framing.packets import BadPacket
 
-LONGEST = 4096  # what x-io's own reader keeps of a line
+LONGEST = 4096  # bytes; the limit of x-io's own reader
 Vector = tuple[float, float, float]
 
 _NUMBERS = {"I": 6, "T": 1, "B": 3}
 _TEXTS = "NF"
-# Magnetometer, high-g, attitudes, accelerations, AHRS status, accessory, sync, time code, signal, button; P D K G: reserved.
+# Ignored: magnetometer, high-g, attitudes, accelerations, AHRS status, accessory, sync, time code, signal, button; P D
+# K G: reserved.
 _OF_NO_USE = "MHQRALEUSYCWOPDKG"
 _TIME = struct.Struct("<BQ")
 _BINARY = {letter: struct.Struct(f"<BQ{n}f") for letter, n in _NUMBERS.items()}
@@ -37,7 +38,7 @@ _MAX_TEXT = 127
 
 
 class Inertial(NamedTuple):
-    """A sample."""
+    """An inertial sample: time in µs, rate in °/s, acceleration in g."""
 
     time_us: int
     gyro_dps: Vector
@@ -45,27 +46,27 @@ class Inertial(NamedTuple):
 
 
 class Temperature(NamedTuple):
-    """The sensor's temperature."""
+    """The sensor's temperature in °C."""
 
     celsius: float
 
 
 class Charge(NamedTuple):
-    """The battery, 0 to 100 %."""
+    """The battery's charge, 0 to 100 %."""
 
     percent: float
     charging: bool
 
 
 class Said(NamedTuple):
-    """What the device tells a person."""
+    """A notification or an error for people."""
 
     error: bool
     text: str
 
 
 class Reply(NamedTuple):
-    """The answer to a command: its key in lower case without what is neither letter nor digit, and a JSON value."""
+    """The answer to a command: normalised key (see `plain`) and JSON value."""
 
     key: str
     value: Any
@@ -75,12 +76,12 @@ Message = Inertial | Temperature | Charge | Said | Reply
 
 
 def plain(key: str) -> str:
-    """A key as devices compare it."""
+    """Normalise a key as devices compare it: lower case, letters and digits only."""
     return re.sub("[^a-z0-9]", "", key.lower())
 
 
 def decode(line: bytes) -> Message | None:
-    """A line's message, None where it is of no use here; raises BadPacket with the label to count."""
+    """Decode a line's message, None if it is of an ignored kind; raises BadPacket with the label to count."""
     if line[0] == ord("{"):
         return _reply(line)
     line = line.removesuffix(b"\r") if line[0] < 0x80 else _unstuffed(line)

@@ -1,4 +1,4 @@
-"""The other way: samples, and what else there is to say, as the binary messages of an x-IMU3. See ximu3.py."""
+"""Encodes samples, temperature, battery and notifications as binary messages of an x-IMU3; the inverse of ximu3.py."""
 
 import struct
 
@@ -12,7 +12,7 @@ _SAMPLE = np.dtype([("kind", "u1"), ("time_us", "<u8"), ("gyro_dps", "<f4", 3), 
 def inertial(
     time_us: NDArray[np.integer], gyro: NDArray[np.floating], accel: NDArray[np.floating] | None
 ) -> list[bytes]:
-    """Samples, a message each: time_us (n,), gyro (n, 3) rad/s, accel (n, 3) m/s²; zero where there is none."""
+    """Encode samples, one message each: time_us (n,), gyro (n, 3) rad/s, accel (n, 3) m/s², zeros if None."""
     samples = np.zeros(len(time_us), _SAMPLE)
     samples["kind"] = _kind("I")
     samples["time_us"] = time_us
@@ -23,17 +23,17 @@ def inertial(
 
 
 def temperature(time_us: int, celsius: float) -> bytes:
-    """A temperature."""
+    """Encode a temperature in °C."""
     return _line(struct.pack("<BQf", _kind("T"), time_us, celsius))
 
 
 def battery(time_us: int, percent: float, *, charging: bool) -> bytes:
-    """How full the battery is; its voltage is not known."""
+    """Encode the battery's charge in %; the voltage, which is unknown, is 0."""
     return _line(struct.pack("<BQ3f", _kind("B"), time_us, percent, 0.0, float(charging)))
 
 
 def notification(time_us: int, text: str) -> bytes:
-    """A text for a person."""
+    """Encode a text for people."""
     return _line(struct.pack("<BQ", _kind("N"), time_us) + text.encode("ascii", "replace"))
 
 

@@ -1,7 +1,7 @@
 """Sample times and gaps of a device without a clock, from its sample count and arrival times.
 
-The sample period starts at the promised rate and follows the clock fit without jumps. A gap shows after a silence: either
-the delayed samples arrive in a burst, or all later samples stay late by the missing ones.
+The sample period starts at the promised rate and follows the clock fit without jumps. A gap shows after a silence:
+either the delayed samples arrive in a burst, or all later samples stay late by the duration of the missing ones.
 """
 
 from math import inf
@@ -11,21 +11,21 @@ import numpy as np
 from bridge.drivers.driver import Readings
 from bridge.ingest.counter_unwrapping import Counts
 
-TICK_S = 1e-6  # of the time that is made
-_FEW = 4  # periods: a shorter silence is not told from an unsteady link
+TICK_S = 1e-6  # of the derived sample time
+_FEW = 4  # periods; a shorter silence cannot be told from an unsteady link
 _LEAST_S = 0.05
-_DOUBT_S = 0.5  # by then a burst has caught up, or gained something
+_DOUBT_S = 0.5  # by then, delayed samples have arrived in a burst
 _LONGEST_DOUBT_S = 5.0
 
 
 class ArrivalClock:
-    """Ticks of TICK_S, made from the count of samples and the latest sample period."""
+    """Derives ticks of TICK_S from the sample count and the latest sample period."""
 
     def __init__(self) -> None:
-        self._at: tuple[int, float] | None = None  # the latest count, and its ticks
+        self._at: tuple[int, float] | None = None  # latest count, and its ticks
 
     def ticks(self, counts: Counts, period_s: float) -> Counts:
-        """(n,) the ticks of rising counts (n,), those of a call above those of all before."""
+        """Ticks (n,) of rising counts (n,); rising across calls too."""
         step = period_s / TICK_S
         count, ticks = self._at or (int(counts[0]), int(counts[0]) * step)
         rising = ticks + (counts - count) * step
@@ -36,7 +36,7 @@ class ArrivalClock:
 class SilenceDetector:
     """Holds the readings after a silence until it is known whether samples are missing. Pure: times are arguments.
 
-    missing: the number of missing samples before the readings that were returned last.
+    missing: samples counted as missing so far, before the readings returned last.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,10 @@ class SilenceDetector:
         self._least_s, self._period_s = inf, 0.0
 
     def take(self, readings: Readings, late_s: float, period_s: float) -> list[Readings]:
-        """The readings that may be published, in order; late_s: how late the last sample came, by the clock fit."""
+        """Readings that may be published, in order.
+
+        late_s: how late the last sample arrived, by the clock fit. period_s: sample period, host seconds.
+        """
         silent_s, self._heard_ns = (readings.receive_time_ns - self._heard_ns) * 1e-9, readings.receive_time_ns
         limit_s, self._period_s = max(_LEAST_S, _FEW * period_s), period_s
         if not self._held:
@@ -65,7 +68,7 @@ class SilenceDetector:
         return self.release() if gained_s >= _DOUBT_S or since_s >= _LONGEST_DOUBT_S else []
 
     def release(self) -> list[Readings]:
-        """The held readings: they have not caught up, so they come after a gap."""
+        """Return the held readings, counting the samples missing before them: the delay was never caught up."""
         held, self._held = self._held, []
         if held:
             self.missing += round(self._least_s / self._period_s)

@@ -11,13 +11,13 @@ _LEAST_SAMPLES = 200
 
 
 class BadSampleRatio:
-    """Takes the counts of one boot, which only grow, and compares them with those of a minute ago."""
+    """Compares the counts of one boot, which only grow, with those of a minute ago."""
 
     def __init__(self) -> None:
-        self._past: deque[tuple[int, int, dict[str, int]]] = deque()  # when, samples, counts
+        self._past: deque[tuple[int, int, dict[str, int]]] = deque()  # time_ns, samples, counts
 
     def notable(self, time_ns: int, samples: int, counts: Mapping[str, int]) -> Sentences:
-        """The reasons that concern more than 1 % of the received samples, largest first; empty if there are none."""
+        """Reasons that concern more than 1 % of the samples of the last minute, largest first; empty if none."""
         while len(self._past) > 1 and self._past[1][0] <= time_ns - _WINDOW_NS:
             self._past.popleft()
         self._past.append((time_ns, samples, dict(counts)))

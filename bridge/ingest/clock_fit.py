@@ -1,7 +1,7 @@
-"""A device's clock against the host's: host = offset + rate * device, from the times at which batches came in.
+"""Fit of a device's clock to the host's: host = offset + rate * device, from the receive times of batches.
 
-Bytes come late, never early, and in bursts; so of each second of device time only the batch that was least late counts,
-and a robust line (Theil and Sen's median of slopes) goes through those of the last minute.
+Bytes arrive late, never early, and in bursts. So only the least late batch of each second of device time counts. A
+robust line (Theil–Sen median of slopes) is fitted to those of the last minute.
 """
 
 from collections import deque
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 _BINS = 60
 _FIRST_FIT = 3  # bins
-_TESTED_FIT = 5  # bins before an interval of the rate can speak against 1: of fewer, chance orders too many
-_TRUSTED_FIT = 10  # bins before a rate near 1 is told from 1 though 1 is in its interval
-_NEAR_ONE = 0.05  # most clocks are within 0.1 % of the host's; anything beyond this is a replay, or a wrong promise
-_VAGUE = 0.1  # of the rate: an interval as wide as this, to either side, says nothing yet
+_TESTED_FIT = 5  # bins before the rate's interval can contradict 1: with fewer bins, chance does so too often
+_TRUSTED_FIT = 10  # bins before a rate near 1 is used although its interval includes 1
+_NEAR_ONE = 0.05  # most clocks are within 0.1 % of the host's; a larger difference is a replay or a wrong nominal rate
+_VAGUE = 0.1  # of the rate: a fit whose interval is wider to either side is not used
 _SURE = 0.005  # of the rate
 _SLOWEST = 1e-4
 _STEP_S = 0.25
@@ -24,44 +24,45 @@ _BINS_TO_BELIEVE = 6
 
 
 class ClockFit:
-    """The clock of one boot. Usable from the first batch on, with rate 1; pure: all times are arguments.
+    """Clock fit of one boot, usable from the first batch on with rate 1. Pure: all times are arguments.
 
-    rate: host seconds per device second; rate_error: half of its interval of 95 %, where lateness is alike at all times;
-    infinite until it was measured.
-    A host clock that is set back is followed at once, one that is set forward (or delays that have come to stay) after
-    some seconds; what only comes late for a while and then catches up moves nothing.
+    rate: host seconds per device second.
+    rate_error: half of the rate's 95 % interval, if the lateness is equally distributed at all times; infinite until
+    measured.
+    A host clock set back is followed at once. A host clock set forward, or a lasting new delay, is followed after some
+    seconds. A delay that is caught up changes nothing.
     """
 
     def __init__(self) -> None:
         self.rate = 1.0
         self.rate_error = inf
-        self._zero_ns: int | None = None  # all host times below are seconds since then
+        self._zero_ns: int | None = None  # origin of all host times below, which are seconds
         self._offset_s = 0.0
-        self._bins: deque[tuple[float, float]] = deque(maxlen=_BINS)  # closed bins: (device, host) least late
+        self._bins: deque[tuple[float, float]] = deque(maxlen=_BINS)  # least late (device_s, host_s) of each closed bin
         self._number = 0
-        self._best: tuple[float, float] | None = None  # of the open bin
-        self._late = 0  # closed bins in a row that were much later than foreseen
-        self._late_s = 0.0  # how much, the latest
+        self._best: tuple[float, float] | None = None  # least late of the open bin
+        self._late = 0  # consecutive closed bins that were much later than expected
+        self._late_s = 0.0  # lateness of the latest closed bin
 
     @property
     def measured(self) -> bool:
-        """Whether `rate` is more than a promise."""
+        """Whether `rate` has been measured."""
         return self.rate_error < inf
 
     @property
     def sure(self) -> bool:
-        """Whether a sample's lateness can be told from an error of the rate."""
+        """Whether the rate is known to 0.5 %, so that a sample's lateness can be told from a rate error."""
         return self.rate_error < _SURE * self.rate
 
     def observe(self, device_s: float, receive_time_ns: int) -> None:
-        """A batch whose last sample was taken at device_s came in at receive_time_ns; device_s never goes back."""
+        """Add a batch: its last sample was taken at device_s and received at receive_time_ns; device_s never goes back."""
         number = int(device_s // 1)
         if self._zero_ns is None:
             self._zero_ns, self._number = receive_time_ns, number
         host_s = (receive_time_ns - self._zero_ns) * 1e-9
         early_s = self._expected(device_s) - host_s
         if len(self._bins) >= _FIRST_FIT and early_s > _STEP_S * max(1.0, self.rate):
-            self._restart()  # earlier than can be: the host's clock was set back
+            self._restart()  # earlier than possible: the host's clock was set back
         if self._best is not None and number != self._number:
             self._close_bin()
         self._number = number
@@ -80,7 +81,7 @@ class ClockFit:
         return self._offset_s + self.rate * device_s
 
     def _restart(self) -> None:
-        """Keep the rate, forget the offset."""
+        """Forget the offset, keep the rate."""
         self._bins.clear()
         self._best = None
         self._late = 0
@@ -115,7 +116,7 @@ class ClockFit:
 
 
 def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Theil and Sen's slope of points (n,), n > 2, between the ends of its 95 % interval (Sen, JASA 63, 1968, eq. 2.6)."""
+    """Theil–Sen slope of points (n,), n > 2, with its 95 % interval (Sen, JASA 63, 1968, eq. 2.6); returns low, slope, high."""
     first, second = _pairs(len(x))
     slopes = np.sort((y[second] - y[first]) / (x[second] - x[first]))
     n, of = len(x), len(slopes)
@@ -124,12 +125,12 @@ def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float
     return float(slopes[low]), _median(slopes), float(slopes[high])
 
 
-@cache  # of at most _BINS points, by each device each second
+@cache  # at most _BINS points; called once a second per device
 def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.triu_indices(n, 1)
 
 
 def _median(rising: NDArray[np.float64]) -> float:
-    """Of sorted numbers, which np.median would sort again."""
+    """Median of sorted numbers; np.median would sort again."""
     middle = len(rising) // 2
     return float(rising[middle] if len(rising) % 2 else (rising[middle - 1] + rising[middle]) / 2)

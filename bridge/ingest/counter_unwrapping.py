@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 from bridge.drivers.driver import Identity, Readings
 
 Counts = NDArray[np.int64]
-_REMEMBERED = 256  # missing numbers that may still come
-_FAR = 2**62  # ticks: of more, int64 has no room for a turn
+_REMEMBERED = 256  # missing sequence numbers that may still arrive
+_FAR = 2**62  # ticks; beyond, adding a turn could overflow int64
 
 
 class CounterUnwrapper:
-    """The latest sequence number and tick of one boot, unwrapped."""
+    """Unwraps the sequence numbers and ticks of one boot, and finds missing, duplicate and late samples."""
 
     def __init__(self) -> None:
         self._sequence: int | None = None
         self._ticks = 0
-        self._missed: dict[int, bool] = {}  # numbers that were passed over, oldest first
+        self._missed: dict[int, bool] = {}  # skipped sequence numbers, oldest first
 
     def unwrapped(self, readings: Readings, identity: Identity) -> tuple[Counts, Counts]:
-        """Sequence numbers and ticks that go on, (n,) each; they may repeat or go back, as sent."""
+        """Unwrapped sequence numbers and ticks, (n,) each; they may repeat or go back, as sent."""
         if self._sequence is None:
             first = readings.sequence % 2**identity.sequence_bits
             origin = int(readings.ticks[0]) % 2**identity.tick_bits
@@ -31,14 +31,14 @@ class CounterUnwrapper:
             forward = step(readings.sequence, self._sequence, identity.sequence_bits)
             first, origin = self._sequence + forward, self._ticks
             tick_steps = steps(readings.ticks, origin, identity.tick_bits)
-            # After a long silence the ticks may have gone round unseen; the sequence knows how long it was.
+            # After a long silence the ticks may have wrapped unseen; the sequence number tells its length.
             expected = forward / (identity.rate_hz * identity.tick_period_s)
             if abs(expected) > 2 ** (identity.tick_bits - 2):
                 tick_steps[0] = whole_turns(int(tick_steps[0]), expected, identity.tick_bits)
         return first + np.arange(len(readings.ticks)), origin + np.cumsum(tick_steps)
 
     def _rising(self, counts: NDArray[np.unsignedinteger], bits: int) -> Counts | None:
-        """The ticks, if they only rise, and did not go round: which is almost always, and costs little."""
+        """Unwrapped ticks by the fast path, if they only rise and did not wrap; None otherwise."""
         sent, turn = counts.tolist(), 1 << bits
         before = self._ticks - self._ticks % turn
         last = before + sent[-1]
@@ -46,7 +46,7 @@ class CounterUnwrapper:
         return counts.astype(np.int64) + before if rising and all(map(lt, sent, sent[1:])) else None
 
     def follow(self, readings: Readings, identity: Identity) -> "Followed":
-        """Which samples (n,) are new, and what the others are; moves on to the last new one."""
+        """Unwrap readings, classify their samples, and advance to the last new sample."""
         last = self._sequence
         if last is not None and step(readings.sequence, last, identity.sequence_bits) == 1:
             rising = self._rising(readings.ticks, identity.tick_bits)
@@ -56,7 +56,7 @@ class CounterUnwrapper:
         sequence, ticks = self.unwrapped(readings, identity)
         unheard = sequence > (-1 if last is None else last)
         later = np.ones(len(ticks), bool) if last is None else ticks > self._ticks
-        # Within the readings ticks must rise above all before them.
+        # Within the readings, a tick must exceed all earlier ticks.
         later[1:] &= ticks[1:] > np.maximum.accumulate(ticks)[:-1]
         new, first, missing = unheard & later, int(sequence[0]), 0
         if new.any():
@@ -76,10 +76,11 @@ class CounterUnwrapper:
 
 
 class Followed(NamedTuple):
-    """Consecutive samples of a boot, unwrapped: the number of the first, and ticks (n,).
+    """Consecutive unwrapped samples of a boot: sequence number of the first, and ticks (n,).
 
-    new (n,): which of them are new; None for every one. missing: numbers before the first. Of the others, counts of those
-    that are repeated: had before; overtaken: newer ones came first; backward: newly numbered, but of an earlier time.
+    new (n,): which samples are new; None if all are. missing: sequence numbers skipped before the first sample.
+    repeated: samples received before. overtaken: samples that arrive after newer ones. backward: samples with a new
+    number but an earlier time.
     """
 
     first: int
@@ -92,7 +93,7 @@ class Followed(NamedTuple):
 
 
 def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts:
-    """(n,) signed step from each count to the next, the first from `before`, each the shortest way round 2**bits."""
+    """Signed steps (n,) between consecutive counts, the first from `before`; each is the shortest way round 2**bits."""
     all_counts = np.concatenate([np.array([before % 2**bits], np.uint64), counts.astype(np.uint64)])
     spare = np.uint64(64 - bits)
     # Left-aligned in 64 bits, so that the difference wraps at the counter's width and its top bit is the sign.
@@ -101,11 +102,11 @@ def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts
 
 
 def step(count: int, before: int, bits: int) -> int:
-    """As `steps`, of one count."""
+    """Signed step of one count; see `steps`."""
     half = 1 << (bits - 1)
     return (count - before + half) % (1 << bits) - half
 
 
 def whole_turns(step_: int, expected: float, bits: int) -> int:
-    """A step with as many turns of the counter added as bring it nearest to what was expected."""
+    """A step plus the whole turns of the counter that bring it nearest to the expected step."""
     return step_ + (1 << bits) * round((expected - step_) / (1 << bits))

@@ -22,7 +22,7 @@ _NOBODY = Identity(
 
 
 class DeviceInfoBuilder:
-    """The latest battery state and notices of one device, with its fixed names: device, bridge, driver, port."""
+    """Builds DeviceInfo messages of one device from its fixed names, latest battery state and notices."""
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self._names = (device, bridge, driver, place)
@@ -30,7 +30,7 @@ class DeviceInfoBuilder:
         self._notices: dict[str, Sentence] = {}
 
     def note(self, event: Battery | Notice) -> None:
-        """Keep the latest battery state, and the latest notice of each name; at most as many names as the wire takes."""
+        """Store the latest battery state or the latest notice of a name; at most MAX_TEXTS notices are kept."""
         if isinstance(event, Battery):
             self._battery = event
             return
@@ -51,7 +51,10 @@ class DeviceInfoBuilder:
         events: dict[str, int],
         trouble: Sentences,
     ) -> DeviceInfo:
-        """The whole message; before the device has identified itself (identity None) boot is 0, and that is a trouble."""
+        """Build the complete message.
+
+        Before the device has identified itself (identity None), boot is 0 and a trouble says so.
+        """
         device, bridge, driver, place = self._names
         known, of_time = identity or _NOBODY, timeline.notices(identity) if identity else {}
         if identity is None:
@@ -77,7 +80,7 @@ class DeviceInfoBuilder:
             trouble=trouble,
             battery_percent=self._battery.percent,
             charging=self._battery.charging,
-            # The device's own, and what is to be said of its time.
+            # notices of the device, then of its time
             notices=(*self._notices.values(), *of_time)[-MAX_TEXTS:],
             has_clock=known.has_clock,
         )

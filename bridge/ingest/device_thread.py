@@ -1,4 +1,4 @@
-"""One device's thread: open the device, read it, queue its batches, and open it again when it is lost."""
+"""One device's thread: opens the device, reads it, queues its batches, and reopens it after a loss."""
 
 import logging
 import threading
@@ -21,15 +21,15 @@ _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
 _READ_S = 0.2
 _KEPT_SAMPLES = 20_000
 _SILENT_S = 3.0
-_LONGEST_PAUSE_S = 0.05  # what comes meanwhile must have room in the system's buffers
+_LONGEST_PAUSE_S = 0.05  # data that arrive during the pause must fit into the system's buffers
 
 _log = logging.getLogger(__name__)
 
 
 class Taken(NamedTuple):
-    """What the pump takes of a device: batches in order, the boot after them, and whether the device is there.
+    """Result of `DeviceThread.take`: batches in order, the boot after them, whether the device is connected.
 
-    boot: 0 while the device has not identified itself. info: its DeviceInfo, if asked for, and at a new boot.
+    boot: 0 while the device has not identified itself. info: DeviceInfo, if asked for and at a new boot.
     """
 
     batches: list[SampleBatch]
@@ -39,41 +39,42 @@ class Taken(NamedTuple):
 
 
 class DeviceThread:
-    """A device and its thread. `take` may be called from any thread and never waits for the device.
+    """A device and its reading thread. `take` may be called from any thread and never waits for the device.
 
-    The thread reads all that came, then pauses until `read_soon`, 50 ms at most: what comes meanwhile waits in the system's
-    buffers, and costs one wake-up. Finished batches wait in a bounded queue; when nobody takes them the oldest are dropped
-    and counted. A device that vanishes is opened again by its own name: each 0.1 s where its driver finds that cheap, as for
-    a port that is not plugged in; else ever later, up to 2 s.
+    The thread reads all available data, then pauses until `read_soon`, 50 ms at most. Data arriving meanwhile wait in
+    the system's buffers, which saves wake-ups.
+    Batches wait in a bounded queue; on overflow the oldest are dropped and counted.
+    A lost device is reopened every 0.1 s where the driver finds that cheap, as for an unplugged port. Other devices are
+    reopened at growing intervals, up to 2 s.
     """
 
     def __init__(self, device: str, driver: Driver, intake: Intake) -> None:
         self.device = device
-        self.over = False  # ended for good: a recording that is played
+        self.over = False  # ended for good, as a replayed recording does
         self._driver = driver
         self._intake = intake
         self._stop = threading.Event()
-        self._due = threading.Event()  # to read
+        self._due = threading.Event()  # set when it is time to read
         self._heard_s = 0.0
-        self._lock = threading.Lock()  # of the intake and the queue
+        self._lock = threading.Lock()  # guards the intake and the queue
         self._queue: deque[SampleBatch] = deque()
         self._queued = 0
         self._there = False
-        self._faults: dict[str, int] = {}  # a copy, for other threads
+        self._faults: dict[str, int] = {}  # copy of the driver's faults, for other threads
         self._complaint: Sentences = ()
-        self._informed_boot = -1  # of the latest DeviceInfo
+        self._informed_boot = -1  # boot of the latest DeviceInfo
         self._thread = threading.Thread(target=self._run, name=f"device {device}", daemon=True)
 
     def start(self) -> None:
-        """Begin to read."""
+        """Start the thread."""
         self._thread.start()
 
     def read_soon(self) -> None:
-        """Wake the thread: `take` follows in a moment."""
+        """Wake the thread to read; `take` follows shortly."""
         self._due.set()
 
     def take(self, *, informed: bool = True) -> Taken:
-        """The batches queued since the last take. informed: with a DeviceInfo, which a new boot comes with in any case."""
+        """Batches queued since the last take. informed: with a DeviceInfo; a new boot always comes with one."""
         with self._lock:
             batches = list(self._queue)
             self._queue.clear()
@@ -85,17 +86,17 @@ class DeviceThread:
             return Taken(batches, boot, self._there, info)
 
     def lose(self, batches: Iterable[SampleBatch]) -> None:
-        """Count batches that were taken and could not be published."""
+        """Count batches that were taken but could not be published."""
         with self._lock:
             for batch in batches:
                 self._intake.overflowed(batch)
 
     def stop(self, timeout_s: float = 2.0) -> None:
-        """End the thread and close the device; what was read can still be taken."""
+        """Stop the thread and close the device; batches already read can still be taken."""
         self._stop.set()
         self._due.set()
         if self._thread.is_alive():
-            self._driver.close()  # ends a read
+            self._driver.close()  # ends a pending read
             self._thread.join(timeout_s)
             if self._thread.is_alive():
                 _log.error("%s: its driver does not end", self.device)
@@ -112,12 +113,12 @@ class DeviceThread:
                     wait_s = _FIRST_WAIT_S
                 self._complain(error.reason)
             except DeviceLost as error:
-                if self._there:  # it had been read from, so try again soon
+                if self._there:  # it was readable, so retry soon
                     wait_s = _FIRST_WAIT_S
                 self.over = error.over
                 said = ended(self._driver, self._intake.driver) if error.over else ()
                 self._complain(said or error.reason, wrong=bool(said))
-            except Exception as error:  # noqa: BLE001 - a fault of one driver must not silence its device, or the others
+            except Exception as error:  # noqa: BLE001 - one driver's fault must not end its thread, or stop other devices
                 self._complain((Code.DRIVER_FAILED(error=repr(error)),), trace=True)
             finally:
                 self._there = False
@@ -133,18 +134,18 @@ class DeviceThread:
             self._due.clear()
 
     def _hear(self, events: list[Event]) -> None:
-        """Let events through the intake, and the batches into the queue."""
+        """Pass events through the intake, and queue the batches."""
         self._faults = self._driver.faults.as_dict()
         if not events:
             return
         with self._lock:
-            # A driver may have something to say of a device that says nothing.
+            # A driver may send notices about a silent device.
             if not all(isinstance(event, Notice) for event in events):
                 self._heard_s = time.monotonic()
                 if not self._there:
                     self._recover()
             self._intake.host_set_ns = host_time.set_ns(self._intake.host_set_ns)
-            # Of a device that tells time many readings at once cost no more than one.
+            # With a device clock, many readings merged cost as much as one.
             for event in joined(events) if self._intake.has_clock else events:
                 self._keep(self._intake.take(event))
         said, self._intake.said = self._intake.said, []
@@ -152,12 +153,12 @@ class DeviceThread:
             _log.warning("%s: %s", self.device, words)
 
     def _release(self) -> None:
-        """Queue the readings that the intake holds in doubt of a gap: nothing follows that it could wait for."""
+        """Queue the readings held because of a possible gap: no more data will settle it."""
         with self._lock:
             self._keep(self._intake.release())
 
     def _look(self) -> None:
-        """Say so when the device has been silent for long."""
+        """Report a device that has been silent for long."""
         if time.monotonic() - self._heard_s > _SILENT_S:
             self._there = False
             self._release()
@@ -181,7 +182,7 @@ class DeviceThread:
             self._intake.overflowed(lost)
 
     def _complain(self, complaint: Sentences, *, trace: bool = False, wrong: bool = False) -> None:
-        """Say a new trouble aloud, a known one quietly; an end is none, unless something is wrong with it."""
+        """Log a new trouble as a warning and a repeated one at debug level; a regular end is logged as info."""
         if self._stop.is_set():
             return
         known = complaint == self._complaint

@@ -1,4 +1,4 @@
-"""A device that two bridges send: the estimator takes one bridge's samples and refuses the other's."""
+"""Devices sent by two bridges: the estimator takes one bridge's samples and refuses the other's."""
 
 import contextlib
 import logging
@@ -12,13 +12,13 @@ from bridge.wire.codec import decode_status
 from bridge.wire.messages import Status
 from bridge.wire.refusal import Refusal
 
-_MOST = 4  # devices that are named
-_AT_ONCE = 1000  # messages
+_MOST = 4  # devices named in a sentence
+_AT_ONCE = 1000  # messages handled per call
 _log = logging.getLogger(__name__)
 
 
 def said(devices: Sequence[str], owner: str, refused: Sequence[str]) -> Sentence:
-    """The devices, or the first few; whose samples are taken, whose are refused, and what to do."""
+    """A sentence naming the first devices, the bridge whose samples are taken, the refused bridges, and what to do."""
     params = {"devices": ", ".join(devices[:_MOST]), "owner": owner, "refused": ", ".join(refused)}
     if (left := len(devices) - _MOST) > 0:
         return Code.TWO_BRIDGES_AND_MORE(more=left, **params)
@@ -26,7 +26,7 @@ def said(devices: Sequence[str], owner: str, refused: Sequence[str]) -> Sentence
 
 
 def found(statuses: Iterable[Status]) -> list[Sentence]:
-    """A sentence for each set of bridges that send the same devices now."""
+    """One sentence for each set of bridges that send the same devices now."""
     sets: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for status in statuses:
         if status.refused_bridges:
@@ -35,22 +35,22 @@ def found(statuses: Iterable[Status]) -> list[Sentence]:
 
 
 class DuplicateBridges:
-    """A bridge's own devices that estimators refuse; the first refusal of each is logged."""
+    """Tracks which of a bridge's devices estimators refuse; the first refusal of each device is logged."""
 
     def __init__(self, bus: Bus, ward: str, bridge: str, devices: Iterable[str]) -> None:
         self._bridge, self._devices, self._told = bridge, frozenset(devices), set[str]()
-        #: of which another bridge is listened to, as far as was said last
+        #: devices taken from another bridge, by the latest status
         self.refused: set[str] = set()
         self._statuses = bus.subscribe(keys.pattern(ward, "status"), history=True, capacity=2 * _AT_ONCE)
 
     def hear(self) -> None:
-        """Take the statuses that estimators have published since the last call."""
+        """Handle the statuses that estimators have published since the last call."""
         for message in self._statuses.drain(_AT_ONCE, 0.0):
-            with contextlib.suppress(Refusal):  # whoever sent it is told of by those whom it is for
+            with contextlib.suppress(Refusal):  # others report invalid statuses
                 self._take(decode_status(*message))
 
     def close(self) -> None:
-        """Unsubscribe."""
+        """Unsubscribe from the statuses."""
         self._statuses.close()
 
     def _take(self, status: Status) -> None:

@@ -8,12 +8,16 @@ from bridge.bus.routers import Routers
 from bridge.runtime.health_server import HealthSource, MetricFamily
 from bridge.wire.messages import DeviceInfo
 
-#: a pump that has not turned for so long is stuck
+#: seconds without a turn after which the pump counts as stuck
 STUCK_S = 5.0
 
 
 class BridgeHealth:
-    """infos: what was said last of each device; turned_s: when the pump turned last, monotonic; connected: to one of routers."""
+    """Health and metrics of a bridge.
+
+    infos: the last DeviceInfo of each device. turned_s: monotonic time of the pump's last turn. connected: whether one
+    of the routers is connected.
+    """
 
     def __init__(
         self,
@@ -27,16 +31,16 @@ class BridgeHealth:
 
     @property
     def asked(self) -> HealthSource:
-        """What a health server answers."""
+        """What the health server asks for: metrics, liveness and readiness."""
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Why it is not alive."""
+        """Reasons why the bridge is not alive; empty if it is."""
         age = time.monotonic() - self._turned_s()
         return [f"nothing was published for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
-        """Why it cannot do its work now."""
+        """Reasons why the bridge cannot do its work now; empty if it can."""
         why = self.sick()
         if not self._connected():
             why += ["the router is gone", *self._routers.faults()]
@@ -46,7 +50,7 @@ class BridgeHealth:
         return why
 
     def families(self) -> Iterator[MetricFamily]:
-        """All metrics; a label a device of the configuration, and the reasons of drops."""
+        """All metrics; the labels are devices of the configuration, and reasons of drops."""
         infos = self._infos()
         yield from certificate(self._routers)
         yield MetricFamily("bridge_connected", "Whether there is a router.", (), {(): float(self._connected())})

@@ -1,6 +1,7 @@
-"""Intake of one device: events in, valid batches out, everything else counted by reason.
+"""Intake of one device: events in, valid batches out, all other samples counted by reason.
 
-Pure: no clock, no thread. At any moment samples_in = samples published + the sum of dropped, since the boot began.
+Pure: no clock, no thread. Invariant since the boot began: samples_in = samples published + sum of dropped (readings
+still held for a possible gap are not yet in samples_in).
 """
 
 from dataclasses import replace
@@ -24,55 +25,55 @@ from bridge.wire.validation import MAX_TEXTS
 BEFORE_IDENTITY = "before_identity"
 _NO_TEMPERATURE, _RATE_DIFFERS, _LATE = "temperature_missing", "rate_differs", "late"
 _RATE_CHANGED = "rate_changed"
-_BAD = frozenset({"clipped", "stuck", "not_a_number", "temperature_step"})  # among the events: samples that are no good
+_BAD = frozenset({"clipped", "stuck", "not_a_number", "temperature_step"})  # events that count bad samples
 _MISSING = "missing_samples"
-_ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
-_INSTEAD_OF_0 = 1  # boot 0 is for devices that are not heard
+_ODD = 0x9E3779B97F4A7C15  # offset between boot numbers made here, which no device draws
+_INSTEAD_OF_0 = 1  # boot 0 means that the device was not heard
 
 Bools = NDArray[np.bool_]
 
 
 class Intake:
-    """One device. `take` its events in the order of arrival; `info` has the counts."""
+    """Turns the events of one device into batches. Pass events to `take` in the order of arrival; `info` has the counts."""
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
-        self.events = Tally()  # reboots, gaps, missing samples, reconnections: over the life of the bridge
+        self.events = Tally()  # reboots, gaps, missing samples, reconnections, over the bridge's life
         self.driver = driver
-        self.said: list[str] = []  # for the log; whoever writes it empties it
-        self.host_set_ns = 0  # what is published is by a clock so much ahead of that of the readings
+        self.said: list[str] = []  # log lines; the thread that logs them empties the list
+        self.host_set_ns = 0  # published time minus the clock of the readings, ns
         self._device = device
         self._account = DeviceInfoBuilder(device, bridge, driver, place)
         self._identity: Identity | None = None
-        self._unsaid = 0  # reboots since the identity's that the device did not tell
+        self._unsaid = 0  # reboots since the identity that the device did not announce
         self._begin()
 
     def _begin(self) -> None:
         """Reset the state that belongs to one boot."""
         self.timeline = SampleClock()
-        self._silent = 0  # samples missing in silences that are counted
+        self._silent = 0  # samples missing in silences, already counted
         self._shares = BadSampleRatio()
         self.samples_in = 0
         self.samples = 0
         self.dropped = Tally()
         self._counters = CounterUnwrapper()
-        self._old = 0  # samples in a row that were no news
-        self._next: int | None = None  # the sequence that would go on without a hole
+        self._old = 0  # consecutive samples that are not new
+        self._next: int | None = None  # the next sequence number without a gap
         self._sensor = SensorFaults(self.events)
 
     @property
     def boot(self) -> int | None:
-        """The boot as it is published, never 0; None before the device said any."""
+        """The published boot number, never 0; None before the first identity."""
         if self._identity is None:
             return None
         return (self._identity.boot + self._unsaid * _ODD) % 2**64 or _INSTEAD_OF_0
 
     @property
     def has_clock(self) -> bool:
-        """Whether the device is known to tell time; if not, when each reading came in is all there is."""
+        """Whether the device is known to have a clock; without one, only receive times are known."""
         return self._identity is not None and self._identity.has_clock
 
     def take(self, event: Event) -> list[SampleBatch]:
-        """The batches that an event completes, in order."""
+        """Batches completed by an event, in order."""
         if isinstance(event, Identity):
             return self._greet(event)
         if isinstance(event, Readings):
@@ -81,7 +82,7 @@ class Intake:
         return []
 
     def release(self) -> list[SampleBatch]:
-        """Readings that were held in doubt of a gap before them, as batches: no more readings are expected."""
+        """Batches of the readings held for a possible gap: no more readings are expected."""
         return [batch for readings in self.timeline.release() for batch in self._read(readings)]
 
     def overflowed(self, batch: SampleBatch) -> None:
@@ -92,9 +93,9 @@ class Intake:
         self.events.add("overflows")
 
     def info(self, time_ns: int, faults: dict[str, int], trouble: Sentences = ()) -> DeviceInfo:
-        """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
+        """DeviceInfo at time_ns, boot 0 before the first identity. The driver's faults are added to the events."""
         events, dropped = self.events.as_dict(), self.dropped.as_dict()
-        # A driver may have seen the same change.
+        # The driver may have counted the same change.
         events |= {label: max(n, events.get(label, 0)) for label, n in faults.items()}
         counted = self.samples, time_ns, dropped, events, trouble
         info = self._account.info(self._identity, self.boot or 0, self.timeline, *counted)
@@ -120,7 +121,7 @@ class Intake:
         return released
 
     def _ready(self, readings: Readings) -> list[Readings]:
-        """What may be read now: a gap of a device that tells no time must be known before its samples are numbered."""
+        """Readings that may be numbered now; without a device clock, a possible gap must be settled first."""
         identity = self._identity
         if (
             identity is None
@@ -153,7 +154,7 @@ class Intake:
             ticks, last = ticks[good], int(np.flatnonzero(good)[-1])
         first = followed.first + shift
         stamps = self._stamps(first + last, ticks + shift if shift else ticks, readings.receive_time_ns, identity)
-        # The good samples before a run are as many as its stamps come after the first.
+        # The number of good samples before a run is the index of its first time stamp.
         return [
             self._batch(
                 readings,
@@ -167,7 +168,7 @@ class Intake:
         ]
 
     def _stamps(self, last: int, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
-        """When good samples were taken; last is the number of their last."""
+        """Times of the good samples; `last` is the sequence number of the last one."""
         if self.timeline.observe(last, int(ticks[-1]), receive_time_ns, identity):
             self.events.add(_RATE_DIFFERS)
         if self.timeline.changes(identity):
@@ -185,17 +186,17 @@ class Intake:
             self.events.add(_MISSING, missing)
 
     def _count(self, followed: Followed, identity: Identity) -> None:
-        """Count the samples that are not new, and what is missing before them.
+        """Count the samples that are not new, and those missing before them.
 
-        A device that for a second sends old numbers only has begun anew without saying so (some draw the same boot
-        number each time): that is a boot, under a number of our making.
+        A device that sends only old numbers for a second has rebooted without saying so (some devices draw the same
+        boot number each time). That counts as a new boot, with a boot number made here.
         """
         if followed.new is None:
             self._old = 0
             return
         if followed.missing:
             self.events.add(_MISSING, followed.missing)
-        # Those that newer ones overtook are not sorted in: all after a hole would have to wait for what seldom comes.
+        # Overtaken samples are dropped, not sorted in: otherwise all samples after a gap would have to wait.
         self._drop(Reason.DUPLICATE, followed.repeated)
         self._drop(Reason.REORDERED, followed.overtaken)
         self._drop(Reason.BACKWARD, followed.backward)
@@ -205,11 +206,11 @@ class Intake:
             self.events.add("reboots_unsaid")
             self._unsaid += 1
             self._begin()
-            self.samples_in += refused  # they were of this boot already
+            self.samples_in += refused  # these samples belong to the new boot
             self.dropped.add(Reason.DUPLICATE, refused)
 
     def _good(self, readings: Readings, identity: Identity, new: Bools | None) -> Bools | None:
-        """Which of the new samples may be published, None for every one; counts the others."""
+        """Mask of the new samples that may be published, None if all may; counts the others."""
         sound = plausibility.sound(readings, identity.gyro_range)
         if sound is None:
             return new
@@ -226,7 +227,7 @@ class Intake:
     def _batch(
         self, readings: Readings, identity: Identity, sequence: int, run: slice, stamps: SampleTimes, begin: int
     ) -> SampleBatch:
-        """The samples of a run as a batch; `begin` is where its stamps begin."""
+        """Make a batch of a run of samples; `begin` is the index of its first time stamp."""
         gyro = np.ascontiguousarray(readings.gyro[run], np.float32)
         n = len(gyro)
         temperature_c = plausibility.temperature(readings, run)

@@ -1,4 +1,4 @@
-"""Merges consecutive batches of one device: fewer, larger messages cost bridge, router and readers less."""
+"""Merges consecutive batches of one device: fewer, larger messages cost bridge, router and subscribers less."""
 
 from collections.abc import Sequence
 from typing import Any, TypeVar
@@ -13,7 +13,7 @@ T = TypeVar("T", bound="np.generic[Any]")
 
 
 def merged(batches: Sequence[SampleBatch]) -> list[SampleBatch]:
-    """The same samples in as few batches as possible; a gap, a new boot or a changed set of columns begins a new one."""
+    """The same samples in as few batches as possible; a gap, a new boot or other columns start a new batch."""
     groups: list[list[SampleBatch]] = []
     size = 0
     for batch in batches:
@@ -58,6 +58,6 @@ def _one(group: list[SampleBatch]) -> SampleBatch:
 
 
 def column(parts: Sequence[NDArray[T] | None]) -> NDArray[T] | None:
-    """The concatenated columns; None if there are none."""
+    """Concatenate a column's parts; None if no part has the column."""
     present = [part for part in parts if part is not None]
     return np.concatenate(present) if present else None

@@ -1,4 +1,4 @@
-"""Merges consecutive readings of one device before the intake, which costs the same for one sample as for ten. Pure."""
+"""Merges consecutive readings of one device before the intake, whose cost per call hardly depends on the size. Pure."""
 
 from collections.abc import Iterable
 
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from bridge.drivers.driver import Event, Readings
 from bridge.ingest.merge_batches import column
 
-_LONGEST_NS = 100_000_000  # a clock is fitted to when readings came in, so not all of a second's may become one
+_LONGEST_NS = 100_000_000  # the clock fit needs several receive times a second
 
 
 def joined(events: Iterable[Event]) -> list[Event]:
-    """The same events in the same order, with as few Readings as possible; the receive time is that of the last part."""
+    """The same events in the same order, with as few Readings as possible; the receive time is the last part's."""
     groups: list[list[Event]] = []
     for event in events:
         if groups and _goes_on(groups[-1], event):

@@ -1,4 +1,4 @@
-"""Why an open device gives no samples: no bytes, or bytes of another protocol; with what to do."""
+"""Explains why an open device gives no samples: no bytes, or bytes of another protocol; and what to do."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from bridge.transport.transport import Chunk
 
 
 def no_data_reason(driver: Driver, name: str) -> Sentences:
-    """The same while nothing changes. name: the driver's, as in the ward's file."""
+    """Reason and advice for a silent device, the same while nothing changes. name: the driver's, as in the configuration."""
     if not isinstance(driver, StreamDriver):
         return (Code.NOTHING_UNDERSTOOD(place=driver.place),)
     chunks = driver.unread()
@@ -21,7 +21,7 @@ def no_data_reason(driver: Driver, name: str) -> Sentences:
 
 
 def ended(driver: Driver, name: str) -> Sentences:
-    """Why a capture that has ended gave no sample; empty if it gave some."""
+    """Reason why a capture ended without a sample; empty if it gave samples."""
     if not isinstance(driver, StreamDriver) or driver.samples_in:
         return ()
     if not driver.bytes_in:

@@ -7,17 +7,17 @@ from bridge.drivers.driver import Readings
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES
 from bridge.wire.refusal import Reason
 
-PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
+PLAUSIBLE = 2.0  # multiple of full scale; common sensitivity mistakes reach 1.17
 _MAX_COUNT = 2**62
-_SURELY = 0.99  # of a limit's square: the rest is for rounding
-_FEW = 4096  # values; for many more BLAS would wake threads
-_FOUR = 4  # bytes, in which no count is too large
+_SURELY = 0.99  # of the squared limit; the rest allows for rounding
+_FEW = 4096  # values; for many more, BLAS would wake its threads
+_FOUR = 4  # bytes; counters this narrow cannot be too large
 
 Bools = NDArray[np.bool_]
 
 
 def fault(readings: Readings) -> Reason | None:
-    """Why readings cannot be taken: columns of different lengths, counters that no device reaches."""
+    """Why readings must be refused: columns of different lengths, or impossible counters; None if acceptable."""
     n, accel, temperature_c = len(readings.ticks), readings.accel, readings.temperature_c
     whole = (
         n > 0
@@ -34,9 +34,9 @@ def fault(readings: Readings) -> Reason | None:
 
 
 def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools] | None:
-    """(n,) which samples are finite, and which of those are plausible; None if all are. gyro_range 0 is unknown."""
+    """Masks (n,) of the finite and of the plausible samples; None if all are plausible. gyro_range 0 means unknown."""
     limit = _limit(gyro_range)
-    # Almost always all are; what is no number is below no limit.
+    # Almost always all pass; NaN fails the comparison.
     if within(readings.gyro, limit) and (readings.accel is None or within(readings.accel, MAX_ACCEL)):
         return None
     finite = np.isfinite(readings.gyro).all(axis=1)
@@ -49,7 +49,7 @@ def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools] | None:
 
 
 def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
-    """The column, or None where a value of it is unusable: no reason to lose the rates."""
+    """The temperature column, or None if one of its values is unusable; the rates are still published."""
     if readings.temperature_c is None:
         return None
     column = readings.temperature_c[run]
@@ -61,15 +61,15 @@ def _limit(gyro_range: float) -> float:
 
 
 def within(column: NDArray[np.floating], limit: float) -> bool:
-    """Whether all values are of a magnitude up to limit; what is no number is not."""
-    # Where the sum of all squares is below that of the limit, none is beyond: the usual case, for a third of the price.
+    """Whether all magnitudes are ≤ limit; NaN is not."""
+    # A sum of squares below the squared limit proves it: the usual case, at a third of the cost.
     if column.size <= _FEW and np.vdot(column, column) <= _SURELY * limit * limit:
         return True
     return bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)
 
 
 def runs(n: int, good: Bools | None) -> list[slice]:
-    """The unbroken runs of n samples that are good (n,), None for all, none longer than a batch may be."""
+    """Unbroken runs of good samples as slices of n samples, each at most MAX_SAMPLES long; good (n,), None for all."""
     edges = [0, n]
     if good is not None:
         edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0)).tolist()

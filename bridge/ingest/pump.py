@@ -1,4 +1,4 @@
-"""Publishes all devices of one bridge: a thread takes the queue of every device each batch_ms and puts it on the bus."""
+"""Publishes all devices of one bridge: a thread takes each device's queue every batch_ms and puts it on the bus."""
 
 import itertools
 import logging
@@ -18,31 +18,31 @@ from bridge.wire import keys
 from bridge.wire.codec import encode_info, encode_samples
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
-#: an outage may last: over lines that lose much, one goes on for as long again as it has lasted
+#: seconds of outage covered by the publisher's cache; over lossy lines, recovery takes as long again as the outage
 _CACHE_S = 30.0
-#: messages of a device: of the shortest ones less is kept
+#: messages per device; with very short batches the cache covers less time
 _CACHE_MOST = 3000
 _INFO_EVERY_S = 1.0
 _CHANGES_EVERY_S = 0.2
-#: in the time between batches up to so many devices are published in so many shares: all at once, the last would wait for all
-#: others at whoever reads. Of more devices there is always something to read, and it costs less when much comes at once
+#: Up to _SPREAD devices are published in _SHARES shares within batch_ms: at once, the last would wait for all others at
+#: the subscriber. With more devices a subscriber always has something to read, and bulk is cheaper.
 _SPREAD, _SHARES = 128, 8
 
 _log = logging.getLogger(__name__)
 
 
 def cached(batch_s: float) -> int:
-    """The number of messages per device that the publisher keeps for subscribers that missed them, at one each batch_s."""
+    """Messages per device that the publisher keeps for subscribers that missed them, at one message each batch_s."""
     return min(max(1, round(_CACHE_S / batch_s)), _CACHE_MOST)
 
 
 def shares(devices: int) -> int:
-    """The number of shares in which so many devices are published, one after the other within batch_ms."""
+    """Number of shares in which this many devices are published, one after the other within batch_ms."""
     return _SHARES if devices <= _SPREAD else 1
 
 
 class DevicePublisher:
-    """One device on the bus: its publishers, and a liveliness token for its current boot."""
+    """Publishes one device on the bus: its publishers, and a liveliness token for its current boot."""
 
     def __init__(self, bus: Bus, ward: str, bridge: str, device: str, cache: int) -> None:
         self._bus = bus
@@ -51,22 +51,22 @@ class DevicePublisher:
         self._info: Publisher = bus.publisher(keys.build(ward, "info", bridge=bridge, device=device), cache=1)
         self._token: Declared | None = None
         self._token_boot: int | None = None
-        self.unsent: deque[SampleBatch] = deque()  # of what was to be published, what was not
+        self.unsent: deque[SampleBatch] = deque()  # batches not yet put on the bus
         self.said: DeviceInfo | None = None
         self._said_at_s = self._looked_at_s = float("-inf")
 
     def looks(self, now_s: float) -> bool:
-        """Whether it is time to look for changes of the DeviceInfo."""
+        """Whether it is time to check for a changed DeviceInfo."""
         due = now_s - self._looked_at_s >= _CHANGES_EVERY_S
         if due:
             self._looked_at_s = now_s
         return due
 
     def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
-        """Batches, with the account of a new boot ahead of its first, and behind the last of all.
+        """Publish batches, with the DeviceInfo of a new boot before its first batch, and with last=True after the last.
 
-        Raises BusError, and then `unsent` has what was not put. The account is of boot 0 while the device has not said
-        who it is; where it is not wanted, none is needed.
+        Raises BusError; `unsent` then holds the batches that were not put. The DeviceInfo has boot 0 while the device
+        has not identified itself; taken.info None publishes none.
         """
         self.unsent = deque(merged(taken.batches))
         self._tell_alive(taken.boot if taken.boot and taken.there else None)
@@ -105,7 +105,7 @@ class DevicePublisher:
 
 
 class Pump:
-    """The devices' threads and the thread that publishes, for the length of a `with`; the bus belongs to the caller."""
+    """The device threads and the publishing thread, for the length of a `with`; the bus belongs to the caller."""
 
     def __init__(self, ward: str, config: Bridge, bus: Bus) -> None:
         self._bus = bus
@@ -118,7 +118,7 @@ class Pump:
         self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
         self._stop = threading.Event()
         self._complaint = ""
-        #: when the pump turned last, monotonic seconds
+        #: monotonic time of the pump's last turn, s
         self.turned_s = time.monotonic()
         self._pump = threading.Thread(target=self._run, name="pump", daemon=True)
 
@@ -156,7 +156,7 @@ class Pump:
         self._alive.close()
 
     def _run(self) -> None:
-        """Publish one share after the other, each read half of the time between two ahead."""
+        """Publish one share after the other; its devices are woken to read half a step earlier."""
         parts, due_s = shares(len(self._all)), time.monotonic()
         step_s = self._batch_s / parts
         for turn in itertools.count():
@@ -193,7 +193,7 @@ class Pump:
 
 
 def _news(info: DeviceInfo) -> tuple[object, ...]:
-    """The fields that are published soon after a change; the others once a second."""
+    """Fields whose changes are published soon; other fields follow once a second."""
     return info.boot, info.dropped, info.events, info.trouble
 
 

@@ -1,6 +1,7 @@
 """Sample times of one boot, by the device's clock and by the host's, and the measured sample rate.
 
-A device that tells time is believed; for one that tells none (`Identity.has_clock`) time is made of the count of its samples.
+A device's own clock is used. For a device without a clock (`Identity.has_clock`), time is derived from the sample
+count.
 """
 
 from typing import NamedTuple
@@ -16,14 +17,15 @@ from bridge.ingest.sample_rate import SampleRateMeter
 from bridge.reasons.codes import Code, Sentence, Sentences
 
 _LATE_NS = 1_000_000_000
-_ODD_CLOCK = 0.02  # from the host's
-_OTHER = 0.02  # of the rate
+_ODD_CLOCK = 0.02  # relative to the host's clock
+_OTHER = 0.02  # relative change of the rate
 
 
 class SampleTimes(NamedTuple):
-    """Times of n samples that came in at once: ticks (n,) rising, of tick_period_s; device_s (n,) as the device tells it.
+    """Times of n samples received at once.
 
-    last_ns: host time of the last; ns_per_s: of host time, by device time. judged: whether lateness can be told.
+    ticks (n,): rising, of tick_period_s each. device_s (n,): times by the device's clock.
+    last_ns: host time of the last sample. ns_per_s: host ns per device second. judged: whether lateness can be judged.
     """
 
     ticks: Counts
@@ -37,54 +39,57 @@ class SampleTimes(NamedTuple):
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """(n,) device time."""
+        """Device times (n,) in s."""
         return np.asarray(self.ticks * self.tick_period_s, np.float64)
 
     def host_ns(self, at: int) -> int:
-        """When sample `at` was taken."""
+        """Host time at which sample `at` was taken, ns."""
         return max(0, self.last_ns - round(float(self.device_s[-1] - self.device_s[at]) * self.ns_per_s))
 
     def late(self) -> NDArray[np.bool_] | None:
-        """(n,) which came in over 1 s after they were taken; None if none did."""
-        if not self.judged or self.receive_time_ns - self.host_ns(0) <= _LATE_NS:  # which the first is, if any
+        """Mask (n,) of samples received over 1 s after they were taken; None if none were."""
+        if not self.judged or self.receive_time_ns - self.host_ns(0) <= _LATE_NS:  # if any sample is late, the first is
             return None
         before_ns = np.rint((self.device_s[-1] - self.device_s) * self.ns_per_s).astype(np.int64)
         return np.asarray(self.receive_time_ns - np.maximum(0, self.last_ns - before_ns) > _LATE_NS)
 
 
 class SampleClock:
-    """Fed in the order of arrival; pure. changed: how the rate changed last, if it did."""
+    """Sample clock and rate of one boot, fed in the order of arrival. Pure.
+
+    changed: a sentence on the last change of the rate; None if it did not change.
+    """
 
     def __init__(self) -> None:
         self.clock = ClockFit()
         self.rate = SampleRateMeter()
         self.changed: Sentence | None = None
-        self._sent_hz = self._first_hz = 0.0  # at which it is known to have sent; what it said first
+        self._sent_hz = self._first_hz = 0.0  # rate last measured; rate announced first
         self._silences, self._made = SilenceDetector(), ArrivalClock()
 
     @property
     def missing(self) -> int:
-        """Samples that a device without a clock has left out so far, by the silences."""
+        """Samples missing so far by the silences of a device without a clock."""
         return self._silences.missing
 
     def hold(self, readings: Readings, last_tick: int, identity: Identity) -> list[Readings]:
-        """What may be read now: after a silence of a device that tells no time it takes a while to know."""
+        """Readings that may be taken now; after a silence of a device without a clock, readings wait."""
         device_s = (last_tick + self.missing) * identity.tick_period_s
         late_s = (readings.receive_time_ns - self.clock.host_ns(device_s)) * 1e-9 if self.clock.sure else 0.0
         return self._silences.take(readings, late_s, identity.tick_period_s * self.clock.rate)
 
     def release(self) -> list[Readings]:
-        """What is held, when no more is expected."""
+        """The held readings, when no more are expected."""
         return self._silences.release()
 
     def observe(self, sequence: int, tick: int, receive_time_ns: int, identity: Identity) -> bool:
-        """The last good sample of readings; whether its rate begins to differ from what was told."""
+        """Add the last good sample of readings; whether its rate begins to differ from the nominal one."""
         device_s = tick * identity.tick_period_s
         self.clock.observe(device_s, receive_time_ns)
         return self.rate.observe(sequence, device_s, self.clock.rate, identity.rate_hz)
 
     def told(self, before_hz: float, rate_hz: float) -> Sentence:
-        """The device says another rate within its boot: it is measured anew. That it is as at first is no news."""
+        """Handle a rate announced within a boot: measurement restarts. A return to the first rate withdraws `changed`."""
         self.rate, self._sent_hz = SampleRateMeter(), 0.0
         self._first_hz = self._first_hz or before_hz
         said = _changed(before_hz, rate_hz)
@@ -92,7 +97,7 @@ class SampleClock:
         return said
 
     def changes(self, identity: Identity) -> bool:
-        """Whether a device with a clock is now known to send at another rate than before, though it does not say so."""
+        """Whether a device with a clock is found to have changed its rate without announcing it."""
         hz, before_hz = self.rate.steady_hz, self._sent_hz or identity.rate_hz
         if not (identity.has_clock and hz and before_hz) or abs(hz / before_hz - 1) <= _OTHER:
             self._sent_hz = self._sent_hz or hz
@@ -104,10 +109,10 @@ class SampleClock:
         return was_known
 
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
-        """The times of good samples (n,), rising, up to the one observed."""
+        """Times of good samples (n,), rising, up to the sample observed last."""
         rate = self.clock.rate
         device_s = np.asarray(ticks * identity.tick_period_s, np.float64)
-        # A sample cannot come in before it was taken, whatever the fit says.
+        # A sample cannot be received before it was taken, whatever the fit says.
         last_ns = min(self.clock.host_ns(float(device_s[-1])), receive_time_ns)
         shown = ticks, identity.tick_period_s, rate
         if not identity.has_clock:
@@ -115,7 +120,7 @@ class SampleClock:
         return SampleTimes(*shown, device_s, last_ns, rate * 1e9, receive_time_ns, self.clock.sure)
 
     def notices(self, identity: Identity) -> Sentences:
-        """What a person should know of it."""
+        """Notices about the device's time and rate, for people."""
         notices = [] if self.changed is None else [self.changed]
         clock, told, measured = self.clock, f"{identity.rate_hz:.4g}", f"{self.rate.hz:.4g}"
         if not identity.has_clock and clock.measured:

@@ -5,19 +5,20 @@ _DIFFERS, _AGREES = 0.02, 0.01  # of the nominal rate
 
 
 class SampleRateMeter:
-    """Of one boot. hz: samples per host second over the last ten seconds or so, missing ones included; 0 until known.
+    """Sample rate of one boot.
 
-    steady_hz: where two stretches of ten seconds, one after the other, last agreed; 0 until they do.
+    hz: samples per host second over about the last ten seconds, missing samples included; 0 until known.
+    steady_hz: rate on which two consecutive windows of ten seconds last agreed; 0 until they do.
     """
 
     def __init__(self) -> None:
         self.hz = self.steady_hz = 0.0
-        self._whole_hz = 0.0  # of the last ten seconds that were whole
+        self._whole_hz = 0.0  # of the last complete window
         self.differs = False
-        self._since: tuple[int, float] | None = None  # sequence and device time, some seconds ago
+        self._since: tuple[int, float] | None = None  # sequence and device time at the start of the window
 
     def observe(self, sequence: int, device_s: float, clock_rate: float, nominal_hz: float) -> bool:
-        """Whether the rate begins to differ from the nominal one; clock_rate: host seconds per device second."""
+        """Add a sample; whether the rate begins to differ from the nominal one. clock_rate: host seconds per device second."""
         if self._since is None:
             self._since = (sequence, device_s)
         since, since_s = self._since

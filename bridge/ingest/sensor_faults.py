@@ -1,8 +1,8 @@
-"""Flags readings of a faulty sensor: clipped at full scale, stuck at one value, or with a leap of temperature.
+"""Flags readings of a faulty sensor: clipped at full scale, stuck at one value, or with a temperature step.
 
-A sensor is stuck that repeats itself where its noise would not let it: all three axes, k times in a row, so that a
-sound sensor of this noise and this step does so less than 1e-5 times in a hundred device years. Noise and step are the
-device's own, from its rests; one whose step is coarser than its noise may repeat itself, and is never called stuck.
+A sensor is stuck if all three axes repeat k times in a row. k makes a false alarm of a healthy sensor rarer than 1e-5
+in a hundred device years. k follows from the device's own noise and quantisation step, measured at rest. A sensor whose
+step is coarser than its noise may repeat itself and is never called stuck.
 """
 
 from math import ceil, inf, log, pi, radians, sqrt
@@ -16,14 +16,14 @@ from bridge.wire.messages import SampleFlag
 from bridge.wire.refusal import Tally
 
 CLIPPED_AT = 0.99  # of full scale
-_NEARLY = 0.999  # so far below, nothing is clipped, however it was rounded
+_NEARLY = 0.999  # of the clipping threshold: below this, rounding cannot hide a clipped reading
 _LEAST_REPEATS = 5
-_BUDGET = 1e-5 / (100 * 365.25 * 86_400)  # false alarms a device second
+_BUDGET = 1e-5 / (100 * 365.25 * 86_400)  # false alarms per device second
 _RESTS = 10  # seconds at rest before the noise is known
 _REST_STD = radians(1.0)
-_LEAST_SAMPLES = 8  # of a second
-_MOST_SAMPLES = 1 << 18  # of a clock that hardly moves
-_NOISY = 1.5  # steps: rms of the difference of two readings, below which the step hides the noise
+_LEAST_SAMPLES = 8  # samples of a usable second
+_MOST_SAMPLES = 1 << 18  # samples of a second of a clock that hardly moves
+_NOISY = 1.5  # steps: if the rms difference of two readings is below this, the quantisation step hides the noise
 _LEAP_K, _WARMING_K_PER_S = 2.0, 1.0  # coarse thermometers step by a whole kelvin
 
 Bools = NDArray[np.bool_]
@@ -32,7 +32,7 @@ Flags = NDArray[np.uint32]
 
 
 class SensorFaults:
-    """The readings of one boot in order, any batching; `events` counts what is flagged, by samples."""
+    """Flags the readings of one boot, in order and in any batching; `events` counts the flagged samples."""
 
     def __init__(self, events: Tally) -> None:
         self._events = events
@@ -47,9 +47,9 @@ class SensorFaults:
         gyro_range: float,
         clipped: Bools | None = None,
     ) -> Flags:
-        """(n,) SampleFlags of n ≥ 1 good readings at time_s (n,): gyro (n, 3) rad/s, temperature_c (n,); range 0: unknown.
+        """SampleFlags (n,) of n ≥ 1 good readings at time_s (n,): gyro (n, 3) rad/s, temperature_c (n,); gyro_range 0: unknown.
 
-        clipped (n,): the samples that the device itself calls clipped.
+        clipped (n,): samples that the device itself reports as clipped.
         """
         flags = np.zeros(len(gyro), np.uint32)
         if gyro_range and not within(gyro, _NEARLY * CLIPPED_AT * gyro_range):
@@ -69,28 +69,28 @@ class SensorFaults:
 
 
 class Repeats:
-    """Readings that repeat the one before on all axes."""
+    """Finds readings that repeat the previous reading on all axes too often."""
 
     def __init__(self) -> None:
         self._last = np.full((1, 3), np.nan)
-        self._run = 0  # repeats, up to the last reading
-        self._began = inf  # the second that is being gathered
+        self._run = 0  # consecutive repeats up to the last reading
+        self._began = inf  # start of the current second
         self._second: list[Floats] = []
-        self._gathered = 0  # samples of it
-        self._stuck = False  # any of it
+        self._gathered = 0  # samples in the current second
+        self._stuck = False  # any sample of the current second
         self._noise = SelfRepetition()
-        self._needed: float | None = inf  # None: to be reckoned anew, once it is asked for
+        self._needed: float | None = inf  # None: compute when needed
         self._rate_hz = 0.0
 
     @property
     def needed(self) -> float:
-        """How many in a row mean stuck; infinite until it is known."""
+        """Repeats in a row that mean stuck; infinite until the noise is known."""
         if self._needed is None:
             self._needed = self._noise.repeats(self._rate_hz)
         return self._needed
 
     def seen(self, time_s: Floats, gyro: Floats) -> Bools:
-        """(n,) which of the next readings (n, 3) are stuck; seconds are cut by time, so that batching changes nothing."""
+        """Mask (n,) of stuck samples in the next readings (n, 3). Seconds are cut by time, so batching changes nothing."""
         stuck = np.zeros(len(gyro), bool)
         begin = 0
         while begin < len(gyro):
@@ -113,7 +113,7 @@ class Repeats:
         return stuck
 
     def _repeats(self, gyro: Floats) -> bool:
-        """Whether any of the next readings repeats the one before."""
+        """Whether any of the next readings repeats the reading before it."""
         rows = gyro.tolist()
         if any(map(eq, rows, [*self._last.tolist(), *rows])):
             return True
@@ -121,7 +121,7 @@ class Repeats:
         return False
 
     def _too_many(self, gyro: Floats) -> Bools:
-        """(n,) which of the next readings come after too many repeats."""
+        """Mask (n,) of the next readings that follow too many repeats."""
         same = (gyro == np.concatenate([self._last, gyro[:-1]])).all(axis=1)
         at = np.arange(len(same))
         runs = at - np.maximum.accumulate(np.where(same, -1 - self._run, at))
@@ -137,16 +137,16 @@ class Repeats:
 
 
 class SelfRepetition:
-    """How often a sound sensor repeats itself at rest, axis by axis."""
+    """Estimates, axis by axis, how often a healthy sensor repeats a reading at rest."""
 
     def __init__(self) -> None:
-        # The difference of two readings, rms, in least steps: of the quietest second, and the median of the quietest ten.
+        # Rms difference of two readings, in quantisation steps: of the quietest second; lowest median of ten seconds.
         self._least = self._quiet = np.full(3, inf)
         self._ten: list[Floats] = []
         self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
 
     def learn(self, gyro: Floats) -> None:
-        """A second of readings (n, 3) at rest."""
+        """Learn from one second of readings (n, 3) at rest."""
         change = np.abs(np.diff(gyro, axis=0))
         step = np.where(change > 0, change, inf).min(axis=0)
         self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)
@@ -161,10 +161,11 @@ class SelfRepetition:
         self._again += (equal[:-1] & equal[1:]).sum(axis=0)
 
     def repeats(self, rate_hz: float) -> float:
-        """How many repeats of all axes in a row do not happen by chance, by the budget; infinite where they may.
+        """Repeats of all axes in a row that chance does not explain, by the false-alarm budget; infinite where it may.
 
-        By the Gaussian difference of two readings, or by what was counted where that is surely more: filtered noise, and
-        sensors read more often than they measure, repeat themselves, and above all once more, oftener than white noise.
+        The probability comes from the Gaussian difference of two readings, or from counted repeats where those are
+        surely more. Filtered noise, and sensors read more often than they measure, repeat more often than white noise;
+        a second repeat is then likelier still.
         """
         if not np.isfinite(self._quiet).all():
             return inf
@@ -179,22 +180,22 @@ class SelfRepetition:
 
 
 def _at_least(happened: Floats, tried: Floats) -> Floats:
-    """Probabilities that counts speak for, less two standard deviations."""
+    """Probabilities from counts, less two standard deviations."""
     p = (happened + 1) / (tried + 2)
     return np.asarray(p - 2 * np.sqrt(p * (1 - p) / (tried + 2)))
 
 
 class Warmth:
-    """The temperature that was believed last, and how far from it a sensor can be by now."""
+    """Finds implausible temperature steps, from the last accepted temperature and the time since."""
 
     def __init__(self) -> None:
-        self._believed: tuple[float, float] | None = None  # when, °C
+        self._believed: tuple[float, float] | None = None  # time s, °C
 
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
-        """(n,) which of the next temperatures (n,) are not to be believed; a new level is, once there was time to get there."""
+        """Mask (n,) of temperatures not to be believed; a new level is accepted once enough time has passed to reach it."""
         at_s, believed_c = self._believed or (float(time_s[0]), float(temperature_c[0]))
         leaps = np.zeros(len(temperature_c), bool)
-        # Almost always nothing leaps, and no sample has to be looked at alone.
+        # Almost always all pass, and the loop is not needed.
         if (np.abs(temperature_c - believed_c) <= _LEAP_K).all():
             self._believed = float(time_s[-1]), float(temperature_c[-1])
             return leaps

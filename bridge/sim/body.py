@@ -1,7 +1,9 @@
-"""A wearer's body: a chain of stretches of activity, each an exact curve of attitude and of velocity, at any instants.
+"""A wearer's body: a chain of activities, each an exact curve of attitude and velocity that can be sampled at any times.
 
-attitude = (platform turned, earth axes) · (attitude at the stretch's start) · (pose and sway, sensor axes)
-force    = what a perfect accelerometer reads: Rᵀ (gravity up + acceleration), acceleration the change of a bounded velocity.
+  attitude = (platform turned, earth axes) · (attitude at the stretch's start) · (pose and sway, sensor axes)
+  force    = Rᵀ (gravity up + acceleration): what a perfect accelerometer reads
+
+Acceleration is the change of a bounded velocity.
 
 Convention as in motion.py: rate[i] turns attitude[i-1] into attitude[i] exactly; so does acceleration[i] with velocity.
 """
@@ -19,12 +21,12 @@ from bridge.sim.quaternion import Array, conjugate, from_rotvec, multiply, rotat
 _NOTHING = np.zeros(3)
 _UP = np.array([0.0, 0.0, 1.0])
 _NO_GOES = np.zeros((0, 4))
-#: a tick rings this fast and dies this fast: a floor under a footfall
+#: frequency and decay time of a knock's ringing, as of a floor under a footfall
 _RING_HZ, _RING_S = 14.0, 0.05
 
 
 class Activity(IntEnum):
-    """What a wearer, or a device that is not worn, does."""
+    """Activity of a wearer, or of a device that is not worn."""
 
     TABLE = 0
     HANDLED = 1
@@ -39,7 +41,7 @@ class Activity(IntEnum):
 
     @property
     def worn(self) -> bool:
-        """On skin."""
+        """Whether the device is on skin."""
         return self not in (Activity.TABLE, Activity.HANDLED)
 
 
@@ -47,7 +49,8 @@ class Activity(IntEnum):
 class Waves:
     """A sum of k oscillations along fixed directions: size (k, 3), frequency_hz (k,), phase (k,) rad.
 
-    stray (k,): how far, rad, each phase strays and comes back, some seven cycles a time: nothing alive is periodic.
+    stray (k,): amplitude in rad of a slow phase modulation, with a period of some seven cycles, because living motion
+    is not periodic.
     """
 
     size: Array
@@ -56,7 +59,7 @@ class Waves:
     stray: Array
 
     def at(self, time_s: Array) -> Array:
-        """(n, 3)."""
+        """Value of the sum at times (n,), shape (n, 3)."""
         cycles = 2 * np.pi * time_s[:, None] * self.frequency_hz
         wave: Array = np.sin(cycles + self.phase + self.stray * np.sin(0.137 * cycles + 2 * self.phase)) @ self.size
         return wave
@@ -64,14 +67,14 @@ class Waves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ticks:
-    """Short knocks from outside at time_s (m,), rising: each tilts by up to tilt (m, 3) rad and pushes with speed (m, 3)."""
+    """Short knocks from outside at time_s (m,), rising: each tilts by up to tilt (m, 3) rad and pushes with speed (m, 3) m/s."""
 
     time_s: Array
     tilt: Array
     speed: Array
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
-        """Tilt and velocity (n, 3), of the latest knock."""
+        """Tilt (n, 3) rad and velocity (n, 3) m/s of the latest knock, at times (n,)."""
         last = np.searchsorted(self.time_s, time_s, side="right") - 1
         since = np.where(last >= 0, time_s - self.time_s[last], np.inf)
         ring = (np.exp(-since / _RING_S) * np.sin(2 * np.pi * _RING_HZ * np.minimum(since, 1.0)))[:, None]
@@ -80,12 +83,12 @@ class Ticks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """One thing a wearer does; sway and bounce fade in and out, so that it begins and ends without them.
+    """One activity of a wearer; sway and bounce fade in and out, so that both are zero at its ends.
 
-    pose (3,) rad: a movement of the limb, a rotation vector in sensor axes, done along a minimum-jerk curve.
-    axis (3,), goes (m, 4): what the wearer lies, sits or walks on turns about a unit axis of the earth; a go is begin s,
-    end s, angle rad and seconds it takes to reach its even rate.
-    sway: rad, sensor axes. bounce: m/s, ahead, left and up. speed: m/s ahead.
+    pose (3,) rad: a limb movement, as a rotation vector in sensor axes, along a minimum-jerk curve.
+    axis (3,), goes (m, 4): the platform (bed, chair, floor) turns about this unit vector in earth axes. A go is begin
+    s, end s, angle rad, and seconds to reach the constant rate.
+    sway: rad, sensor axes. bounce: m/s; ahead, left and up. speed: m/s ahead.
     """
 
     activity: Activity
@@ -100,12 +103,12 @@ class Stretch:
     ticks: Ticks | None = None
 
     def rotvec(self, time_s: Array) -> Array:
-        """Pose and sway (n, 3), rad, without knocks."""
+        """Rotation vector (n, 3) of pose and sway, rad, without knocks."""
         done = minimum_jerk(time_s / self.duration_s)[:, None] * self.pose
         return np.asarray(done + self._fade(time_s) * sum(wave.at(time_s) for wave in self.sway))
 
     def angle(self, time_s: Array) -> Array:
-        """How far (n,), rad, the platform has turned: evenly but for the start and the end of each go."""
+        """Platform angle (n,), rad: at a constant rate except for the ramps at the start and end of each go."""
         begin, end, angle, ramp = self.goes.T
         u = np.clip(time_s[:, None], begin, end)
         up, down = np.minimum(u - begin, ramp), np.maximum(u - (end - ramp), 0.0)
@@ -114,12 +117,12 @@ class Stretch:
         return total
 
     def velocity(self, time_s: Array) -> Array:
-        """Ahead, left and up (n, 3), m/s, without knocks."""
+        """Velocity (n, 3) ahead, left and up, m/s, without knocks."""
         ahead = self.speed * np.array([1.0, 0.0, 0.0])
         return np.asarray(self._fade(time_s) * (ahead + sum(wave.at(time_s) for wave in self.bounce)))
 
     def knocked(self, time_s: Array) -> tuple[Array, Array]:
-        """Tilt (n, 3) rad and velocity (n, 3) m/s, of knocks from outside."""
+        """Tilt (n, 3) rad and velocity (n, 3) m/s of knocks from outside."""
         nothing = np.zeros((len(time_s), 3))
         if self.ticks is None or not len(self.ticks.time_s):
             return nothing, nothing
@@ -133,16 +136,16 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lived(TrueMotion):
-    """True motion, and what was done: activity (n,) int8; velocity (n, 3) m/s of the sensor, earth axes."""
+    """True motion with activity (n,) int8 and velocity (n, 3) m/s of the sensor, earth axes."""
 
     activity: NDArray[np.int8]
     velocity: Array
 
 
 class Body:
-    """Plays stretches one after the other, in order; after the last it lies on a table for ever.
+    """Plays stretches in order; after the last one the device lies on a table forever.
 
-    lever (3,): from the joint the limb turns about to the sensor, sensor axes, m. attitude: the first, wxyz.
+    lever (3,): from the joint the limb turns about to the sensor, sensor axes, m. attitude: the first attitude, wxyz.
     """
 
     def __init__(
@@ -159,7 +162,7 @@ class Body:
         self._reach = rotate(self._start, self._lever)
 
     def advance(self, time_s: Array) -> Lived:
-        """Truth at times (n,), n ≥ 1, rising and later than all before; the first call's first interval begins at 0."""
+        """Truth at times (n,), n ≥ 1, rising and later than all before. The first call's first interval begins at 0."""
         attitude, velocity, activity = self._curves(time_s)
         dt = np.diff(time_s, prepend=self._time_s)[:, None]
         before = np.concatenate([self._attitude, attitude[:-1]])

@@ -1,4 +1,4 @@
-"""A whole calibration session as arrays, for studies that need many of them fast."""
+"""Simulates a whole calibration session as arrays, for studies that need many sessions fast."""
 
 from dataclasses import dataclass, replace
 
@@ -15,13 +15,13 @@ TICK_S = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """n samples of one session and all that is true of them.
+    """n samples of one simulated session, with the truth about them.
 
-    ticks (n,) int64 of TICK_S, not wrapped; time_s (n,) the same in s. Sample i holds over (time_s[i-1], time_s[i]],
-    the first from 0.
-    gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,); bias (n, 3) rad/s is the true bias at each sample.
-    stages (m, 2): first sample and the one after the last of rest, turn, rest … (rests at even rows). A sample whose
-    interval holds any of a turn belongs to the turn.
+    ticks (n,) int64 of TICK_S, not wrapped; time_s (n,) the same in s. Sample i covers (time_s[i-1], time_s[i]], the
+    first from 0.
+    gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C; bias (n, 3) rad/s is the true bias at each sample.
+    stages (m, 2): first sample, and sample after the last, of rest, turn, rest … (rests at even rows). A sample whose
+    interval overlaps a turn belongs to the turn.
     """
 
     rate_hz: float
@@ -49,10 +49,11 @@ def simulate_session(
     turn_s: tuple[float, float] = (3.5, 6.0),
     spec: ImuSpec | None = None,
 ) -> Session:
-    """The session of this seed: the same arguments give the same session, whatever else was drawn before.
+    """Simulate the session of a seed; the same arguments always give the same session.
 
-    Arguments as in SessionPlan; noise_dps replaces that of spec (default: ImuSpec(), constant bias, no quantisation).
-    The seed alone decides scale, bias and noise's draws: changing the motion or the noise keeps the device.
+    Arguments are as in SessionPlan. noise_dps replaces that of spec (default: ImuSpec(), constant bias, no
+    quantisation).
+    The seed alone decides scale, bias and noise draws: changing the motion or the noise level keeps the device.
     """
     script_rng, device_rng = np.random.default_rng(seed).spawn(2)
     plan = SessionPlan(rests_s, turns, turn_s, wobble_deg, tilt_deg, replacement_deg)

@@ -1,8 +1,8 @@
-"""Bias instability: flicker noise, the floor of the Allan deviation, as a sum of wanderings that each forget in their own time.
+"""Bias instability: flicker noise, the floor of the Allan deviation, as a sum of Gauss-Markov processes.
 
-S(f) = B² / (π f), one-sided, from 1 / (2 π longest) to 1 / (2 π shortest) hertz; the Allan deviation is then flat at
-sqrt(2 ln 2 / π) B = 0.664 B in between (IEEE Std 952-1997, B.4.2). Each wandering is a Gauss-Markov process; their time
-constants are spread evenly in the logarithm, each with the power of its share of the spectrum.
+S(f) = B² / (π f), one-sided, from 1 / (2 π longest) to 1 / (2 π shortest) hertz. The Allan deviation is then flat at
+sqrt(2 ln 2 / π) B = 0.664 B in between (IEEE Std 952-1997, B.4.2). The time constants are evenly spaced in the
+logarithm; each process has the power of its share of the spectrum.
 """
 
 import numpy as np
@@ -10,11 +10,11 @@ import numpy as np
 from bridge.sim.quaternion import Array
 
 _SHORTEST_S, _LONGEST_S, _PER_DECADE = 0.5, 20_000.0, 3
-_STRETCH_S = 5.0  # within which a shortest wandering does not fade beyond what a float holds
+_STRETCH_S = 5.0  # within which the shortest process does not decay below float resolution
 
 
 class Flicker:
-    """Three axes of instability B (one number), drawn from rng; in order, however it is cut."""
+    """Flicker noise of instability B (one number) on three axes, drawn from rng; call `at` in order, in any batches."""
 
     def __init__(self, instability: float, rng: np.random.Generator) -> None:
         n = round(np.log10(_LONGEST_S / _SHORTEST_S) * _PER_DECADE) + 1
@@ -26,7 +26,7 @@ class Flicker:
         self._time_s = 0.0
 
     def at(self, time_s: Array) -> Array:
-        """(n, 3) at times (n,), rising and later than all before, which are after 0."""
+        """Noise (n, 3) at times (n,), rising and later than all before; all times are > 0."""
         parts, begin = [], 0
         while begin < len(time_s):
             end = int(np.searchsorted(time_s, max(self._time_s, time_s[begin]) + _STRETCH_S, side="right"))
@@ -36,12 +36,12 @@ class Flicker:
 
     def _stretch(self, time_s: Array) -> Array:
         dt = np.diff(time_s, prepend=self._time_s)
-        if dt[0] > _STRETCH_S:  # a silence: nothing of it needs to be drawn
+        if dt[0] > _STRETCH_S:  # a gap, whose values need not be drawn
             self._step(float(dt[0]), self._rng.normal(size=self._state.shape))
             dt[0] = 0.0
         fresh = self._rng.normal(size=(len(dt), *self._state.shape))
         kept = np.exp(-dt / self._tau_s)  # (tau, n)
-        # x[i] = kept[i] x[i-1] + new[i], solved at once: x[i] / all[i] adds up.
+        # x[i] = kept[i] x[i-1] + new[i], solved at once: x[i] / all_kept[i] is a cumulative sum.
         all_kept = np.exp(-np.cumsum(dt) / self._tau_s)[:, :, None]
         new = (self._std * np.sqrt(1 - kept**2))[:, :, None] * fresh.transpose(1, 0, 2)
         x = all_kept * (self._state[:, None, :] + np.cumsum(new / all_kept, axis=1))

@@ -1,11 +1,11 @@
-"""What a cheap gyroscope makes of the true rate, one error at a time, and the truth about it.
+"""Error model of a low-cost gyroscope and accelerometer: true motion in, readings and truth out.
 
     reading = M⁻¹ rate + bias(t) + G force + noise, then clipped to the range and rounded to the step
-    rate    = M (reading − bias),  M = diag(k) (I + E),  E with a zero diagonal; G is the g-sensitivity, often none
-    bias(t) = turn-on bias + b₁ (T − T₀) + b₂ (T − T₀)² + a random walk + flicker,  T₀ the cold temperature of the spec
+    rate    = M (reading − bias),  M = diag(k) (I + E),  E with a zero diagonal; G is the g-sensitivity, zero by default
+    bias(t) = turn-on bias + b₁ (T − T₀) + b₂ (T − T₀)² + random walk + flicker,  T₀ the cold temperature of the spec
 
-Scale, misalignment and turn-on bias are drawn once a boot; bias then wanders and follows temperature. How it follows it is the
-part's own, as all that is the accelerometer's: the same at every boot.
+Scale, misalignment and turn-on bias are drawn once per boot; the bias then drifts and follows the temperature.
+Temperature coefficients, g-sensitivity and accelerometer errors belong to the part and are the same at every boot.
 """
 
 from dataclasses import dataclass, replace
@@ -19,15 +19,17 @@ from bridge.sim.quaternion import Array
 
 @dataclass(frozen=True, slots=True)
 class ImuSpec:
-    """How bad a device is; what is drawn at each boot is drawn uniformly within its limits.
+    """Error limits of an IMU; values drawn per boot or part are uniform within their limits.
 
     k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ±. misalignment_deg: each element of E, ±.
-    noise_dps, accel_noise: white, standard deviation per sample (°/s, m/s²) at the usual rate. accel_bias: ± m/s².
-    accel_scale: ±, what its scale factors differ from 1. g_sensitivity_dps_per_g: ±, each element of G.
-    rrw_dps_per_sqrt_s: random walk of the bias. bias_instability_dps: B of its flicker, whose Allan deviation is 0.664 B.
+    noise_dps, accel_noise: white noise, standard deviation per sample (°/s, m/s²) at the usual rate. accel_bias: ±
+    m/s².
+    accel_scale: ± deviation of the accelerometer scale factors from 1. g_sensitivity_dps_per_g: each element of G, ±.
+    rrw_dps_per_sqrt_s: rate random walk. bias_instability_dps: B of the flicker noise, whose Allan deviation is 0.664
+    B.
     bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ and b₂, ±, per axis.
-    temperature_c: at power-up and when warm; warm_up_s: its time constant.
-    range_dps: full scale of the reading, ±. step_dps: least step of the reading, 0 for none.
+    temperature_c: at power-up and when warm, °C; warm_up_s: time constant of the warming.
+    range_dps: full scale of the reading, ±. step_dps: quantisation step of the reading, 0 for none.
     """
 
     scale: tuple[float, float] = (0.8, 1.2)
@@ -60,10 +62,11 @@ DEMO_SPEC = ImuSpec(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What is true of one boot: rate = matrix (reading − bias). Bias at a sample is in Readings.bias.
+    """True sensor parameters of one boot: rate = matrix (reading − bias). The bias of each sample is in Readings.bias.
 
-    matrix (3, 3), its diagonal k (3,); turn_on_bias (3,) rad/s, the bias at power-up, or at T₀ where that is not the
-    temperature then; bias_per_kelvin (3,) rad/s/K, bias_per_kelvin2 (3,) rad/s/K²; g_sensitivity (3, 3) rad/s per m/s².
+    matrix (3, 3), with diagonal k (3,).
+    turn_on_bias (3,) rad/s: the bias at T₀, which is the bias at power-up if the device is then at T₀.
+    bias_per_kelvin (3,) rad/s/K, bias_per_kelvin2 (3,) rad/s/K²; g_sensitivity (3, 3) rad/s per m/s².
     accel_bias (3,) m/s², accel_scale (3,).
     """
 
@@ -76,7 +79,7 @@ class Truth:
     g_sensitivity: Array
 
     def of_part(self, part: "Truth") -> "Truth":
-        """The same boot, of the part that another boot was of."""
+        """Truth of this boot with the part-specific parameters of `part`."""
         return replace(part, matrix=self.matrix, turn_on_bias=self.turn_on_bias)
 
     @property
@@ -87,9 +90,9 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """What the sensor reads, n samples: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,).
+    """Sensor readings of n samples: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C.
 
-    bias (n, 3) rad/s is the truth behind them.
+    bias (n, 3) rad/s: the true bias in the readings.
     """
 
     gyro: Array
@@ -99,14 +102,14 @@ class Readings:
 
 
 class ImuErrorModel:
-    """The sensor of one boot: drawn from rng at construction unless its truth is given, then fed true motion in order."""
+    """Sensor of one boot: parameters are drawn from rng unless truth is given; then reads true motion, in order."""
 
     def __init__(self, spec: ImuSpec, rng: np.random.Generator, truth: Truth | None = None) -> None:
         self.spec = spec
         self.truth = truth or draw(spec, rng)
-        # The walk draws from a stream of its own, so that the readings do not depend on how the motion is cut.
+        # A separate random stream for the walk makes the readings independent of how the motion is cut.
         self._rng, self._walk_rng = rng.spawn(2)
-        # A third stream only where it is drawn from, so that seeds keep their meaning.
+        # A third stream only where needed, so that existing seeds give the same draws.
         unstable = np.radians(spec.bias_instability_dps)
         self._flicker = Flicker(unstable, rng.spawn(1)[0]) if unstable > 0 else None
         self._inverse = np.linalg.inv(self.truth.matrix)
@@ -115,13 +118,13 @@ class ImuErrorModel:
         self._white = 1.0
 
     def pace(self, faster: float) -> None:
-        """From the next read on samples come so many times as fast as usual; white noise is as dense as it was."""
+        """Sample `faster` times as fast as usual from the next read on; the white noise density stays the same."""
         self._white = float(np.sqrt(faster))
 
     def read(self, motion: TrueMotion, temperature_c: Array | None = None) -> Readings:
-        """The readings of the next stretch of motion; times count from this boot's first sample interval.
+        """Readings of the next stretch of motion; times count from this boot's first sample interval.
 
-        temperature_c (n,): the sensor's; without it, it warms up by its spec.
+        temperature_c (n,): sensor temperature; by default the sensor warms up as in its spec.
         """
         spec, rng, n = self.spec, self._rng, len(motion.time_s)
         if temperature_c is None:
@@ -139,7 +142,7 @@ class ImuErrorModel:
         return Readings(gyro, accel, temperature_c, bias)
 
     def temperature_c(self, time_s: Array) -> Array:
-        """The sensor's temperature (n,) at times (n,) since its boot, °C."""
+        """Sensor temperature (n,) at times (n,) since its boot, °C."""
         cold, warm = self.spec.temperature_c
         return np.asarray(warm + (cold - warm) * np.exp(-time_s / self.spec.warm_up_s))
 
@@ -160,13 +163,13 @@ class ImuErrorModel:
 
 
 def draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
-    """What is true of a device at its first boot; see Truth.of_part for the others."""
+    """Draw the true parameters of a device at its first boot; see Truth.of_part for later boots."""
 
     def within(limit: float, shape: int | tuple[int, int] = 3) -> Array:
         return rng.uniform(-limit, limit, shape)
 
     def some(limit: float, shape: int | tuple[int, int] = 3) -> Array:
-        # What a device does not have draws nothing, so that seeds keep their meaning.
+        # Errors that a device does not have draw nothing, so that existing seeds give the same draws.
         return within(limit, shape) if limit > 0 else np.zeros(shape)
 
     k = rng.uniform(*spec.scale, 3)

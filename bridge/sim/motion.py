@@ -1,8 +1,8 @@
-"""True body motion, sampled at any instants: attitude, body rate and specific force.
+"""True body motion, sampled at any times: attitude, body rate and specific force.
 
-A motion is a chain of pieces, each an exact curve of attitude. Convention: sample i holds over (t[i-1], t[i]], that is,
-rate[i] turns attitude[i-1] into attitude[i] exactly. Whoever integrates the rates as constant between sample times
-gets the true attitude to rounding, however coarse the samples.
+A motion is a chain of pieces, each an exact curve of attitude. Convention: sample i covers (t[i-1], t[i]], and rate[i]
+turns attitude[i-1] into attitude[i] exactly. Integrating the rates as constant between sample times gives the true
+attitude to rounding, however coarse the samples.
 """
 
 from collections.abc import Iterable
@@ -20,26 +20,26 @@ _IDENTITY = np.array([[1.0, 0.0, 0.0, 0.0]])
 
 
 class Piece(Protocol):
-    """A stretch of motion that begins and ends at rest.
+    """A piece of motion that begins and ends at rest.
 
     lever: from the centre of rotation to the sensor, sensor axes, m.
     """
 
     @property
     def duration_s(self) -> float:
-        """How long it takes."""
+        """Duration in s."""
 
     @property
     def lever(self) -> tuple[float, float, float]:
-        """From the centre of rotation to the sensor, sensor axes, m."""
+        """Lever arm from the centre of rotation to the sensor, sensor axes, m."""
 
     def attitude(self, time_s: Array) -> Array:
-        """Attitude (n, 4) at times (n,) in 0 to duration_s, relative to the piece's own start."""
+        """Attitude (n, 4) wxyz at times (n,) in 0 to duration_s, relative to the piece's own start."""
 
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """Nothing moves."""
+    """A piece without motion."""
 
     duration_s: float
     lever: tuple[float, float, float] = NO_LEVER
@@ -51,11 +51,12 @@ class Still:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """A rotation by `angle` rad about the unit `axis` (3,), along the path a hand takes.
+    """A rotation by `angle` rad about the unit `axis` (3,), along the path of a hand.
 
-    goes (m, 3): begin s, end s and share of each push; each push is a minimum-jerk curve, the shares add up to 1.
-    wobble (h, 3): harmonics of a tilt across the path that is zero at both ends, rad: it moves the axis, not the end.
-    offset (3,): the small rotation, rad, by which the end misses; zero for a perfect re-placement.
+    goes (m, 3): begin s, end s and share of each push. Each push is a minimum-jerk curve; the shares add up to 1.
+    wobble (h, 3): harmonics, in rad, of a tilt across the path that is zero at both ends. Wobble moves the axis but not
+    the end attitude.
+    offset (3,): small rotation, rad, by which the end misses; zero for a perfect re-placement.
     """
 
     duration_s: float
@@ -79,7 +80,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spin:
-    """A machine turns it about the unit `axis` (3,): up to `rate` rad/s within ramp_s, at that rate, and down again."""
+    """A machine turn about the unit `axis` (3,): up to `rate` rad/s within ramp_s, constant, and down again."""
 
     duration_s: float
     axis: Array
@@ -100,7 +101,7 @@ class Spin:
 class Swing:
     """Natural movement: the rotation vector is a sum of harmonics under a smooth envelope, plus a net change of pose.
 
-    pose (3,) rad: where it ends. sine, cosine (h, 3) rad: amplitudes at 1, 2 … h cycles per duration.
+    pose (3,) rad: the end pose. sine, cosine (h, 3) rad: amplitudes at 1, 2 … h cycles per duration.
     """
 
     duration_s: float
@@ -110,7 +111,7 @@ class Swing:
     lever: tuple[float, float, float] = NO_LEVER
 
     def rotvec(self, time_s: Array) -> Array:
-        """The rotation vector (n, 3), rad, relative to the start; its slope bounds the body rate from above."""
+        """Rotation vector (n, 3), rad, relative to the start; its slope is an upper bound of the body rate."""
         u = time_s / self.duration_s
         phase = 2 * np.pi * u[:, None] * np.arange(1, len(self.sine) + 1)
         envelope = np.sin(np.pi * u)[:, None] ** 2
@@ -126,7 +127,8 @@ class Swing:
 class TrueMotion:
     """Truth at n samples: time_s (n,), rate (n, 3) rad/s body, attitude (n, 4) wxyz sensor -> earth, force (n, 3) m/s².
 
-    force is what a perfect accelerometer reads: gravity (9.80665 up at rest) and the acceleration of the lever arm.
+    force is the specific force a perfect accelerometer reads: gravity (9.80665 up at rest) plus the acceleration of the
+    lever arm.
     """
 
     time_s: Array
@@ -136,7 +138,7 @@ class TrueMotion:
 
 
 class Motion:
-    """Plays pieces one after the other, on demand and in order; after the last it stays still for ever.
+    """Plays pieces in order and on demand; after the last piece the device stays still forever.
 
     pieces may be endless. attitude: the first attitude, wxyz.
     """
@@ -151,7 +153,10 @@ class Motion:
         self._rate = np.zeros((1, 3))
 
     def advance(self, time_s: Array) -> TrueMotion:
-        """Truth at times (n,), n ≥ 1, rising and later than all before; the first call's first interval begins at 0."""
+        """Truth at times (n,), n ≥ 1, rising and later than all before. The first call's first interval begins at 0.
+
+        Raises ValueError if the times do not rise.
+        """
         attitude, lever = self._attitudes(time_s)
         dt = np.diff(time_s, prepend=self._time_s)[:, None]
         if not (dt > 0).all():
@@ -187,6 +192,6 @@ class Motion:
 
 
 def minimum_jerk(u: Array) -> Array:
-    """The hand's way from 0 to 1: no velocity and no acceleration at either end; constant outside 0 to 1."""
+    """Minimum-jerk curve of a hand from 0 to 1: zero velocity and acceleration at both ends, constant outside 0 to 1."""
     u = np.clip(u, 0.0, 1.0)
     return np.asarray(u**3 * (10 - 15 * u + 6 * u * u))

@@ -1,4 +1,4 @@
-"""What a wearer does, drawn from a seed: a calibration session, good or bad, and life on a wearer."""
+"""Motion scripts drawn from a seed: calibration sessions, good or bad, and everyday motion of a wearer."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from bridge.sim.motion import Motion, Piece, Spin, Still, Swing, Turn
 from bridge.sim.quaternion import Array
 
-SESSION_LEVER = (0.02, 0.01, 0.005)  # turned on a table: the sensor sits near the centre
-WORN_LEVER = (0.25, 0.02, 0.03)  # worn on a forearm
+SESSION_LEVER = (0.02, 0.01, 0.005)  # m; turned on a table, the sensor is near the centre
+WORN_LEVER = (0.25, 0.02, 0.03)  # m; worn on a forearm
 _WOBBLE_HARMONICS = 4
 _SWING_HARMONICS = 3
 
@@ -19,8 +19,8 @@ _SWING_HARMONICS = 3
 class TurnPlan:
     """One hand-made turn about a sensor axis (0, 1, 2); a negative angle is the other direction.
 
-    duration_s None draws it. goes: the pushes it is made in. swing: in place of a turn, pick the device up and put it
-    down in another pose; angle_deg then sets how fast.
+    duration_s: None draws the duration. goes: number of pushes.
+    swing: instead of turning, pick the device up and put it down in another pose; angle_deg then sets the speed.
     """
 
     axis: int
@@ -35,10 +35,10 @@ class SessionPlan:
     """A calibration session: still, turn, still, turn … still.
 
     rests_s: one duration for all rests, or one for each (turns + 1).
-    turns None: all three axes, in any order and direction; turn_s: their durations are drawn between these.
-    wobble_deg: the greatest tilt across the path of a turn, which still closes exactly.
-    tilt_deg: how far a turn's axis may lie off the sensor's.
-    replacement_deg: by how much a turn misses its start, standard deviation per axis.
+    turns: None for all three axes, in any order and direction. turn_s: range from which the turn durations are drawn.
+    wobble_deg: greatest tilt across the path of a turn, which still closes exactly.
+    tilt_deg: greatest angle between a turn's axis and the sensor axis.
+    replacement_deg: closure error of a turn, standard deviation per axis.
     """
 
     rests_s: float | tuple[float, ...] = 3.2
@@ -50,7 +50,7 @@ class SessionPlan:
 
 
 def session(rng: np.random.Generator, plan: SessionPlan | None = None) -> list[Piece]:
-    """The pieces of a session, rests at even positions, turns at odd ones. ValueError when rests do not fit turns."""
+    """Pieces of a session, rests at even positions, turns at odd ones. Raises ValueError if rests do not fit turns."""
     plan = plan or SessionPlan()
     turns = any_three_turns(rng) if plan.turns is None else plan.turns
     rests = plan.rests_s if isinstance(plan.rests_s, tuple) else (plan.rests_s,) * (len(turns) + 1)
@@ -78,9 +78,11 @@ def poses(rng: np.random.Generator, movements: int, *, rest_s: float = 3.0, turn
 def machine(
     mounts: Array, rates_dps: tuple[float, ...], *, rest_s: float = 3.0, spin_s: float = 5.0, up: Array | None = None
 ) -> list[Piece]:
-    """A turntable or servo with a vertical axis: for each mount (m, 3), the sensor's unit vector then up, every rate.
+    """A turntable or servo with a vertical axis: every rate, in each mounting of the sensor.
 
-    Rest, spin, rest, spin … in one mount, then it is mounted anew by a movement of 1 s. up (3,): the vector up at first.
+    mounts (m, 3): per mounting, the unit vector in sensor axes that points up. up (3,): the vector that points up at
+    the start.
+    In one mounting: rest, spin, rest, spin …; a new mounting is reached by a movement of 1 s.
     """
     up = np.array([0.0, 0.0, 1.0]) if up is None else up
     pieces: list[Piece] = [Still(rest_s)]
@@ -109,7 +111,7 @@ def worn(
     burst_s: tuple[float, float] = (1.0, 5.0),
     peak_dps: tuple[float, float] = (30.0, 150.0),
 ) -> Iterator[Piece]:
-    """Endless life on a wearer: a burst of movement, a rest in the pose it led to, and so on."""
+    """Endless everyday motion: a burst of movement, a rest in the new pose, and so on."""
     while True:
         yield swing(rng, rng.uniform(*burst_s), np.radians(rng.uniform(*peak_dps)))
         yield Still(rng.uniform(*rest_s))
@@ -127,7 +129,7 @@ def swing(rng: np.random.Generator, duration_s: float, peak_rate: float) -> Swin
 
 
 def demo_script(rng: np.random.Generator, warm_up_s: float = 2.0) -> Motion:
-    """What a device lives through in the demonstration: put down, calibrated within 30 s, then worn for ever."""
+    """Motion of the demonstration device: put down, calibrated within 30 s, then worn forever."""
 
     def pieces() -> Iterator[Piece]:
         yield Still(warm_up_s)
@@ -138,7 +140,7 @@ def demo_script(rng: np.random.Generator, warm_up_s: float = 2.0) -> Motion:
 
 
 def flat(rng: np.random.Generator) -> Array:
-    """An attitude (4,) wxyz of a device lying on a table, z up, with any heading."""
+    """Attitude (4,) wxyz of a device lying on a table, z up, with any heading."""
     half = rng.uniform(-np.pi, np.pi) / 2
     return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
 
@@ -146,7 +148,7 @@ def flat(rng: np.random.Generator) -> Array:
 def _turn(rng: np.random.Generator, plan: SessionPlan, turn: TurnPlan) -> Piece:
     duration_s = rng.uniform(*plan.turn_s) if turn.duration_s is None else turn.duration_s
     if turn.swing:
-        # A minimum-jerk way peaks at 15/8 of its mean rate.
+        # A minimum-jerk curve peaks at 15/8 of its mean rate.
         return swing(rng, duration_s, abs(np.radians(turn.angle_deg)) / duration_s * 15 / 8)
     axis = np.eye(3)[turn.axis]
     across = np.delete(np.arange(3), turn.axis)
@@ -159,7 +161,7 @@ def _turn(rng: np.random.Generator, plan: SessionPlan, turn: TurnPlan) -> Piece:
 
 
 def _wobble(rng: np.random.Generator, size: float, across: NDArray[np.intp]) -> Array:
-    """Harmonics (h, 3) of a tilt about the two axes across the turn whose greatest angle is size rad."""
+    """Harmonics (h, 3) of a tilt about the two axes across the turn; its greatest angle is size rad."""
     harmonics = np.zeros((_WOBBLE_HARMONICS, 3))
     harmonics[:, across] = rng.normal(size=(_WOBBLE_HARMONICS, 2))
     path = np.sin(np.pi * np.linspace(0, 1, 101)[:, None] * np.arange(1, _WOBBLE_HARMONICS + 1)) @ harmonics

@@ -1,9 +1,10 @@
 """The paper's simulated sessions, gyro only and many at once: still, turn x, still, turn y, still, turn z, still.
 
-Source: Wang et al., Mechatronics 102 (2024) 103232, its simulation: scale U(0.8, 1.2), bias U(-5, 5) °/s, turning axes off
-the sensor's by U(-10 %, 10 %), speed along a Bézier curve, white noise. Beyond it: a hand that wobbles, a hand that misses,
-and sensors that sample points. Sample i of a sensor that averages holds over the interval that ends at it, and its rate turns
-one attitude into the next exactly. Sample i of a sensor that samples points is the rate at the end of that interval.
+Source: Wang et al., Mechatronics 102 (2024) 103232, simulation: scale U(0.8, 1.2), bias U(-5, 5) °/s, turning axes off
+the sensor's by U(-10 %, 10 %), speed along a Bézier curve, white noise. Additions: a wobbling hand, a hand that misses
+the start, and sensors that sample points.
+Averaging sensor: sample i covers the interval that ends at it, and its rate turns one attitude into the next exactly.
+Point-sampling sensor: sample i is the rate at the end of that interval.
 """
 
 from dataclasses import dataclass
@@ -17,17 +18,17 @@ from numpy.typing import NDArray
 from bridge.sim.quaternion import Array, conjugate, from_rotvec, multiply, to_rotvec
 
 _DEGREE = 5
-#: a point's rate is the mean over so many samples to either side of it
+#: half-width, in samples, of the mean that stands for a point's rate
 _POINT = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class PaperPlan:
-    """What a study varies. noise_dps: white, °/s; times in s.
+    """Parameters of a study's sessions. noise_dps: white noise, °/s; times in s.
 
-    wobble_deg: how far a turn's axis swings in space, to either side in both directions across it; it still closes.
-    replacement_deg: by how much a turn misses its start, standard deviation per axis.
-    sampling: a reading is the mean rate over its interval, or the rate at its end.
+    wobble_deg: amplitude by which a turn's axis swings in space, in both directions across it; the turn still closes.
+    replacement_deg: closure error of a turn, standard deviation per axis.
+    sampling: "mean", a reading is the mean rate over its interval; "point", the rate at its end.
     """
 
     noise_dps: float = 0.03
@@ -41,7 +42,7 @@ class PaperPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperGyro:
-    """One of the paper's parameter sets: rate = k (reading - bias); k, bias (3,) in rad/s, turning axes (3, 3) in rows."""
+    """One of the paper's parameter sets: rate = k (reading - bias); k (3,), bias (3,) rad/s, turning axes (3, 3) in rows."""
 
     k: Array
     bias: Array
@@ -50,9 +51,9 @@ class PaperGyro:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperSessions:
-    """s sessions of a gyro: rests (s, 4, m, 3) and turns (s, 3, n, 3) of readings, rad/s, and the true rates of the turns.
+    """s sessions of a gyro, in rad/s: readings of the rests (s, 4, m, 3) and turns (s, 3, n, 3), true rates of the turns.
 
-    dt (s, 3, n): s each sample of a turn stands for; 0 after its end.
+    rates (s, 3, n, 3). dt (s, 3, n): duration in s of each turn sample; 0 after the turn's end.
     """
 
     gyro: PaperGyro
@@ -63,14 +64,14 @@ class PaperSessions:
 
 
 def draw_gyro(rng: np.random.Generator) -> PaperGyro:
-    """A parameter set."""
+    """Draw one of the paper's parameter sets."""
     axes = np.eye(3) + rng.uniform(-0.1, 0.1, (3, 3)) * (1 - np.eye(3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     return PaperGyro(rng.uniform(0.8, 1.2, 3), np.radians(rng.uniform(-5, 5, 3)), axes)
 
 
 def simulate(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generator) -> PaperSessions:
-    """That many sessions of one gyro, each with its own hand and noise."""
+    """Simulate sessions of one gyro, each with its own turns and noise."""
     counts = np.round(rng.uniform(*plan.turn_s, (sessions, 3)) * plan.rate_hz).astype(int)
     n = int(counts.max())
     dt = (np.arange(n) < counts[..., None]) / plan.rate_hz
@@ -82,7 +83,7 @@ def simulate(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Gen
 
 
 def _rates(gyro: PaperGyro, plan: PaperPlan, counts: NDArray[np.int_], dt: Array, rng: np.random.Generator) -> Array:
-    """(s, 3, n, 3) true rates of the turns."""
+    """True rates of the turns, (s, 3, n, 3)."""
     n = dt.shape[-1]
     at = np.arange(n + 1.0)
     first, second, samples = slice(None, -1), slice(1, None), 1.0
@@ -106,8 +107,8 @@ def _rates(gyro: PaperGyro, plan: PaperPlan, counts: NDArray[np.int_], dt: Array
 
 
 def _bezier(speed: Array, counts: NDArray[np.int_], at: Array) -> Array:
-    """(s, 3, m) share of the way done at times `at` (m,), in samples: 0 to 1, its speed a Bézier curve from and to 0."""
-    # The integral of a Bézier curve is one with the running sums of its control points.
+    """Share (s, 3, m) of the turn done at times `at` (m,), in samples: 0 to 1; the speed is a Bézier curve from 0 to 0."""
+    # The integral of a Bézier curve is a Bézier curve of the cumulative sums of its control points.
     points = np.concatenate([np.zeros((*speed.shape[:-1], 2)), np.cumsum(speed, axis=-1)], axis=-1)
     points = np.concatenate([points, points[..., -1:]], axis=-1) / points[..., -1:]
     degree = points.shape[-1] - 1

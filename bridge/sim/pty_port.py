@@ -1,6 +1,6 @@
-"""Puts a virtual device behind a real pseudo-terminal under a stable name, as udev's /dev/serial/by-id does.
+"""Puts a virtual device behind a real pseudo-terminal with a stable name, like udev's /dev/serial/by-id.
 
-To the program that opens it, it is a serial port: it can be locked, set to any speed, unplugged and plugged in again.
+Programs see a serial port: it can be locked, set to any speed, unplugged and plugged in again.
 """
 
 import fcntl
@@ -18,15 +18,15 @@ from bridge.sim.virtual_device import VirtualDevice
 
 _TURN_S = 0.01
 _BLOCKED_S = 0.001
-_READER_HOLDS = 4095  # what a Linux terminal keeps for a reader that does not read
+_READER_HOLDS = 4095  # bytes a Linux terminal buffers for a reader
 _LONGEST_TURN_S = 0.25
 
 
 class PtyPort:
-    """A device, living `speed` times as fast as real time, in a thread of its own; plugged in from the start.
+    """Runs a device at `speed` times real time in a thread of its own, behind a pseudo-terminal; plugged in from the start.
 
-    Live, bytes the reader leaves no room for are lost and counted in dropped_bytes, as are those sent while unplugged.
-    lossless: the device waits for the reader instead, and while unplugged: for replays.
+    Bytes for which the reader leaves no room, or sent while unplugged, are lost and counted in dropped_bytes.
+    lossless: the device's time stands still instead, for replays.
     byte_fault: damages the bytes on their way to the host; may be set and cleared at any time.
     """
 
@@ -62,11 +62,11 @@ class PtyPort:
 
     @property
     def device_time_s(self) -> float:
-        """How long the device has lived, in its own time."""
+        """How long the device has been running, in its own time, s."""
         return self._time_s
 
     def plug(self) -> None:
-        """Connect: a new terminal behind the same name. Nothing if plugged in."""
+        """Connect: a new terminal behind the same name; does nothing if plugged in."""
         with self._lock:
             if self._master >= 0:
                 return
@@ -74,14 +74,14 @@ class PtyPort:
             tty.setraw(self._slave)
             os.set_blocking(self._master, False)
             self.link.parent.mkdir(parents=True, exist_ok=True)
-            # Renamed into place, so that whoever looks sees the old name, none, or the new one.
+            # Renamed into place, so that the name always leads to the old terminal, nothing, or the new one.
             fresh = self.link.with_name(f".{self.link.name}.new")
             fresh.unlink(missing_ok=True)
             fresh.symlink_to(os.ttyname(self._slave))
             fresh.replace(self.link)
 
     def unplug(self) -> None:
-        """Disconnect: the name vanishes and a reader gets an error; the device lives on. Nothing if unplugged."""
+        """Disconnect: the name vanishes and a reader gets an error; the device keeps running. Does nothing if unplugged."""
         with self._lock:
             if self._master < 0:
                 return
@@ -112,7 +112,7 @@ class PtyPort:
         if self._lossless:
             self._send()
             if self._master < 0 or self._waiting:
-                return  # its time stands still
+                return  # the device's time stands still
             elapsed_s = min(elapsed_s, _LONGEST_TURN_S)
         self._time_s += elapsed_s * self._speed
         data = self.device.advance(self._time_s)
@@ -132,10 +132,10 @@ class PtyPort:
             return b""
 
     def _send(self) -> None:
-        """Write what the reader's end has room for; the rest stays in _waiting."""
+        """Write as many bytes as the reader's buffer has room for; the rest stays in _waiting."""
         if self._master < 0 or not self._waiting:
             return
-        # The kernel would take much more than a serial port does, and hand it out late.
+        # The kernel would buffer much more than a serial port, and deliver it late.
         held = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0" * 4))[0]
         room = max(0, _READER_HOLDS - held)
         if not room:

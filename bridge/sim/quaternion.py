@@ -1,4 +1,4 @@
-"""Quaternions of the simulator, its own: scalar first (w, x, y, z), sensor -> earth, arrays (n, 4).
+"""Quaternions of the simulator: scalar first (w, x, y, z), sensor -> earth, arrays (n, 4).
 
 Rotation vectors are (n, 3) in rad. A rotation that follows another in body axes is multiplied on the right.
 """
@@ -20,14 +20,14 @@ def to_rotvec(q: Array) -> Array:
     """Shortest rotation vectors (n, 3) of unit quaternions (n, 4), to full precision near zero."""
     q = np.where(q[:, :1] < 0, -q, q)
     sine = np.linalg.norm(q[:, 1:], axis=1)
-    # angle / sin(angle / 2); towards zero it is 2.
+    # angle / sin(angle / 2), which tends to 2 at zero
     ratio = np.divide(2 * np.arctan2(sine, q[:, 0]), sine, out=np.full_like(sine, 2.0), where=sine > 0)
     return np.asarray(ratio[:, None] * q[:, 1:])
 
 
 def multiply(a: Array, b: Array) -> Array:
-    """The products a b, (n, 4); either may be (1, 4)."""
-    # Bracketed so that the inverse of q times q is exactly no rotation: what is still has a rate of exactly zero.
+    """Products a b, (n, 4); either may be (1, 4)."""
+    # Bracketed so that the inverse of q times q is exactly the identity: a still device has a rate of exactly zero.
     aw, ax, ay, az = a.T
     bw, bx, by, bz = b.T
     return np.column_stack(
@@ -41,12 +41,12 @@ def multiply(a: Array, b: Array) -> Array:
 
 
 def conjugate(q: Array) -> Array:
-    """The inverse rotations, (n, 4)."""
+    """Inverse rotations, (n, 4)."""
     return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def rotate(q: Array, vector: Array) -> Array:
-    """Vectors (n, 3) in sensor axes as seen from earth; either may have one row."""
+    """Rotate vectors (n, 3) from sensor axes to earth axes; either argument may have one row."""
     across = 2 * np.cross(q[:, 1:], vector)
     return np.asarray(vector + q[:, :1] * across + np.cross(q[:, 1:], across))
 

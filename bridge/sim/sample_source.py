@@ -1,4 +1,4 @@
-"""Where a virtual device's samples come from. Times are on the device's own clock."""
+"""Sample sources of a virtual device. Times are on the device's own clock."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,20 +16,20 @@ _TICKS_PER_S = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueSamples:
-    """What is true of n samples: rate (n, 3) rad/s body, attitude (n, 4) wxyz sensor -> earth, bias (n, 3) rad/s."""
+    """Truth of n samples: rate (n, 3) rad/s body, attitude (n, 4) wxyz sensor -> earth, bias (n, 3) rad/s."""
 
     rate: Array
     attitude: Array
     bias: Array
 
     def __getitem__(self, part: slice) -> "TrueSamples":
-        """A stretch of it."""
+        """Truth of a slice of the samples."""
         return TrueSamples(self.rate[part], self.attitude[part], self.bias[part])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Readings at clock_s (n,) since streaming began: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,)."""
+    """Readings at clock_s (n,) since streaming began: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C."""
 
     clock_s: Array
     gyro: Array
@@ -41,12 +41,12 @@ class Samples:
         return len(self.clock_s)
 
     def __getitem__(self, part: slice) -> "Samples":
-        """A stretch of them."""
+        """A slice of the samples."""
         truth = None if self.truth is None else self.truth[part]
         return Samples(self.clock_s[part], self.gyro[part], self.accel[part], self.temperature_c[part], truth)
 
     def joined(self, later: "Samples") -> "Samples":
-        """These and the ones after, without their truth."""
+        """These samples followed by `later`, without truth."""
         return Samples(
             clock_s=np.concatenate([self.clock_s, later.clock_s]),
             gyro=np.concatenate([self.gyro, later.gyro]),
@@ -57,7 +57,7 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """What a device says of its sensor: rate_hz nominal, gyro_range rad/s, which other sensors it has."""
+    """Sensor properties that a device reports: nominal rate_hz, gyro_range rad/s, which other sensors it has."""
 
     rate_hz: float
     gyro_range: float
@@ -66,22 +66,22 @@ class Sensor:
 
 
 class Source(Protocol):
-    """Samples in order, from power-up on."""
+    """A source of samples, in order from power-up on."""
 
     sensor: Sensor
 
     def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth | None:
-        """Begin a boot, drawing what differs at each from rng; what is then true of the sensor, where it is known."""
+        """Begin a boot, drawing its random values from rng; the sensor's truth, or None if unknown."""
 
     def pace(self, rate_hz: float) -> None:
-        """Another rate from the next read on, until the next power-up, where it can have one: `sensor` tells."""
+        """Set the rate from the next read until the next power-up, if the source supports it; `sensor` has the actual rate."""
 
     def read(self) -> Samples | None:
         """The next samples, about a second of them; None after the last."""
 
 
 class SimulatedSource:
-    """A body that moves and a sensor that errs. script makes the motion of a boot from rng."""
+    """A moving body with an erroneous sensor. script makes the motion of a boot from rng."""
 
     def __init__(
         self, script: Callable[[np.random.Generator], Life], spec: ImuSpec | None = None, rate_hz: float = 104.0
@@ -100,7 +100,7 @@ class SimulatedSource:
         self._imperfection = ImuErrorModel(self.spec, rng, drawn.of_part(self._part) if self._part else drawn)
         self._part = self._imperfection.truth
         self._true_s_per_clock_s = true_s_per_clock_s
-        self._ticks, self._sent = 0.0, 0  # when this rate began, and samples since then
+        self._ticks, self._sent = 0.0, 0  # ticks at which this rate began, and samples since then
         return self._imperfection.truth
 
     def pace(self, rate_hz: float) -> None:
@@ -114,7 +114,7 @@ class SimulatedSource:
         block = max(1, round(self.sensor.rate_hz * _BLOCK_S))
         number = np.arange(self._sent + 1, self._sent + block + 1)
         self._sent += block
-        # On whole ticks, so that nobody loses anything to the clock's resolution.
+        # On whole ticks, so that the clock's resolution adds no error.
         clock_s: Array = np.asarray(
             np.round(self._ticks + number * (_TICKS_PER_S / self.sensor.rate_hz)) / _TICKS_PER_S
         )

@@ -1,4 +1,4 @@
-"""Remembers what was true of the samples a device sent, by boot and sequence number, for as long as memory is given."""
+"""Stores the truth of sent samples, by boot and sequence number, up to a limit of samples."""
 
 from collections import deque
 from threading import Lock
@@ -12,7 +12,7 @@ _BOOTS_KEPT = 64
 
 
 class TruthLog:
-    """Written by a device, read by whoever judges an estimate; from any thread. Keeps the last `limit` samples."""
+    """Truth written by a device and read by the judge of an estimate, from any thread. Keeps the last `limit` samples."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
@@ -22,7 +22,7 @@ class TruthLog:
         self._boots: dict[int, Truth] = {}
 
     def begin(self, boot: int, truth: Truth | None) -> None:
-        """A boot and what is true of its sensor."""
+        """Store the sensor truth of a new boot."""
         with self._lock:
             if truth is not None:
                 self._boots[boot] = truth
@@ -30,7 +30,7 @@ class TruthLog:
                 del self._boots[next(iter(self._boots))]
 
     def add(self, boot: int, sequence: int, truth: TrueSamples) -> None:
-        """The truth of the samples from `sequence` on; sequence does not wrap here."""
+        """Store the truth of the samples from `sequence` on; sequence is not wrapped."""
         with self._lock:
             self._blocks.append((boot, sequence, truth))
             self._held += len(truth.rate)
@@ -38,12 +38,12 @@ class TruthLog:
                 self._held -= len(self._blocks.popleft()[2].rate)
 
     def sensor(self, boot: int) -> Truth:
-        """What is true of the sensor in this boot; LookupError for one not known."""
+        """Sensor truth of a boot; raises LookupError for an unknown boot."""
         with self._lock:
             return self._boots[boot]
 
     def between(self, boot: int, first: int, last: int) -> TrueSamples:
-        """The truth of samples first to last, both included; LookupError when any of it is not, or no longer, held."""
+        """Truth of samples first to last, both included; raises LookupError if any is not held (any more)."""
         with self._lock:
             blocks = [
                 (begin, truth)

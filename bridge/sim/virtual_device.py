@@ -1,7 +1,7 @@
-"""A device that speaks the native serial protocol, without I/O and without a clock: time is an argument.
+"""Virtual device that speaks the native serial protocol. Pure: no I/O, and time is an argument.
 
-Power-up: a new boot number, 0.3 s of silence, HELLO, then DATA about every 20 ms; HELLO each second and when asked. Told
-another rate it has it within a second, until it loses power.
+At power-up: a new boot number, 0.3 s of silence, HELLO, then DATA about every 20 ms; HELLO each second and when asked.
+A rate command takes effect within a second and lasts until power is lost.
 """
 
 import zlib
@@ -27,12 +27,12 @@ _PACKET_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class DeviceSpec:
-    """What a device is, apart from its sensor.
+    """Properties of a device, apart from its sensor.
 
-    skew_ppm: how much its oscillator, which times both samples and ticks, runs fast.
-    first_tick: its tick counter at power-up.
-    wait_for_host: say HELLO but send no DATA until the first IDENTIFY ever, so that a replay loses nothing.
-    truth_s: how much truth to remember.
+    skew_ppm: how fast its oscillator runs, which times both samples and ticks.
+    first_tick: tick counter at power-up.
+    wait_for_host: send HELLO but no DATA until the first IDENTIFY ever, so that a replay loses nothing.
+    truth_s: seconds of truth to keep.
     """
 
     model: str = "truerate-virtual"
@@ -46,7 +46,7 @@ class DeviceSpec:
 
 @dataclass(slots=True)
 class _Boot:
-    """The state that is lost with power. Times are on the device's clock, s since power-up."""
+    """State that is lost with power. Times are on the device's clock, s since power-up."""
 
     number: int
     begin_s: float  # true time of power-up
@@ -59,9 +59,9 @@ class _Boot:
 
 
 class VirtualDevice:
-    """One device. advance and receive belong to one thread; the switches and the truth may be used from any.
+    """A virtual device. Call advance and receive from one thread; power switches and truth may be used from any thread.
 
-    The seed and the name decide everything; boot numbers too, unless draw_boot draws them.
+    The seed and the name decide everything, including boot numbers unless draw_boot draws them.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class VirtualDevice:
         self._clock_pace = 1 + self.spec.skew_ppm * 1e-6
         self._deframer = Deframer()
         self._asked = self._host_seen = False
-        self._rate_hz: float | None  # it was told, not yet obeyed
+        self._rate_hz: float | None  # rate command not yet obeyed
         self._switches: deque[bool] = deque()
         self._time_s = 0.0
         self._sent: dict[int, int] = {}
@@ -89,12 +89,12 @@ class VirtualDevice:
 
     @property
     def boot(self) -> int | None:
-        """The number of this boot; None while off."""
+        """Number of the current boot; None while off."""
         return None if self._now is None else self._now.number
 
     @property
     def finished(self) -> bool:
-        """All of a recording is sent."""
+        """Whether all samples of a recording have been sent."""
         return self._now is not None and self._now.ended and not self._now.ready
 
     def reboot(self) -> None:
@@ -106,28 +106,28 @@ class VirtualDevice:
         self._switches.append(False)
 
     def power_on(self) -> None:
-        """Boot at the next advance; nothing if on."""
+        """Boot at the next advance; does nothing if on."""
         self._switches.append(True)
 
     def truth_of(self, boot: int) -> Truth:
-        """What is true of the sensor in a boot; LookupError for one not known."""
+        """Sensor truth of a boot; raises LookupError for an unknown boot."""
         return self._truth.sensor(boot)
 
     def truth_between(self, boot: int, first: int, last: int) -> TrueSamples:
-        """The truth of samples first to last, both included (not wrapped); LookupError when not, or no longer, held."""
+        """Truth of samples first to last, both included (not wrapped); raises LookupError if not held (any more)."""
         return self._truth.between(boot, first, last)
 
     def sent(self, boot: int) -> int:
-        """How many samples it has sent in a boot; LookupError for one not known."""
+        """Number of samples sent in a boot; raises LookupError for an unknown boot."""
         return self._sent[boot]
 
     @property
     def all_sent(self) -> dict[int, int]:
-        """How many samples it has sent, by boot."""
+        """Number of samples sent, by boot."""
         return dict(self._sent)
 
     def receive(self, data: bytes) -> None:
-        """Bytes from the host; answered at the next advance."""
+        """Take bytes from the host; answers follow at the next advance."""
         for payload in self._deframer.feed(data):
             if payload == encode_identify():
                 self._asked = self._host_seen = True
@@ -135,7 +135,10 @@ class VirtualDevice:
                 self._rate_hz = rate_hz
 
     def advance(self, time_s: float) -> bytes:
-        """Live until time_s (s, true, since the device was made; never less than before); what it sent meanwhile."""
+        """Run until time_s, and return the bytes sent meanwhile.
+
+        time_s: true seconds since the device was made; never less than before.
+        """
         while self._switches:
             self._switch(on=self._switches.popleft())
         before_s, self._time_s = self._time_s, time_s
@@ -169,7 +172,8 @@ class VirtualDevice:
 
     def _power_up(self) -> _Boot:
         self._rate_hz = None
-        boot = int(self._rng.integers(2**64, dtype=np.uint64))  # drawn in any case: what follows is the seed's
+        # always drawn, so that later draws depend on the seed only
+        boot = int(self._rng.integers(2**64, dtype=np.uint64))
         if self._draw_boot is not None:
             boot = self._draw_boot()
         self._truth.begin(boot, self._source.power_up(self._rng.spawn(1)[0], 1 / self._clock_pace))
@@ -190,7 +194,7 @@ class VirtualDevice:
         return frame(encode_hello(hello))
 
     def _hellos(self, now: _Boot, clock_s: float) -> list[bytes]:
-        """The HELLOs due by clock_s."""
+        """HELLO frames due by clock_s."""
         hellos = []
         while now.next_hello_s <= clock_s:
             now.next_hello_s += _HELLO_EVERY_S
@@ -198,7 +202,7 @@ class VirtualDevice:
         return hellos
 
     def _packets(self, now: _Boot, stream_s: float, clock_s: float) -> Iterator[tuple[float, bytes]]:
-        """The DATA frames complete by clock_s, each with the time of its last sample."""
+        """DATA frames complete by clock_s, each with the time of its last sample."""
         per_packet = int(np.clip(round(_PACKET_S * self._source.sensor.rate_hz), 1, MAX_SAMPLES))
         while True:
             ready = self._ready(now, per_packet)
@@ -212,7 +216,7 @@ class VirtualDevice:
             yield complete_s, self._data(now, stream_s, samples)
 
     def _ready(self, now: _Boot, per_packet: int) -> Samples | None:
-        """At least a packet of samples, fewer at the end of a recording, None after it."""
+        """At least a packet of samples; fewer at the end of a recording, None after it."""
         while not now.ended and (now.ready is None or len(now.ready) < per_packet):
             more = self._source.read()
             if more is None:
@@ -249,5 +253,5 @@ def demo_device(
     draw_boot: Callable[[], int] | None = None,
     script: Callable[[np.random.Generator], Life] = demo_script,
 ) -> VirtualDevice:
-    """A device that at every boot rests 2 s, is calibrated by hand within 30 s, and is then worn for ever."""
+    """A device that rests 2 s at every boot, is calibrated by hand within 30 s, and is then worn forever."""
     return VirtualDevice(name, SimulatedSource(script, imu, rate_hz), seed, spec, draw_boot)

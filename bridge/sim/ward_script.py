@@ -1,4 +1,4 @@
-"""What a virtual device lives through on a ward: put down, calibrated by hand, and then worn for hours, as in body.py."""
+"""Motion of a device on a ward: put down, calibrated by hand, then worn for hours, as in body.py."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -16,11 +16,14 @@ class Life(Protocol):
     """Motion on demand, in order; see Motion.advance."""
 
     def advance(self, time_s: Array) -> TrueMotion:
-        """Truth at times (n,), n ≥ 1, rising and later than all before; the first call's first interval begins at 0."""
+        """Truth at times (n,), n ≥ 1, rising and later than all before. The first call's first interval begins at 0."""
 
 
 class Then:
-    """One life up to the last sample by end_s, at rest there, and then another, made of the attitude (4,) it begins with."""
+    """Plays one motion until end_s, at rest there, and then another.
+
+    make: makes the second motion from the attitude (4,) at the last sample of the first.
+    """
 
     def __init__(self, first: Life, end_s: float, make: Callable[[Array], Life]) -> None:
         self._now, self._make, self._end_s = first, make, end_s
@@ -45,7 +48,7 @@ class Then:
 
 
 def ward_script(rng: np.random.Generator, rest_s: float = 2.0) -> Life:
-    """Put down, calibrated within 30 s, and then what a wearer does on a ward, without end."""
+    """Motion on a ward: put down, calibrated within 30 s, then a wearer's activities, without end."""
     plan = SessionPlan(turn_s=(3.5, 5.0), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.2)
     pieces = [Still(rest_s), *session(rng, plan)]
     first = Motion(pieces, flat(rng))

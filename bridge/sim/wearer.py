@@ -1,6 +1,6 @@
-"""What a wearer does on a ward, drawn from a seed, for ever: lies and breathes, sits, walks, is turned and is pushed.
+"""A wearer's activities on a ward, drawn from a seed, without end: lying and breathing, sitting, walking, being moved.
 
-Angles in °, as people say them; the stretches that are made of them are in rad.
+Angles of this module are in °; the stretches made from them are in rad.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from bridge.sim.body import Activity, Stretch, Ticks, Waves
 from bridge.sim.quaternion import Array
 
 _MINUTE = 60.0
-#: of the day's blocks; what follows what is left to chance
+#: probabilities of the next block of activity
 _BLOCKS = {"lie": 0.28, "sleep": 0.14, "sit": 0.26, "walk": 0.22, "pushed": 0.05, "table": 0.05}
 
 
@@ -20,7 +20,7 @@ class Wearer:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
-        #: how far breathing turns the sensor depends on where it is worn and on how one lies
+        #: ° of rotation by breathing; depends on the place of the device and on the posture
         self._breath_deg = float(np.exp(rng.uniform(np.log(0.2), np.log(1.0))))
         self._stride_hz = float(rng.uniform(0.75, 1.1))
         self._swing_dps = float(rng.uniform(70, 160))
@@ -34,18 +34,18 @@ class Wearer:
         }
 
     def life(self) -> Iterator[Stretch]:
-        """A minute on the table, then worn, without end."""
+        """Activities without end: a minute on the table, then worn."""
         yield self.table(_MINUTE)
         yield self._handled()
         while True:
             yield from self._blocks[str(self._rng.choice(list(_BLOCKS), p=list(_BLOCKS.values())))]()
 
     def table(self, duration_s: float) -> Stretch:
-        """Not worn, quite still but for the building."""
+        """Not worn; still except for vibrations of the building."""
         return Stretch(Activity.TABLE, duration_s, ticks=self._passers_by(duration_s, 0.3))
 
     def turned(self, rate_dps: float, duration_s: float, *, breath: float = 1.0, ramp_s: float = 1.0) -> Stretch:
-        """What one lies or sits on is turned evenly about the vertical; its wheels are felt."""
+        """The bed or chair is turned evenly about the vertical, with the rattle of its wheels."""
         goes = np.array([[0.0, duration_s, np.radians(rate_dps) * (duration_s - ramp_s), ramp_s]])
         sway = [self._rattle(np.radians(0.2)), *([self._breathing(breath)] if breath else [])]
         shaken = (self._rattle(0.04),)
@@ -53,7 +53,7 @@ class Wearer:
         return Stretch(Activity.SLOW_TURN, duration_s, goes=goes, sway=tuple(sway), bounce=shaken, ticks=ticks)
 
     def quiet(self, activity: Activity, duration_s: float, *, breath: float, restless_deg: float = 0.0) -> Stretch:
-        """Still but for breath (1: as deep as when awake) and, restless_deg wide, an unsteady hand."""
+        """Still except for breathing (1: as deep as when awake) and an unsteady hand of amplitude restless_deg."""
         sway = [self._breathing(breath * self._rng.uniform(0.6, 1.4))]
         if restless_deg:
             f = self._rng.uniform(0.1, 0.7, 4)
@@ -62,7 +62,7 @@ class Wearer:
         return Stretch(activity, duration_s, sway=tuple(sway), fade_s=3.0, ticks=self._passers_by(duration_s, 1.0))
 
     def moved(self, duration_s: float, size_deg: float, activity: Activity = Activity.MOVING) -> Stretch:
-        """Free movement about all axes to another pose; the longer the slower it gets there."""
+        """Free movement about all axes to another pose; slower if longer."""
         pose = np.radians(size_deg) * self._rng.normal(size=3) / 2
         f = self._rng.uniform(0.3, 1.2, 3)
         sway = Waves(0.1 * np.radians(size_deg) * self._rng.normal(size=(3, 3)) / f[:, None], f, self._phases(3), f)
@@ -70,14 +70,14 @@ class Wearer:
         return Stretch(activity, duration_s, pose, sway=(sway,), bounce=(bounce,), fade_s=duration_s / 2)
 
     def _lie(self) -> Iterator[Stretch]:
-        """Ten minutes to an hour in bed, awake: breathes, moves now and then, turns over, has the bed adjusted."""
+        """Ten minutes to an hour in bed, awake: breathing, movements, turning over, bed adjustments."""
         yield self._movement(60)
         for _ in range(self._rng.integers(3, 12)):
             yield self.quiet(Activity.LYING, self._rng.uniform(1, 8) * _MINUTE, breath=1.0)
             yield from self._interrupted()
 
     def _sleep(self) -> Iterator[Stretch]:
-        """Half an hour to an hour and a half: the same, quieter and with less of it."""
+        """Half an hour to an hour and a half asleep: breathing and movements, shallower and rarer."""
         yield self._movement(60)
         for _ in range(self._rng.integers(2, 6)):
             yield self.quiet(Activity.ASLEEP, self._rng.uniform(8, 25) * _MINUTE, breath=0.6)
@@ -94,25 +94,25 @@ class Wearer:
             yield self._movement(120 if what < 0.4 else 20)
 
     def _sit(self) -> Iterator[Stretch]:
-        """Five to forty minutes in a chair: fidgets."""
+        """Five to forty minutes in a chair, fidgeting."""
         yield self._movement(70)
         for _ in range(self._rng.integers(10, 60)):
             yield self.quiet(Activity.SITTING, float(self._rng.gamma(1.5, 20)) + 2, breath=0.4, restless_deg=0.15)
             yield self._movement(float(self._rng.exponential(12)) + 1)
 
     def _walk(self) -> Iterator[Stretch]:
-        """A few legs of a walk of ten seconds to two minutes, with corners and pauses."""
+        """A few legs of a walk, with pauses."""
         yield self._movement(70)
         for _ in range(self._rng.integers(1, 6)):
             yield from self.leg_and_pause()
 
     def leg_and_pause(self) -> Iterator[Stretch]:
-        """Ten seconds to two minutes of walking, and a few in which to stand."""
+        """Ten seconds to two minutes of walking, then some seconds of standing."""
         yield self.leg(self._rng.uniform(10, 120))
         yield self.quiet(Activity.SITTING, self._rng.uniform(2, 15), breath=0.4, restless_deg=0.4)
 
     def leg(self, duration_s: float) -> Stretch:
-        """Walking, at an even speed but round corners."""
+        """Walking at an even speed, with corners."""
         f, rng = self._stride_hz * self._rng.uniform(0.9, 1.1), self._rng
         times = np.array([1.0, 2.0, 1.0, 3.0])
         share = np.array([1.0, 0.3, 0.35, 0.15])[:, None]
@@ -120,7 +120,7 @@ class Wearer:
         along /= np.linalg.norm(along, axis=1)[:, None]
         rate = np.radians(self._swing_dps) * rng.uniform(0.8, 1.1)
         sway = Waves(rate * share * along / (2 * np.pi * f * times[:, None]), f * times, self._phases(4), 0.4 / times)
-        # Up and down twice a stride, and the heel.
+        # Up and down twice a stride, and the heel strike.
         beat = np.array([[0.1, 0, 0], [0, 0.08, 0], [0, 0, 0.2], [0.05, 0.03, 0.06]])
         bounce = Waves(
             rng.uniform(0.7, 1.2) * beat, f * np.array([2.0, 1.0, 2.0, 6.0]), self._phases(4), np.full(4, 0.2)
@@ -135,7 +135,7 @@ class Wearer:
         )
 
     def _pushed(self) -> Iterator[Stretch]:
-        """A bed on its way down the corridor and round corners."""
+        """A bed pushed along a corridor and round corners."""
         for _ in range(self._rng.integers(1, 4)):
             yield self.quiet(Activity.LYING, self._rng.uniform(20, 120), breath=1.0)
             duration_s = self._rng.uniform(30, 180)
@@ -158,11 +158,11 @@ class Wearer:
         return self.moved(self._rng.uniform(3, 8), 120, Activity.HANDLED)
 
     def _movement(self, size_deg: float) -> Stretch:
-        """Another pose, some size_deg away: a finger's twitch or turning over."""
+        """Movement to another pose, some size_deg away: from a twitch to turning over."""
         return self.moved(self._rng.uniform(0.6, 2.0) + size_deg / 60, size_deg)
 
     def _bed_adjusted(self) -> Stretch:
-        """Its back goes up or down by a motor, about a horizontal axis."""
+        """The bed's back is moved up or down by a motor, about a horizontal axis."""
         towards = self._rng.uniform(0, 2 * np.pi)
         angle = np.radians(self._rng.uniform(8, 40))
         duration_s = angle / np.radians(self._rng.uniform(0.7, 2.0)) + 1.0
@@ -176,7 +176,7 @@ class Wearer:
         )
 
     def _breathing(self, size: float) -> Waves:
-        """0.2 to 0.35 Hz with its overtone and a slower drift of the depth; mostly about one axis, a degree or so."""
+        """Breathing at 0.2 to 0.35 Hz, with its overtone and a slower drift of the depth; mostly about one axis."""
         f = self._rng.uniform(0.2, 0.35) * np.array([1.0, 2.0, 0.87])
         main = self._rng.normal(size=3)
         across = 0.3 * self._rng.normal(size=(3, 3))
@@ -185,13 +185,13 @@ class Wearer:
         return Waves(size_rad * np.array([[1.0], [0.2], [0.35]]) * along, f, self._phases(3), np.array([2.0, 2.0, 2.5]))
 
     def _rattle(self, change: float) -> Waves:
-        """Motors, and wheels on a floor, 4 to 18 Hz: what shakes changes by so much a second, rms per axis."""
+        """Rattle of motors and wheels, 4 to 18 Hz; `change` is the rms of its rate of change, per second and axis."""
         f = self._rng.uniform(4, 18, 6)
         size = change * self._rng.normal(size=(6, 3)) / (np.sqrt(3) * 2 * np.pi * f[:, None])
         return Waves(size, f, self._phases(6), np.full(6, 5.0))
 
     def _corners(self, duration_s: float, takes_s: tuple[float, float]) -> Array:
-        """Right angles, and about turns, every ten seconds or more."""
+        """Turns of ±90°, 180° and 45°, some seconds apart."""
         goes, at = [], self._rng.uniform(4, 12)
         while at + takes_s[1] < duration_s:
             takes = self._rng.uniform(*takes_s)
@@ -200,7 +200,7 @@ class Wearer:
         return np.array(goes).reshape(-1, 4)
 
     def _passers_by(self, duration_s: float, size: float) -> Ticks:
-        """Footfalls near the bed: now and then somebody walks past at two steps a second."""
+        """Footfalls near the bed: people walk past now and then, at two steps a second."""
         steps = [
             begin + np.cumsum(self._rng.uniform(0.42, 0.6, self._rng.integers(5, 25)))
             for begin in self._rng.uniform(0, duration_s, self._rng.poisson(duration_s / 150))

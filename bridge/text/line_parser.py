@@ -12,13 +12,13 @@ from bridge.text.units import TIMES
 Vector = tuple[float, float, float]
 ROW_SHORT, ROW_LONG, NOT_A_NUMBER, NO_MATCH = "row_short", "row_long", "not_a_number", "no_match"
 NO_HEADER, HEADER_INCOMPLETE = "no_header", "header_incomplete"
-DECIMAL_TICK_S = 1e-6  # what a time with decimals is counted in
-_LATEST_TICK = 2**53  # whole in a float
+DECIMAL_TICK_S = 1e-6  # tick period of a decimal time
+_LATEST_TICK = 2**53  # integers are exact in a float up to here
 _WHOLE = re.compile(r"([0-9]+)(?:\.0*)?")
 
 
 class Row(NamedTuple):
-    """One sample: tick of the device's clock (0 where it has none), rad/s, m/s², °C."""
+    """One sample: tick of the device's clock (0 without a clock), gyro rad/s, accel m/s², temperature °C."""
 
     tick: int
     gyro: Vector
@@ -27,29 +27,29 @@ class Row(NamedTuple):
 
 
 class Header(NamedTuple):
-    """A row of names: from here on the columns are these."""
+    """A header row: the names of the columns from here on."""
 
     names: tuple[str, ...]
 
 
 class Refused(NamedTuple):
-    """A line that is not taken: the label under which it is counted, and what came where what was expected."""
+    """A refused line: the label to count, and a detail of what came and what was expected."""
 
     fault: str
     detail: str
 
 
 class Reader(Protocol):
-    """The lines of one device. has_clock: its rows tell the time; None as long as nobody knows."""
+    """Parser of one device's lines. has_clock: whether rows have a time; None until known."""
 
     has_clock: bool | None
 
     def read(self, line: str) -> Row | Header | Refused:
-        """What a line says."""
+        """Parse a line."""
 
 
 class Conversion:
-    """From the texts of a row's columns to a sample: which of them, and in what units."""
+    """Converts the column texts of a row to a sample in SI units."""
 
     def __init__(self, profile: Profile) -> None:
         self._time, self._temperature = profile.time, profile.temperature
@@ -58,7 +58,7 @@ class Conversion:
         self._accel = None if accel is None else _Three(accel.columns, *map(float, accel.factor))
 
     def row(self, texts: Mapping[str, str]) -> Row | Refused:
-        """The sample of these columns; what is missing among them beside the gyro's is not measured."""
+        """The sample of these columns; missing columns other than the gyro's count as not measured."""
         time, temperature, accel = self._time, self._temperature, self._accel
         try:
             return Row(
@@ -76,7 +76,7 @@ class Conversion:
 
 
 class _Three(NamedTuple):
-    """Three columns, and what to multiply each with."""
+    """Three columns and their factors."""
 
     columns: tuple[str, str, str]
     x: float
@@ -89,9 +89,9 @@ class _Three(NamedTuple):
 
 
 class CsvReader:
-    """Rows of columns: as many as were named, by the profile or by the latest header row.
+    """Parser of rows of columns, named by the profile or by the latest header row.
 
-    needs_clock: a header row without the profile's time is of no use, as nobody knows the rate.
+    needs_clock: refuse a header row without the profile's time column, because the rate would be unknown.
     """
 
     def __init__(self, profile: Profile, *, needs_clock: bool) -> None:
@@ -107,7 +107,7 @@ class CsvReader:
             self.has_clock = profile.time is not None
 
     def read(self, line: str) -> Row | Header | Refused:
-        """What a line says."""
+        """Parse a line."""
         if not line.startswith(self._csv.prefix):
             return Refused(NO_MATCH, f"it does not begin with {self._csv.prefix!r}")
         fields = self._split(line.removeprefix(self._csv.prefix))
@@ -124,7 +124,7 @@ class CsvReader:
         if self._csv.separator == " ":
             return row.split()
         fields = [field.strip() for field in row.split(self._csv.separator)]
-        return fields[:-1] if not fields[-1] else fields  # some end every row with a separator
+        return fields[:-1] if not fields[-1] else fields  # some devices end every row with a separator
 
     def _header(self, names: tuple[str, ...]) -> Header | Refused:
         time = self._profile.time
@@ -141,7 +141,7 @@ class CsvReader:
 
 
 class RegexReader:
-    """Lines that match a pattern, which names the columns in them."""
+    """Parser of lines that match a pattern with named columns."""
 
     def __init__(self, profile: Profile) -> None:
         assert profile.regex is not None
@@ -151,7 +151,7 @@ class RegexReader:
         self._always = {*profile.gyro.columns} | ({profile.time.column} if profile.time else set())
 
     def read(self, line: str) -> Row | Header | Refused:
-        """What a line says."""
+        """Parse a line."""
         match = self._pattern.fullmatch(line)
         if match is None:
             return Refused(NO_MATCH, "it does not match the profile's pattern")

@@ -1,31 +1,31 @@
-"""What a device prints, described in a TOML file; one file a kind of device.
+"""Text profiles: TOML descriptions of what a device prints, one file per kind of device.
 
     summary = "a word for people"
-    baud = 115200                     # of its port, where the ward's file says nothing else
-    banners = ['regular expression']  # a line that it prints as it starts: a boot. Named groups model, firmware,
-                                      # rate_hz and gyro_range_dps say what they say
-    ignore = ['regular expression']   # lines that are no samples and no fault
-    [device]                          model, firmware, gyro_range_dps (0: unknown), rate_hz where no clock tells it
+    baud = 115200                     # of the port, unless the ward's file gives another
+    banners = ['regular expression']  # a line printed at the start, which means a boot. Named groups model, firmware,
+                                      # rate_hz and gyro_range_dps set these properties
+    ignore = ['regular expression']   # lines that are neither samples nor faults
+    [device]                          model, firmware, gyro_range_dps (0: unknown), rate_hz if there is no clock
     [csv]                             one of these two:
     separator = ","                   #   one character; " " means any blanks
-    columns = ["t", "gx", "gy"]       #   in their order; left out: a header row is waited for
-    header = true                     #   a row of names, whenever it comes, says the order
-    prefix = "Raw:"                   #   what a row begins with
+    columns = ["t", "gx", "gy"]       #   in their order; left out: wait for a header row
+    header = true                     #   a row of names, at any time, sets the order
+    prefix = "Raw:"                   #   text at the beginning of each row
     [regex]
     match = '(?P<gx>[-0-9.]+) ...'    #   of a whole line; its named groups are the columns
     [gyro]
     columns = ["gx", "gy", "gz"]      # x, y, z
     unit = "dps"                      # rad/s, mrad/s, dps, mdps, or counts with sensitivity_mdps, of one count
-    scale = 1.0                       # times this; a list of three for axes that differ, or point the other way
+    scale = 1.0                       # factor; a list of three for axes that differ, or point the other way
     [accel]                           the same; m/s2, g, mg, or counts with sensitivity_mg. May be left out
     [temperature]                     column, scale, offset_c: °C = scale * value + offset_c. May be left out
     [time]                            column, unit (s, ms, us), bits. May be left out if rate_hz is known
     [[known_scale_faults]]            factor, cause, gyro_range_dps: the true rate is `factor` times the printed one
     [notices]                         name = "what a person should know of this device"
 
-bits: the time is a whole number that wraps at 2**bits (as given in ms and us: 32); 0: a decimal that never wraps.
-Lines are matched whole, without the blanks around them; a banner may follow what a restart has cut off. The files that
-come with truerate are in configs/profiles, or in the installed package.
+bits: the time is a whole number that wraps at 2**bits (default for ms and us: 32); 0: a decimal that never wraps.
+Lines are matched whole, without surrounding blanks; a banner may follow a line cut off by a restart. The profiles
+shipped with truerate are in configs/profiles, or in the installed package.
 """
 
 import re
@@ -50,7 +50,7 @@ NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+
 
 
 class Device(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[device]: what is known of it beside its lines."""
+    """[device]: properties that are not in the device's lines."""
 
     model: str
     firmware: str = ""
@@ -109,7 +109,7 @@ class Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def factor(self) -> NDArray[np.float64]:
-        """(3,): what to multiply with for rad/s."""
+        """Factors (3,) to rad/s."""
         sensitivity = None if self.sensitivity_mdps is None else self.sensitivity_mdps * RATES["mdps"]
         return np.full(3, self.scale) * in_si(self.unit, RATES, sensitivity, "sensitivity_mdps")
 
@@ -128,7 +128,7 @@ class Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def factor(self) -> NDArray[np.float64]:
-        """(3,): what to multiply with for m/s²."""
+        """Factors (3,) to m/s²."""
         sensitivity = None if self.sensitivity_mg is None else self.sensitivity_mg * STANDARD_GRAVITY * 1e-3
         return np.full(3, self.scale) * in_si(self.unit, ACCELERATIONS, sensitivity, "sensitivity_mg")
 
@@ -159,12 +159,12 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def width(self) -> int:
-        """The bits it wraps at; 0: a decimal."""
+        """Bits at which the time wraps; 0 for a decimal."""
         return (0 if self.unit == "s" else 32) if self.bits is None else self.bits
 
 
 class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[[known_scale_faults]]: a mistake that is known of such devices' software; gyro_range_dps 0: at any range."""
+    """[[known_scale_faults]]: a known scale error of such devices' software; gyro_range_dps 0: at any range."""
 
     factor: float
     cause: str
@@ -175,13 +175,13 @@ class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def said(self) -> Sentence:
-        """What a person should know of it."""
+        """A sentence about the fault, for people."""
         code = Code.READS_LOW if self.factor > 1 else Code.READS_HIGH
         return code(percent=f"{100 * abs(1 - 1 / self.factor):.1f}", cause=self.cause, scale=f"{self.factor:g}")
 
 
 class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The whole file."""
+    """A whole profile file."""
 
     summary: str
     device: Device
@@ -214,14 +214,14 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Their names; none where only a header row will tell."""
+        """Names of the columns; empty if only a header row tells."""
         if self.csv is not None:
             return self.csv.columns
         return tuple(re.compile(self.regex.match).groupindex) if self.regex is not None else ()
 
     @property
     def needed(self) -> tuple[tuple[str, str], ...]:
-        """Every column that is read, and the table that names it."""
+        """All columns that are read, each with the table that names it."""
         vectors = [("gyro", self.gyro.columns), *([("accel", self.accel.columns)] if self.accel else [])]
         single = [("temperature", self.temperature), ("time", self.time)]
         return (
@@ -242,12 +242,12 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def load_profile(name: str | Path) -> Profile:
-    """A profile that comes with truerate, by its name, or any other by the path of its .toml; raises ConfigError."""
+    """Load a profile shipped with truerate by its name, or any profile by the path of its .toml; raises ConfigError."""
     return load(file_of(name, "profile", _FOLDERS), Profile)
 
 
 def shipped() -> dict[str, Path]:
-    """The profiles that come with truerate: names and files."""
+    """Profiles shipped with truerate: names and files."""
     return in_folders(_FOLDERS)
 
 

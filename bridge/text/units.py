@@ -1,4 +1,4 @@
-"""The units that a profile may name, and what they are in SI."""
+"""Units that a profile may name, with their SI factors."""
 
 from collections.abc import Mapping
 from math import radians
@@ -14,9 +14,9 @@ TIMES: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
 
 def in_si(unit: str, units: Mapping[str, float], sensitivity: float | None, key: str) -> float:
-    """One of `unit`, or one count of a sensor with this sensitivity (already SI), in SI.
+    """SI value of one `unit`, or of one count of a sensor with this sensitivity (already SI).
 
-    key: the name that the sensitivity has in the file. Raises ValueError with what is taken.
+    key: the sensitivity's name in the file. Raises ValueError with what is expected.
     """
     if unit != COUNTS:
         if unit not in units:

@@ -1,4 +1,4 @@
-"""Where a device is, as one text: a serial port by its path, anything else as `scheme://...`."""
+"""Device addresses: a serial port by its path, any other transport as `scheme://...`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,9 +15,11 @@ from bridge.transport.udp_port import UdpPort
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """One kind of transport: an example for people; `make(address, baud)`; `state(address)` in a few words, without opening.
+    """One kind of transport.
 
-    Both raise ValueError with what is expected where the address cannot be understood.
+    example: an address for people. make(address, baud): the transport. state(address): its state in a few words,
+    without opening.
+    make and state raise ValueError with what is expected if the address is invalid.
     """
 
     example: str
@@ -35,19 +37,19 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def transport(port: str, baud: int) -> Transport:
-    """The transport of an address, not yet open; ValueError where it is none."""
+    """The transport of an address, not yet open; raises ValueError for an invalid address."""
     scheme, address = _split(port)
     return scheme.make(address, baud)
 
 
 def state(port: str) -> str:
-    """Whether it could be opened now, in a few words, without opening it."""
+    """Whether an address could be opened now, in a few words, without opening it."""
     scheme, address = _split(port)
     return scheme.state(address)
 
 
 def check(port: str, baud: int) -> None:
-    """Raise ValueError with what is expected where an address, or a speed, is none."""
+    """Raise ValueError with what is expected if an address or a baud rate is invalid."""
     if not port:
         raise ValueError("port is empty; `truerate bridge scan` shows what is plugged in")
     if not 300 <= baud <= 4_000_000:

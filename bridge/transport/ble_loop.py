@@ -1,4 +1,4 @@
-"""The one thread in which everything of Bluetooth Low Energy happens, for all devices: an asyncio loop, begun when needed."""
+"""The one thread for Bluetooth Low Energy, shared by all devices: an asyncio loop, started when needed."""
 
 import asyncio
 import threading
@@ -11,13 +11,13 @@ T = TypeVar("T")
 NAME = "ble"
 _begun = threading.Lock()
 _loop: asyncio.AbstractEventLoop | None = None
-#: BlueZ makes one connection at a time, and refuses the others
+#: BlueZ makes one connection at a time and refuses others
 connecting = asyncio.Lock()
 
 
 def run(work: Coroutine[Any, Any, T]) -> Future[T]:
-    """Have the loop do this; from any other thread. Cancel the future to end it."""
-    global _loop  # noqa: PLW0603 - one for the process
+    """Run a coroutine in the loop, from any other thread. Cancel the future to end it."""
+    global _loop  # noqa: PLW0603 - one loop per process
     with _begun:
         if _loop is None:
             _loop = asyncio.new_event_loop()

@@ -1,4 +1,4 @@
-"""A device on Bluetooth Low Energy: `ble://address/characteristic[?write=characteristic]`; its notifications are its bytes."""
+"""BLE transport: `ble://address/characteristic[?write=characteristic]`; the notifications are the device's bytes."""
 
 import asyncio
 import contextlib
@@ -18,19 +18,19 @@ from bridge.wire.refusal import Tally
 
 EXAMPLE: Final = "ble://C4:64:E3:12:34:56/ffe4?write=ffe9"
 OVERFLOW, NOT_SENT = "ble_bytes_lost", "ble_bytes_not_sent"
-_MOST_BYTES = 65_536  # seconds of any device
+_MOST_BYTES = 65_536  # enough for seconds of any device
 _ACT_S = 1.0
 _PATIENCE_S = 2 * ble_radio.CONNECT_S
 _ADDRESS = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}")
 _UUID = re.compile(r"[0-9a-f]{4}|[0-9a-f]{8}|[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
-_BASE = "-0000-1000-8000-00805f9b34fb"  # what Bluetooth's own short identifiers are short for
+_BASE = "-0000-1000-8000-00805f9b34fb"  # the rest of Bluetooth's own short identifiers
 
-#: who makes connections; tests have another
+#: makes connections; tests replace it
 radio: Callable[[], Radio] = BleakRadio
 
 
 class Place(NamedTuple):
-    """An address understood; `write` is empty where the device is not written to."""
+    """A parsed address; `write` is empty if the device is not written to."""
 
     address: str
     notify: str
@@ -38,9 +38,9 @@ class Place(NamedTuple):
 
 
 class BlePort:
-    """One connection. Notifications wait in a bounded inbox; of those nobody takes the oldest go, and are counted."""
+    """One BLE connection. Notifications wait in a bounded inbox; on overflow the oldest are dropped and counted."""
 
-    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - the air has no speed
+    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - BLE has no baud rate
         self.place = f"ble://{address}"
         self.faults = Tally()
         self._at = parsed(address)
@@ -52,7 +52,7 @@ class BlePort:
         self._connection: Connection | None = None
 
     def open(self) -> None:
-        """Connect, when it is our turn; raises DeviceUnavailable."""
+        """Connect, after other devices' connection attempts; raises DeviceUnavailable."""
         self.close()
         inbox = Inbox()
         with self._lock:
@@ -72,7 +72,7 @@ class BlePort:
         raise DeviceUnavailable(Code.CLOSED(place=self.place))
 
     def read(self, timeout_s: float) -> Chunk:
-        """The notifications that came, in one piece; raises DeviceLost, when all have been read."""
+        """The received notifications in one piece; raises DeviceLost once all have been read."""
         inbox = self._inbox
         if inbox is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -84,7 +84,10 @@ class BlePort:
         return chunk or Chunk(b"", host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send, if the address says where to; else it is counted. Raises DeviceLost, also when it takes over a second."""
+        """Send data if the address names a characteristic for it; otherwise count them as not sent.
+
+        Raises DeviceLost, also if sending takes over a second.
+        """
         connection = self._connection
         if connection is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -101,7 +104,7 @@ class BlePort:
             raise DeviceLost(Code.NOT_TAKEN(place=self.place)) from None
 
     def close(self) -> None:
-        """Disconnect, ending an open or a read in another thread."""
+        """Disconnect; this ends an open or a read in another thread."""
         with self._lock:
             opening, self._opening = self._opening, None
             inbox, self._inbox = self._inbox, None
@@ -116,7 +119,7 @@ class BlePort:
 
 
 class Inbox:
-    """What the loop's thread hands to the device's. over: nothing more will come."""
+    """Notifications on their way from the BLE thread to the device's thread. over: no more will come."""
 
     def __init__(self) -> None:
         self.over = False
@@ -125,7 +128,7 @@ class Inbox:
         self._bytes = self._lost = 0
 
     def put(self, data: bytes) -> None:
-        """A notification came."""
+        """Add a notification."""
         receive_time_ns = host_time.now_ns()
         with self._news:
             self._chunks.append(Chunk(data, receive_time_ns))
@@ -137,13 +140,13 @@ class Inbox:
             self._news.notify()
 
     def end(self) -> None:
-        """Nothing more will come."""
+        """Mark the end: no more notifications will come."""
         with self._news:
             self.over = True
             self._news.notify()
 
     def take(self, timeout_s: float) -> Chunk | None:
-        """All that wait, waiting for one unless it is over."""
+        """All waiting notifications, or None; waits at most timeout_s for the first, unless the connection is over."""
         with self._news:
             self._news.wait_for(lambda: self._chunks or self.over, timeout_s)
             if not self._chunks:
@@ -154,14 +157,14 @@ class Inbox:
             return chunk
 
     def lost_bytes(self) -> int:
-        """How many there was no room for, since this was asked last."""
+        """Bytes dropped for lack of room since the last call."""
         with self._news:
             lost, self._lost = self._lost, 0
             return lost
 
 
 def parsed(address: str) -> Place:
-    """An address behind `ble://`; ValueError says what one looks like."""
+    """Parse an address behind `ble://`; raises ValueError with an example."""
     where, chosen = url.options(address, ("write",), EXAMPLE)
     device, _, characteristic = where.partition("/")
     if not _ADDRESS.fullmatch(device.upper()):
@@ -170,7 +173,7 @@ def parsed(address: str) -> Place:
 
 
 def state(address: str) -> str:
-    """Whether it could be opened, in a few words; whether it is within reach nobody knows before."""
+    """State in a few words; whether the device is within reach is unknown before opening."""
     parsed(address)
     return "not looked for before it is opened" if ble_radio.available() else ble_radio.NEEDS
 
@@ -183,14 +186,14 @@ def _uuid(text: str) -> str:
 
 
 async def _connected(at: Place, inbox: Inbox) -> Connection:
-    """Connect and listen, one device at a time; what does not come about in time is given up, so that others get their turn."""
+    """Connect and listen, one device at a time; gives up after _PATIENCE_S, so that other devices get their turn."""
     async with ble_loop.connecting:
         try:
             async with asyncio.timeout(_PATIENCE_S):
                 connection = await radio().connect(at.address, inbox.end)
                 try:
                     await connection.listen(at.notify, inbox.put)
-                except BaseException:  # also when it is cancelled: BlueZ would keep the connection
+                except BaseException:  # also if cancelled: BlueZ would keep the connection
                     await connection.close()
                     raise
                 return connection

@@ -1,4 +1,4 @@
-"""Bluetooth Low Energy as far as it is needed, and bleak (the extra `ble`) doing it: the only file that imports bleak.
+"""Bluetooth Low Energy through bleak (the extra `ble`); the only file that imports bleak.
 
 Everything here runs in the thread of `ble_loop`.
 """
@@ -18,35 +18,35 @@ CONNECT_S: Final = 10.0
 
 
 class RadioFault(Exception):
-    """It could not be done, for the reason of this code."""
+    """A failed BLE operation, with the code of its reason."""
 
     def __init__(self, code: Code, **params: object) -> None:
         super().__init__(code)
         self.code, self.params = code, params
 
     def at(self, place: str) -> Sentence:
-        """The reason, of the device at this place."""
+        """The reason as a sentence about the device at this place."""
         return self.code(place=place, **self.params)
 
 
 class Connection(Protocol):
-    """A device that is connected."""
+    """A connected BLE device."""
 
     async def listen(self, characteristic: str, heard: Callable[[bytes], None]) -> None:
-        """Have each notification of a characteristic told, in the order they come; raises RadioFault."""
+        """Call `heard` with each notification of a characteristic, in order; raises RadioFault."""
 
     async def write(self, characteristic: str, data: bytes) -> None:
-        """Send; raises RadioFault."""
+        """Send data; raises RadioFault."""
 
     async def close(self) -> None:
         """Disconnect; never raises."""
 
 
 class Radio(Protocol):
-    """Makes connections."""
+    """Maker of BLE connections."""
 
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
-        """Connect; `lost` is called when the connection ends, however it does. Raises RadioFault."""
+        """Connect; `lost` is called when the connection ends for any reason. Raises RadioFault."""
 
 
 def available() -> bool:
@@ -59,7 +59,7 @@ class BleakRadio:
 
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
         """Connect; raises RadioFault."""
-        from bleak import BleakClient  # noqa: PLC0415 - an extra
+        from bleak import BleakClient  # noqa: PLC0415 - optional extra
 
         client = BleakClient(address, disconnected_callback=lambda _: lost(), timeout=CONNECT_S)
         with _told():
@@ -98,7 +98,7 @@ class _BleakConnection:
 
 @contextlib.contextmanager
 def _told() -> Iterator[None]:
-    """Raise what bleak, or the system under it, raises as a RadioFault."""
+    """Turn errors of bleak and the operating system into RadioFault."""
     from bleak.exc import BleakError  # noqa: PLC0415
 
     try:
@@ -108,13 +108,13 @@ def _told() -> Iterator[None]:
 
 
 def no_characteristic(wanted: str, there: Mapping[str, Sequence[str]]) -> RadioFault:
-    """What to say when a device has not what was configured."""
+    """Fault for a device without the configured characteristic, listing those it has."""
     listed = ", ".join(f"{uuid} ({' '.join(properties)})" for uuid, properties in there.items())
     return RadioFault(Code.BLE_NO_CHARACTERISTIC, wanted=wanted, listed=listed or "none")
 
 
 def fault(error: Exception) -> RadioFault:
-    """What a fault of bleak, or of the system under it, means, and what to do."""
+    """RadioFault for an error of bleak or the operating system."""
     from bleak.exc import (  # noqa: PLC0415
         BleakBluetoothNotAvailableError,
         BleakBluetoothNotAvailableReason,

@@ -5,9 +5,9 @@ from bridge.reasons.codes import Sentence
 
 
 class DeviceUnavailable(Exception):
-    """The device cannot be opened now; the reason says what was tried and what to do. Tried again later.
+    """The device cannot be opened now; the reason says what was tried and what to do. Opening is retried.
 
-    soon: to try again costs next to nothing and disturbs nobody, so it is done often.
+    soon: retrying is cheap and disturbs nobody, so it is done often.
     """
 
     def __init__(self, *reason: Sentence, soon: bool = False) -> None:
@@ -16,7 +16,7 @@ class DeviceUnavailable(Exception):
 
 
 class DeviceLost(Exception):
-    """An open device went away: unplugged, powered off, end of a file. `over` means it will not come back."""
+    """An open device went away: unplugged, powered off, end of a file. over: it will not come back."""
 
     def __init__(self, *reason: Sentence, over: bool = False) -> None:
         super().__init__(english(*reason))

@@ -1,4 +1,4 @@
-"""A capture of a device's bytes, played as if it came from a port: `file:///path?bytes_per_s=...`."""
+"""Transport that plays a capture of a device's bytes as a port: `file:///path?bytes_per_s=...`."""
 
 import threading
 import time
@@ -15,14 +15,14 @@ from bridge.wire.refusal import Tally
 
 EXAMPLE = "file:///var/captures/wrist.bin"
 _TURN_S = 0.01
-_FEWEST_BYTES, _MOST_BYTES = 4096, 1 << 20  # what may be due at once
-_BITS_A_BYTE = 10  # of a serial line: a start bit and a stop bit beside the eight
+_FEWEST_BYTES, _MOST_BYTES = 4096, 1 << 20  # limits of the bytes due at once
+_BITS_A_BYTE = 10  # on a serial line: a start bit, eight data bits, a stop bit
 
 
 class FilePort:
-    """The bytes of one file at a steady pace, that of a serial line of the given speed unless `bytes_per_s` says another.
+    """Plays the bytes of a file at a steady pace: that of a serial line at `baud`, unless `bytes_per_s` is given.
 
-    At its end the device is lost for good. What is sent to it goes nowhere.
+    At the end the device is lost for good. Written bytes are discarded.
     """
 
     def __init__(self, address: str, baud: int) -> None:
@@ -35,7 +35,7 @@ class FilePort:
         self._closed = threading.Event()
 
     def open(self) -> None:
-        """Open at its beginning; raises DeviceUnavailable."""
+        """Open the file at its beginning; raises DeviceUnavailable."""
         self.close()
         if (said := _state(self._path)) != "present":
             raise DeviceUnavailable(Code.PLACE_FAILED(place=self.place, error=said))
@@ -47,7 +47,7 @@ class FilePort:
         self._due, self._then_s = 0.0, time.monotonic()
 
     def read(self, timeout_s: float) -> Chunk:
-        """The bytes that are due; at the end DeviceLost, for good."""
+        """The bytes that are due; raises DeviceLost for good at the end."""
         self._closed.wait(min(timeout_s, _TURN_S))
         now_s = time.monotonic()
         self._due = min(self._due + (now_s - self._then_s) * self._bytes_per_s, self._most)
@@ -57,7 +57,7 @@ class FilePort:
             if self._file is None:
                 raise DeviceLost(Code.CLOSED(place=self.place))
             data = self._file.read(most)
-        except (OSError, ValueError) as error:  # a ValueError when another thread closes it meanwhile
+        except (OSError, ValueError) as error:  # ValueError: another thread closed the file
             if self._closed.is_set():
                 raise DeviceLost(Code.CLOSED(place=self.place)) from None
             raise DeviceLost(Code.PLACE_FAILED(place=self.place, error=error)) from None
@@ -67,10 +67,10 @@ class FilePort:
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Nobody hears it."""
+        """Discard the data: a file has no receiver."""
 
     def close(self) -> None:
-        """Close, ending a read in another thread."""
+        """Close the file; this ends a read in another thread."""
         self._closed.set()
         opened, self._file = self._file, None
         if opened is not None:
@@ -78,7 +78,7 @@ class FilePort:
 
 
 def parsed(address: str) -> tuple[Path, float]:
-    """The file, and its pace in bytes per second, 0 where none is given; ValueError where they are none."""
+    """Parse an address: file, and pace in bytes per second (0 if not given); raises ValueError if invalid."""
     path, chosen = url.options(address, ("bytes_per_s",), EXAMPLE)
     if not path or "\0" in unquote(path):
         raise ValueError(f"{address!r} names no file; one looks like {EXAMPLE!r}")
@@ -87,7 +87,7 @@ def parsed(address: str) -> tuple[Path, float]:
 
 
 def state(address: str) -> str:
-    """Whether there is such a file, in a few words."""
+    """Whether the file exists and can be read, in a few words."""
     return _state(parsed(address)[0])
 
 

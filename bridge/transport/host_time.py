@@ -1,17 +1,20 @@
-"""When something came, by this host: a time that goes on where the host's clock is set.
+"""Receive times of this host, on a clock that continues evenly when the host's clock is set.
 
-Who sets a clock moves no device and no line: how long a device was silent, and where a sample lies, is told by this. What is
-published has the host's clock as it is set by then.
+Setting the host's clock must not move samples or lengthen a silence, so all receive times use this steady clock.
+Published times are converted to the host's clock as it is then set.
 """
 
 import time
 
-_STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # which goes on in sleep
-_NOISE_NS = 1_000_000  # between looking at two clocks
+_STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # CLOCK_BOOTTIME also counts sleep
+_NOISE_NS = 1_000_000  # between reading two clocks
 
 
 def _ahead_ns() -> int:
-    """How much the host's clock is ahead of one that nobody sets; whatever comes between looking at both makes it less."""
+    """How far the host's clock is ahead of the steady clock, ns.
+
+    The maximum of three readings, because a delay between the two reads lowers the result.
+    """
     return max(time.time_ns() - time.clock_gettime_ns(_STEADY) for _ in range(3))
 
 
@@ -19,11 +22,11 @@ _AHEAD_NS = _ahead_ns()
 
 
 def now_ns() -> int:
-    """The time since the Unix epoch by the host's clock as it was when this program began."""
+    """Time in ns since the Unix epoch, by the host's clock as it was set when this program started."""
     return time.clock_gettime_ns(_STEADY) + _AHEAD_NS
 
 
 def set_ns(before_ns: int = 0) -> int:
-    """By how much the host's clock was set forward since; before_ns: what that was when it was last asked for."""
+    """How far the host's clock has been set forward since the start, ns; before_ns: the previous result."""
     by_ns = _ahead_ns() - _AHEAD_NS
     return by_ns if abs(by_ns - before_ns) >= _NOISE_NS else before_ns

@@ -1,4 +1,4 @@
-"""Network errors in words, with what to do."""
+"""Network errors as sentences, with what to do."""
 
 import errno
 import socket
@@ -7,7 +7,7 @@ from bridge.reasons.codes import Code, Sentence
 
 
 def cause(error: OSError, place: str) -> Sentence:
-    """Why a connection cannot be made, or a port not be listened on."""
+    """Why a connection cannot be made, or a port cannot be listened on."""
     if isinstance(error, socket.gaierror):
         return Code.NAME_UNKNOWN(place=place)
     if isinstance(error, TimeoutError):

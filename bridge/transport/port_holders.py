@@ -1,4 +1,4 @@
-"""Which processes have a port open: Linux tells in /proc, without touching the port."""
+"""Finds the processes that have a port open, from Linux's /proc, without touching the port."""
 
 import contextlib
 import os
@@ -21,13 +21,13 @@ class Holder(NamedTuple):
 
 
 def holders(port: str, proc: Path = PROC) -> list[Holder]:
-    """Those that we may see: a user's own, all of them for root."""
+    """Processes that have the port open, as far as visible: a user's own processes, all for root."""
     target = os.path.realpath(port)
     return [Holder(pid, _name(proc, pid)) for pid in _pids(proc) if target in _open_files(proc, pid)]
 
 
 def locked(port: str, proc: Path = PROC) -> bool:
-    """Whether somebody, whoever it is, has locked it, as every bridge does."""
+    """Whether any process has locked the port, as every bridge does."""
     try:
         status = Path(port).stat()
         locks = (proc / "locks").read_text(encoding="ascii", errors="replace")
@@ -39,13 +39,13 @@ def locked(port: str, proc: Path = PROC) -> bool:
 
 
 def is_bridge(pid: int, proc: Path = PROC) -> bool:
-    """Whether a process is `truerate bridge run`, and not the shell or the sudo that started it."""
+    """Whether a process is `truerate bridge run`, and not the shell or sudo that started it."""
     program, *words = command(pid, proc) or [""]
     return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
 
 
 def command(pid: int, proc: Path = PROC) -> list[str]:
-    """The words a process was started with; empty if it is gone."""
+    """The command line of a process, as words; empty if the process has ended."""
     try:
         return (proc / str(pid) / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
     except OSError:
@@ -57,7 +57,7 @@ def _pids(proc: Path) -> list[int]:
 
 
 def _open_files(proc: Path, pid: int) -> Iterator[str]:
-    with contextlib.suppress(OSError):  # another user's, or ended meanwhile
+    with contextlib.suppress(OSError):  # another user's process, or ended meanwhile
         for entry in (proc / str(pid) / "fd").iterdir():
             with contextlib.suppress(OSError):
                 yield str(entry.readlink())

@@ -1,4 +1,4 @@
-"""Why a serial port cannot be opened, in words, with what to do."""
+"""Explains why a serial port cannot be opened, with what to do."""
 
 import errno
 import os
@@ -12,13 +12,13 @@ _MISSING = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
 _FORBIDDEN = frozenset({errno.EACCES, errno.EPERM})
 _BUSY = frozenset({errno.EBUSY, errno.EAGAIN})
 _NO_PORT = frozenset({errno.ENOTTY, errno.EINVAL, errno.EISDIR})
-_MEMORY_DEVICES = 1  # the major number of /dev/null and its kind
+_MEMORY_DEVICES = 1  # major number of /dev/null and similar devices
 
 
 def state(port: str) -> str:
-    """Whether a port could be opened now. It is not opened for that, which would boot some boards."""
+    """Whether a port could be opened now, in words. The port is not opened, because that would boot some boards."""
     try:
-        status = os.stat(port)  # noqa: PTH116 - a name, as everywhere here
+        status = os.stat(port)  # noqa: PTH116 - a name, as everywhere in this file
     except OSError as error:
         return english(cause(error, port))
     if _no_port(status):
@@ -29,15 +29,15 @@ def state(port: str) -> str:
 
 
 def no_port(port: str) -> bool:
-    """Whether something is there that cannot be a serial port: a file, a folder, /dev/null."""
+    """Whether the path is something other than a serial port: a file, a folder, /dev/null."""
     try:
-        return _no_port(os.stat(port))  # noqa: PTH116 - a name, as everywhere here
+        return _no_port(os.stat(port))  # noqa: PTH116 - a name, as everywhere in this file
     except OSError:
         return False
 
 
 def cause(error: Exception, port: str) -> Sentence:
-    """Why a port cannot be opened, by what opening it said."""
+    """Why a port cannot be opened, from the error of opening it."""
     number = _number(error)
     if number in _MISSING:
         return Code.PORT_MISSING(place=port)
@@ -51,12 +51,12 @@ def cause(error: Exception, port: str) -> Sentence:
 
 
 def settling(error: Exception) -> bool:
-    """Whether it may be a port that was just plugged in, whose name and permissions are not settled."""
+    """Whether the port may just have been plugged in, with its name and permissions not yet settled."""
     return _number(error) in _MISSING | _FORBIDDEN | {errno.EIO}
 
 
 def busy(port: str) -> Sentence:
-    """Who has it open, as far as we may know."""
+    """A sentence on the processes that have the port open, as far as visible."""
     having = holders(port)
     if not having:
         return Code.PORT_BUSY(place=port)

@@ -1,7 +1,7 @@
-"""A serial port: the only file that imports pyserial.
+"""Serial port transport; the only file that imports pyserial.
 
-Not every fault of a port is a SerialException: `in_waiting` of an unplugged one raises a plain OSError, the terminal's own
-calls a termios.error, which is none.
+Not every fault of a port is a SerialException: `in_waiting` of an unplugged port raises a plain OSError, and the
+terminal's own calls raise termios.error, which is not an OSError.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ _MOST_BYTES = 65_536
 
 
 class _Open(NamedTuple):
-    """An open port, what waits for it, and what ends the waiting."""
+    """An open port, its poll object, and the event that ends a wait."""
 
     port: serial.Serial
     poll: select.poll
@@ -34,11 +34,11 @@ class _Open(NamedTuple):
 
 
 class SerialPort:
-    """One port, locked for us alone. Give it a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not.
+    """One serial port, locked for this process. Use a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not.
 
-    Many boards boot when DTR falls or rises. To open a port raises DTR and RTS, whatever a program does; they are then
-    never lowered, neither here nor by the system on close, so only the first to open a port after it was plugged in may
-    boot the board. (To lower them would silence boards with a USB of their own, and reset an ESP32.)
+    Many boards boot when DTR falls or rises. Opening a port always raises DTR and RTS. They are never lowered
+    afterwards, neither here nor by the system on close, so only the first opening after plugging in may boot the board.
+    (Lowering them would silence boards with USB of their own, and reset an ESP32.)
     """
 
     def __init__(self, port: str, baud: int) -> None:
@@ -49,9 +49,9 @@ class SerialPort:
         self._open: _Open | None = None
 
     def open(self) -> None:
-        """Open and lock; raises DeviceUnavailable with the cause and what to do."""
+        """Open and lock the port; raises DeviceUnavailable with the cause and what to do."""
         self.close()
-        if not os.path.exists(self.place):  # noqa: PTH110 - asked often, of many missing ports: half the cost of Path
+        if not os.path.exists(self.place):  # noqa: PTH110 - called often for many missing ports: half the cost of Path
             raise DeviceUnavailable(Code.PORT_MISSING(place=self.place), soon=True)
         if serial_errors.no_port(self.place):
             raise DeviceUnavailable(Code.NOT_A_SERIAL_PORT(place=self.place))
@@ -71,26 +71,26 @@ class SerialPort:
         self._open = _Open(opened, poll, wake)
 
     def read(self, timeout_s: float) -> Chunk:
-        """What came, waiting at most timeout_s for a first byte; empty if none. Raises DeviceLost.
+        """Received bytes, waiting at most timeout_s for the first byte; empty if none. Raises DeviceLost.
 
-        As pyserial's read(in_waiting or 1), at a third of its cost: pyserial asks the system several times.
+        Same as pyserial's read(in_waiting or 1) at a third of the cost, because pyserial makes several system calls.
         """
         opened = self._opened()
         try:
             fd = opened.port.fileno()
             if not opened.poll.poll(timeout_s * 1e3):
                 return Chunk(b"", host_time.now_ns())
-            if self._open is not opened:  # closed meanwhile: the number may be of another file
+            if self._open is not opened:  # closed meanwhile: the descriptor may belong to another file
                 raise DeviceLost(Code.CLOSED(place=self.place))
             data = os.read(fd, _MOST_BYTES)
-        except (*_FAULTS, TypeError) as error:  # a TypeError when another thread closes it meanwhile
+        except (*_FAULTS, TypeError) as error:  # TypeError: another thread closed the port
             raise DeviceLost(self._loss(error)) from None
-        if not data:  # ready, but nothing comes
+        if not data:  # readable without data: the port is gone
             raise DeviceLost(self._loss(OSError()))
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send; raises DeviceLost, also when the device does not take it within a second."""
+        """Send data; raises DeviceLost, also if the device does not take them within a second."""
         opened = self._opened()
         try:
             opened.port.write(data)
@@ -98,7 +98,7 @@ class SerialPort:
             raise DeviceLost(self._loss(error)) from None
 
     def close(self) -> None:
-        """Close, ending a read in another thread; never raises."""
+        """Close the port; this ends a read in another thread. Never raises."""
         with self._closing:
             opened, self._open = self._open, None
         if opened is not None:
@@ -124,7 +124,7 @@ class SerialPort:
 
 
 def _stay_powered(fd: int) -> None:
-    """Do not drop the modem lines on close: on many boards that is a reset."""
+    """Keep the modem lines up on close: dropping them resets many boards."""
     attributes = termios.tcgetattr(fd)
     attributes[2] &= ~termios.HUPCL
     termios.tcsetattr(fd, termios.TCSANOW, attributes)

@@ -1,4 +1,4 @@
-"""A device that is a TCP server: `tcp://host:port`."""
+"""TCP transport for a device that is a server: `tcp://host:port`."""
 
 import contextlib
 import select
@@ -12,17 +12,18 @@ from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
 EXAMPLE = "tcp://10.0.0.5:8000"
-_CONNECT_S = 1.5  # less than a bridge waits for a device's thread to end
+_CONNECT_S = 1.5  # shorter than a bridge waits for a device's thread to end
 _WRITE_S = 1.0
 _MOST_BYTES = 16_384
-# A device that lost power says no goodbye: after 3 s of silence it is asked, and given up 3 s later.
+# A device that lost power does not close the connection: keepalive probes start after 3 s of silence, and give up 3 s
+# later.
 _IDLE_S, _ASK_EVERY_S, _ASKS = 3, 1, 3
 
 
 class TcpPort:
-    """One connection. Whatever came before the device closed it is read before the loss is told."""
+    """One TCP connection. All data that arrived before the device closed it are read before the loss is raised."""
 
-    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - a network has no speed
+    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - TCP has no baud rate
         self.place = f"tcp://{address}"
         self.faults = Tally()
         self._address = parsed(address)
@@ -38,7 +39,7 @@ class TcpPort:
             raise DeviceUnavailable(network_errors.cause(error, self.place)) from None
 
     def read(self, timeout_s: float) -> Chunk:
-        """What came; raises DeviceLost."""
+        """Received bytes, waiting at most timeout_s for the first; raises DeviceLost."""
         opened = self._opened()
         try:
             data = _received(opened, timeout_s)
@@ -53,7 +54,10 @@ class TcpPort:
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send; raises DeviceLost when it is not taken. A connection that broke is told of by read, behind what came over it."""
+        """Send data; raises DeviceLost if they are not taken within a second.
+
+        A broken connection is reported by read, after the data that arrived before.
+        """
         opened = self._opened()
         try:
             opened.settimeout(_WRITE_S)
@@ -69,7 +73,7 @@ class TcpPort:
             raise DeviceLost(network_errors.loss(error, self.place)) from None
 
     def close(self) -> None:
-        """Disconnect, ending a read in another thread."""
+        """Disconnect; this ends a read in another thread."""
         opened, self._socket = self._socket, None
         if opened is not None:
             with contextlib.suppress(OSError):
@@ -84,12 +88,12 @@ class TcpPort:
 
 
 def _received(opened: socket.socket, timeout_s: float) -> bytes | None:
-    """What came; None if nothing did within timeout_s, nothing at all when the connection was ended."""
+    """Received bytes; None if none came within timeout_s, empty if the connection has ended."""
     try:
-        return opened.recv(_MOST_BYTES)  # mostly something is there already
+        return opened.recv(_MOST_BYTES)  # usually data are waiting
     except BlockingIOError:
         fd = opened.fileno()
-        if fd >= 0:  # else another thread has closed it meanwhile
+        if fd >= 0:  # otherwise another thread has closed the socket
             poll = select.poll()
             poll.register(fd, select.POLLIN)
             poll.poll(timeout_s * 1e3)
@@ -99,13 +103,13 @@ def _received(opened: socket.socket, timeout_s: float) -> bytes | None:
 
 
 def parsed(address: str) -> tuple[str, int]:
-    """Host and port; ValueError where they are none."""
+    """Parse host and port; raises ValueError if invalid."""
     before, _ = url.options(address, (), EXAMPLE)
     return url.host_port(before, EXAMPLE)
 
 
 def state(address: str) -> str:
-    """Whether it can be connected to now, in a few words; connects for a moment."""
+    """Whether a connection can be made now, in a few words; connects for a moment."""
     try:
         _connected(parsed(address)).close()
     except OSError as error:
@@ -118,6 +122,6 @@ def _connected(address: tuple[str, int]) -> socket.socket:
     made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     for name, value in (("TCP_KEEPIDLE", _IDLE_S), ("TCP_KEEPINTVL", _ASK_EVERY_S), ("TCP_KEEPCNT", _ASKS)):
-        if hasattr(socket, name):  # macOS has not all of them
+        if hasattr(socket, name):  # macOS lacks some
             made.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
     return made

@@ -1,4 +1,4 @@
-"""One UDP port and everybody who waits at it: datagrams are told apart by the host they come from."""
+"""Shares one UDP port among devices: datagrams are told apart by the sending host."""
 
 import contextlib
 import logging
@@ -14,17 +14,17 @@ from bridge.transport import host_time
 ALL = "0.0.0.0"  # noqa: S104 - devices are on other machines
 _LONGEST = 65_535
 _BUFFER_BYTES = 1 << 21
-_MOST_BYTES = 1 << 20  # that wait for one device
+_MOST_BYTES = 1 << 20  # waiting for one device
 _AT_ONCE = 1024  # datagrams
-_GATHER_S = 0.002  # so that one look finds what came of many devices; stamps are late by no more
+_GATHER_S = 0.002  # so that one wake-up finds the datagrams of many devices; receive times are late by at most this
 
 _log = logging.getLogger(__name__)
 
-Peer = tuple[Any, ...]  # as a socket names it: host, port, and more with IPv6
+Peer = tuple[Any, ...]  # as a socket gives it: host, port, and more with IPv6
 
 
 class Heard(NamedTuple):
-    """Datagrams of one host, in one piece: the bytes, the host, who sent the last, and the host time right after that came."""
+    """Datagrams of one host in one piece, with the last one's sender and host receive time."""
 
     data: bytes
     host: str
@@ -33,20 +33,20 @@ class Heard(NamedTuple):
 
 
 class Taken(Exception):
-    """Somebody waits for these datagrams already."""
+    """Raised if the datagrams of a host already have a channel."""
 
 
 class Channel:
-    """One device's datagrams that wait to be read. `lost`: those there was no room for."""
+    """Queue of one device's received datagrams. lost: datagrams dropped for lack of room."""
 
     def __init__(self, hosts: frozenset[str]) -> None:
         self.hosts: Final = hosts
         self.lost = 0
         self._waiting: deque[Heard] = deque()
-        self._bytes_in = self._bytes_out = 0  # each counted by one thread
+        self._bytes_in = self._bytes_out = 0  # each is written by one thread only
 
     def offer(self, heard: Heard) -> None:
-        """Keep it, if there is room."""
+        """Keep datagrams if there is room; otherwise count them as lost."""
         if self._bytes_in - self._bytes_out >= _MOST_BYTES:
             self.lost += 1
             return
@@ -54,7 +54,7 @@ class Channel:
         self._waiting.append(heard)
 
     def take(self) -> list[Heard]:
-        """All that wait, up to some 64 kB."""
+        """The waiting datagrams, up to some 64 kB."""
         taken, size = [], 0
         while self._waiting and size < _LONGEST:
             taken.append(self._waiting.popleft())
@@ -64,7 +64,7 @@ class Channel:
 
 
 class Listener:
-    """A bound socket, its thread, and the channels of those who wait at it. `join` makes and shares them."""
+    """A bound socket with its thread and channels. `join` makes listeners and shares them."""
 
     def __init__(self, host: str, port: int) -> None:
         self.where: Final = (host, port)
@@ -78,29 +78,30 @@ class Listener:
         self._thread.start()
 
     def send(self, data: bytes, to: Peer) -> None:
-        """A datagram to a device, from the port it sends to; raises OSError."""
+        """Send a datagram to a device, from the port that the device sends to; raises OSError."""
         self._socket.sendto(data, to)
 
     def add(self, channel: Channel) -> None:
-        """Give it what comes from its hosts, or from all that nobody else waits for; raises Taken."""
+        """Add a channel for its hosts, or for all hosts without a channel of their own; raises Taken."""
         taken = self._channels.keys() & channel.hosts
         if taken or (not channel.hosts and self._anyone is not None):
             raise Taken(", ".join(sorted(taken)) or "anyone")
-        self._channels = self._channels | dict.fromkeys(channel.hosts, channel)  # anew: it is read meanwhile
+        # a new dict, because the thread reads the old one
+        self._channels = self._channels | dict.fromkeys(channel.hosts, channel)
         if not channel.hosts:
             self._anyone = channel
 
     def remove(self, channel: Channel) -> bool:
-        """True when nobody is left."""
+        """Remove a channel; True if no channel is left."""
         self._channels = {host: other for host, other in self._channels.items() if other is not channel}
         if self._anyone is channel:
             self._anyone = None
         return not self._channels and self._anyone is None
 
     def close(self) -> None:
-        """Free the port."""
+        """Stop the thread and free the port."""
         self._closed = True
-        with contextlib.suppress(OSError):  # it is connected to nobody, but this ends the wait for datagrams
+        with contextlib.suppress(OSError):  # the socket is not connected, but shutdown ends the wait for datagrams
             self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._socket.close()
@@ -118,7 +119,7 @@ class Listener:
                 data, sender = self._socket.recvfrom(_LONGEST)
             except ConnectionError:  # an earlier answer was refused
                 continue
-            except OSError:  # no more, or closed
+            except OSError:  # no more datagrams, or closed
                 return
             self._sort(data, plain(sender[0]), sender)
 
@@ -137,7 +138,7 @@ _listeners: dict[tuple[str, int], Listener] = {}
 
 
 def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Channel]:
-    """Wait for datagrams of these hosts, or of all others where there are none; raises OSError and Taken."""
+    """Wait for datagrams of these hosts, or of all other hosts if `hosts` is empty; raises OSError and Taken."""
     channel = Channel(hosts)
     where = (host or ALL, port)
     with _lock:
@@ -148,7 +149,7 @@ def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Channel
 
 
 def leave(listener: Listener, channel: Channel) -> None:
-    """Wait no longer. The last one closes the port."""
+    """Remove a channel; the last one closes the port."""
     with _lock:
         if listener.remove(channel):
             del _listeners[listener.where]
@@ -156,7 +157,7 @@ def leave(listener: Listener, channel: Channel) -> None:
 
 
 def bound(host: str, port: int) -> socket.socket:
-    """A socket that listens; raises OSError. No host: all of this machine's IPv4 addresses; `::`: all of both kinds."""
+    """A bound UDP socket; raises OSError. Empty host: all IPv4 addresses of this machine; `::`: all IPv4 and IPv6 addresses."""
     family, kind, protocol, _, where = socket.getaddrinfo(
         host or ALL, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE
     )[0]
@@ -175,5 +176,5 @@ def bound(host: str, port: int) -> socket.socket:
 
 
 def plain(host: str) -> str:
-    """A host's numbers as everybody writes them: an IPv4 address that came over IPv6 is one again."""
+    """A host's address in its usual form: an IPv4-mapped IPv6 address becomes IPv4."""
     return host.removeprefix("::ffff:")

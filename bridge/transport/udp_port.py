@@ -1,4 +1,4 @@
-"""A device that sends datagrams to us: `udp://[host of ours]:port[?from=host of the device]`."""
+"""UDP transport for a device that sends datagrams here: `udp://[local host]:port[?from=host of the device]`."""
 
 import contextlib
 import socket
@@ -16,17 +16,17 @@ from bridge.wire.refusal import Tally
 EXAMPLE = "udp://:8000?from=10.0.0.5"
 _FORGOTTEN_NS = 3_000_000_000
 _TURN_S = 0.01
-# What `faults` counts, in datagrams: no room for them, of another device.
+# Labels of `faults`, counted in datagrams: no room; from another device.
 OVERFLOW, OTHERS = "datagrams_overflow", "datagrams_of_others"
 
 
 class UdpPort:
-    """One device's datagrams. Without `from`, those of the first host that is heard, until it has been silent for 3 s.
+    """One device's datagrams; without `from`, those of the first host heard, until it has been silent for 3 s.
 
     Several devices may send to one port, told apart by `from`.
     """
 
-    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - a network has no speed
+    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - UDP has no baud rate
         self.place = f"udp://{address}"
         self.faults = Tally()
         self._host, self._port, self._from = parsed(address)
@@ -48,7 +48,7 @@ class UdpPort:
         self._closed.clear()
 
     def read(self, timeout_s: float) -> Chunk:
-        """The datagrams that came, in one piece; raises DeviceLost once closed."""
+        """The received datagrams in one piece; raises DeviceLost once closed."""
         until_s = time.monotonic() + timeout_s
         while not (heard := self._heard()):
             left_s = until_s - time.monotonic()
@@ -58,7 +58,7 @@ class UdpPort:
         return Chunk(b"".join(part.data for part in heard), heard[-1].receive_time_ns)
 
     def _heard(self) -> list[Heard]:
-        """What came of the device that is listened to: two devices in one stream would be no stream."""
+        """Datagrams of the current device only: two devices must not be mixed in one stream."""
         _, channel = self._opened()
         if channel.lost > self._lost:
             self.faults.add(OVERFLOW, channel.lost - self._lost)
@@ -73,14 +73,14 @@ class UdpPort:
         return heard
 
     def write(self, data: bytes) -> None:
-        """Send to where the latest datagram came from; nowhere before there was one. Raises DeviceLost once closed."""
+        """Send to the sender of the latest datagram; does nothing before the first. Raises DeviceLost once closed."""
         listener, _ = self._opened()
         if self._peer is not None:
             with contextlib.suppress(OSError):  # a datagram may be lost
                 listener.send(data, self._peer[1])
 
     def close(self) -> None:
-        """Listen no more, ending a read in another thread."""
+        """Stop listening; this ends a read in another thread."""
         joined, self._joined = self._joined, None
         self._closed.set()
         if joined is not None:
@@ -94,14 +94,14 @@ class UdpPort:
 
 
 def parsed(address: str) -> tuple[str, int, str]:
-    """Our host (empty: all), port, and the device's host (empty: any); ValueError where they are none."""
+    """Parse local host (empty: all), port, and the device's host (empty: any); raises ValueError if invalid."""
     where, chosen = url.options(address, ("from",), EXAMPLE)
     host, port = url.host_port(where, EXAMPLE, host_needed=False)
     return host, port, url.host(chosen["from"], EXAMPLE) if "from" in chosen else ""
 
 
 def state(address: str) -> str:
-    """Whether its port can be listened on now, in a few words; whether a device sends to it nobody knows before."""
+    """Whether the port can be listened on now, in a few words; whether a device sends is unknown before opening."""
     host, port, _ = parsed(address)
     try:
         udp_listener.bound(host, port).close()

@@ -1,4 +1,4 @@
-"""The parts of an address behind its scheme: `host:port`, `?name=value`. A fault says what came, and shows one that is right."""
+"""Parses the part of an address behind its scheme: `host:port`, `?name=value`. Errors say what came, with an example."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,10 @@ from bridge.toml.loader import nearest
 
 
 def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str, int]:
-    """`10.0.0.5:8000`, `wrist-1.local:8000`, `[fe80::1]:8000`; the host is empty where it is left out and need not be there."""
+    """Parse `10.0.0.5:8000`, `wrist-1.local:8000` or `[fe80::1]:8000`; the host may be empty if not host_needed.
+
+    Raises ValueError.
+    """
     host, colon, port = text.rpartition(":")
     if not colon or not port.isascii() or not port.isdigit() or not 1 <= int(port) <= 65_535:
         raise ValueError(f"{text!r} has no port from 1 to 65535; one looks like {example!r}")
@@ -22,7 +25,7 @@ def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str
 
 
 def host(text: str, example: str) -> str:
-    """A host alone, in brackets or not."""
+    """Parse a host without port, with or without brackets; raises ValueError."""
     bare = text.removeprefix("[").removesuffix("]")
     if not bare or not _is_host(bare):
         raise ValueError(f"{text!r} is no host; one looks like {example!r}")
@@ -30,7 +33,7 @@ def host(text: str, example: str) -> str:
 
 
 def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[str, str]]:
-    """What is before the `?`, and the `name=value`s behind it, each of a known name and given once."""
+    """Split off the `name=value` options behind `?`, each of a known name and given once; raises ValueError."""
     before, mark, query = text.partition("?")
     if not mark:
         return before, {}
@@ -47,7 +50,7 @@ def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[st
 
 
 def number(text: str, name: str, low: float, high: float) -> float:
-    """A number within bounds."""
+    """Parse the number of an option within bounds; raises ValueError."""
     try:
         value = float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What one device of a ward says as an x-IMU3, and what it answers to commands. Pure."""
+"""Messages and command answers of one device of a ward, shown as an x-IMU3. Pure."""
 
 import hashlib
 import json
@@ -20,10 +20,10 @@ _MAX_NAME = 31
 
 
 class VirtualXimu3:
-    """One device. Its methods return messages, in order.
+    """One device shown as an x-IMU3. Its methods return messages, in order.
 
-    corrected: it sends corrected rates with the accelerations of the raw samples, zero where there are none; otherwise raw
-    rates. Its time is the device's own, so that a reader recognises a reboot.
+    corrected: send corrected rates with the accelerations of the raw samples (zero if there are none); otherwise raw
+    rates. The time is the device's own, so that a reader recognises a reboot.
     """
 
     def __init__(self, ward: str, device: str, *, corrected: bool) -> None:
@@ -37,12 +37,12 @@ class VirtualXimu3:
         self._time_us = 0
         self._temperature_us = -_TEMPERATURE_EVERY_US
         self._quality: Quality | None = None
-        self._boot = 0  # of the accelerations
+        self._boot = 0  # boot of the accelerations
         self._numbers, self._accels = np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
         self._sent = (0, 0)  # boot and next sequence number
 
     def took_raw(self, batch: SampleBatch) -> list[bytes]:
-        """A batch of raw samples came."""
+        """Handle a batch of raw samples."""
         time_us = _time_us(batch.ticks, batch.tick_period_s)
         messages = self._temperature(batch, int(time_us[-1]))
         if not self.corrected:
@@ -57,7 +57,7 @@ class VirtualXimu3:
         return messages
 
     def took_corrected(self, batch: CorrectedBatch) -> list[bytes]:
-        """A batch of corrected samples came; samples that an estimator repeats after a restart are left out."""
+        """Handle a batch of corrected samples; samples that an estimator repeats after a restart are left out."""
         boot, following = self._sent
         known = max(0, following - batch.sequence) if boot == batch.boot else 0
         if known >= len(batch) or not self.corrected:
@@ -74,7 +74,7 @@ class VirtualXimu3:
         return messages
 
     def took_info(self, info: DeviceInfo) -> list[bytes]:
-        """The bridge's DeviceInfo came."""
+        """Handle the bridge's DeviceInfo."""
         self._firmware, self._rate_hz = f"{info.model} {info.firmware}".strip() or "unknown", info.rate_hz
         self.battery_percent, self.charging = info.battery_percent, info.charging
         if math.isnan(self.battery_percent):
@@ -82,7 +82,7 @@ class VirtualXimu3:
         return [ximu3_encode.battery(self._time_us, self.battery_percent, charging=self.charging)]
 
     def answer(self, line: bytes) -> bytes:
-        """The answer to a command; empty if the line is no command."""
+        """Answer a command; empty if the line is not a command."""
         try:
             command = msgspec.json.decode(line, type=dict[str, Any])
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -118,7 +118,7 @@ class VirtualXimu3:
         return [ximu3_encode.temperature(time_us, float(batch.temperature_c[-1]))]
 
     def _accel(self, batch: CorrectedBatch) -> NDArray[np.float32]:
-        """(n, 3) m/s² of the same samples."""
+        """Accelerations (n, 3), m/s², of the same samples; zero where missing."""
         found = np.zeros((len(batch), 3), np.float32)
         number = batch.sequence + np.arange(len(batch))
         if batch.boot == self._boot:

@@ -1,4 +1,4 @@
-"""The UDP socket of one virtual x-IMU3. Nothing here waits."""
+"""The UDP socket of one virtual x-IMU3. Nothing here blocks."""
 
 import contextlib
 import json
@@ -10,10 +10,10 @@ from bridge.runtime import os_errors
 from bridge.virtual_ximu3.device import VirtualXimu3
 
 ANNOUNCED_AT = 10_000
-REPLY_PORT = 1000  # a device listens this far above the port it sends to: 9000 for 8000, as x-io has it
+REPLY_PORT = 1000  # a device listens this far above the port it sends to: 9000 for 8000, as x-io's do
 _DATAGRAM = 1400
 _LONGEST_COMMAND = 1024
-_COMMANDS = 64  # taken in one turn, before the other devices have theirs
+_COMMANDS = 64  # commands handled per turn, so that other devices get theirs
 
 
 class Address(NamedTuple):
@@ -23,11 +23,11 @@ class Address(NamedTuple):
     port: int
 
     def further(self, n: int) -> Self:
-        """The n-th device's."""
+        """Address of the n-th device: the port plus n."""
         return self._replace(port=self.port + n)
 
     def resolved(self) -> Self:
-        """With the host as a number; raises OSError if the name is not known."""
+        """The address with the host as an IPv4 number; raises OSError for an unknown name."""
         try:
             return self._replace(host=socket.gethostbyname(self.host))
         except OSError as error:
@@ -35,7 +35,7 @@ class Address(NamedTuple):
 
 
 class Port:
-    """One virtual device's socket, which sends to an address. Raises OSError if its port is taken."""
+    """Socket of one virtual device, sending to one address. Raises OSError if the port is taken."""
 
     def __init__(self, device: VirtualXimu3, to: Address) -> None:
         self.device = device
@@ -51,11 +51,11 @@ class Port:
 
     @property
     def place(self) -> str:
-        """Where it is, for people who type it in."""
+        """The addresses, for people who type them in."""
         return f"UDP to {self._to.host}:{self._to.port}, commands at {self._to.port + REPLY_PORT}"
 
     def send(self, messages: list[bytes]) -> None:
-        """Send messages, in datagrams of whole messages."""
+        """Send messages in datagrams of whole messages."""
         datagram = b""
         for message in messages:
             if len(datagram) + len(message) > _DATAGRAM:
@@ -66,7 +66,7 @@ class Port:
             self._send(datagram, self._to)
 
     def serve(self) -> None:
-        """Answer the commands that came."""
+        """Answer the commands received."""
         for _ in range(_COMMANDS):
             try:
                 data, sender = self._socket.recvfrom(_LONGEST_COMMAND)
@@ -79,7 +79,10 @@ class Port:
                     self._send(answer, sender)
 
     def announcement(self, ip: str) -> bytes:
-        """What tells x-io's programs that it is there. Without `sync`: real devices would set their clocks by it."""
+        """The announcement that makes x-io's programs find the device.
+
+        It has no `sync` field, because real devices would set their clocks by it.
+        """
         battery = self.device.battery_percent
         said = {
             "name": self.device.name,
@@ -99,12 +102,12 @@ class Port:
         self._socket.close()
 
     def _send(self, data: bytes, to: tuple[str, int]) -> None:
-        with contextlib.suppress(OSError):  # nobody there, or no room: a datagram may be lost
+        with contextlib.suppress(OSError):  # no receiver, or no room: a datagram may be lost
             self._socket.sendto(data, to)
 
 
 def local(host: str) -> str:
-    """Our own address towards a host; loopback stays loopback."""
+    """The local address used towards a host; loopback stays loopback."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         probe.connect((host, 9))

@@ -1,4 +1,4 @@
-"""Subscribe to devices of a ward and show each as an x-IMU3, on a UDP port of its own."""
+"""Shows devices of a ward as x-IMU3s, each on a UDP port of its own."""
 
 import contextlib
 import logging
@@ -28,9 +28,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What to show and where. No devices: all that are heard. Each next device has the next port.
+    """What to show and where.
 
-    announce: the host or broadcast address to be told of them; None: nobody.
+    devices: empty for all devices heard. to: address of the first device; each further device has the next port.
+    announce: host or broadcast address to announce the devices to; None for no announcement.
     """
 
     ward: str
@@ -41,13 +42,13 @@ class Wanted:
 
 
 class Show:
-    """The devices shown. `turn` does what is due and waits for a moment at most; one thread."""
+    """Shows devices as x-IMU3s. `turn` does all due work and waits briefly at most; use from one thread."""
 
     def __init__(self, bus: Bus, wanted: Wanted) -> None:
         self.refused = Tally()
         self._wanted = wanted
-        self._ports: dict[str, Port | None] = {}  # None: there was no free port for it
-        self._bridges: dict[str, str] = {}  # the bridge of each device that was heard first
+        self._ports: dict[str, Port | None] = {}  # None: no free port
+        self._bridges: dict[str, str] = {}  # the bridge first heard, for each device
         self._shown: set[str] = set()  # devices whose rates were passed on
         self._patient_until_s = time.monotonic() + _PATIENCE_S
         self._announced_s = float("-inf")
@@ -56,7 +57,7 @@ class Show:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         self._subscriptions: list[Subscription] = []
         try:
-            # Raw and info before corrected: accelerations and names come first.
+            # Raw and info before corrected: accelerations and names must arrive first.
             for what in ("raw", "info", *(("corrected",) if wanted.corrected else ())):
                 self._subscriptions.append(bus.subscribe(keys.pattern(wanted.ward, what), history=what == "info"))
             for device in wanted.devices:
@@ -66,7 +67,7 @@ class Show:
             raise
 
     def turn(self) -> None:
-        """Pass on what came, answer, announce."""
+        """Pass on received messages, answer commands, announce devices."""
         *others, last = self._subscriptions
         waited = last.drain(_AT_ONCE, _TURN_S)
         for messages in (*(subscription.drain(_AT_ONCE, 0.0) for subscription in others), waited):
@@ -91,7 +92,7 @@ class Show:
         return self._subscriptions[-1].closed
 
     def close(self) -> None:
-        """Close every port."""
+        """Close all subscriptions and ports."""
         for subscription in self._subscriptions:
             subscription.close()
         for port in filter(None, self._ports.values()):
@@ -113,7 +114,7 @@ class Show:
         if port is None:
             self.refused.add("of devices that have no port here")
         elif bridge and self._bridges.setdefault(device, bridge) != bridge:
-            self.refused.add("of a second bridge")  # two streams in one would be none
+            self.refused.add("of a second bridge")  # two streams must not be mixed
         elif key.what == "info":
             port.send(port.device.took_info(codec.decode_info(*message)))
         elif key.what == "raw":
@@ -133,14 +134,14 @@ class Show:
         if to is None or now_s - self._announced_s < _ANNOUNCE_EVERY_S:
             return
         self._announced_s = now_s
-        with contextlib.suppress(OSError):  # nobody listens, or no network now
+        with contextlib.suppress(OSError):  # no listener, or no network
             ip = local(to.host)
             for port in filter(None, self._ports.values()):
                 self._socket.sendto(port.announcement(ip), to)
 
 
 def show(bus: Bus, wanted: Wanted, stop: threading.Event) -> None:
-    """Show them until stopped; raises OSError if a port is taken."""
+    """Show devices until stopped; raises OSError if a port is taken."""
     shown = Show(bus, wanted)
     try:
         while not stop.is_set() and not shown.over:
