@@ -45,7 +45,7 @@ class Backups:
         return not made or not 0 <= now_s - made[0] < PERIOD_S
 
     def make(self) -> Path:
-        """Make a backup, and remove those beyond the newest seven.
+        """Make a backup, and remove all but the newest KEEP.
 
         Raises Damaged if the copy is not intact, or Unavailable.
         """

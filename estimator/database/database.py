@@ -128,7 +128,7 @@ class Database:
             except BaseException:
                 with suppress(
                     sqlite3.Error
-                ):  # the first error is the one to be told; SQLite may have rolled back itself
+                ):  # the first error is the one to report; SQLite may have rolled back by itself
                     db.execute("ROLLBACK")
                 if db.in_transaction:
                     self._writer = None
@@ -151,7 +151,7 @@ class Database:
         self.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({places}) {conflict}", tuple(row.values()))  # noqa: S608 - our own words
 
     def look(self) -> None:
-        """Check whether the open file is still at its path; the next write repairs it. Callable from any thread."""
+        """Check whether the open file is still at its path; if not, the next write puts it back. For any thread."""
         if self._file is None or self._moved:
             return
         try:

@@ -44,7 +44,7 @@ class Need:
 class WardSummary:
     """Summary of a ward.
 
-    needs: most urgent first. law: per device, how its samples are not accounted for. troubles: of the ward itself.
+    needs: most urgent first. law: devices that break samples in = out + dropped, and how. troubles: of the ward itself.
     unused: number of unused samples by device and reason, most first; devices without any are left out.
     told: per device, in English, other events that its bridge counted, and a rate that is not as expected.
     """

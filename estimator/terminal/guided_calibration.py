@@ -102,7 +102,7 @@ class Heard:
             self.guide.take_samples(batch)
         now = time.monotonic()
         self._known.take_router(now, there=self._client.connected)
-        if (latest := self._statuses.latest()) is not None:  # earlier ones are from before the guide began
+        if (latest := self._statuses.latest()) is not None:  # earlier ones are out of date
             self._known.take_status(latest, now)
             self.guide.take_status(latest)
         for calibration in self._made.drain():
