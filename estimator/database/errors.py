@@ -31,7 +31,7 @@ class Damaged(StoreError):
 def translated(path: str, error: Exception) -> StoreError:
     """Return the StoreError for an error of SQLite or of the system."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the primary result code
-    no_text = isinstance(error, (UnicodeDecodeError, sqlite3.OperationalError)) and not code  # Python's own: invalid text
+    no_text = isinstance(error, (UnicodeDecodeError, sqlite3.OperationalError)) and not code  # Python's own decoding
     if code in _DAMAGED or no_text:
         return Damaged(path, error)
     if isinstance(error, (sqlite3.OperationalError, OSError)) and code != sqlite3.SQLITE_ERROR:
