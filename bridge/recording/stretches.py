@@ -37,8 +37,8 @@ class Stretch:
     """Samples of one boot of a device, with rising sequence numbers and ticks (n,).
 
     number: the device's stretches are counted from 1. time_ns (n,): host time. gyro (n, 3): rad/s.
-    accel (n, 3): m/s², None if any sample lacks it. temperature_c (n,): °C, gaps interpolated, None if no sample has
-    it.
+    accel (n, 3): m/s², None if any sample lacks it. temperature_c (n,):
+    °C, gaps interpolated, None if no sample has it.
     """
 
     device: str

@@ -98,8 +98,8 @@ def restore(store: Path, backup: Path) -> str:
 def make_sound(store: Path, backups: Backups) -> str:
     """Ensure that there is a sound store: the file itself, else the newest sound backup, else a new store.
 
-    Returns what was wrong and what was done; empty if all was well. Raises StoreError if the file is not a store, or
-    Unavailable.
+    Returns what was wrong and what was done; empty if all was well. Raises
+    StoreError if the file is not a store, or Unavailable.
     """
     notes: list[str] = []
     known = backups.newest_first()

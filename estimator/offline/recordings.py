@@ -104,8 +104,8 @@ def correct(
     """Correct a recording as the live service would: each row uses what was known when its sample came.
 
     calibration: calibration to correct with. From the same boot, its bias counts as old until the recording confirms
-    it. From another boot (`other_boot`, or its own boot, range or rate differs), its scale is a prior and its bias is
-    not used.
+    it. From another boot (`other_boot`, or its own boot, range or rate
+    differs), its scale is a prior and its bias is not used.
 
     Without `calibration`, the boot's own calibration from before the recording began is used (`Recording.made`).
     If there is none, the first calibration whose turns are in the recording is used, from that point on.
@@ -117,8 +117,8 @@ def correct(
     gyro_range: full-scale range in rad/s, 0 when unknown.
     warmed_up: the device was on and worn for a quarter of an hour before the recording began. Otherwise, as live, its
     bias may drift by warming up where no temperature shows it.
-    batch: samples given to the session at a time; it does not affect the result. progress(done, n) is called after each
-    batch.
+    batch: samples given to the session at a time; it does not affect the
+    result. progress(done, n) is called after each batch.
 
     Raises RecordingError if a reading is beyond the range, if there is nothing to smooth, or if the calibration belongs
     to another device.

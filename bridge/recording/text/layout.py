@@ -29,8 +29,8 @@ class Layout(NamedTuple):
     """Layout of a text table.
 
     separator: None is any run of blanks. names: of the columns, empty if there is no header. width: cells per row.
-    first: index of the first row of numbers. rate_hz, gyro_unit, accel_unit: as the preamble states them, else 0 and
-    empty.
+    first: index of the first row of numbers. rate_hz, gyro_unit,
+    accel_unit: as the preamble states them, else 0 and empty.
     """
 
     separator: str | None

@@ -42,8 +42,8 @@ class Name(NamedTuple):
     """Meaning of a column's name.
 
     kind: gyro, accel, axis, time, counter, temperature, rate, or empty for none of these.
-    unit: in its standard spelling, empty if not stated. group: its other words, the same for the three axes of one
-    sensor.
+    unit: in its standard spelling, empty if not stated. group: its other
+    words, the same for the three axes of one sensor.
     rank: of a time, the lower the better.
     """
 
