@@ -1,6 +1,6 @@
 """Recordings: readers and writers of MCAP, .npz, CSV and BIDS, the recorder of a ward, recovery and surveys.
 
-Public door: `load` reads one device's samples from any file, in SI units.
+Public function: `load` reads one device's samples from any supported file, in SI units.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,7 @@
-"""Exports recordings as a BIDS-Motion dataset (Brain Imaging Data Structure): a tracking system per device, a run per boot.
+"""Exports recordings as a BIDS-Motion dataset (Brain Imaging Data Structure).
 
-https://bids-specification.readthedocs.io, "Motion"; Jeung et al., Scientific Data 11, 2024.
+Each device is a tracking system, each of its boots a run. Sources: https://bids-specification.readthedocs.io, "Motion";
+Jeung et al., Scientific Data 11, 2024.
 """
 
 import json
@@ -41,7 +42,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Subject, task and session labels, of letters and digits; never a person's name."""
+    """Subject, task and session labels of letters and digits; never a person's name. Raises RecordingError."""
 
     subject: str
     task: str
@@ -54,17 +55,20 @@ class Session:
 
     @property
     def stem(self) -> str:
-        """Beginning of every file name of the session."""
+        """Beginning of every file name of the session, such as sub-01_ses-02."""
         return f"sub-{self.subject}" + (f"_ses-{self.session}" if self.session else "")
 
     @property
     def folder(self) -> Path:
-        """The session's folder in a dataset."""
+        """The session's folder, relative to the dataset."""
         return Path(f"sub-{self.subject}", *([f"ses-{self.session}"] if self.session else []))
 
 
 def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path]:
-    """Write a dataset, or add a subject to one, and return the files written. Raises RecordingError."""
+    """Write a dataset, or add a subject to an existing one, and return the motion and event files written.
+
+    No existing recording is overwritten. Raises RecordingError.
+    """
     systems = _systems(list(recorded.stretches))
     home = folder / session.folder
     make_folder(folder)
@@ -103,7 +107,7 @@ def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path
 
 
 def channels(stretch: Stretch) -> list[Channel]:
-    """The columns of a stretch."""
+    """Return the columns of a motion file for a stretch."""
     corrected = stretch.corrected
     vectors: list[tuple[str, str, str, str, NDArray[np.generic] | None]] = [
         ("gyro", "GYRO", "rad/s", "angular rate as read", stretch.gyro),
@@ -127,7 +131,7 @@ def channels(stretch: Stretch) -> list[Channel]:
 
 
 def sidecar(stretch: Stretch, task: str, system: str) -> dict[str, Any]:
-    """Content of a *_motion.json file."""
+    """Return the content of the *_motion.json file of a stretch."""
     found = channels(stretch)
     counts = {
         f"{kind}ChannelCount": sum(c.type == kind for c in found) for kind in ("ACCEL", "GYRO", "LATENCY", "MISC")
@@ -180,7 +184,7 @@ def _write(folder: Path, stem: str, stretch: Stretch, task: str, system: str) ->
 
 
 def _write_events(folder: Path, stem: str, recorded: Recorded, stretch: Stretch) -> list[Path]:
-    """Write notes and calibrations within a stretch; no file when there is none."""
+    """Write the notes and calibrations made during a stretch; no file if there are none."""
     first, last = int(stretch.time_ns[0]), int(stretch.time_ns[-1])
     rows = [
         (f"{(event.time_ns - first) * 1e-9:.3f}", _NONE, event.event.split()[0], f"{event.event}: {event.text}")
@@ -195,7 +199,7 @@ def _write_events(folder: Path, stem: str, recorded: Recorded, stretch: Stretch)
 
 
 def _systems(devices: Sequence[str]) -> dict[str, str]:
-    """A BIDS label for each device: its letters and digits."""
+    """Return a BIDS label for each device: its letters and digits. Raises RecordingError if two labels are equal."""
     systems = {device: re.sub(r"[^0-9a-zA-Z]", "", device) for device in devices}
     taken: dict[str, str] = {}
     for device, label in systems.items():
@@ -218,7 +222,7 @@ def _write_table(path: Path, heads: Sequence[str], rows: Sequence[Sequence[str]]
 
 
 def _lines(path: Path, heads: Sequence[str]) -> list[str]:
-    """Lines of a table that exists, or the header of a new one. Raises RecordingError where it is not UTF-8."""
+    """Return the lines of an existing table, or the header of a new one. Raises RecordingError if it is not UTF-8."""
     try:
         known = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     except UnicodeDecodeError:
@@ -227,7 +231,7 @@ def _lines(path: Path, heads: Sequence[str]) -> list[str]:
 
 
 def _add_rows(path: Path, known: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Append rows whose first column is not yet in the table."""
+    """Append the rows whose first column is not yet in the table."""
     had = {line.split("\t", 1)[0] for line in known}
     width = known[0].count("\t") + 1
     new = ["\t".join((*row, *[_NONE] * (width - len(row)))) for row in rows if row[0] not in had]

@@ -1,6 +1,6 @@
-"""Mends the times of a recording: wraps, swapped rows, single bad times, coarse clocks, times of arrival, reboots.
+"""Repairs sample times: counter wraps, swapped rows, single bad times, coarse clocks, times of arrival, reboots.
 
-Each fault is recognised by its own sign and said by its name; times that show none are left as they are.
+Each fault has its own detector and its own note to the user. Times without a fault are left unchanged.
 """
 
 from typing import NamedTuple
@@ -13,28 +13,32 @@ from bridge.terminal.plurals import count
 
 Indices = NDArray[np.intp]
 _COUNTERS = tuple(float(1 << bits) for bits in (16, 24, 31, 32))
-#: steps that a step over a wrap may last, and that a swapped row may be from its place
+#: longest step over a counter wrap, in usual steps; farthest a swapped row may be from its place, in rows
 _NEAR, _FAR = 20.0, 64
-#: bad times in a row that are mended
+#: longest run of bad times that is repaired
 _BAD_RUN = 3
-#: of the mean step: shorter ones are within a bunch; and the share of such steps that makes times those of arrival
+#: steps shorter than this share of the mean are within a bunch; with more than this share of them, times are of arrival
 _SHORT, _BUNCHED = 0.3, 0.1
-#: seconds in which at least one sample came without waiting
+#: seconds within which at least one sample is taken to arrive without delay
 _STALL_S = 1.0
-#: of the longest usual step: times of arrival may be so far from their line, else samples are missing
+#: largest distance of arrival times from their line, in longest usual steps; beyond it samples are missing
 _OFF_LINE = 2.5
 _LEAST_PARTS_ROWS = 10
-#: ticks of a coarse clock: a longer step is a gap; nearer to a line than this is on it. Samples on either side of a mean
+#: ticks: a longer step is a gap; a time this near to a line is on it. Samples on either side of a running mean
 _GAP, _ON_LINE, _AROUND = 5.0, 1.5, 16
 _MOST_PARTS = 50
 
 
 class ClockFault(Exception):
-    """Times that cannot be mended; the sentence says how they are wrong, and what to do."""
+    """Sample times cannot be repaired; the message says how they are wrong and what to do."""
 
 
 class Mended(NamedTuple):
-    """order: indices of the rows, in order of time. time (len(order),) s. starts: where each boot begins in it."""
+    """Repaired times of a recording, and what was repaired.
+
+    order (m,): indices of the rows, in order of time. time (m,): s. starts: index of each boot's first row.
+    notes: what was repaired, for the user. arrival: whether the times were those of arrival.
+    """
 
     order: Indices
     time: Floats
@@ -44,7 +48,10 @@ class Mended(NamedTuple):
 
 
 def mend(time: Floats, tick_s: float) -> Mended:
-    """Mend times (n,), s, NaN where one is missing; tick_s: seconds of one count of the file's number. Raises ClockFault."""
+    """Repair sample times (n,) in s, NaN where one is missing.
+
+    tick_s: seconds per count of the file's time column, 0 when unknown. Raises ClockFault.
+    """
     notes = list[str]()
     order = np.arange(len(time))
     time = _filled(time, notes)
@@ -102,7 +109,7 @@ def _unwrapped(time: Floats, tick_s: float, notes: list[str]) -> Floats:
 
 
 def _sorted(order: Indices, time: Floats, notes: list[str]) -> tuple[Indices, Floats]:
-    """Rows in order of time, where a few are out of place, near it, and none is between two others then."""
+    """Sort rows by time if a few are out of place, near their place, and sorting crowds no two rows together."""
     if (np.diff(time) >= 0).all():
         return order, time
     by_time = np.argsort(time, kind="stable")
@@ -110,7 +117,7 @@ def _sorted(order: Indices, time: Floats, notes: list[str]) -> tuple[Indices, Fl
     steps = np.diff(time[by_time])
     usual = float(np.median(steps))
     back = np.flatnonzero(np.diff(time) < 0)
-    # A bad time, put in order, would crowd others and leave a hole where it was.
+    # Sorting a bad time would crowd the rows around its new place and leave a gap at the old one.
     near = [float(steps[max(0, at - _FAR) : at + _FAR].min()) for at in back[:1000]]
     if int(moved.max()) <= _FAR and usual > 0 and min(near) > usual / 2:
         notes.append(f"{count(int(np.count_nonzero(np.diff(time) < 0)), 'row')} out of order: sorted by time")
@@ -119,7 +126,7 @@ def _sorted(order: Indices, time: Floats, notes: list[str]) -> tuple[Indices, Fl
 
 
 def _outliers_mended(time: Floats, notes: list[str]) -> Floats:
-    """Times of single rows that lie outside those around them, where those go on evenly, are interpolated."""
+    """Interpolate the times of short runs of rows that lie outside the evenly spaced times around them."""
     steps = np.diff(time)
     usual = float(np.median(steps))
     if usual <= 0 or len(time) < 8:
@@ -151,7 +158,7 @@ def _is_bunched(time: Floats) -> bool:
 
 
 def _crowded(steps: Floats) -> bool:
-    """Whether short steps lie between long ones, as in bunches, and not among gaps of a long pause."""
+    """Whether short steps lie between long ones, as in bunches, rather than around a few long pauses."""
     usual = float(np.quantile(steps, 0.9))
     longest = steps[steps > 5 * usual]
     mean = float((steps.sum() - longest.sum()) / max(1, len(steps) - len(longest)))
@@ -159,7 +166,10 @@ def _crowded(steps: Floats) -> bool:
 
 
 def _spaced(time: Floats) -> tuple[Floats, str, bool]:
-    """Rising times of one boot: as they are, or on a line through coarse ones or those of arrival; what to say; of arrival."""
+    """Return rising times of one boot, a note, and whether they were times of arrival.
+
+    Good times are unchanged; coarse times and times of arrival are put on a line.
+    """
     steps = np.diff(time)
     distinct = int(np.count_nonzero(steps > 0)) + 1
     if len(time) < 2:
@@ -183,7 +193,7 @@ def _spaced(time: Floats) -> tuple[Floats, str, bool]:
 
 
 def _is_coarse(time: Floats) -> bool:
-    """Whether times are whole multiples of a tick, and each tick holds as many samples as the one before, one more or less."""
+    """Whether times are whole multiples of a tick, and the ticks hold equally many samples, give or take one."""
     ticks, held = np.unique(time, return_counts=True)
     tick = float(np.median(np.diff(ticks)))
     middle = np.diff(ticks)
@@ -194,7 +204,7 @@ def _is_coarse(time: Floats) -> bool:
 
 
 def _ticks_spread(time: Floats) -> Floats:
-    """Times (n,) that stand still for some samples, spread up to the clock's next reading; gaps stay."""
+    """Spread times (n,) that repeat within a clock tick evenly up to the next tick; gaps stay."""
     ticks, first, held = np.unique(time, return_index=True, return_counts=True)
     to_next = np.append(np.diff(ticks), np.inf)
     usual = float(np.median(to_next[:-1])) if len(ticks) > 1 else 0.0
@@ -202,21 +212,21 @@ def _ticks_spread(time: Floats) -> Floats:
     each = np.minimum(to_next, usual) / np.maximum(held, 1)
     each[0] = each[-1] = usual / max(middle, 1.0)
     within = np.arange(len(time)) - np.repeat(first, held)
-    # In the first tick the clock may have begun half way: its samples are its last.
+    # The first tick may be cut off by the recording's start: its samples are the tick's last ones.
     within[: held[0]] += round(max(0.0, middle - held[0]))
     spread = np.repeat(ticks, held) + within * np.repeat(each, held)
     return _smoothed(spread, usual)
 
 
 def _smoothed(time: Floats, tick: float) -> Floats:
-    """Evenly spaced between gaps: how many samples a tick holds goes up and down, the device's own rate does not."""
+    """Space times evenly between gaps: the device's rate is steady even if the number of samples per tick is not."""
     step = float(np.median(np.diff(time)))
     edges = np.flatnonzero(np.diff(time) > _GAP * max(tick, step)) + 1
     return np.concatenate([_evened(part, tick) for part in np.split(time, edges)])
 
 
 def _evened(time: Floats, tick: float) -> Floats:
-    """Times (n,) without a gap on a line; of a clock that goes unevenly, on a running mean of their distance from it."""
+    """Put gapless times (n,) on a line; for an uneven clock, add a running mean of their distance from the line."""
     n = len(time)
     if n < 2 * _AROUND:
         return time
@@ -233,14 +243,14 @@ def _evened(time: Floats, tick: float) -> Floats:
 
 
 def _on_a_line(time: Floats) -> Floats:
-    """Evenly spaced times through those of arrival, which are late by what their bunch waited. Raises ClockFault."""
+    """Fit evenly spaced times through times of arrival, which are late by their bunch's delay. Raises ClockFault."""
     n = len(time)
     rows = np.arange(n)
     wait = float(np.quantile(np.diff(time), 0.98))
     window = min(max(16, round(_STALL_S * (n - 1) / max(time[-1] - time[0], TICK_S))), max(2, n // 4))
     since = time - time[0]
     slope, start = np.polyfit(rows, since, 1)
-    for _ in range(2):  # the samples that waited least, window by window, are on the device's line
+    for _ in range(2):  # the samples with the least delay in each window are on the device's line
         late = since - slope * rows
         least = [at + int(np.argmin(late[at : at + window])) for at in range(0, n - window + 1, window)]
         slope, start = np.polyfit(rows[least], since[least], 1)

@@ -1,4 +1,4 @@
-"""Decoded messages of recordings, checked as on the bus; several files, whole or torn, are read as one."""
+"""Reads the decoded messages of recordings, validated as on the bus; several files, also torn ones, are read as one."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ Tell = Callable[[int, int], None]
 
 
 class Heard(NamedTuple):
-    """One message of a recording."""
+    """One message of a recording: its key, its decoded content, and its log time in ns."""
 
     key: keys.Key
     said: Said
@@ -24,10 +24,11 @@ class Heard(NamedTuple):
 
 
 class Contents:
-    """The messages of files, the earliest file first. `refused` and `trouble` are complete after iterating.
+    """Iterates over the messages of files, earliest file first.
 
-    wanted: kinds to decode, by the first word of their topic; all when empty. refused: messages that are not understood.
-    trouble: what is wrong with a file, for a person. Raises RecordingError for a file that is none of ours.
+    wanted: kinds of message to decode, by the first word of their topic; empty means all.
+    After iterating, `refused` counts the messages that could not be decoded, and `trouble` says what is wrong with each
+    file. `size`: bytes of the files read. Raises RecordingError for a file that is not a recording of a ward.
     """
 
     def __init__(self, paths: Sequence[Path], wanted: Sequence[str] = (), tell: Tell = lambda _done, _of: None) -> None:
@@ -65,7 +66,7 @@ class Contents:
 
 
 def _entries(path: Path, trouble: list[str], refused: Tally) -> Iterator[tuple[int, Entry]]:
-    """Pairs of bytes read so far and an entry. Raises RecordingError for a file that is not a recording of a ward."""
+    """Yield the bytes read so far and an entry. Raises RecordingError if the file is not a recording of a ward."""
     try:
         with path.open("rb") as file:
             reader = McapReader(file, str(path))

@@ -1,4 +1,4 @@
-"""Writes a recording of one device, whatever file it was read from, as .npz, .csv or .mcap."""
+"""Converts a recording of one device, read from any supported file, to .npz, .csv or .mcap."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -25,7 +25,7 @@ _BOOT = 1
 
 
 def check_ending(out: Path) -> None:
-    """Raise RecordingError for a file that cannot be written, before anything is read."""
+    """Raise RecordingError for an output file that cannot be written, before any input is read."""
     if out.suffix.lower() not in ENDINGS:
         raise RecordingError(f"{out}: a recording is written as {', '.join(ENDINGS)}, not as {out.suffix!r}")
     if not out.parent.is_dir():
@@ -33,7 +33,10 @@ def check_ending(out: Path) -> None:
 
 
 def convert(recording: Recording, out: Path, device: str, begin_ns: int) -> None:
-    """Write a recording; begin_ns: host time of its first sample. Raises RecordingError."""
+    """Write a recording of one device to a new file; the ending of `out` chooses the format.
+
+    begin_ns: host time of the first sample, ns since the Unix epoch. Raises RecordingError.
+    """
     keys.check_id(device, "--device")
     stretch = _stretch(recording, device, begin_ns)
     with new_file(out) as file:

@@ -1,17 +1,17 @@
-"""The error raised for a recording that cannot be used."""
+"""The error for recordings that cannot be used, and a check that a path is readable."""
 
 from pathlib import Path
 
 from bridge.runtime import os_errors
 
-MAX_BYTES = 1 << 29  # of a file that is read into arrays, and of what it unpacks to
+MAX_BYTES = 1 << 29  # limit for a file read into arrays, and for its unpacked size
 
 
 class RecordingError(Exception):
-    """A recording cannot be used: the file, what is in it, and what was expected."""
+    """A recording cannot be used: the message names the file, its content, and what was expected."""
 
 
 def check_file(path: Path) -> None:
-    """Raise RecordingError for a path that cannot be read, without opening it: a pipe would block."""
+    """Raise RecordingError for a path that cannot be read. The path is not opened, because a pipe would block."""
     if why := os_errors.unreadable(path):
         raise RecordingError(f"{path}: cannot be read: {why}")

@@ -1,9 +1,10 @@
-"""Exports recordings as .npz or .csv, a file per boot and device, which `bridge.recording.load` reads back.
+"""Exports recordings as .npz or .csv, a file per device and boot, which `bridge.recording.load` reads back.
 
-npz: `t_s`, `gyro_rad_s`, `accel_m_s2`, `temperature_c`, `rate_hz` as there; of each sample `host_time_ns`, `sequence`, `flags`;
-where corrected rates were recorded `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s` (n, 3), NaN where there is none, and `quality`
-(n,), -1 there. `device`, `boot`. CSV: the same columns, an axis each, the quality as its number.
-`events.csv` beside them has boots, calibrations and notes.
+npz: `t_s`, `gyro_rad_s`, `accel_m_s2`, `temperature_c` and `rate_hz` as `load` takes them, with `device` and `boot`.
+Per sample also `host_time_ns`, `sequence` and `flags`. If corrected rates were recorded: `rate_rad_s`, `rate_std_rad_s`
+and `bias_rad_s` (n, 3), NaN for a sample without a corrected rate, and `quality` (n,), -1 there.
+
+CSV: the same columns, one per axis; the quality is a number. `events.csv` lists boots, calibrations and notes.
 """
 
 import csv
@@ -28,14 +29,14 @@ Columns = dict[str, NDArray[np.generic]]
 Write = Callable[[BinaryIO, Stretch], None]
 
 
-#: a device of such a name has the number of its boot in every file's name, or it could be that of another file
+#: device names that could collide with another file's name: their files always carry the boot's number
 _TAKEN = re.compile(r"events|.*_boot\d+")
-#: events: a boot; and the first that was recorded of one
+#: event names: a boot, and a recording that begins within a boot
 BOOT, BEGIN = "boot", "recording begins"
 
 
 class Event(NamedTuple):
-    """A boot, calibration or note of a device at a host time."""
+    """A boot, calibration or note of a device, with its host time in ns."""
 
     time_ns: int
     device: str
@@ -45,7 +46,10 @@ class Event(NamedTuple):
 
 
 def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
-    """Write every stretch and the events, and return the files. `ending` is one of WRITERS. Raises RecordingError."""
+    """Write every stretch and events.csv to a folder, and return the files. Raises RecordingError.
+
+    ending: a key of WRITERS, such as ".npz".
+    """
     make_folder(folder)
     named = {
         folder / f"{device}{f'_boot{stretch.number}' if numbered else ''}{ending}": stretch
@@ -64,7 +68,7 @@ def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder in an existing one, unless it exists. Raises RecordingError."""
+    """Make a folder in an existing one, if it does not exist yet. Raises RecordingError."""
     try:
         folder.mkdir(exist_ok=True)
     except FileNotFoundError:
@@ -74,7 +78,7 @@ def make_folder(folder: Path) -> None:
 
 
 def columns(stretch: Stretch) -> Columns:
-    """The columns of a stretch by name, in the order of a CSV."""
+    """Return the columns of a stretch by name, in the order of the CSV."""
     found: Columns = {"t_s": stretch.time_s, "gyro_rad_s": stretch.gyro}
     if stretch.accel is not None:
         found["accel_m_s2"] = stretch.accel
@@ -91,7 +95,7 @@ def columns(stretch: Stretch) -> Columns:
 
 
 def events(recorded: Recorded) -> list[Event]:
-    """Boots (or where a recording began within a boot), calibrations and notes, in order of time."""
+    """Return boots (or the recording's beginning within a boot), calibrations and notes, in order of time."""
     boots = [
         Event(int(s.time_ns[0]), s.device, s.boot, BOOT if _from_its_boot(s) else BEGIN, s.info.model if s.info else "")
         for stretches in recorded.stretches.values()
@@ -125,7 +129,7 @@ def _write_csv(file: BinaryIO, stretch: Stretch) -> None:
 
 
 def rows_of(values: list[NDArray[np.generic]], missing: str = "nan") -> Iterator[list[tuple[str, ...]]]:
-    """Rows of columns (n,) or (n, 3) as text, some thousands at a time."""
+    """Yield rows of columns (n,) or (n, 3) as text, some thousands at a time; `missing` replaces NaN."""
     for start in range(0, len(values[0]), _ROWS):
         part = [column[start : start + _ROWS] for column in values]
         texts = [_texts(axis, missing) for column in part for axis in np.atleast_2d(column.T)]
@@ -157,7 +161,7 @@ def _write_events(file: BinaryIO, recorded: Recorded) -> None:
 
 
 def harmless(text: str) -> str:
-    """A text that no spreadsheet takes for a formula, which begins with `=`, `+`, `-` or `@`."""
+    """Return a text that no spreadsheet takes for a formula: one beginning with `=`, `+`, `-` or `@` gets a quote."""
     return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 

@@ -1,4 +1,4 @@
-"""Files of a recorder: NAME.mcap.part, locked, while it is written, and NAME.mcap when it is finished."""
+"""Files of a recorder: NAME.mcap.part, locked, while being written; NAME.mcap when finished."""
 
 import contextlib
 import errno
@@ -23,30 +23,30 @@ class Output:
         self.file: BinaryIO = open_new(with_part(path))
 
     def sync(self) -> None:
-        """Return when the disk has what was written; OSError where the file was removed meanwhile: nobody would find it."""
+        """Wait until the written data is on the disk. Raises OSError if the file was removed meanwhile."""
         os.fsync(self.file.fileno())
         if not os.fstat(self.file.fileno()).st_nlink:
             raise FileNotFoundError(f"{with_part(self.path).name} was removed while it was being written")
 
     def finish(self) -> None:
-        """Give the finished file its name."""
+        """Sync and close the file, and give it its final name."""
         self.sync()
         with_part(self.path).rename(self.path)
         self.file.close()
         sync_folder(self.path.parent)
 
     def abandon(self) -> None:
-        """Close the file as it is."""
+        """Close the file, unfinished, under its .part name."""
         self.file.close()
 
     def discard(self) -> None:
-        """Delete the file."""
+        """Delete the unfinished file."""
         with_part(self.path).unlink(missing_ok=True)
         self.file.close()
 
 
 class Folder:
-    """Where a recorder's files go. Raises RecordingError when it cannot be used."""
+    """Folder that a recorder writes to. Raises RecordingError if it is missing or not writable."""
 
     def __init__(self, path: Path, ward: str) -> None:
         self.path, self._ward = path, ward
@@ -58,7 +58,7 @@ class Folder:
             raise RecordingError(f"{path}: no permission to write there; give it, or record elsewhere with --out")
 
     def begin(self, wall_ns: int) -> Output:
-        """A new file, named by ward and time."""
+        """Create a new file, named by ward and UTC time."""
         name = f"{self._ward}-{datetime.fromtimestamp(wall_ns // 1_000_000_000, UTC):%Y%m%dT%H%M%SZ}"
         for number in range(1, 1000):
             path = self.path / f"{name}{'' if number == 1 else f'-{number}'}.mcap"
@@ -68,43 +68,43 @@ class Folder:
         raise FileExistsError(errno.EEXIST, "a thousand files of one second are there already", str(self.path))
 
     def free_bytes(self) -> int:
-        """Free bytes on the disk for users other than root."""
+        """Return the free bytes on the disk for users other than root."""
         room = os.statvfs(self.path)
         return room.f_bavail * room.f_frsize
 
     def leftovers(self) -> list[Path]:
-        """Unfinished files of this ward that no recorder has open."""
+        """Return this ward's unfinished files that no recorder has open."""
         return [path for path in sorted(self.path.glob(f"{self._ward}-*.mcap{PART}")) if not in_use(path)]
 
     def said(self, error: OSError) -> str:
-        """Why the folder cannot be written to, in words."""
+        """Say in words why the folder cannot be written to."""
         if error.errno == errno.EFBIG:
             return f"the file may not grow further: a limit of this process, or of the disk of {self.path}"
         return f"{self.path} cannot be written to: {why(error)}"
 
 
 def with_part(path: Path) -> Path:
-    """The name of a file while it is written."""
+    """Return the name of a file while it is being written."""
     return path.with_name(path.name + PART)
 
 
 def recorded_in(path: Path) -> str:
-    """Where a file is and how to finish it, in words."""
+    """Say where a file is and, if it is unfinished, how to recover it."""
     return f"recorded in {path}" + (
         f": make it whole by truerate recording recover {path}" if path.suffix == PART else ""
     )
 
 
 def open_new(path: Path) -> BinaryIO:
-    """A new, locked, unbuffered file; FileExistsError when there is one."""
+    """Create a new, locked, unbuffered file. Raises FileExistsError."""
     file = path.open("xb", buffering=0)
-    with contextlib.suppress(OSError):  # a disk that knows no locks
+    with contextlib.suppress(OSError):  # some file systems have no locks
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     return file
 
 
 def check_new(paths: Iterable[Path]) -> None:
-    """Raise RecordingError where one of the files exists, before the first of them is written."""
+    """Raise RecordingError if one of the files exists, before any of them is written."""
     for path in paths:
         if path.exists():
             raise RecordingError(f"{path}: is there already and is not overwritten; give another name, or remove it")
@@ -112,15 +112,15 @@ def check_new(paths: Iterable[Path]) -> None:
 
 @contextlib.contextmanager
 def new_file(path: Path) -> Iterator[BinaryIO]:
-    """A file that exists only if the block ends without an error, then whole and on the disk.
+    """Context of a new file that appears under its name, complete and synced, only if the block ends without an error.
 
-    Raises RecordingError when it is there already, or cannot be written.
+    Raises RecordingError if the file exists already or cannot be written.
     """
     check_new([path])
     unfinished = path.with_name(f".{path.name}.new")
     try:
         try:
-            unfinished.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+            unfinished.unlink(missing_ok=True)  # left by a killed process; it may be a link
             with unfinished.open("xb") as file:
                 yield file
                 file.flush()
@@ -134,7 +134,7 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def in_use(path: Path) -> bool:
-    """Whether a recorder has the file open."""
+    """Whether a recorder has the file open, by its lock."""
     try:
         with path.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -146,7 +146,7 @@ def in_use(path: Path) -> bool:
 
 
 def sync_folder(path: Path) -> None:
-    """Synchronise the names in a folder with the disk."""
+    """Sync a folder's names to the disk, so that a new name survives a power loss; errors are ignored."""
     with contextlib.suppress(OSError):
         folder = os.open(path, os.O_RDONLY)
         try:

@@ -1,4 +1,4 @@
-"""What is in a recording: rate, gaps, noise at rest, gravity, and what was understood or is doubtful."""
+"""Inspects a recording: rate, gaps, noise at rest, gravity, and the reader's notes and doubts."""
 
 from typing import NamedTuple
 
@@ -11,17 +11,18 @@ _AXES = "xyz"
 
 
 class Gap(NamedTuple):
-    """Missing samples after a time, s since the first sample."""
+    """Samples missing after a time, in s since the first sample."""
 
     after_s: float
     missing: int
 
 
 class Findings(NamedTuple):
-    """What a recording holds, in SI.
+    """Results of inspecting a recording, in SI units.
 
-    rate_hz as it is used, measured_hz by the median step; noise, rest_mean (3,): standard deviation and mean of the quietest
-    second, rad/s; most (3,): the largest rates; gravity: the median length of the acceleration, m/s².
+    rate_hz: the rate in use; measured_hz: the rate by the median step. noise, rest_mean (3,): standard deviation and
+    mean of the quietest second, rad/s. most (3,): largest absolute rates, rad/s. gravity: median length of the
+    acceleration, m/s². temperature_c: lowest and highest. notes: what the reader understood, repaired or doubted.
     """
 
     samples: int
@@ -38,7 +39,7 @@ class Findings(NamedTuple):
 
 
 def findings(recording: Recording) -> Findings:
-    """Look through a recording."""
+    """Inspect a recording."""
     steps = np.diff(recording.time_s)
     missing = np.diff(recording.sequence) - 1
     gaps = [Gap(float(recording.time_s[at]), int(missing[at])) for at in np.flatnonzero(missing)]
@@ -60,7 +61,7 @@ def findings(recording: Recording) -> Findings:
 
 
 def sentences(of: Findings) -> list[str]:
-    """The findings in words; rates in °/s."""
+    """Return the findings as lines of text; rates in °/s."""
     dps = [np.degrees(part) for part in (of.noise, of.rest_mean, of.most)]
     noise, mean, most = (
         ", ".join(f"{axis} {value:.4g}" for axis, value in zip(_AXES, part, strict=True)) for part in dps

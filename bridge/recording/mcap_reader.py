@@ -1,7 +1,7 @@
-"""MCAP reader for whole, torn and damaged files: every whole chunk is read, the rest is reported.
+"""MCAP reader for whole, torn and damaged files: it reads every whole chunk and reports the rest.
 
-The readers of the `mcap` package stop at the first damaged byte. Here each record is framed by its length and parsed by
-the package; behind damage reading goes on at the next chunk whose checksum holds.
+The readers of the `mcap` package stop at the first damaged byte. This reader frames each record by its length and lets
+the package parse the record. After damage it resumes at the next chunk whose checksum matches.
 """
 
 import struct
@@ -23,32 +23,32 @@ from mcap.writer import MCAP0_MAGIC
 from bridge.recording.error import RecordingError
 from bridge.terminal.plurals import count
 
-#: bytes that a chunk may unpack to, and records in it: a few kilobytes can be a bomb; writers make chunks of some megabytes
+#: limits against decompression bombs: unpacked bytes and records per chunk; writers make chunks of some megabytes
 MAX_UNPACKED, MAX_RECORDS = 1 << 26, 200_000
-_HEAD = struct.Struct("<BQ")  # of a record: opcode, length
-_FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, start of the summary, of its offsets, its checksum; magic
+_HEAD = struct.Struct("<BQ")  # header of a record: opcode, length
+_FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, starts of summary and its offsets, checksum; magic
 _ZSTD = b"\4\0\0\0zstd"
-_ZSTD_AT = _HEAD.size + 28  # of a chunk: behind its times, size and checksum
+_ZSTD_AT = _HEAD.size + 28  # offset in a chunk: after its header, times, size and checksum
 _BLOCK = 1 << 20
 _DAMAGED = (McapError, ValueError, struct.error, OverflowError, MemoryError, zstandard.ZstdError)
 
 
 class Entry(NamedTuple):
-    """One message as it was written."""
+    """One message as it was written: topic, schema name, payload and times in ns."""
 
     topic: str
     schema: str
-    facts: dict[str, str]  # of its channel
+    facts: dict[str, str]  # metadata of its channel
     log_ns: int
     publish_ns: int
     payload: bytes
 
 
 class McapReader:
-    """One MCAP file. After `entries` has ended the other attributes tell how it went.
+    """Reads one MCAP file. The attributes are complete after `entries` has ended. Raises RecordingError.
 
-    finished: it has its end. trouble: what is wrong with it, for a person. good: bytes that were looked through; messages:
-    that were read. facts: the metadata by name; descriptors: of each schema.
+    finished: the file has its end. trouble: what is wrong with the file, for the user. good: bytes examined.
+    messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
     """
 
     def __init__(self, file: BinaryIO, place: str) -> None:
@@ -68,15 +68,15 @@ class McapReader:
         magic = file.read(len(MCAP0_MAGIC))
         if magic != MCAP0_MAGIC[: len(magic)]:
             raise RecordingError(f"{place}: not an MCAP file; it begins with {magic!r}")
-        self.good = self._sought = len(magic)  # sought: from where on the next chunk is looked for
+        self.good = self._sought = len(magic)  # sought: where the search for the next chunk begins
 
     @property
     def whole(self) -> bool:
-        """Finished, and nothing in it is damaged."""
+        """Whether the file is finished and undamaged."""
         return self.finished and not self.trouble
 
     def entries(self) -> Iterator[Entry]:
-        """Every message that can be read, in the order it was written."""
+        """Yield every readable message, in the order it was written."""
         counted = self._summarised()
         ended = False  # only the summary is torn
         damaged: int | None = None
@@ -100,9 +100,9 @@ class McapReader:
         self._judge(counted, damaged, ended=ended)
 
     def _summarised(self) -> int | None:
-        """How many messages the file says it has; None without a whole summary.
+        """Return the number of messages according to the summary; None if there is no intact summary.
 
-        The summary declares each channel again, for the case that the chunk which declares it is damaged.
+        Channels are declared from the summary too, in case the chunk that declares them is damaged.
         """
         self._file.seek(max(0, self.size - _FOOTER.size))
         foot = self._file.read()
@@ -127,7 +127,10 @@ class McapReader:
         return summary.statistics.message_count if summary.statistics else None
 
     def _records(self, *, sure: bool) -> list[McapRecord] | None:
-        """What is in the next record; None where no messages follow. Raises one of _DAMAGED; sure: a chunk is expected."""
+        """Return the content of the next record; None if no messages follow. Raises one of _DAMAGED.
+
+        sure: only a chunk is accepted, as after damage.
+        """
         opcode, length = _HEAD.unpack(self._file.read(_HEAD.size))
         here = self._file.tell()
         if not opcode or length > self._end - here or (sure and opcode != Opcode.CHUNK):
@@ -143,7 +146,7 @@ class McapReader:
         return None if opcode in (Opcode.DATA_END, Opcode.FOOTER) else []
 
     def _resumed(self) -> bool:
-        """Go to where the next chunk may begin; False where there is none."""
+        """Move to the next possible chunk; False if there is none."""
         at = self._sought + _ZSTD_AT
         while at < self._end:
             self._file.seek(at)
@@ -177,7 +180,7 @@ class McapReader:
             self.facts[record.name] = record.metadata
 
     def _judge(self, counted: int | None, damaged: int | None, *, ended: bool) -> None:
-        """Say what is wrong with the file, once it was read."""
+        """Add to `trouble` what is wrong with the file, after reading it."""
         if ended and not self.finished:
             self.trouble.append("its summary is torn" + ("" if self.trouble else "; all messages are there"))
         elif damaged is not None:
@@ -193,7 +196,7 @@ class McapReader:
 
 
 def _unpacked(chunk: Chunk) -> list[McapRecord]:
-    """Records of a chunk. Raises one of _DAMAGED where it is too large, its checksum does not match, or a record is none."""
+    """Return the records of a chunk. Raises one of _DAMAGED if it is too large or damaged."""
     size = chunk.uncompressed_size
     if chunk.compression == "zstd" and zstandard.get_frame_parameters(chunk.data).content_size not in (
         size,

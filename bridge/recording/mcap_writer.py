@@ -1,6 +1,6 @@
-"""MCAP writer for recordings that may be cut off at any moment: what `flush` wrote is in the file whole, or not at all.
+"""MCAP writer for recordings that may be cut off at any moment: each `flush` is in the file completely, or not at all.
 
-The records are written by the `mcap` package's Writer. https://mcap.dev/spec
+The `mcap` package's Writer writes the records. Format: https://mcap.dev/spec
 """
 
 from collections import Counter
@@ -11,21 +11,21 @@ from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from mcap.writer import Writer
 
-#: bytes held in memory at most between two flushes
+#: most bytes held in memory between two flushes
 HELD_BYTES = 1 << 20
 MAX_CHANNELS = 20_000
 LIBRARY = "truerate"
 
 
 def described(file: FileDescriptor) -> bytes:
-    """Schema data of the messages of a .proto file that imports no other: a FileDescriptorSet."""
+    """Return the schema data (a FileDescriptorSet) of a .proto file that imports no other."""
     proto = FileDescriptorProto()
     file.CopyToProto(proto)
     return FileDescriptorSet(file=[proto]).SerializeToString()
 
 
 class _Held(BytesIO):
-    """Holds what is written to `file` until `flush`, which appends all of it or, with OSError, nothing."""
+    """Buffer for `file`: `flush` appends everything written since the last flush or, with OSError, nothing."""
 
     def __init__(self, file: BinaryIO) -> None:
         super().__init__()
@@ -33,11 +33,11 @@ class _Held(BytesIO):
         self._file = file
 
     def tell(self) -> int:
-        """Position in the file."""
+        """Position in the file, including held bytes."""
         return self.size + super().tell()
 
     def flush(self) -> None:
-        """Append to the file; an unbuffered file may take a part and then be full."""
+        """Append the held bytes to the file; an unbuffered write may take a part and then find the disk full."""
         data = self.getvalue()
         self.seek(0)
         self.truncate()
@@ -53,9 +53,9 @@ class _Held(BytesIO):
 
 
 class McapWriter:
-    """One MCAP file, onto any binary file. A message is in it once the `flush` after `add` has returned.
+    """Writes one MCAP file to any binary file. A message is in the file once the `flush` after `add` has returned.
 
-    After an OSError the file holds what was flushed before, no more can be added, and `pending` messages are lost.
+    After an OSError the file holds what was flushed before. The `pending` messages are lost, and no more can be added.
     """
 
     def __init__(self, file: BinaryIO, name: str, facts: dict[str, str]) -> None:
@@ -81,7 +81,7 @@ class McapWriter:
         return self._writer.register_channel(topic, "protobuf", self._schemas[schema], facts)
 
     def add(self, channel: int, log_ns: int, publish_ns: int, payload: bytes) -> None:
-        """Add one message, as it came."""
+        """Add one message; flush if more than HELD_BYTES are held."""
         self._sequences[channel] += 1
         self._writer.add_message(channel, log_ns, payload, publish_ns, self._sequences[channel] & 0xFFFFFFFF)
         self.pending += 1
@@ -89,13 +89,13 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """End the chunk and write it."""
+        """End the chunk and write it to the file."""
         self._writer.flush()  # type: ignore[no-untyped-call]
         self.messages += self.pending
         self.pending = 0
 
     def finish(self) -> None:
-        """Write what is pending, the summary and the end. The file is not closed."""
+        """Write the pending messages, the summary and the end. The file is not closed."""
         self.flush()
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._held.flush()

@@ -1,6 +1,6 @@
 """Kinds of messages that are recorded: schema, decoder and time of each.
 
-A channel's topic is the key without `truerate/@v1/<ward>/`; the whole key is in the channel's metadata.
+A channel's topic is the key without `truerate/@v1/<ward>/`; the channel's metadata has the whole key.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from bridge.wire.messages import (
     Status,
 )
 
-#: a message's own time is its log time unless it is further than this from the recorder's clock
+#: largest difference between a message's own time and the recorder's clock at which the own time is the log time
 MAX_APART_NS = 60_000_000_000
 
 Said = SampleBatch | DeviceInfo | CorrectedBatch | Status | Calibration | BiasRevision | Note
@@ -27,9 +27,10 @@ Said = SampleBatch | DeviceInfo | CorrectedBatch | Status | Calibration | BiasRe
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """decode(key, payload) is the codec's; own_ns names the time a message says of itself.
+    """One kind of recorded message.
 
-    repeated: the latest of each device begins every file, so that a file can be understood by itself.
+    decode(key, payload): the codec's decoder. own_ns: name of the message's field with its own time.
+    repeated: every file begins with the latest message of each device, so that each file is readable alone.
     """
 
     schema: str
@@ -38,7 +39,7 @@ class Kind:
     repeated: bool = False
 
     def time_ns(self, said: Said) -> int:
-        """The time in the message; of samples, the host time of the first."""
+        """Return the message's own time; for samples, the host time of the first."""
         return int(getattr(said, self.own_ns))
 
 
@@ -52,23 +53,23 @@ KINDS: dict[str, Kind] = {
     "note": Kind("Note", codec.decode_note, "time_ns"),
 }
 SAMPLES = ("raw", "corrected")
-#: what estimators say to each other: nothing of the ward's devices that is not said otherwise
+#: messages between estimators, which say nothing new about the ward's devices; they are not recorded
 PRIVATE = ("owned", "checkpoint")
 PACKAGE = f"{pb.DESCRIPTOR.package}."
 DESCRIPTORS = described(pb.DESCRIPTOR)
 
 
 def topic(key: str) -> str:
-    """MCAP topic of a key."""
+    """Return the MCAP topic of a key."""
     return key.split("/", 3)[3]
 
 
 def log_ns(own_ns: int, now_ns: int) -> int:
-    """Log time: the message's own, or the recorder's where the two are further apart than MAX_APART_NS."""
+    """Return the log time: the message's own time, or the recorder's if the two differ by more than MAX_APART_NS."""
     return own_ns if abs(own_ns - now_ns) <= MAX_APART_NS else now_ns
 
 
 def facts(key: str) -> dict[str, str]:
-    """A channel's metadata: its whole key, and the ids in it."""
+    """Return a channel's metadata: its whole key, and the ids in the key."""
     place = keys.parse(key)
     return {"key": key, "ward": place.ward, **place.ids}

@@ -1,7 +1,8 @@
-"""NumPy's .npz as the columns of a recording.
+"""Reads NumPy's .npz as the columns of a recording.
 
-`gyro_rad_s` (n, 3), and where there are `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,) and `rate_hz`; `device` and `boot`
-as an export says them. Other arrays are passed over, `arrival_s` too: bytes arrive in bursts, so it is no sample time.
+`gyro_rad_s` (n, 3) is required. `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,), `rate_hz`, and `device` and
+`boot` as an export writes them, are optional. Other arrays are ignored, also `arrival_s`: bytes arrive in bursts, so
+their time is no sample time.
 """
 
 import re
@@ -15,18 +16,18 @@ from bridge.recording.reading import Reading
 from bridge.recording.table import Table
 from bridge.wire import keys
 
-#: corrected rates, as `truerate correct` writes them: where there is nothing else they are the rates
+#: corrected rates as `truerate correct` writes them; used if the file has no readings
 _CORRECTED = "rate_rad_s"
 _WANTED = ("gyro_rad_s", _CORRECTED, "accel_m_s2", "temperature_c", "t_s", "rate_hz")
 _BOOT = re.compile("[0-9a-f]{16}")
 
 
 def read_npz(path: Path, reading: Reading) -> Table:
-    """The wanted arrays; NumPy's complaints, which advise to load unsafely, are not passed on. Raises RecordingError."""
+    """Read the wanted arrays of an .npz file. Raises RecordingError, without NumPy's advice to load unsafely."""
     if not path.stat().st_size:
         raise RecordingError(f"{path}: it is empty; an archive with 'gyro_rad_s' in it is needed")
     try:
-        with zipfile.ZipFile(path) as archive:  # which reads no more of a member than is said here
+        with zipfile.ZipFile(path) as archive:  # an archive member is read only up to the size stated here
             size = sum(member.file_size for member in archive.infolist())
         if size <= MAX_BYTES:
             with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
@@ -48,7 +49,7 @@ def read_npz(path: Path, reading: Reading) -> Table:
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu":
             raise RecordingError(f"{path}: {name!r} holds {array.dtype}, not numbers")
-    # As an export writes them; whatever else is called so tells nothing.
+    # Only device and boot in the form that an export writes are taken.
     whose = (device, int(boot, 16)) if keys.ID.match(device) and _BOOT.fullmatch(boot) else ("", 0)
     columns = {name: array.astype(np.float64, copy=False) for name, array in arrays.items()}
     notes = ["its rates are corrected ones"] if "gyro_rad_s" not in present else []

@@ -1,6 +1,6 @@
 """Checks whether the values of a recording can be in rad/s, m/s² and s.
 
-A wrong unit is no small error: each is a factor of 57, of 9.8, or of a thousand, and would be corrected without a word.
+A wrong unit is a factor of 57, of 9.8, or of a thousand, and correction would not notice it.
 """
 
 from math import degrees, radians
@@ -13,31 +13,31 @@ from bridge.recording.error import RecordingError
 from bridge.recording.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
-#: rad/s that no wearable turns at, and few gyros can read
+#: rad/s; no wearable turns this fast, and few gyros can read it
 ABSURD = 70.0
 _ABSURD_S = 0.25
 SLOWEST_HZ, FASTEST_HZ = 1.0, 20_000.0
-#: how far a rate may be from what times say: devices are sold as of 100 Hz that have 104
+#: largest relative difference between a stated rate and the times' rate: devices sold as 100 Hz may have 104 Hz
 _RATE_OFF = 0.2
-#: no gap is as long as a quarter of a second where a device rests
+#: below this rate a rest cannot be recognised, Hz: steps would count as gaps, which last a quarter of a second
 _LEAST_HZ = 4.0
-#: rad/s; twice the step of one that reads to 4000 °/s in 16 bits. So many samples tell of it; more are passed over
+#: coarsest step, rad/s: twice that of 4000 °/s in 16 bits; fewest samples to judge by; most samples examined
 _COARSEST, _ENOUGH, _LOOKED_AT = radians(0.25), 100, 20_000
-#: steps that are looked at together, and what they last at the most for any of them, over the usual one: longer is a gap
+#: steps per block when measuring the rate; a block with a step longer than _GAP usual steps has a gap
 _TOGETHER, _GAP = 64, 2.5
-#: the share of them that may be shorter than the shortest is taken to be; how much longer others may be, in steps
+#: share of blocks that may be shorter than the one taken as the shortest; spread of even blocks, in steps
 _SHORTEST, _EVEN = 0.02, 1.01
-#: of standard gravity, the median length of an acceleration; and how near it is to gravity in another unit
+#: plausible median length of an acceleration, in g; relative tolerance for gravity in another unit
 _LEAST_G, _MOST_G, _NEAR = 0.6, 1.7, 0.25
 #: °/s/√Hz at rest: half of the best MEMS gyro's (Epson M-G370: 0.0017), four times the worst's
 _QUIETEST, _LOUDEST = 0.001, 0.2
-#: the share of readings that are zero on all axes, and how many in a row, where a device corrects itself
+#: share of readings that are zero on all axes, and run length, from which a device is taken to zero itself at rest
 _ZEROED, _ZEROED_RUN = 0.05, 10
 _FEW_VALUES, _WHITE, _WINDOWS = 6, 0.7, 1000
 
 
 def check_time(path: Path, time_s: Floats) -> None:
-    """Refuse times (n,) whose median step is no IMU's."""
+    """Raise RecordingError if the median step of times (n,) in s is not that of an IMU."""
     step = float(np.median(np.diff(time_s)))
     if 1 / FASTEST_HZ <= step < 1 / SLOWEST_HZ:
         return
@@ -48,10 +48,13 @@ def check_time(path: Path, time_s: Floats) -> None:
 
 
 def rate_of(time_s: Floats) -> float:
-    """Samples a second where none is missing, from their rising times (n,): by the median step, unless they are coarsely rounded.
+    """Return samples per second from rising times (n,) in s, gaps excluded.
 
-    At 416 Hz, in milliseconds, steps are 2 and 3 ms, and the median says 500 Hz. Then many steps together never last only so
-    many times the median, and always last nearly the same; where samples are lost here and there, one of both is not so.
+    The median step gives the rate, unless times are coarsely rounded.
+
+    Example: at 416 Hz, times in milliseconds step by 2 and 3 ms, and the median step says 500 Hz. Rounding is
+    recognised by blocks of 64 steps. Rounded blocks all last nearly the same, and never only 64 median steps. If single
+    samples are lost, one of the two is not true.
     """
     steps = np.diff(time_s)
     step = float(np.median(steps))
@@ -66,7 +69,10 @@ def rate_of(time_s: Floats) -> float:
 
 
 def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
-    """Refuse a rate beside times (n,) that step at another, in the median (past gaps) and in the mean (of bunches)."""
+    """Raise RecordingError if neither the median nor the mean step of times (n,) fits the rate.
+
+    The median disregards gaps, the mean disregards bunches.
+    """
     steps = np.diff(time_s)
     step = float(np.median(steps))
     if min(abs(step * rate_hz - 1), abs(float(steps.mean()) * rate_hz - 1)) > _RATE_OFF:
@@ -77,7 +83,7 @@ def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
 
 
 def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
-    """Refuse rates (n, 3), rad/s, that stay beyond any gyro's range; single spikes are mended later."""
+    """Raise RecordingError if rates (n, 3), rad/s, stay beyond any gyro's range; single spikes are repaired later."""
     if max(gyro.max(), -gyro.min()) <= ABSURD:
         return
     beyond = np.abs(gyro).max(axis=1) > ABSURD
@@ -91,7 +97,10 @@ def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
 
 
 def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
-    """What makes readings (n, 3), rad/s, doubtful: too rare, too coarse, too quiet or too loud, constant, or zeroed at rest."""
+    """Return what is doubtful about readings (n, 3), rad/s.
+
+    Checked are: rate too low, readings too coarse, too quiet or too loud, an axis constant, or zeroed at rest.
+    """
     doubts = []
     if rate_hz <= _LEAST_HZ:
         doubts.append(
@@ -127,7 +136,7 @@ def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
 
 
 def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
-    """Whether the quietest second is quieter than any MEMS gyro's, or louder: then its unit is another one."""
+    """Return a doubt if the quietest second is quieter or louder than any MEMS gyro's: its unit may be wrong."""
     size = max(16, round(rate_hz))
     n = len(gyro) // size
     if n < 3:
@@ -145,7 +154,7 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
             )
         ]
     rest = windows[int(np.argmin(spread.max(axis=1)))]
-    # A movement is smooth beside the noise that it hides.
+    # A movement is smooth, so the steps between its readings show the noise.
     by_steps = np.diff(rest, axis=0).std(axis=0) / np.sqrt(2)
     loudest = degrees(float(np.median(by_steps))) / np.sqrt(rate_hz)
     if loudest > _LOUDEST and (by_steps > _WHITE * rest.std(axis=0)).all():
@@ -159,7 +168,7 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
 
 
 def quietest(gyro: Floats, rate_hz: float) -> slice:
-    """The second of rates (n, 3) with the least standard deviation; all of a shorter recording."""
+    """Return the second of rates (n, 3) with the least standard deviation; all of a shorter recording."""
     size = max(16, round(rate_hz))
     n = len(gyro) // size
     if n < 2:
@@ -170,13 +179,16 @@ def quietest(gyro: Floats, rate_hz: float) -> slice:
 
 
 def _longest(flags: NDArray[np.bool_]) -> int:
-    """The longest run of true ones."""
+    """Return the length of the longest run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
 def believed_accel(accel: Floats | None) -> tuple[Floats | None, str]:
-    """The acceleration (n, 3), m/s², and no words; None, and why, where its median length is not gravity's."""
+    """Return the acceleration (n, 3), m/s², and an empty text.
+
+    If its median length is not that of gravity, return None and the reason.
+    """
     if accel is None or not len(accel):
         return None, ""
     length = float(np.median(np.linalg.norm(accel, axis=1)))

@@ -1,4 +1,4 @@
-"""Progress of a recorder: a live line on a terminal, elsewhere a log line per minute."""
+"""Shows a recorder's progress: a live line on a terminal, elsewhere a log line per minute."""
 
 import logging
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 
 
 def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int]) -> str:
-    """Devices, samples, size, time, and what is missing."""
+    """Return the progress in one line: time, devices, samples, size, and missing or refused messages."""
     account = recorder.account
     silent = sum(now_s - heard > _SILENT_S for heard in account.heard.values())
     parts = [
@@ -45,14 +45,14 @@ def _clock(seconds: float) -> str:
 
 
 class Screen:
-    """Shows `line` as time goes by."""
+    """Shows `line`: live on a terminal, otherwise logged once a minute."""
 
     def __init__(self, console: Console) -> None:
         self._live = Live(console=console, refresh_per_second=2, transient=True) if console.is_terminal else None
         self._told_s = 0.0
 
     def show(self, recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int]) -> None:
-        """Call it about once a second."""
+        """Update the line; call it about once a second."""
         if self._live is not None:
             style = "bold red" if recorder.account.trouble else ""
             self._live.update(Text(line(recorder, elapsed_s, now_s, missed), style))

@@ -1,6 +1,6 @@
-"""Reads a recording from a file of any kind: NumPy's .npz, text of any tool, or a ward's recording (.mcap).
+"""Reads a recording from any supported file: NumPy's .npz, text of any tool, or a ward's recording (.mcap).
 
-A reader of another kind is a function from a path to a Table; it stands in READERS under the ending of its files.
+To support another kind of file, add a function from a path to a Table to READERS, under the file's ending.
 """
 
 import logging
@@ -37,9 +37,11 @@ def load(
     boot: int | None = None,
     reading: Reading = AS_SAID,
 ) -> Recording:
-    """Read a recording; `reading` says what its file does not say. Raises RecordingError.
+    """Read the recording of one device from a file. Raises RecordingError.
 
-    rate_hz, device and boot, counted from 1, where they are given, are those of the reading.
+    rate_hz: output data rate in Hz; it replaces the file's times. device: which device of a .mcap. boot: which boot,
+    from 1. If given, these three replace the same options in `reading`.
+    reading: further options, for what the file does not say or says wrongly.
     """
     path = Path(path)
     reading = replace(
@@ -61,13 +63,13 @@ def load(
         return _of_stretch(path, *_chosen(path, reading.device, reading.boot))
     if reading.device is not None:
         raise RecordingError(f"{path}: it is of one device; only a .mcap has several to choose from")
-    # What overflows is infinite, and is dropped or refused with its sample.
+    # Overflowing values become infinite, and are later dropped or refused with their samples.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         return recording_of(path, READERS[kind](path, reading), reading)
 
 
 def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, list[Calibration]]:
-    """One boot of one device of a ward's recording, and its calibrations."""
+    """Return one boot of one device from a ward's recording, and its calibrations. Raises RecordingError."""
     recorded = stretches.read([path], corrected=False)
     for words in recorded.trouble:
         _log.warning("%s", words)

@@ -11,11 +11,16 @@ from bridge.recording.units import ACCEL, GYRO, TIME, unit_in
 class Reading:
     """How to read one file. An option that is given replaces what the file says.
 
-    rate_hz: output data rate in Hz; it replaces the times. gyro_unit, accel_unit, time_unit: such as deg/s.
-    gyro_sensitivity, accel_sensitivity: raw counts per °/s and per g. columns: names or numbers, counted from 1, of the
-    columns with gyro x, y, z and, after them, accelerometer x, y, z; or one name of a tool, or a .toml. time_column: a name or
-    number. accel_file: a second file with the accelerometer. device, boot, counted from 1: which part of a recording.
-    Raises RecordingError for an option that cannot be.
+    rate_hz: output data rate in Hz; it replaces the times.
+    gyro_unit, accel_unit, time_unit: unit of the file's numbers, such as deg/s.
+    gyro_sensitivity, accel_sensitivity: raw counts per °/s and per g.
+    columns: names or numbers, from 1, of the gyro's x, y, z columns, optionally followed by the accelerometer's x, y,
+    z. Alternatively one name of a known tool, or a .toml file.
+    time_column: name or number of the time column.
+    accel_file: a second file with the accelerometer.
+    device, boot (from 1): which part of the recording to read.
+
+    Raises RecordingError for an invalid option.
     """
 
     rate_hz: float | None = None
@@ -52,21 +57,21 @@ class Reading:
 
     @property
     def gyro_factor(self) -> float | None:
-        """From the file's numbers to rad/s, where an option says it."""
+        """Factor from the file's numbers to rad/s; None if no option gives it."""
         if self.gyro_sensitivity is not None:
             return GYRO["deg/s"] / self.gyro_sensitivity
         return None if self.gyro_unit is None else unit_in(self.gyro_unit, GYRO)
 
     @property
     def accel_factor(self) -> float | None:
-        """From the file's numbers to m/s², where an option says it."""
+        """Factor from the file's numbers to m/s²; None if no option gives it."""
         if self.accel_sensitivity is not None:
             return ACCEL["g"] / self.accel_sensitivity
         return None if self.accel_unit is None else unit_in(self.accel_unit, ACCEL)
 
     @property
     def time_factor(self) -> float | None:
-        """From the file's numbers to seconds, where an option says it."""
+        """Factor from the file's numbers to seconds; None if no option gives it."""
         return None if self.time_unit is None else unit_in(self.time_unit, TIME)
 
 
@@ -74,7 +79,7 @@ AS_SAID = Reading()
 
 
 def as_table(reading: Reading) -> dict[str, object]:
-    """The options that were given, as the keys of a replayed device in a ward's file."""
+    """Return the given options as keys of a replayed device in a ward's file."""
     told = {one.name: getattr(reading, one.name) for one in fields(reading)}
     keys = {name: str(value) if isinstance(value, Path) else value for name, value in told.items()}
     return {name: value for name, value in keys.items() if value not in (None, ())}

@@ -24,12 +24,12 @@ from bridge.wire import keys
 from bridge.wire.keys import Key
 from bridge.wire.refusal import Refusal
 
-#: messages kept while the disk is slow: at a hundred devices, some fifteen seconds
+#: messages kept while the disk is slow: some fifteen seconds of a hundred devices
 QUEUE = 65_536
 _ROUND_S = 0.1
 _SHOW_S = 1.0
 _RETRY_S = 0.2
-#: said again and again: of a calibration the one before may be in force
+#: kinds sent repeatedly, where only the latest counts; a calibration is not, as the one before may be in force
 _LATEST = ("info", "status")
 _log = logging.getLogger(__name__)
 
@@ -45,9 +45,9 @@ def record(
     seconds: float | None = None,
     open_bus: OpenBus = ZenohBus,
 ) -> int:
-    """Record until stopped, or for so many seconds; 1 when something could not be recorded.
+    """Record a ward until stopped, or for `seconds`. Returns an exit code: 1 if something could not be recorded.
 
-    Raises RecordingError when there is nothing to record, or nowhere to, and BusError when there is no router.
+    Raises RecordingError if no device is heard or no file can be written, and BusError if no router is found.
     """
     folder = Folder(Path(settings.folder), ward)
     for path in folder.leftovers():
@@ -98,7 +98,7 @@ def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Even
 def _first(
     subscription: Subscription, devices: Sequence[str], stop: threading.Event, deadline: float
 ) -> list[Message] | None:
-    """The newest messages of wanted devices until one of them sent samples; None when none did."""
+    """Wait for the first samples of a wanted device; return the messages until then, or None on timeout."""
     holds, heard = dict[str, Message](), deque[Message](maxlen=QUEUE)
     while not stop.is_set() and time.monotonic() < deadline:
         came = [(key, one) for one in subscription.drain(QUEUE, _ROUND_S) if (key := _wanted(one, devices)) is not None]
@@ -152,7 +152,7 @@ def _run(
                     _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
             if subscription.closed or (seconds is not None and now - began >= seconds) or stop.wait(_ROUND_S):
                 break
-            messages = subscription.drain(QUEUE, 0.0)  # what gathers in a round costs less than what comes one by one
+            messages = subscription.drain(QUEUE, 0.0)  # a round's messages at once cost less than one by one
     now, missed = time.monotonic(), subscription.missed_by_key
     recorder.take(subscription.drain(QUEUE, 0.0), time.time_ns(), now)
     recorder.close()

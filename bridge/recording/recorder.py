@@ -1,7 +1,7 @@
-"""Core of the recorder: messages in, files out. No clock and no bus: times are arguments, files come from a `Folder`.
+"""Core of the recorder: messages in, files out. Time is an argument, and files come from a `Folder`; it has no bus.
 
-A file that refuses (a full disk, a pulled stick) is finished if that can be done, else left; a new one is begun when there
-is room again; what came meanwhile is counted. Nothing that happens to a file ends the recorder.
+If a file cannot be written (a full disk, a pulled stick), it is finished if possible, otherwise left as it is. A new
+file is begun when there is room again, and messages lost meanwhile are counted. No file error ends the recorder.
 """
 
 import errno
@@ -24,17 +24,21 @@ from bridge.wire.refusal import Refusal, Tally
 _log = logging.getLogger(__name__)
 
 
-#: what a new file begins with leaves as much room again to what is new
+#: most repeated messages at the beginning of a file; as much room is left to new channels
 MOST_REPEATED = MAX_CHANNELS // 2
 
 
 class NoRoom(OSError):
-    """The room left on the disk is for others."""
+    """The disk's free space has reached the part reserved for others."""
 
 
 @dataclass(frozen=True, slots=True)
 class Knobs:
-    """flush_s: what may be lost when the power goes. A file is begun only where room_bytes beyond keep_free_bytes are free."""
+    """Settings of a recorder: when to begin a new file, and how much disk to leave free.
+
+    flush_s: time between flushes, s; so much may be lost in a power failure. retry_s: time between attempts, s.
+    A file is begun only if room_bytes are free in addition to keep_free_bytes.
+    """
 
     rotate_s: float = 3600.0
     rotate_bytes: float = 500e6
@@ -46,21 +50,21 @@ class Knobs:
 
 @dataclass(slots=True)
 class Account:
-    """Counts of what was recorded and what was not. heard: when each device last sent samples, seconds as in `take`."""
+    """Counts of recorded and lost messages. heard: when each device last sent samples, in seconds of `take`'s clock."""
 
     heard: dict[str, float] = field(default_factory=dict)
     raw: int = 0
     corrected: int = 0
     messages: int = 0
     closed_bytes: int = 0
-    files: list[Path] = field(default_factory=list)  # those that could not be finished end in PART
+    files: list[Path] = field(default_factory=list)  # an unfinished file ends in PART
     refused: Tally = field(default_factory=Tally)
     not_recorded: int = 0  # messages that came while no file could be written, or were in its last chunk
-    trouble: str = ""  # why nothing can be written now
+    trouble: str = ""  # why nothing can be written now; empty if all is well
 
 
 class WardRecorder:
-    """One ward's recorder. `begin`, then `take` and `tick` as time goes by, then `close`; all from one thread."""
+    """Records one ward: call `begin`, then `take` and `tick` repeatedly, then `close`, all from one thread."""
 
     def __init__(self, place: Folder, ward: str, devices: Iterable[str] = (), knobs: Knobs | None = None) -> None:
         self.account = Account()
@@ -76,15 +80,15 @@ class WardRecorder:
         return self.account.closed_bytes + (self._file.writer.size if self._file else 0)
 
     def begin(self, wall_ns: int, now_s: float) -> None:
-        """Begin a file; OSError where none can be."""
+        """Begin a file; raises OSError if that is impossible."""
         self._check_room(self._knobs.keep_free_bytes + self._knobs.room_bytes)
         self._file = RecordingFile(self._place.begin(wall_ns), self._ward)
         self._began_s = now_s
-        self._flushed_s = now_s - self._knobs.flush_s  # what is there already is safe at the first tick
+        self._flushed_s = now_s - self._knobs.flush_s  # the first tick then flushes the repeated messages
         self._latest = {key: item for key, item in self._latest.items() if self._put(item, wall_ns)}
 
     def take(self, messages: Iterable[Message], wall_ns: int, now_s: float) -> None:
-        """Record messages. Those that are refused, or come while nothing can be written, are counted."""
+        """Record messages; count those that are refused, or come while nothing can be written."""
         for message in messages:
             if (understood := self._understood(message)) is None:
                 continue
@@ -104,7 +108,7 @@ class WardRecorder:
                 self._latest[message.key] = item
 
     def tick(self, wall_ns: int, now_s: float) -> None:
-        """Flush, begin a new file or try again, where that is due. Call it several times a second."""
+        """Flush, begin a new file, or retry after an error, whichever is due. Call it several times a second."""
         if self._file is None:
             if now_s >= self._retry_s:
                 self._try_again(wall_ns, now_s)
@@ -115,7 +119,7 @@ class WardRecorder:
                 self._guarded(lambda: self._rotate(wall_ns, now_s), now_s)
 
     def said(self, error: OSError) -> str:
-        """Why nothing can be written, in words."""
+        """Say in words why nothing can be written."""
         return str(error) if isinstance(error, NoRoom) else self._place.said(error)
 
     def close(self) -> None:
@@ -151,7 +155,7 @@ class WardRecorder:
     # ---- the file -------------------------------------------------------------------------------------------------
 
     def _put(self, item: Item, wall_ns: int) -> bool:
-        """Write a message; False where there are too many channels."""
+        """Write a message; False if there are too many channels."""
         if self._file is None or self._file.put(item, message_kinds.log_ns(item.own_ns, wall_ns)):
             self.account.messages += self._file is not None
             return True
@@ -206,10 +210,10 @@ class WardRecorder:
             self._stall(error, now_s)
 
     def _stall(self, error: OSError, now_s: float) -> None:
-        """Close the file after an error, finished where it can be written to, and try another later."""
+        """Close the file after an error, finished if possible, and schedule the next attempt."""
         account, file, self._file = self.account, self._file, None
         account.trouble = self.said(error)
-        # What stopped a long file need not stop the next one.
+        # A size limit or a removed file need not stop the next file.
         removed = isinstance(error, FileNotFoundError)
         again = removed or error.errno == errno.EFBIG
         at_once = again and file is not None and file.writer.messages
@@ -241,5 +245,5 @@ class WardRecorder:
 
 
 def _repeated(kind: Kind, said: Said) -> bool:
-    """Whether the next file begins with the message: a calibration that was not accepted leaves the one before in force."""
+    """Whether the next file begins with the message; not with a rejected calibration, as the one before stays in force."""
     return kind.repeated and not (isinstance(said, Calibration) and said.verdict is not Verdict.ACCEPTED)

@@ -1,4 +1,4 @@
-"""A recording of one device: samples at their own times, whatever file they come from."""
+"""A recording of one device: samples at their own times, independent of the file format."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Self
@@ -12,11 +12,11 @@ from bridge.wire.codec import MAX_ACCEL, MAX_RATE
 from bridge.wire.messages import Calibration
 
 Floats = NDArray[np.float64]
-TICK_S = 1e-6  # as a recording is played: as if the device counted microseconds
+TICK_S = 1e-6  # tick of a recording's clock, as if the device counted microseconds
 
 
 class Told(NamedTuple):
-    """The samples as a bridge sent them: ticks (n,) of tick_period_s of the device's clock, sequence (n,), flags (n,)."""
+    """Samples' ticks (n,) of tick_period_s of the device's clock, sequence (n,) and flags (n,) as a bridge sent them."""
 
     ticks: NDArray[np.uint64]
     tick_period_s: float
@@ -25,7 +25,7 @@ class Told(NamedTuple):
 
 
 def _vectors(name: str, values: ArrayLike, n: int | None, limit: float, unit: str) -> Floats:
-    """A copy (n, 3), finite and within the limit; raises RecordingError."""
+    """Return a copy (n, 3), checked to be finite and within the limit. Raises RecordingError."""
     array = np.array(values, np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or n not in (None, len(array)):
         raise RecordingError(
@@ -44,11 +44,16 @@ def _vectors(name: str, values: ArrayLike, n: int | None, limit: float, unit: st
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """n samples: time_s (n,) rising from 0, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature_c (n,) or None.
+    """Samples of one device in SI units, in the device's frame.
 
-    rate_hz: as the file says, or as its times do where none is missing. gyro_range: full scale, rad/s; 0 when unknown.
-    made: of a ward's recording, the accepted calibrations of this very boot that are in it, in order; begin_ns: host time
-    of its first sample; told: as they came. device, boot: whose it is, empty and 0 where that is not known.
+    time_s (n,): seconds, rising from 0. gyro (n, 3): rad/s. accel (n, 3): specific force, m/s², or None.
+    temperature_c (n,): °C, or None.
+    rate_hz: output data rate as the file says, otherwise measured from the times, gaps excluded.
+    name: for messages. gyro_range: full-scale range, rad/s, 0 when unknown.
+    device, boot: ids, empty and 0 when unknown.
+
+    Of a ward's recording only: `made`, the accepted calibrations of this boot in the recording, in order of time;
+    `begin_ns`, host time of the first sample; `told`, ticks, sequence numbers and flags as the bridge sent them.
     """
 
     time_s: Floats
@@ -63,14 +68,15 @@ class Recording:
     told: Told | None = None
     device: str = ""
     boot: int = 0
-    #: what was understood, mended or doubted as it was read, for a person
+    #: what the reader understood, repaired or doubted, for the user
     notes: tuple[str, ...] = ()
 
     @classmethod
     def from_arrays(cls, gyro: ArrayLike, accel: ArrayLike | None, rate_hz: float, *, name: str = "arrays") -> Self:
-        """A recording of arrays: gyro (n, 3) rad/s and accel (n, 3) m/s² or None, in the device's frame, sampled at rate_hz.
+        """Make a recording from arrays sampled at rate_hz.
 
-        The arrays are copied. name stands in messages. Raises RecordingError.
+        gyro (n, 3): rad/s. accel (n, 3): specific force, m/s², or None. Both are in the device's frame and copied.
+        name is used in messages. Raises RecordingError.
         """
         if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
             raise RecordingError(
@@ -86,17 +92,17 @@ class Recording:
 
     @property
     def ticks(self) -> NDArray[np.uint64]:
-        """(n,) the time of each sample in ticks of TICK_S."""
+        """(n,) time of each sample, in ticks of TICK_S."""
         return np.rint(self.time_s / TICK_S).astype(np.uint64)
 
     @property
     def device_time(self) -> Floats:
-        """(n,) seconds by the device's clock, where that is known: windows begin where they began live."""
+        """(n,) seconds of the device's clock, else `time_s`; stillness windows then begin where they began live."""
         return self.time_s if self.told is None else np.asarray(self.told.ticks * self.told.tick_period_s, np.float64)
 
     @property
     def sequence(self) -> NDArray[np.int64]:
-        """(n,) a number for each sample: where time jumps, the samples that are missing have numbers too."""
+        """(n,) sequence number of each sample; samples missing at a jump of time have numbers too."""
         steps = np.diff(self.time_s) * self.rate_hz
         missing = np.where(steps > 1.75, np.rint(steps) - 1, 0)
         return np.arange(len(self)) + np.concatenate([[0], np.cumsum(missing)]).astype(np.int64)

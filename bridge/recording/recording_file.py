@@ -10,14 +10,14 @@ from bridge.recording.mcap_writer import MAX_CHANNELS, McapWriter
 from bridge.recording.message_kinds import Kind
 from bridge.wire import keys
 
-#: the metadata record every file of ours begins with
+#: name of the metadata record at the beginning of every truerate file
 ABOUT = "truerate"
-#: channels of what one bridge says: it may make up devices, and leaves room to the others
+#: most channels for one bridge: a bridge that invents devices leaves room to the others
 MOST_OF_A_BRIDGE = MAX_CHANNELS // 8
 
 
 class Item(NamedTuple):
-    """A message to be written; own_ns is the time in it."""
+    """A message to be written; own_ns is the message's own time."""
 
     key: str
     kind: Kind
@@ -26,7 +26,7 @@ class Item(NamedTuple):
 
 
 class RecordingFile:
-    """One file and its channels."""
+    """One MCAP file of a recorder and its channels."""
 
     def __init__(self, output: Output, ward: str) -> None:
         self.output = output
@@ -39,7 +39,7 @@ class RecordingFile:
         self._of_bridges = Counter[str]()
 
     def put(self, item: Item, log_ns: int) -> bool:
-        """Write a message; False when there would be too many channels, or too many of its bridge."""
+        """Write a message; False if there are too many channels, in all or of its bridge."""
         channel = self._channels.get(item.key)
         if channel is None:
             bridge = keys.parse(item.key).ids.get("bridge", "")
@@ -54,7 +54,10 @@ class RecordingFile:
         return True
 
     def left(self, *, writable: bool) -> Path | None:
-        """Close the file, and return its path: None where nothing was in it, one that ends in PART where it is not finished."""
+        """Close the file after an error and return its path: None if it is empty, ending in PART if it is unfinished.
+
+        writable: the file can still be finished.
+        """
         path = self.output.path
         try:
             if not self.writer.messages:

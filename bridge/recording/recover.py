@@ -1,4 +1,4 @@
-"""Recovers a torn or damaged recording: copies every readable message to a new file, and says what is lost."""
+"""Recovers a torn or damaged recording: copies every readable message to a new file, and reports the losses."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -30,13 +30,16 @@ class Recovered:
     trouble: tuple[str, ...]
 
     def said(self) -> list[str]:
-        """Lines for a person."""
+        """Return the result as lines for the user."""
         kept = f"{count(self.messages, 'message')}, from {_clock(self.first_ns)} to {_clock(self.last_ns)}"
         return [f"{self.out}: {kept}", *self.trouble]
 
 
 def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of: None) -> Recovered:
-    """Write a whole file beside the torn one, which stays. Raises RecordingError, also when there is nothing to do."""
+    """Write a whole file beside the torn one, which is kept.
+
+    Raises RecordingError, also if the file is whole already.
+    """
     check_file(path)
     target = out or _name(path)
     try:

@@ -1,4 +1,4 @@
-"""Rows of a recording that came twice."""
+"""Finds rows of a recording that were written twice."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,19 +6,19 @@ from numpy.typing import NDArray
 from bridge.recording.recording import Floats
 
 Flags = NDArray[np.bool_]
-#: lags at which rows are compared to see how often two are equal by chance
+#: lags at which rows are compared, to estimate how often two are equal by chance
 _LAGS = (5, 7, 11, 13)
-#: chance explains a repeat where it would make more than this share of them
+#: repeats are believed only if chance explains less than this share of them
 _BY_CHANCE = 0.05
 
 
 def repeated(time: Floats, values: Floats) -> Flags:
-    """(n,) rows equal to an earlier one in time (n,) and in all values (n, c)."""
+    """Flag rows (n,) that equal an earlier row in time (n,) and in all values (n, c)."""
     return _seen_before(np.column_stack([time, values]))
 
 
 def repeated_without_time(values: Floats) -> Flags:
-    """(n,) rows whose values (n, c) were seen before, where chance does not explain that."""
+    """Flag rows (n,) whose values (n, c) came before, if chance does not explain that."""
     n = len(values)
     none = np.zeros(n, bool)
     if n <= 2 * max(_LAGS):
@@ -39,12 +39,12 @@ def repeated_without_time(values: Floats) -> Flags:
 
 
 def _seen_before(rows: Floats) -> Flags:
-    """(n,) rows equal to the one before, or in a run that is equal to an earlier run.
+    """Flag rows (n,) that equal the row before, or belong to a run that equals an earlier run.
 
-    A single row that is equal to one further back is none: a clipped sensor, or one at fault, reads the same again and again.
+    A single row that equals one further back is not flagged: a clipped or faulty sensor often reads the same again.
     """
     n = len(rows)
-    # Adding zero makes -0.0 the same bits as 0.0.
+    # Adding zero gives -0.0 the same bits as 0.0.
     bits = np.ascontiguousarray(rows + 0.0).view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
     _, group = np.unique(bits, return_inverse=True)
     order = np.argsort(group, kind="stable")

@@ -1,4 +1,4 @@
-"""A survey of recordings in words, and as JSON."""
+"""Prints a survey of recordings, or returns it as JSON."""
 
 from datetime import UTC, datetime
 from typing import Any
@@ -46,7 +46,7 @@ def show(console: Console, survey: Survey) -> None:
 
 
 def as_json(survey: Survey) -> dict[str, Any]:
-    """One object; times in ns since the Unix epoch, rates in rad/s."""
+    """Return a survey as one JSON-compatible object; times in ns since the Unix epoch, rates in rad/s."""
     return {
         "wards": sorted(survey.wards),
         "first_ns": survey.first_ns,

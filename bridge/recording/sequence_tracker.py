@@ -1,18 +1,18 @@
-"""Tracks sequence numbers of one boot: repeated samples, gaps, and numbers that begin anew."""
+"""Tracks the sequence numbers of one boot: repeated samples, gaps, and numbers that start over."""
 
 from typing import NamedTuple
 
 from bridge.wire.messages import CorrectedBatch, SampleBatch
 
-#: low numbers at a time so much later are no repeats: the device was started anew under the same boot number
+#: known numbers that come this much later are no repeats: the device restarted under the same boot id
 ANEW_NS = 1_000_000_000
 
 
 class Continuation(NamedTuple):
     """How a batch continues the batches before it.
 
-    skip: samples at its beginning that are known already; missing: samples lost before the others; anew: numbers start
-    over; step: ticks from the last known sample to the first new one.
+    skip: samples at its beginning that are already known. missing: samples lost before its new ones.
+    anew: the numbers start over. step: ticks from the last known sample to the first new one.
     """
 
     skip: int
@@ -22,7 +22,7 @@ class Continuation(NamedTuple):
 
 
 class SequenceTracker:
-    """Sequence numbers of one boot of one device."""
+    """Tracks the sequence numbers of one boot of one device."""
 
     def __init__(self) -> None:
         self._next: int | None = None
@@ -30,7 +30,7 @@ class SequenceTracker:
         self._time_ns = 0
 
     def follow(self, batch: SampleBatch | CorrectedBatch) -> Continuation:
-        """Compare a batch with those before it, and take it in."""
+        """Compare a batch with those before it, and remember it."""
         follows = self._judge(batch)
         if follows.skip < len(batch):
             self._next = batch.sequence + len(batch)

@@ -13,7 +13,7 @@ _SHORTEST_S, _SMALLEST_MB = 10.0, 1.0
 
 
 def seconds(text: str, key: str) -> float:
-    """A time such as 90s, 10min, 1h or 1d, in seconds; `never` is infinity. ValueError says what is taken."""
+    """Return a duration such as 90s, 10min, 1h or 1d in seconds; `never` is infinity. Raises ValueError."""
     if text == "never":
         return float("inf")
     match = _DURATION.fullmatch(text)
@@ -23,7 +23,7 @@ def seconds(text: str, key: str) -> float:
 
 
 class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where recordings go, and when a new file begins."""
+    """Settings of a recorder: where recordings go, and when a new file begins."""
 
     #: folder of the recordings; relative to the folder the recorder is started in
     folder: str = "recordings"

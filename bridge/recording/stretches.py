@@ -1,4 +1,4 @@
-"""Samples of recordings as arrays, in stretches: a stretch is one boot of a device with rising sequence numbers."""
+"""Reads recordings into arrays, by stretches: a stretch is one boot of a device with rising sequence numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from bridge.terminal.plurals import count
 from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, SampleBatch, Verdict
 
 Singles = NDArray[np.float32]
-#: quality of a sample of which no corrected rate was recorded
+#: quality of a sample without a recorded corrected rate
 NOT_CORRECTED = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rates:
-    """Corrected rates of a stretch, a row for each of its n samples; NaN where there is none.
+    """Corrected rates of a stretch, one row per sample; NaN for a sample without a corrected rate.
 
-    rate, rate_std, bias (n, 3) rad/s, as in a CorrectedBatch; quality (n,), of messages.Quality, or NOT_CORRECTED.
+    rate, rate_std, bias (n, 3): rad/s, as in a CorrectedBatch. quality (n,): of messages.Quality, or NOT_CORRECTED.
     """
 
     rate: Singles
@@ -34,10 +34,11 @@ class Rates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """n samples of one boot: sequence and ticks (n,) rise; time_ns (n,) is the host's; gyro (n, 3) rad/s, accel (n, 3) m/s².
+    """Samples of one boot of a device, with rising sequence numbers and ticks (n,).
 
-    number counts the device's stretches from 1. accel is None when a sample lacks it, temperature_c (n,) when all do:
-    holes in it are filled in between.
+    number: the device's stretches are counted from 1. time_ns (n,): host time. gyro (n, 3): rad/s.
+    accel (n, 3): m/s², None if any sample lacks it. temperature_c (n,):
+    °C, gaps interpolated, None if no sample has it.
     """
 
     device: str
@@ -65,7 +66,7 @@ class Stretch:
 
     @property
     def rate_hz(self) -> float:
-        """As the device says, else the median of its steps; 0 for a single sample of an unknown device."""
+        """Rate that the device states, else by the median step; 0 for a single sample of an unknown device."""
         if self.info is not None and self.info.rate_hz:
             return self.info.rate_hz
         steps = np.diff(self.time_s) / np.maximum(1, np.diff(self.sequence))
@@ -76,7 +77,7 @@ class Stretch:
 class Recorded:
     """Content of recordings: the stretches of each device in order of time, calibrations and notes.
 
-    trouble: what is wrong with them, and what of them was not understood, for a person.
+    trouble: what is wrong with the files, and which messages were not understood, for the user.
     """
 
     stretches: dict[str, list[Stretch]]
@@ -86,11 +87,11 @@ class Recorded:
 
     @property
     def begin_ns(self) -> int:
-        """Host time of the first sample of all."""
+        """Host time of the earliest sample."""
         return min((int(s.time_ns[0]) for stretches in self.stretches.values() for s in stretches), default=0)
 
     def calibrations_of(self, stretch: Stretch) -> list[Calibration]:
-        """Accepted calibrations made during a stretch, in order of time."""
+        """Return the accepted calibrations made during a stretch, in order of time."""
         same = [one for one in self.stretches[stretch.device] if one.boot == stretch.boot]
         at = same.index(stretch)
         since_ns = int(stretch.time_ns[0]) if at else 0
@@ -99,13 +100,13 @@ class Recorded:
             one
             for one in self.calibrations
             if (one.device, one.boot, one.verdict) == (stretch.device, stretch.boot, Verdict.ACCEPTED)
-            and one.parameters  # else it does not say how sure it is
+            and one.parameters  # otherwise its covariance is unknown
             and since_ns <= one.time_ns < until_ns
         ]
         return sorted(made, key=lambda one: one.time_ns)
 
     def only(self, devices: Sequence[str]) -> "Recorded":
-        """The content of these devices alone. Raises RecordingError for one that is not there."""
+        """Return the content of these devices alone. Raises RecordingError for an unknown device."""
         for device in devices:
             if device not in self.stretches:
                 raise RecordingError(f"there are no samples of {device!r}; there are of {', '.join(self.stretches)}")
@@ -118,7 +119,10 @@ class Recorded:
 
 
 def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _done, _of: None) -> Recorded:
-    """Read whole files; raises RecordingError for one that is none of ours."""
+    """Read recordings completely. Raises RecordingError for a file that is not a recording of a ward.
+
+    corrected: also read corrected rates. tell(done, total) counts bytes.
+    """
     wanted = ["raw", "info", "calibration", "note", *(["corrected"] if corrected else [])]
     found = survey(paths, tell, wanted, keep=True)
     refused = found.refused.as_dict().items()
@@ -165,7 +169,7 @@ def _stretch(name: str, device: Device, boot: Boot, batches: list[SampleBatch], 
 
 
 def _temperature(batches: list[SampleBatch]) -> Singles | None:
-    """The column, holes filled in between: a temperature changes slowly."""
+    """Return the temperature column, gaps interpolated (temperature changes slowly); None if there is none."""
     parts = [np.full(len(b), np.nan, np.float32) if b.temperature_c is None else b.temperature_c for b in batches]
     column = np.concatenate(parts)
     known = np.flatnonzero(np.isfinite(column))
@@ -175,7 +179,7 @@ def _temperature(batches: list[SampleBatch]) -> Singles | None:
 
 
 def _rates(batches: list[CorrectedBatch], sequence: NDArray[np.int64], ticks: NDArray[np.uint64]) -> Rates | None:
-    """Rows for the samples with these numbers and ticks; of a sample corrected twice, the last."""
+    """Return corrected rates for the samples with these numbers and ticks; of a sample corrected twice, the last."""
     rates = Rates(
         rate=np.full((len(ticks), 3), np.nan, np.float32),
         rate_std=np.full((len(ticks), 3), np.nan, np.float32),

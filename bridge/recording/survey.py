@@ -1,4 +1,4 @@
-"""Surveys recordings, file by file: devices, boots, rates, gaps, calibrations and notes; keeps the samples where asked to."""
+"""Surveys recordings: devices, boots, rates, gaps, calibrations and notes; optionally keeps the samples."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ from bridge.wire.refusal import Tally
 
 @dataclass(slots=True)
 class Boot:
-    """One boot of a device: host times of its first and last sample, samples, and what is missing between them.
+    """One boot of a device: host times of its first and last sample, counts of samples, gaps and repeats.
 
-    corrected: samples by quality, each once, from the first reading to the last: a reader who came late was told of some
-    before them. kept: the readings, each once, in parts where numbers begin anew; rates: corrected rates as they came.
+    corrected: corrected samples by quality, each counted once, without those from before the first recorded reading.
+    kept: the readings, each once, in parts that begin where numbers start over. rates: corrected rates as they came.
     """
 
     boot: int
@@ -37,19 +37,19 @@ class Boot:
 
     @property
     def rate_hz(self) -> float:
-        """Samples a device second, missing ones included; 0 when unknown."""
+        """Samples per device second, missing ones included; 0 when unknown."""
         return (self.samples + self.missing - 1) / self.device_s if self.device_s > 0 else 0.0
 
     @property
     def corrected(self) -> Counter[str]:
-        """Corrected samples by quality."""
+        """Number of corrected samples by quality."""
         found = Counter[str]()
         for first, end, quality in self._runs if self.samples else ():
             found[quality] += max(0, end - max(first, self.first))
         return +found
 
     def read(self, batch: SampleBatch, *, keep: bool) -> None:
-        """Count readings in."""
+        """Count a batch of readings; keep it if `keep`."""
         skip, missing, anew, step = self._readings.follow(batch)
         self.repeated += skip
         if skip == len(batch):
@@ -73,7 +73,7 @@ class Boot:
         self.end = batch.sequence + len(batch)
 
     def rated(self, batch: CorrectedBatch, *, keep: bool) -> None:
-        """Count corrected rates in."""
+        """Count a batch of corrected rates; keep it if `keep`."""
         if keep:
             self.rates.append(batch)
         skip, _, anew, _ = self._rated.follow(batch)
@@ -86,7 +86,7 @@ class Boot:
 
 @dataclass(slots=True)
 class Device:
-    """What is known of a device: its boots by number, what it says of itself in each, calibrations and notes in order."""
+    """Content about one device: boots by number, device info per boot, calibrations and notes in order."""
 
     bridge: str = ""
     infos: dict[int, DeviceInfo] = field(default_factory=dict)
@@ -96,13 +96,16 @@ class Device:
 
     @property
     def info(self) -> DeviceInfo | None:
-        """What the device said of itself in its last boot."""
+        """Device info of the last boot; None if there is none."""
         return next(reversed(self.infos.values()), None)
 
 
 @dataclass(slots=True)
 class Survey:
-    """Summary of recordings."""
+    """Summary of recordings: devices, wards, and counts of messages and bytes.
+
+    refused: messages that could not be decoded. trouble: what is wrong with the files, for the user.
+    """
 
     devices: dict[str, Device]
     wards: set[str]
@@ -115,14 +118,17 @@ class Survey:
 
     @property
     def duration_s(self) -> float:
-        """From the first sample to the last."""
+        """Seconds from the first sample to the last."""
         return (self.last_ns - self.first_ns) * 1e-9
 
 
 def survey(
     paths: Sequence[Path], tell: Tell = lambda _done, _of: None, wanted: Sequence[str] = (), *, keep: bool = False
 ) -> Survey:
-    """Look through files; raises RecordingError for one that is none of ours. wanted: as of Contents; keep: the samples."""
+    """Survey files. Raises RecordingError for a file that is not a recording of a ward.
+
+    tell(done, total) counts bytes. wanted: kinds of message, as for Contents. keep: keep the samples.
+    """
     contents = Contents(paths, wanted, tell)
     devices: dict[str, Device] = {}
     wards: set[str] = set()

@@ -1,4 +1,4 @@
-"""Makes a Recording of columns of samples: faults of rows and times mended or refused, units checked, all of it said."""
+"""Makes a Recording from columns of samples: repairs or refuses bad rows and times, checks units, notes repairs."""
 
 import logging
 from collections.abc import Callable
@@ -27,10 +27,10 @@ from bridge.terminal.plurals import count
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 
 _log = logging.getLogger(__name__)
-_MAX_TIME_S = 1e10  # since whatever epoch: 300 years
+_MAX_TIME_S = 1e10  # largest time since any epoch: 300 years
 _OTHER_RATE = 0.02
 _SAME_RATE = 1e-3  # relative: as precisely as people write a rate
-#: of all rows: more bad ones are no accident
+#: largest shares of bad and of repeated rows; more are no accident
 _MOST_BAD, _MOST_REPEATED = 0.2, 0.1
 _LIMITS = {
     "gyro_rad_s": (
@@ -42,20 +42,22 @@ _LIMITS = {
     "temperature_c": (MAX_CELSIUS, "°C", "is it in counts?"),
     "t_s": (_MAX_TIME_S, "s", "is it in another unit (--time-unit us or ns)?"),
 }
-#: arguments: a column, a sample, an axis; results: what the file calls that column or axis, and where in it the sample is
+#: arguments: column, sample, axis; results: the file's name of that column or axis, and the sample's place in the file
 Place = Callable[[str, int, int], tuple[str, str]]
 
 
 def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
-    """The Place of a file of arrays."""
+    """Name the place of a value in a file of arrays (a Place)."""
     return repr(column), f" at sample {sample}"
 
 
 @dataclass(slots=True)
 class Table:
-    """Columns gyro_rad_s (n, 3) and, if known, accel_m_s2 (n, 3), temperature_c (n,), t_s (n,), counter (n,), rate_hz ().
+    """Columns of a file.
 
-    tick_s: seconds of one count of the file's times, 0 where that is not known. notes: what was understood, for a person.
+    columns: gyro_rad_s (n, 3) and, if known, accel_m_s2 (n, 3), temperature_c (n,), t_s (n,), counter (n,), rate_hz ().
+
+    tick_s: seconds per count of the file's time column, 0 when unknown. notes: what was understood, for the user.
     """
 
     columns: dict[str, Floats]
@@ -67,7 +69,7 @@ class Table:
 
 
 def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
-    """A Recording of a table. Raises RecordingError."""
+    """Make a Recording from a table: rows and times repaired, units checked. Raises RecordingError."""
     columns, notes = dict(table.columns), list(table.notes)
     _check_shapes(path, columns)
     rate = _rate(path, columns, reading)
@@ -135,7 +137,7 @@ def _rate(path: Path, columns: dict[str, Floats], reading: Reading) -> float | N
 
 
 def _drop_bad_rows(path: Path, table: Table, columns: dict[str, Floats], notes: list[str]) -> None:
-    """Leave out rows without a rate, or with one beyond any; fill holes of the slower columns."""
+    """Drop rows whose rate is missing or impossible; interpolate gaps in acceleration and temperature."""
     gyro = columns["gyro_rad_s"]
     limit = _LIMITS["gyro_rad_s"][0]
     good = np.ones(len(gyro), bool)
@@ -178,7 +180,7 @@ def _within(column: Floats, limit: float) -> bool:
 
 
 def _filled(column: Floats, limit: float) -> Floats | None:
-    """Holes in (n, c) filled in between; None where too few rows are good."""
+    """Interpolate bad rows of a column (n, c); None if too few rows are good."""
     if _within(column, limit):
         return column
     good = (np.abs(column) <= limit).all(axis=1)
@@ -190,7 +192,7 @@ def _filled(column: Floats, limit: float) -> Floats | None:
 
 
 def _wrong_values(name: str, column: Floats, place: Place) -> str:
-    """The first value that cannot be, and what to do."""
+    """Describe the first impossible value of a column, and what to do."""
     bad = np.argwhere(~np.isfinite(column))
     if len(bad):
         what, where = place(name, int(bad[0][0]), int(bad[0][-1]))
@@ -210,7 +212,7 @@ def _values(columns: dict[str, Floats]) -> Floats:
 def _time(
     path: Path, table: Table, columns: dict[str, Floats], rate: float | None, reading: Reading, notes: list[str]
 ) -> tuple[Floats, list[int]]:
-    """The time of each row kept, and where each boot begins. Columns are put in order. Raises RecordingError."""
+    """Return the time of each kept row, and where each boot begins; sort and drop rows. Raises RecordingError."""
     if "t_s" not in columns:
         if rate is None:
             raise RecordingError(
@@ -247,7 +249,7 @@ def _time(
 
 
 def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[str]) -> Floats:
-    """Times by a counter of samples, where there is one that counts them, else by the number of the row."""
+    """Return times from a sample counter if there is a usable one, else from row numbers."""
     counter = columns.pop("counter", None)
     counts = counter is not None and len(np.unique(counter)) > len(counter) / 2
     again = (
@@ -278,7 +280,7 @@ def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[st
 
 
 def _numbers(counter: Floats) -> Floats | None:
-    """Sample numbers of a counter, its wraps undone; None where it does not count samples one by one."""
+    """Return sample numbers of a counter, wraps undone; None if it does not count samples one by one."""
     if not np.isfinite(counter).all() or (counter != np.rint(counter)).any() or len(counter) < 8:
         return None
     steps = np.diff(counter)
@@ -296,7 +298,7 @@ def _numbers(counter: Floats) -> Floats | None:
 
 
 def _at_told_rate(time: Floats, starts: list[int], rate_hz: float, notes: list[str], *, arrival: bool) -> Floats:
-    """Times at a rate that is told; where the file's own show a gap, it stays one."""
+    """Return times at the rate given by the user; gaps in the file's own times stay gaps."""
     told = np.empty(len(time))
     for start, end in zip(starts, [*starts[1:], len(time)], strict=True):
         steps = np.diff(time[start:end]) * rate_of(time[start:end]) if end - start > 1 else np.empty(0)
@@ -309,7 +311,7 @@ def _at_told_rate(time: Floats, starts: list[int], rate_hz: float, notes: list[s
 
 
 def _part(path: Path, time: Floats, starts: list[int], reading: Reading) -> slice:
-    """The rows of the boot that is meant. Raises RecordingError."""
+    """Return the rows of the chosen boot. Raises RecordingError."""
     ends = [*starts[1:], len(time)]
     boot = reading.boot
     if boot is None and len(starts) > 1:

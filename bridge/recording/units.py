@@ -45,7 +45,7 @@ _SHORT = {
 
 
 def spelling(text: str) -> str:
-    """A unit in one spelling: `°/s`, `deg_s` and `dps` are all deg/s."""
+    """Return the standard spelling of a unit: `°/s`, `deg_s` and `dps` are all deg/s."""
     text = text.strip().lower()
     for pattern, put in _SPELT:
         text = pattern.sub(put, text)
@@ -53,5 +53,5 @@ def spelling(text: str) -> str:
 
 
 def unit_in(text: str, known: dict[str, float]) -> float | None:
-    """The factor of a unit, in any spelling, to SI; None where it is none of these."""
+    """Return the factor of a unit, in any spelling, to SI; None if it is not in `known`."""
     return known.get(spelling(text))

@@ -1,4 +1,4 @@
-"""The command `truerate`: one module a verb. Arguments in, exit code out.
+"""The command `truerate`: one module per group of verbs, arguments in, exit code out.
 
-Begin at `main`, which loads only the module of the verb that is asked for.
+Start reading at `main`, which loads only the module of the given verb.
 """

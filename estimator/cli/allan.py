@@ -1,4 +1,4 @@
-"""The verbs about what a device does between calibrations: its noise."""
+"""The verb `truerate allan`: a device's noise from a recording at rest."""
 
 import argparse
 import json
@@ -80,7 +80,7 @@ def _allan(given: argparse.Namespace) -> None:
 
 
 def _check_written(path: Path) -> None:
-    """Before a long computation: what would only be noticed after it."""
+    """Refuse an unusable output path before the long computation."""
     if path.suffix != ".toml":
         raise ConfigError(f"--write {path}: a device model ends in .toml")
     if path.exists():

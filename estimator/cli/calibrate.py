@@ -1,4 +1,4 @@
-"""The verb `truerate calibrate`: from a recording, or with the device at hand."""
+"""The verb `truerate calibrate`: calibrates from a recording, or guides a person with a live device."""
 
 import argparse
 import json
@@ -129,7 +129,7 @@ def _calibrate(given: argparse.Namespace) -> int:
 
 
 def _show_made(calibration: Calibration, *, as_json: bool) -> int:
-    """One that was made live, in the boot that was recorded."""
+    """Show a calibration that was made live, in the recorded boot."""
     from estimator.reports.calibration import recorded_as_json  # noqa: PLC0415
 
     if as_json:

@@ -1,4 +1,4 @@
-"""`truerate calibrate --live DEVICE`: the options of a calibration with the device at hand."""
+"""The verb `truerate calibrate --live DEVICE`: guides a person through the calibration of a live device."""
 
 import argparse
 import os
@@ -10,12 +10,12 @@ from bridge.terminal.console import plain_console
 from bridge.wire.keys import check_id
 from estimator.cli.ward_options import person, ward_of
 
-#: options that say nothing of a device at hand
+#: options that apply to recordings only
 _OF_RECORDING = ("method", "model", "rates_dps", "range_dps", "rate_hz", "device", "boot", "json")
 
 
 def add_live(verb: argparse.ArgumentParser) -> None:
-    """Add them."""
+    """Add the options of a live calibration."""
     live = verb.add_argument_group("with the device at hand")
     live.add_argument("--live", metavar="DEVICE", help="say step by step what to do with a device of a running ward")
     live.add_argument("--config", type=Path, help="the ward's file: says the ward and the routers")
@@ -30,7 +30,7 @@ def add_live(verb: argparse.ArgumentParser) -> None:
 
 
 def live(given: argparse.Namespace) -> int:
-    """Guide one; 0 when it is calibrated."""
+    """Guide the calibration of one device; returns 0 when it is calibrated."""
     from estimator.client import Client  # noqa: PLC0415
     from estimator.config.device_settings import treatment  # noqa: PLC0415
     from estimator.config.schema import Ward  # noqa: PLC0415

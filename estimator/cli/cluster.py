@@ -1,4 +1,4 @@
-"""`truerate cluster status`: the estimators of a ward, and who has what."""
+"""The verb `truerate cluster status`: the estimators of a ward, and which devices each owns."""
 
 import argparse
 from datetime import datetime
@@ -16,7 +16,7 @@ from estimator.overview.cluster import ClusterView, as_json, cluster_view
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add the verbs."""
+    """Add `cluster status`."""
     inner = verbs.add_parser(
         "cluster",
         help="the estimators that share a ward",

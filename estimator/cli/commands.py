@@ -1,4 +1,4 @@
-"""The verbs that tell a running ward's estimator something: recalibrate, cancel, note."""
+"""The verbs that send commands to a ward's estimator: recalibrate, cancel, note."""
 
 import argparse
 import sys
@@ -15,7 +15,7 @@ from estimator.cli.ward_options import person, ward_of
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add them."""
+    """Add `recalibrate`, `cancel` and `note`."""
     for name, help_text in (
         ("recalibrate", "ask for three new turns; the old calibration stays in use until they are taken"),
         ("cancel", "stop a calibration under way; the old one stays"),
@@ -59,6 +59,6 @@ def _note(given: argparse.Namespace) -> int:
 
 
 def _answered(device: str, reply: CommandReply) -> int:
-    """Print what the estimator answered; the exit code."""
+    """Print the estimator's answer, and return the exit code."""
     print(f"{device}: {english(*reply.message)}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1

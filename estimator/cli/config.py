@@ -1,4 +1,4 @@
-"""The verb `truerate config check`."""
+"""The verb `truerate config check`: validates ward and router files, and checks that they fit together."""
 
 import argparse
 import os
@@ -35,7 +35,7 @@ def _config_check(given: argparse.Namespace) -> None:
     from estimator.service.privacy import advice, exposed  # noqa: PLC0415
 
     wards, routers, wrong = {}, [], list[str]()
-    files = list({os.path.realpath(file): file for file in given.files}.values())  # by two names it is still one
+    files = list({os.path.realpath(file): file for file in given.files}.values())  # a file with two names counts once
     for file in files:
         if file.suffix in (".json5", ".json"):
             try:
@@ -47,7 +47,7 @@ def _config_check(given: argparse.Namespace) -> None:
             wrong += [
                 f"{file}: {words}" for words in capture_files.unreadable(ward.bridge.devices if ward.bridge else ())
             ]
-    # Of a router that cannot be read it is not known what the others would lack.
+    # If a router's file cannot be read, its members are unknown, so nothing can be said about the other files.
     wrong += cross_checks.faults(wards, routers if len(routers) + len(wards) == len(files) else [], datetime.now(UTC))
     if wrong:
         raise ConfigError("\n".join(wrong))

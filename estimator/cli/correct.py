@@ -1,4 +1,4 @@
-"""The verb `correct`: a recording in; corrected rates, bias, deviations and quality out."""
+"""The verb `truerate correct`: reads a recording; writes corrected rates, bias, standard deviations and quality."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""The verb `truerate dashboard`: the ward on a page, and the hashes of passwords for it."""
+"""The verb `truerate dashboard`: serves the ward's web page, and makes password hashes for it."""
 
 import argparse
 import getpass
@@ -19,7 +19,7 @@ _EXAMPLES = """examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add the verb."""
+    """Add `dashboard`."""
     verb = add_verb(verbs, "dashboard", _dashboard, "a ward in the browser: who is well, who needs a person, and why")
     verb.epilog, verb.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter
     verb.add_argument(
@@ -74,7 +74,7 @@ def _password(given: argparse.Namespace) -> int:
 
 
 def _asked() -> str:
-    """Typed twice; or, where nobody sits at a terminal, the first line of the standard input."""
+    """Ask for a password twice; without a terminal, read the first line of standard input."""
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip("\n")
     try:

@@ -1,4 +1,4 @@
-"""The verb `truerate demo`: a ward of its own, on this machine."""
+"""The verb `truerate demo`: runs a small simulated ward on this machine."""
 
 import argparse
 import secrets

@@ -1,4 +1,4 @@
-"""The verbs that look at a running ward: devices, status, watch."""
+"""The verbs that show a running ward: devices, status, watch."""
 
 import argparse
 
@@ -13,7 +13,7 @@ _ONLY = "devices in this state (degraded, awaiting-still …), or with this id (
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add them."""
+    """Add `devices`, `status` and `watch`."""
     verb = add_verb(verbs, "devices", _devices, "every device of a running ward: state, quality, and why")
     add_ward(verb)
     verb = add_verb(

@@ -1,4 +1,4 @@
-"""The verb `truerate doctor`: what may be wrong with this machine, or with a ward, and what to do about it."""
+"""The verb `truerate doctor`: finds faults of this machine or of a ward, and says what to do about each."""
 
 import argparse
 import json
@@ -31,7 +31,7 @@ _FINE, _TROUBLE = 0, 1
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add the verb."""
+    """Add `doctor`."""
     verb = add_verb(
         verbs, "doctor", _doctor, "look for what may be wrong here: ports, clock, disk, packages, and a ward's file"
     )
@@ -63,7 +63,7 @@ def _loops() -> Finding:
 
 
 def _look(path: Path | None) -> Iterable[Finding]:
-    """Everything, of the machine first."""
+    """Run all checks: first of the machine, then of the ward."""
     plugged = [found.port for found in find()]
     ward: Ward | None = None
     said: list[Finding] = []
@@ -105,7 +105,7 @@ def _look(path: Path | None) -> Iterable[Finding]:
 
 
 def _store(path: Path) -> Iterable[Finding]:
-    """What an estimator that is started would find; nothing of one that has no store yet."""
+    """Check the store as a starting estimator would find it; nothing if there is no store yet."""
     try:
         if not path.exists():
             return
@@ -132,7 +132,7 @@ def _store(path: Path) -> Iterable[Finding]:
 
 
 def _privacy(path: Path | None, ward: Ward) -> Iterable[Finding]:
-    """Whether other users of this machine can read what is kept."""
+    """Check whether other users of this machine can read the stored data."""
     from estimator.service.privacy import advice, exposed  # noqa: PLC0415 - as above
 
     if path is not None and (found := exposed(path, ward)):
@@ -140,8 +140,8 @@ def _privacy(path: Path | None, ward: Ward) -> Iterable[Finding]:
 
 
 def _running(ward: Ward) -> Iterable[Finding]:
-    """What the ward itself says, where it runs."""
-    with ZenohBus(ward.bus.routers) as bus:  # by the certificate of whose file it is, who need not hear any
+    """Check a running ward by its own messages."""
+    with ZenohBus(ward.bus.routers) as bus:  # by the certificate of the file's owner, who may have no right to receive
         denied = self_test(bus, ward.bus.routers, ward.ward)
         statuses = Client(ward=ward.ward, bus=bus).statuses(0.5)
     for words in denied:
@@ -157,13 +157,13 @@ def _running(ward: Ward) -> Iterable[Finding]:
 
 
 def _ports(ward: Ward | None) -> dict[str, str]:
-    """The ports of a ward's devices."""
+    """Return the port of each of a ward's devices that has one."""
     devices = ward.bridge.devices if ward is not None and ward.bridge is not None else ()
     return {device.id: port for device in devices if (port := getattr(device.options, "port", ""))}
 
 
 def _places(ward: Ward) -> dict[str, Path]:
-    """Where something is kept, by what."""
+    """Return the folders that data is written to, by purpose."""
     places = {}
     if ward.estimator is not None:
         places["store"] = Path(ward.estimator.store).parent

@@ -1,4 +1,4 @@
-"""The verb `truerate estimator serve`."""
+"""The verb `truerate estimator serve`: runs the estimator service of a ward."""
 
 import argparse
 import os
@@ -19,7 +19,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _serve(given: argparse.Namespace) -> None:
-    # No matrix here is worth a second thread; by default NumPy and SciPy start one a core each.
+    # The matrices are too small for a second thread; by default NumPy and SciPy start one per core.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from estimator.config.schema import Ward  # noqa: PLC0415
     from estimator.service.serve import run  # noqa: PLC0415

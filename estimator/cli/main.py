@@ -1,4 +1,7 @@
-"""The command `truerate`: one verb a job. Errors are one line on standard error; 2 for wrong use, 1 for a failure."""
+"""The command `truerate`: parses the arguments and runs one verb.
+
+An error is one line on standard error. Exit code 2 means wrong use, 1 a failure.
+"""
 
 import argparse
 import io
@@ -16,7 +19,7 @@ from estimator.cli.entry import INTERRUPTED
 
 log = logging.getLogger("truerate")
 
-#: the verbs in the order of the help, by the module that adds them: loading all takes longer than most of them
+#: verbs in the order of the help, by module; loading all modules takes longer than running most verbs
 VERBS = {
     "estimator.cli.demo": ("demo",),
     "bridge.cli.bridge": ("bridge",),
@@ -37,9 +40,9 @@ VERBS = {
     "estimator.cli.study": ("study",),
 }
 _LOG_FORMAT = "--log-format"
-#: what is taken from the modes of every file and folder that is made: files show how patients move
+#: permissions withheld from every new file and folder: files show how patients move
 _PRIVATE = 0o027
-#: Python's words where the system gives no more threads
+#: Python's message when the system refuses another thread
 _NO_THREAD = "can't start new thread"
 EPILOG = """examples:
   truerate demo                                  see it all work, in about a minute
@@ -60,10 +63,10 @@ EPILOG = """examples:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; the exit code."""
+    """Run one command; returns the exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that cannot show ° or ± shows something else
+            stream.reconfigure(errors="replace")  # a terminal that cannot show ° or ± shows a substitute
     words = sys.argv[1:] if arguments is None else arguments
     os.umask(os.umask(0o077) | _PRIVATE)
     given = argparse.Namespace(log_format=logs.TEXT)
@@ -91,9 +94,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _say_all() -> None:
-    """Hand on what was printed. What nobody takes is dropped: else Python tries again at its end, and says so in its words."""
+    """Flush standard output. If nobody reads it, drop the rest, or Python would print an error of its own at exit."""
     try:
-        if sys.stdout is not None:  # as where it was closed before we began
+        if sys.stdout is not None:  # None if it was closed before the start
             sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -101,7 +104,7 @@ def _say_all() -> None:
 
 
 def _failed(given: argparse.Namespace, words: str, code: int) -> int:
-    """Say why it ends, as the log is written."""
+    """Report a failure in the log's format, and return the exit code."""
     if given.log_format == logs.JSON:
         log.error("%s", words)
     else:
@@ -121,7 +124,7 @@ def _expected() -> tuple[type[Exception], ...]:
 
 
 def _first(words: Sequence[str]) -> str:
-    """The first of them that does not belong to the format of the log: a verb, or what asks for more than one."""
+    """Return the first word that does not belong to the log format's option: the verb, or a general option."""
     left = iter(words)
     for word in left:
         if word == _LOG_FORMAT:
@@ -132,7 +135,7 @@ def _first(words: Sequence[str]) -> str:
 
 
 def build(verb: str = "") -> argparse.ArgumentParser:
-    """The parser with every verb; or, of one that there is, with those of its module alone."""
+    """Return the parser with every verb; for a known verb, with the verbs of its module alone."""
     parser: argparse.ArgumentParser = Parser(
         prog="truerate",
         description="Corrected angular rates, with an honest uncertainty, for every wearable IMU on a ward.",

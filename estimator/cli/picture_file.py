@@ -1,4 +1,4 @@
-"""Checks where a picture is to go, before the work that it shows."""
+"""Checks the output path of a picture before the computation."""
 
 import os
 from pathlib import Path
@@ -9,7 +9,10 @@ KINDS = (".png", ".svg", ".pdf")
 
 
 def check(option: str, path: Path) -> None:
-    """Refuse what could not be drawn there; folders that are missing are made later. Raises ConfigError."""
+    """Refuse a path that cannot hold a picture; missing folders are made later. Raises ConfigError.
+
+    An existing file may be overwritten only if it is a picture drawn by Matplotlib, or empty.
+    """
     if path.suffix.lower() not in KINDS:
         raise ConfigError(f"{option} {path}: a picture ends in {', '.join(KINDS)}, not in {path.suffix!r}")
     if path.is_dir():
@@ -22,7 +25,7 @@ def check(option: str, path: Path) -> None:
 
 
 def _is_drawn(path: Path) -> bool:
-    """Whether a file was drawn as these are, which say so in each kind: then another may take its place."""
+    """Whether a file is a picture by Matplotlib (its name is in every format), or empty, and may be overwritten."""
     try:
         drawn = path.read_bytes()
     except OSError:
@@ -31,7 +34,7 @@ def _is_drawn(path: Path) -> bool:
 
 
 def check_folder(option: str, path: Path) -> None:
-    """Refuse a file of any kind that could not be made there, as above."""
+    """Refuse an output file whose folder cannot be written to or made. Raises ConfigError."""
     folder = next(above for above in path.absolute().parents if above.exists())
     if not folder.is_dir():
         raise ConfigError(f"{option} {path}: {folder} is a file, not a folder")

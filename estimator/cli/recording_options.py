@@ -1,4 +1,4 @@
-"""Options of the verbs that work on a recording: which device and boot of it."""
+"""Options of the verbs that read a recording: which device and boot, and what the file does not say."""
 
 import argparse
 from math import radians
@@ -8,7 +8,7 @@ from bridge.config.schema import ConfigError
 from bridge.recording import Recording, load
 
 MAX_RANGE_DPS = 10_000
-#: what a recording holds, for who makes one
+#: help text on the content of a recording
 HOLDS = """recordings:
   .npz   gyro_rad_s (n, 3), and where there are accel_m_s2 (n, 3), temperature_c (n), t_s (n) or the number rate_hz.
   .csv .tsv .txt .log, also as .gz: a row a sample, as tools export them; any separator, decimal commas, lines above the
@@ -20,21 +20,21 @@ HOLDS = """recordings:
 
 
 def add_choice(verb: argparse.ArgumentParser) -> None:
-    """Add what a file does not say, and of a ward's recording the device and its boot."""
+    """Add the options for what a file does not say, and for the device and boot of a ward's recording."""
     add_reading(verb)
 
 
 def recorded(given: argparse.Namespace) -> Recording:
-    """The recording that was chosen."""
+    """Load the recording that the arguments choose. Raises RecordingError."""
     return load(given.file, device=given.device, reading=reading_of(given))
 
 
 def check_range(given: argparse.Namespace) -> None:
-    """Refuse a full-scale range that no gyro has; raises ConfigError."""
+    """Refuse a full-scale range that no gyro has. Raises ConfigError."""
     if not 0 <= given.range_dps <= MAX_RANGE_DPS:
         raise ConfigError(f"--range-dps is {given.range_dps:g}; 0 (unknown) to {MAX_RANGE_DPS} is taken")
 
 
 def gyro_range(given: argparse.Namespace, recording: Recording) -> float:
-    """Full-scale range, rad/s: as said, else as recorded; 0 when unknown."""
+    """Return the full-scale range, rad/s: as given, else as recorded; 0 when unknown."""
     return radians(given.range_dps) or recording.gyro_range

@@ -1,4 +1,4 @@
-"""The verbs about what a ward keeps: history, store backup, store check, store restore."""
+"""The verbs about the estimator's store: history, store backup, store check, store restore."""
 
 import argparse
 import json
@@ -36,7 +36,7 @@ examples:
   truerate store check /mnt/backup/truerate-20260301T030000.sqlite3
   truerate store restore --config configs/ward.toml          # the newest sound backup; stop the estimator first
   truerate store restore /mnt/backup/truerate-20260301T030000.sqlite3 --config configs/ward.toml"""
-#: what a row of each table is, one and many
+#: what a row of each table is called, singular and plural
 _ROWS = {
     "calibrations": ("calibration", ""),
     "boots": ("boot", ""),
@@ -47,7 +47,7 @@ _ROWS = {
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `history DEVICE` and `store backup|check`."""
+    """Add `history DEVICE` and `store backup|check|restore`."""
     verb = add_verb(
         verbs, "history", _history, "all that is kept of one device: calibrations, boots, commands, its bias"
     )
@@ -86,7 +86,7 @@ def _add_place(verb: argparse.ArgumentParser) -> None:
 
 
 def _place(given: argparse.Namespace) -> "Backups":
-    """Where the store is, and its backups."""
+    """Return the paths of the store and its backups."""
     from estimator.config.schema import Estimator, Ward  # noqa: PLC0415
     from estimator.database import Backups  # noqa: PLC0415
 
@@ -145,7 +145,7 @@ def _backup(given: argparse.Namespace) -> int:
     from estimator.database import StoreError, back_up, inspect  # noqa: PLC0415
 
     place, to = _place(given).store, Path(given.to)
-    # A name that ends with a slash is a folder, also where there is none, as of a stick that is not plugged in.
+    # A name ending in a slash is a folder even if it does not exist, as of a stick that is not plugged in.
     if to.is_dir() or given.to.endswith("/"):
         to /= f"{place.stem}-{time.strftime('%Y%m%dT%H%M%S')}{place.suffix}"
     if not to.parent.is_dir():

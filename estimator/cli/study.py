@@ -33,7 +33,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verb.add_argument(
             "--config", default="", help="a scenario of your own, .toml (default: the one that comes with it)"
         )
-        if name not in ("typical", "real"):  # these are of one session
+        if name not in ("typical", "real"):  # these have a single session
             verb.add_argument(
                 "--runs", type=_at_least_one, help="how many simulated sessions (default: as the scenario says)"
             )

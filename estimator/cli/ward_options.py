@@ -1,4 +1,4 @@
-"""Which ward a verb is about, and by which routers, for who has a role there; and who that is."""
+"""Finds a verb's ward and routers from its options, and the person who runs it."""
 
 import argparse
 import getpass
@@ -11,7 +11,11 @@ from bridge.toml.loader import ConfigError
 
 
 def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
-    """The ward's name and its routers, for who has one of the roles (default: who may look)."""
+    """Return the ward's name and its routers, as the options and the ward's file say.
+
+    roles: one of these is needed; by default the roles that may look. Raises ConfigError, also if the file's certificate
+    has another role.
+    """
     from estimator.config.schema import Ward  # noqa: PLC0415
 
     try:
@@ -22,7 +26,7 @@ def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
 
 
 def person() -> str:
-    """Who asks, for the audit: the name of the user, or the number where it has none, as in many a container."""
+    """Return the user's name for the audit; the user's number if there is no name, as in many containers."""
     try:
         return getpass.getuser()
     except (KeyError, OSError, ImportError):

@@ -1,4 +1,4 @@
-"""The estimator's part of the ward file, and what a kind of device means for calibration and tracking.
+"""The estimator's tables of a ward's file, and the settings that follow from a kind of device.
 
-Begin at `schema.Ward`.
+Start reading at `schema.Ward`.
 """

@@ -1,4 +1,4 @@
-"""The dashboard's part of a ward's file: where it listens, and who may give commands."""
+"""The table [dashboard] of a ward's file: where the page listens, and who may give commands."""
 
 from ipaddress import ip_address
 
@@ -6,12 +6,12 @@ from msgspec import Struct
 
 from bridge.config.schema import check, listening
 
-#: what argon2 writes in front of its hashes
+#: prefix of an argon2 hash
 HASHED = "$argon2id$"
 
 
 class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[[dashboard.people]]: who may recalibrate, cancel and note."""
+    """A person who may recalibrate, cancel and note: one [[dashboard.people]] table."""
 
     name: str
     #: what `truerate dashboard password` printed; never the password itself
@@ -24,7 +24,7 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The page. Everybody who reaches it may look; people may also give commands."""
+    """The dashboard's web page. Everybody who reaches it may look; the people listed may also give commands."""
 
     #: address and port
     listen: str = "127.0.0.1:8090"
@@ -59,7 +59,7 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def local(self) -> bool:
-        """Whether only this machine can reach it."""
+        """Whether only this machine can reach the page."""
         host, _ = listening(self.listen)
         try:
             return ip_address(host).is_loopback

@@ -1,4 +1,4 @@
-"""How a kind of device is to be treated: its noise model turned into the knobs of stillness, prior and tracking."""
+"""Turns a device's noise model into the settings of its session: stillness, prior and tracking."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,24 +12,28 @@ from estimator.noise.device_model import GENERIC, NoiseModel, load_model
 if TYPE_CHECKING:
     from estimator.config.schema import Estimator
 
-#: readings a second at which the noise of one reading is guessed before a rest has shown it
+#: output data rate, Hz, for guessing the noise of a reading before a rest has shown it
 _USUAL_HZ = 100.0
-#: Allan deviation of a bias instability of 1 (IEEE Std 952, √(2 ln 2 / π)); and at which averaging time a walk is to reach it, s
+#: Allan deviation of bias instability 1 (IEEE Std 952, √(2 ln 2 / π)); averaging time, s, at which a walk reaches it
 _FLAT, _WITHOUT_REST_S = 0.664, 1000.0
-#: standard deviation of a flicker of bias instability 1 (IEEE Std 952: its two-sided density is B²/2πf) from once in that time to
-#: once a second, above which noise hides it: √(ln 1000 / π)
+#: standard deviation of flicker noise of bias instability 1, between periods of _WITHOUT_REST_S and one second, above
+#: whose frequency noise hides it: √(ln 1000 / π). IEEE Std 952: its two-sided density is B²/2πf
 FLICKER = sqrt(log(_WITHOUT_REST_S) / pi)
-#: times a model's scale_tolerance that no gyro of the kind is off: sheets say limits (MPU-6050: ±3 % as MIN and MAX at 25 °C)
-#: or typical values with all of temperature in them (ICM-20948); and what a hand's turn may always miss by, 3.6°
+#: largest scale error, as a multiple of the model's scale_tolerance; and the least such limit, for the error of a
+#: turn by hand, 3.6°. Sheets give limits (MPU-6050: ±3 % as MIN and MAX at 25 °C) or typical values that include
+#: temperature (ICM-20948)
 _TOLERANCES, _BY_HAND = 2.0, 0.01
 
 
 def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKnobs:
-    """The knobs of a session of such a device; what the model does not tell stays as in `knobs`. The worst axis counts."""
+    """Return the session settings for a noise model; settings that the model does not give are those of `knobs`.
+
+    The worst axis counts.
+    """
     knobs = knobs or SessionKnobs()
     noise = float(model.arw.max()) * (_USUAL_HZ / 2) ** 0.5
     track = knobs.track
-    # The flat of the Allan deviation, as a walk that comes to it where a device may well be without rest.
+    # The flat of the Allan deviation, as a random walk that reaches it after a usual time without rest.
     instability = float(model.bias_instability.max())
     walk = max(float(model.rrw.max()), _FLAT * instability * (3 / _WITHOUT_REST_S) ** 0.5)
     flicker = FLICKER * instability
@@ -47,7 +51,10 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
 
 
 class Treatment:
-    """How each device of a ward is treated, as its [estimator] table says; the same for whoever has to agree with it."""
+    """Settings of each device of a ward, as its [estimator] table says.
+
+    Programs that must agree with the estimator use it too.
+    """
 
     def __init__(
         self, usual: SessionKnobs | None = None, model: str = GENERIC, models: Mapping[str, str] | None = None
@@ -56,12 +63,12 @@ class Treatment:
         self._others = {device: knobs_of(load_model(other), usual) for device, other in (models or {}).items()}
 
     def of(self, device: str) -> SessionKnobs:
-        """Of one device."""
+        """Return the session settings of one device."""
         return self._others.get(device, self.usual)
 
 
 def treatment(told: "Estimator | None") -> Treatment:
-    """As the estimator of the same file treats its devices; without one, as it does where nothing is said."""
+    """Return the settings as the estimator of this table uses them; without a table, the defaults."""
     if told is None:
         return Treatment()
     usual = SessionKnobs(method=told.method, warming_s=told.warming_s, horizontal_turns=told.horizontal_turns)

@@ -1,4 +1,4 @@
-"""The estimator's part of a ward's file: the [estimator] table, and the root that gives it its type."""
+"""The estimator's part of a ward's file: the [estimator] table, and the file's root with all tables typed."""
 
 import os
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""The estimator's SQLite file: opened, checked, written, backed up and restored. The only room that imports sqlite3.
+"""The estimator's SQLite store: open, check, write, back up and restore it. No other room imports sqlite3.
 
-Public door: `Database`.
+Public class: `Database`.
 """
 
 from estimator.database.backups import Backups, back_up, restore, set_asides

@@ -1,4 +1,4 @@
-"""Copies of a store: made while it is in use, numbered, the newest kept; and restored."""
+"""Backs up a store while it is in use, keeps the newest copies, and restores a store from a backup."""
 
 import os
 import re
@@ -13,26 +13,26 @@ from estimator.database.connections import checked, to_read
 from estimator.database.errors import FAULTS, Damaged, StoreError, Unavailable, translated
 from estimator.database.schema import check, create
 
-#: how many are kept
+#: number of backups kept
 KEEP = 7
-#: a backup is due when the newest is as old as this, s
+#: age of the newest backup at which another is due, s
 PERIOD_S = 86400.0
 
 
 @dataclass(frozen=True, slots=True)
 class Backups:
-    """The backups of one store, in a folder: NAME-00012.sqlite3. Numbers tell their order, for a clock may be wrong."""
+    """Backups of one store, in a folder: NAME-00012.sqlite3. Numbers give their order, because a clock may be wrong."""
 
     store: Path
     folder: Path
 
     @classmethod
     def of(cls, store: Path | str, folder: Path | str | None = None) -> "Backups":
-        """In the given folder, else in `backups` beside the store."""
+        """Return the backups in the given folder, by default `backups` beside the store."""
         return cls(Path(store), Path(folder or Path(store).parent / "backups"))
 
     def newest_first(self) -> list[Path]:
-        """All backups there are."""
+        """Return all backups, newest first."""
         numbered = re.compile(re.escape(self.store.stem) + r"-(\d{5,})" + re.escape(self.store.suffix))
         with suppress(FileNotFoundError):
             found = [(int(match[1]), one) for one in self.folder.iterdir() if (match := numbered.fullmatch(one.name))]
@@ -40,12 +40,15 @@ class Backups:
         return []
 
     def due(self, now_s: float) -> bool:
-        """Whether there is none that was made in the last day, as far as the clock knows."""
+        """Whether no backup was made in the last day, as far as the clock knows."""
         made = [one.stat().st_mtime for one in self.newest_first()[:1]]
         return not made or not 0 <= now_s - made[0] < PERIOD_S
 
     def make(self) -> Path:
-        """Make one more, and remove the oldest; raises Damaged where what was copied is not whole, or Unavailable."""
+        """Make a backup, and remove all but the newest KEEP.
+
+        Raises Damaged if the copy is not intact, or Unavailable.
+        """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             before = self.newest_first()
@@ -60,7 +63,7 @@ class Backups:
 
 
 def back_up(store: Path, to: Path) -> None:
-    """Copy a store, in use or not, into a checked file that stands alone; raises StoreError where `to` exists."""
+    """Copy a store, in use or not, into a checked, self-contained file. Raises StoreError if `to` exists."""
     if to.exists():
         raise StoreError(f"{to} is there already; choose another name, or remove it")
     part = to.with_name(to.name + ".part")
@@ -80,9 +83,9 @@ def back_up(store: Path, to: Path) -> None:
 
 
 def restore(store: Path, backup: Path) -> str:
-    """Put a copy of a sound backup in the store's place; where the file that was there is now, empty without one.
+    """Replace a store with a copy of a sound backup; no estimator may have the store open.
 
-    For a store that no estimator has open. Raises StoreError where the backup is not sound.
+    Returns where the previous file is kept; empty if there was none. Raises StoreError if the backup is not sound.
     """
     checked(backup).close()
     aside = set_aside(store)
@@ -93,10 +96,10 @@ def restore(store: Path, backup: Path) -> str:
 
 
 def make_sound(store: Path, backups: Backups) -> str:
-    """See to it that there is a sound store: the file, else the newest sound backup, else a new one.
+    """Ensure that there is a sound store: the file itself, else the newest sound backup, else a new store.
 
-    Returns what was wrong and what was done, empty where all was well. Raises StoreError where the file is no store, or
-    Unavailable.
+    Returns what was wrong and what was done; empty if all was well. Raises
+    StoreError if the file is not a store, or Unavailable.
     """
     notes: list[str] = []
     known = backups.newest_first()
@@ -132,10 +135,10 @@ def make_sound(store: Path, backups: Backups) -> str:
 
 
 def rescue(db: sqlite3.Connection, store: Path) -> str:
-    """Write a store anew from an open connection, because its file is not at its place any more.
+    """Rewrite a store from an open connection, because its file was removed or replaced.
 
-    Returns where the file that is there now is kept, empty without one. Close every connection of the process afterwards.
-    Raises Unavailable, or Damaged where what was copied is not whole.
+    Returns where the replacing file is kept; empty if there was none. The caller must then close every connection of
+    the process. Raises Unavailable, or Damaged if the copy is not intact.
     """
     try:
         store.parent.mkdir(parents=True, exist_ok=True)
@@ -152,14 +155,17 @@ def rescue(db: sqlite3.Connection, store: Path) -> str:
 
 
 def begin(part: Path) -> Path:
-    """Make an empty file, not through a link or pipe of that name. The system says why not; SQLite does not."""
+    """Create an empty file, never through a link or pipe of that name.
+
+    The system's error says why it failed; SQLite's would not.
+    """
     part.unlink(missing_ok=True)
     part.open("xb").close()
     return part
 
 
 def set_aside(store: Path) -> str:
-    """Rename a store and its log out of the way; the new name, empty where there was neither."""
+    """Rename a store and its log out of the way; return the new name, empty if there was neither."""
     aside = store.with_name(f"{store.name}.aside-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}")
     while aside.exists():
         aside = aside.with_name(aside.name + "-2")
@@ -174,16 +180,16 @@ def set_aside(store: Path) -> str:
 
 
 def set_asides(store: Path) -> list[Path]:
-    """Every file that was set aside beside a store."""
+    """Return every file that was set aside beside a store."""
     found = store.parent.glob(f"{store.name}.aside-*")
     return sorted(one for one in found if not one.name.endswith(("-wal", "-shm")))
 
 
 def _place(part: Path, to: Path) -> None:
-    """Rename a file that is written into its place, so that it is there after a loss of power."""
+    """Rename a written file to its final name, durably: it survives a loss of power."""
     _sync(part)
     part.replace(to)
-    with suppress(OSError):  # many a network's file system does not synchronise folders
+    with suppress(OSError):  # many network file systems do not sync folders
         _sync(to.parent)
 
 

@@ -1,4 +1,4 @@
-"""SQLite connections to a store: one to write, any number to read, and the check that comes before either."""
+"""Opens SQLite connections to a store, one to write and any number to read, and checks the store before."""
 
 import logging
 import sqlite3
@@ -15,18 +15,18 @@ log = logging.getLogger(__name__)
 #: opens a connection, with the parameters of sqlite3.connect
 Connect = Callable[..., sqlite3.Connection]
 
-#: a check that takes longer is said, s
+#: a check that takes longer than this is logged, s
 SLOW_S = 2.0
 _MAGIC, _APPLICATION = b"SQLite format 3\0", slice(68, 72)
 
 
 def to_write(path: Path | str, connect: Connect = sqlite3.connect) -> sqlite3.Connection:
-    """A connection whose commits are on disk when they return, and that begins no transaction by itself."""
+    """Return a writing connection; commits are on disk when they return, and no transaction begins implicitly."""
     db = connect(str(path), timeout=5.0, isolation_level=None, check_same_thread=False)
     try:
         db.execute("PRAGMA journal_mode = WAL")
         db.execute("PRAGMA synchronous = FULL")
-        db.execute("BEGIN IMMEDIATE")  # fails at once where the file may only be read
+        db.execute("BEGIN IMMEDIATE")  # fails at once if the file is read-only
         db.execute("ROLLBACK")
     except BaseException:
         db.close()
@@ -35,18 +35,19 @@ def to_write(path: Path | str, connect: Connect = sqlite3.connect) -> sqlite3.Co
 
 
 def to_read(path: Path) -> sqlite3.Connection:
-    """A connection that writes nothing, and leaves no file beside a store that nobody has open."""
+    """Return a read-only connection; it leaves no file beside a store that nobody has open."""
     alone = "" if log_of(path).exists() else "&immutable=1"
     uri = f"{path.absolute().as_uri()}?mode=ro{alone}"
     return sqlite3.connect(uri, uri=True, timeout=5.0, isolation_level=None, check_same_thread=False)
 
 
 def checked(path: Path, *, ours: bool = False) -> sqlite3.Connection:
-    """A connection to read a store that is whole.
+    """Return a reading connection to a store, after checking that the store is intact.
 
-    ours: whether the file is known to be a store even where its header is damaged.
+    ours: the file is known to be a store, even if its header is damaged.
 
-    Raises Damaged where the file is not as it was written, StoreError where it is no store, Unavailable where it cannot be read.
+    Raises Damaged if the content is not what was written, StoreError if the file is not a store, Unavailable if it
+    cannot be read.
     """
     db = None
     try:
@@ -77,12 +78,12 @@ def checked(path: Path, *, ours: bool = False) -> sqlite3.Connection:
 
 
 def log_of(path: Path) -> Path:
-    """SQLite's write-ahead log of a store."""
+    """Return the path of a store's SQLite write-ahead log."""
     return path.with_name(path.name + "-wal")
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether a file that is not whole was a store, by its header."""
+    """Whether a damaged file was a store, by its header."""
     with path.open("rb") as file:
         head = file.read(_APPLICATION.stop)
     return _MAGIC.startswith(head[: len(_MAGIC)]) or head[_APPLICATION] == APPLICATION_ID.to_bytes(4, "big")

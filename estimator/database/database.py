@@ -1,4 +1,4 @@
-"""One open store: written from one thread, read from any; what fails is told, and tried again by whoever writes next."""
+"""An open store: written from one thread, read from any. A failure is reported, and the next write tries again."""
 
 import logging
 import os
@@ -17,7 +17,7 @@ from estimator.database.schema import create
 
 log = logging.getLogger(__name__)
 
-#: a row as it goes in and comes out, by column
+#: a row of a table, by column
 Row = dict[str, Any]
 _MEMORY = ":memory:"
 
@@ -25,11 +25,11 @@ _MEMORY = ":memory:"
 class Database:
     """A store and its backups.
 
-    alone: whether no other process may have it open to write.
-    patient: while the file cannot be opened or read that is no error but `trouble`, and nothing is found in it.
-    connect: sqlite3.connect, or what a test puts in its place.
+    alone: no other process may have the store open for writing.
+    patient: if the file cannot be opened or read, `trouble` says why and queries find nothing; no error is raised.
+    connect: sqlite3.connect, or a test's substitute.
 
-    Raises StoreError where the file is not a store, Unavailable where it cannot be opened.
+    Raises StoreError if the file is not a store, Unavailable if it cannot be opened.
     """
 
     def __init__(
@@ -42,18 +42,18 @@ class Database:
         connect: Connect = sqlite3.connect,
     ) -> None:
         self.path = str(path)
-        #: why it cannot be written now; empty when it can
+        #: why the store cannot be written now; empty if it can
         self.trouble = ""
-        #: what happened to the file each time it was not sound, for a person
+        #: for a person: what happened each time the file was not sound
         self.notes: list[str] = []
-        #: how often reading or writing failed
+        #: number of failed reads and writes
         self.failures = 0
         self._backups = Backups.of(path, backups)
         self._connect, self._patient = connect, patient
         self._writer: sqlite3.Connection | None = None
         self._reader: sqlite3.Connection | None = None
         self._damaged = self._read_only = self._within = False
-        #: the file that is open, by device and inode; whether another one, or none, is at its place; the lock on it
+        #: device and inode of the open file; whether its place holds another file, or none; its lock
         self._file: tuple[int, int] | None = None
         self._moved, self._alone = False, alone
         self._lock: int | None = None
@@ -66,7 +66,7 @@ class Database:
 
     @classmethod
     def reading(cls, path: Path | str) -> Self:
-        """A store to be read only, in use by an estimator or not; raises StoreError where it is not sound."""
+        """Open a store for reading only, whether an estimator uses it or not. Raises StoreError if it is not sound."""
         self = cls(_MEMORY)
         self.close()
         self.path, self._read_only = str(path), True
@@ -74,9 +74,9 @@ class Database:
         return self
 
     def close(self) -> None:
-        """Close; what was written is on disk already."""
+        """Close the store; everything written is on disk already."""
         reader, writer, self._reader, self._writer = self._reader, self._writer, None, None
-        for db in (reader, writer):  # the last to close takes the log into the file
+        for db in (reader, writer):  # the last connection to close merges the log into the file
             if db is not None:
                 db.close()
         if (
@@ -90,11 +90,11 @@ class Database:
     def rows(
         self, table: str, where: str = "1", values: Sequence[object] = (), order: str = "number", limit: int = -1
     ) -> list[Row]:
-        """The rows of a table that fulfil a condition, in the order given, at most `limit` unless that is negative."""
+        """Return the rows of a table that fulfil a condition, in the given order, at most `limit` unless negative."""
         return self.select(f"SELECT * FROM {table} WHERE {where} ORDER BY {order} LIMIT {limit}", values)  # noqa: S608 - our own words
 
     def select(self, sql: str, values: Sequence[object] = ()) -> list[Row]:
-        """The rows that a query finds."""
+        """Return the rows that a query finds."""
         try:
             with self._telling():
                 if self._reader is None or self._damaged:
@@ -111,7 +111,10 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Write all that is executed within, or nothing of it; on disk at the end. One within another is a part of that."""
+        """Context in which all statements are written together or not at all; they are on disk at its end.
+
+        A transaction within another belongs to the outer one.
+        """
         if self._within:
             yield
             return
@@ -125,7 +128,7 @@ class Database:
             except BaseException:
                 with suppress(
                     sqlite3.Error
-                ):  # the first error is the one to be told; SQLite may have rolled back itself
+                ):  # the first error is the one to report; SQLite may have rolled back by itself
                     db.execute("ROLLBACK")
                 if db.in_transaction:
                     self._writer = None
@@ -136,33 +139,36 @@ class Database:
         self._worked()
 
     def execute(self, sql: str, values: Sequence[object] | Mapping[str, object] = ()) -> None:
-        """Execute a statement that writes; outside of a transaction it is one by itself."""
+        """Execute a writing statement; outside a transaction it is a transaction by itself."""
         with self._telling():
             self._to_write().execute(sql, values)
         if not self._within:
             self._worked()
 
     def insert(self, table: str, row: Row, conflict: str = "") -> None:
-        """Add a row; conflict: what follows it in SQL, such as `ON CONFLICT DO NOTHING`."""
+        """Add a row; conflict: SQL that follows the row, such as `ON CONFLICT DO NOTHING`."""
         places = ", ".join("?" * len(row))
         self.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({places}) {conflict}", tuple(row.values()))  # noqa: S608 - our own words
 
     def look(self) -> None:
-        """Find out whether the file that is open is still the one at its place; on any thread. The next write puts it back."""
+        """Check whether the open file is still at its path; if not, the next write puts it back. For any thread."""
         if self._file is None or self._moved:
             return
         try:
             moved = _identity(Path(self.path)) != self._file
         except FileNotFoundError:
             moved = True
-        except OSError:  # a disk that is away: writing tells
+        except OSError:  # the disk is away: writing will report it
             return
         if moved:
             self._moved = True
             self._failed(Unavailable(f"store {self.path} was removed or replaced while it is in use"))
 
     def back_up_if_due(self) -> None:
-        """Make the day's backup, on any thread; a failure is logged, and damage that it finds is dealt with by the next write."""
+        """Make the day's backup if it is due; callable from any thread.
+
+        A failure is logged. Damage found by the backup is repaired by the next write.
+        """
         if self.path == _MEMORY:
             return
         try:
@@ -177,7 +183,7 @@ class Database:
     # ---- opening, and what fails ------------------------------------------------------------------------------------
 
     def _to_write(self) -> sqlite3.Connection:
-        """The connection to write, opened where there is none."""
+        """Return the writing connection, reopened or rescued if necessary."""
         if self._moved and not self._within and self._writer is not None:
             with self._telling():
                 if self._alone:
@@ -202,7 +208,7 @@ class Database:
         return self._writer
 
     def _opened(self) -> sqlite3.Connection:
-        """A connection to write a sound file; `_reader` reads it, also where it cannot be written."""
+        """Return a writing connection to a sound file; `_reader` is opened too, even if the file is read-only."""
         if self._read_only:
             raise StoreError(f"store {self.path} is open for reading")
         path = Path(self.path)
@@ -219,7 +225,7 @@ class Database:
                     self._lock = hold(path)
                 self._reader = to_read(path)
             writer = to_write(path, self._connect)
-            before, self._reader = self._reader, to_read(path)  # in step with the writer from now on
+            before, self._reader = self._reader, to_read(path)  # opened again, to be in step with the writer
             before.close()
             self._file = _identity(path)
         except FAULTS as error:
@@ -228,7 +234,7 @@ class Database:
 
     @contextmanager
     def _telling(self) -> Iterator[None]:
-        """Raise a StoreError in place of an error of SQLite or of the system, and take note of it."""
+        """Translate an error of SQLite or of the system into a StoreError, and record it."""
         try:
             yield
         except FAULTS as error:
@@ -253,7 +259,7 @@ class Database:
 def _see_that_it_is_free(path: Path) -> None:
     try:
         check_free(path)
-    except StoreError as error:  # it may end
+    except StoreError as error:  # the other process may end
         raise Unavailable(str(error)) from error
 
 

@@ -1,27 +1,27 @@
-"""What can be wrong with a store, and which of it an SQLite error means."""
+"""Errors of a store, and their translation from SQLite's errors."""
 
 import sqlite3
 
 from bridge.runtime import os_errors
 
-#: to a person who names a file that is no store
+#: advice to a person who names a file that is no store
 ADVICE = "`[estimator] store` in the ward's file says where it is: --config WARD.toml, or --store FILE"
 
-#: what reading or writing a store may raise; SQLite's words about a damaged schema may not even be text
+#: what reading or writing a store may raise; SQLite's message on a damaged schema may not even decode
 FAULTS = (sqlite3.Error, OSError, UnicodeDecodeError)
 _DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
 
 
 class StoreError(Exception):
-    """The store could not be opened, read or written: which file, why, what to do."""
+    """The store could not be opened, read or written: the message says which file, why, and what to do."""
 
 
 class Unavailable(StoreError):
-    """The disk is full, read-only or failing, or another process holds the file: it may work again later."""
+    """The store may work again later: the disk is full, read-only or failing, or another process holds the file."""
 
 
 class Damaged(StoreError):
-    """The file is a store, and its content is not what was written; `why` says what was found."""
+    """The file is a store, but its content is not what was written; `why` says what was found."""
 
     def __init__(self, path: object, why: object) -> None:
         super().__init__(f"store {path} is damaged: {why}; `truerate store restore` puts a backup in its place")
@@ -29,9 +29,9 @@ class Damaged(StoreError):
 
 
 def translated(path: str, error: Exception) -> StoreError:
-    """The StoreError that an error of SQLite or of the system means."""
+    """Return the StoreError for an error of SQLite or of the system."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the primary result code
-    no_text = isinstance(error, (UnicodeDecodeError, sqlite3.OperationalError)) and not code  # Python's own of a column
+    no_text = isinstance(error, (UnicodeDecodeError, sqlite3.OperationalError)) and not code  # Python's own decoding
     if code in _DAMAGED or no_text:
         return Damaged(path, error)
     if isinstance(error, (sqlite3.OperationalError, OSError)) and code != sqlite3.SQLITE_ERROR:

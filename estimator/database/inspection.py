@@ -1,4 +1,4 @@
-"""A store as `truerate store check` shows it."""
+"""Inspects a store for `truerate store check`."""
 
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from estimator.database.schema import TABLES
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """Whether a file is sound; `fault` says why not, in a sentence, `rows` how many each table of a sound one has."""
+    """Result of a check: `fault` says why a file is not sound; `rows` counts the rows of each table of a sound one."""
 
     path: str
     fault: str = ""
@@ -19,12 +19,12 @@ class Inspection:
 
     @property
     def sound(self) -> bool:
-        """Whether all of it is as it was written."""
+        """Whether the content is as it was written."""
         return not self.fault
 
 
 def inspect(path: Path) -> Inspection:
-    """Check a store, in use or not; raises StoreError where there is none, or it cannot be read."""
+    """Check a store, in use or not. Raises StoreError if it does not exist or cannot be read."""
     try:
         db = checked(path)
     except Damaged as damage:

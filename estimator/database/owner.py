@@ -1,7 +1,7 @@
-"""A store is one estimator's: it holds locks, which the system takes back however that estimator ends.
+"""Locks a store for one estimator; the system releases the locks however that estimator ends.
 
-`owned` locks a file beside the store, from before the store is checked, restored or made. `hold` locks the store's file itself,
-so that no other name of it, a symbolic or hard link, is a way around.
+`owned` locks a file beside the store, before the store is checked, restored or made. `hold` locks the store's file
+itself, so that a symbolic or hard link is no way around the lock.
 """
 
 import errno
@@ -21,9 +21,9 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def owned(path: str) -> Iterator[None]:
-    """Have a store for as long as this lasts; raises StoreError where another process has it.
+    """Hold a store's lock during the context. Raises StoreError if another process holds it.
 
-    Where nothing may be written beside it nobody can tell, which is said.
+    If no file can be written beside the store, there is no lock, and a warning is logged.
     """
     place = Path(f"{path}.lock")
     try:
@@ -45,9 +45,9 @@ def owned(path: str) -> Iterator[None]:
 
 
 def hold(path: Path) -> int:
-    """Lock a store's file; returns its descriptor, to be closed after every connection of SQLite to it.
+    """Lock a store's file; return its descriptor, to be closed after every SQLite connection to the file.
 
-    Raises StoreError where another process has the file, or it is no regular file.
+    Raises StoreError if another process holds the file, or it is not a regular file.
     """
     lock = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
@@ -60,7 +60,7 @@ def hold(path: Path) -> int:
 
 
 def check_free(path: Path) -> None:
-    """Raise StoreError where another process holds a store's file; there need be none."""
+    """Raise StoreError if another process holds a store's file; a missing file is free."""
     try:
         os.close(hold(path))
     except FileNotFoundError:
@@ -68,7 +68,7 @@ def check_free(path: Path) -> None:
 
 
 def check_regular(path: Path, mode: int) -> None:
-    """Raise StoreError where a file is a folder, a pipe or a device."""
+    """Raise StoreError if a file is a folder, a pipe or a device."""
     if not stat.S_ISREG(mode):
         raise StoreError(f"store {path} is no regular file: give the store a path of its own")
 

@@ -1,8 +1,8 @@
-"""The tables of a store.
+"""Tables of a store, and the check that a store is intact.
 
-Each table has an index over all its columns, which serves its queries and holds each value a second time: SQLite's
-integrity check compares the two, so a flipped bit in either is found. The version stands in the SQL, too: where tables are those
-of this version, a flipped bit in the header's version does no harm.
+Each table has an index over all its columns. The index serves the queries and holds each value a second time. SQLite's
+integrity check compares the two, so a flipped bit in either is found. The version stands in the SQL too: if the tables
+are those of this version, a flipped bit in the header's version does no harm.
 """
 
 import sqlite3
@@ -12,7 +12,7 @@ from functools import cache
 from estimator.database.errors import Damaged, StoreError
 
 APPLICATION_ID = 0x74725254  # "trRT", in the file's header
-#: 1 to 3 were never released
+#: versions 1 to 3 were never released
 SCHEMA_VERSION = 4
 
 SCHEMA = f"""
@@ -56,12 +56,15 @@ _MARKS = f"PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {SCHE
 
 
 def create(db: sqlite3.Connection) -> None:
-    """Make an empty database a store, all or nothing."""
+    """Make an empty database a store, atomically."""
     db.executescript(f"BEGIN IMMEDIATE; {SCHEMA} {_MARKS} COMMIT;")
 
 
 def check(db: sqlite3.Connection, path: object) -> None:
-    """Raise StoreError where it is not a store of this schema, Damaged where not all of it is as it was written."""
+    """Check a store's schema and content.
+
+    Raises StoreError if it is not a store of this schema, Damaged if its content is not what was written.
+    """
     version, application = (_pragma(db, name) for name in ("user_version", "application_id"))
     found = _described(db)
     if not found:
@@ -85,7 +88,7 @@ def _pragma(db: sqlite3.Connection, name: str) -> int:
 
 
 def _described(db: sqlite3.Connection) -> set[tuple[str, ...]]:
-    """Everything a database consists of: kind, name and the SQL that made it."""
+    """Return everything that a database consists of: kind, name and SQL of each object."""
     return {tuple(map(str, row)) for row in db.execute("SELECT type, name, sql FROM sqlite_schema")}
 
 

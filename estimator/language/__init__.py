@@ -1,4 +1,4 @@
 """Texts for people, in each language; the files are in `web/texts`.
 
-Begin at `texts`.
+Start reading at `texts`.
 """

@@ -1,4 +1,7 @@
-"""What people read, in each language: one file each under web/texts, with the same keys; and the catalogue."""
+"""Loads the texts that people read, by language: one file per language in web/texts, with the same keys.
+
+The sentences of estimator and bridge come from the catalogue of reasons.
+"""
 
 import tomllib
 from collections.abc import Iterable, Sequence
@@ -15,7 +18,7 @@ _FOLDER = Path(__file__).parent.parent / "web" / "texts"
 
 
 class Texts:
-    """One language."""
+    """Texts of one language; call it with a key to get a text."""
 
     def __init__(self, language: str) -> None:
         self.language = language
@@ -25,35 +28,35 @@ class Texts:
 
     @property
     def name(self) -> str:
-        """What the language calls itself."""
+        """Name of the language in that language."""
         return str(self._texts["name"])
 
     def __call__(self, key: str, **values: object) -> str:
-        """The text of a dotted key, as `guide.title`, with its fields filled in; KeyError when there is none."""
+        """Return the text of a dotted key, such as `guide.title`, with its fields filled in. Raises KeyError."""
         section, _, name = key.partition(".")
         return str(self._texts[section][name]).format(**values)
 
     def text(self, sentences: Iterable[Sentence]) -> str:
-        """What estimator and bridge have said."""
+        """Return sentences of the estimator or bridge as text."""
         return self._catalogue.text(sentences)
 
     def label(self, label: str) -> str:
-        """What is counted under a label."""
+        """Return the text of a counter's label."""
         return self._catalogue.label(label)
 
     def say(self, section: str, words: Words) -> str:
-        """A sentence of the guide."""
+        """Return a sentence of the calibration guide."""
         return self(f"{section}.{words.key}", **words.values)
 
 
 @cache
 def texts(language: str) -> Texts:
-    """Of one of LANGUAGES."""
+    """Return the texts of one of LANGUAGES; cached."""
     return Texts(language)
 
 
 def chosen(asked: Sequence[str], accepted: str = "") -> str:
-    """The first that there is of what was asked for, then of an Accept-Language header; else the first of all."""
+    """Return the first available language: of those asked for, else of an Accept-Language header, else the default."""
     weighed = []
     for number, part in enumerate(accepted.split(",")[:20]):
         name, _, weight = part.partition(";q=")

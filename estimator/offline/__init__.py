@@ -1,4 +1,4 @@
-"""Recordings calibrated and corrected as a ward does it live, and the files of both.
+"""Calibrates and corrects recordings with the same code as live, and reads and writes the resulting files.
 
-Begin at `recordings`.
+Start reading at `recordings`.
 """

@@ -1,4 +1,7 @@
-"""A calibration as a JSON file: what `truerate calibrate --json` prints, and enough to correct by again."""
+"""Reads and writes a calibration as a JSON file, the format that `truerate calibrate --json` prints.
+
+The file holds everything that a later correction needs.
+"""
 
 import json
 import os
@@ -21,13 +24,13 @@ from estimator.geometry.gyro_model import AXES, Floats, PriorKnobs
 
 FORMAT, VERSION = "truerate calibration", 1
 _MAX_BYTES = 1 << 20
-#: an axis is never so far off the others, rad: a matrix that says so is of something else
+#: largest cross-axis element of a plausible matrix (misalignment in rad); a larger one is not a calibration matrix
 _MOST_ACROSS = 0.3
-#: no gyro reads so much at rest, rad/s, nor scatters so much: probably it is in °/s
+#: largest plausible bias and noise of a gyro at rest, rad/s; a larger value is probably in °/s
 _MOST_BIAS, _MOST_NOISE = 1.0, 0.1
-#: rad/s, nor so little: one that shows no noise rounds it away, which is said by its step
+#: least plausible noise, rad/s; a gyro that shows less rounds its noise away, and the step size describes that
 _LEAST_NOISE = 1e-6
-#: no parameter is known so well, whatever its unit: rad/s, or a share of the scale
+#: least plausible standard deviation of any parameter, in its own unit: rad/s, or relative for the scale
 _LEAST_STD = 1e-9
 _ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in permutations(range(3), 2))
 _ADVICE = "`truerate calibrate RECORDING --json > FILE` writes one"
@@ -48,14 +51,17 @@ class _Turn(msgspec.Struct, frozen=True):
 
 
 class _Sentence(msgspec.Struct, frozen=True):
-    """A code with its parameters; the text beside them is for people."""
+    """A reason: its code and parameters; the file's text beside them is for people and is not read."""
 
     code: str
     params: dict[str, str] = {}
 
 
 class _File(msgspec.Struct, frozen=True):
-    """What is taken of a file; other keys are passed over. None where there is no estimate, or it is not known."""
+    """Keys that are read from a calibration file; other keys are ignored.
+
+    None where there is no estimate, or the value is not known.
+    """
 
     format: str
     version: int
@@ -79,7 +85,11 @@ class _File(msgspec.Struct, frozen=True):
 
 
 def of_result(result: Result, recording: Recording | None = None, gyro_range: float = 0.0) -> Calibration:
-    """A result with what is known of the recording it came from: rate, range, and the temperature its bias was at."""
+    """Make a Calibration from a result, with the output data rate and temperature of its recording.
+
+    gyro_range: full-scale range in rad/s, 0 when unknown. The temperature is the recording's at `result.bias_time`,
+    NaN when unknown.
+    """
     warm = None if recording is None else recording.temperature_c
     celsius = np.nan if recording is None or warm is None else np.interp(result.bias_time, recording.time_s, warm)
     return Calibration(
@@ -106,7 +116,10 @@ def of_result(result: Result, recording: Recording | None = None, gyro_range: fl
 
 
 def as_json(calibration: Calibration) -> dict[str, Any]:
-    """Plain values; matrix, bias, covariance and noise are null when there is no estimate."""
+    """Return a calibration as JSON-compatible values.
+
+    Matrix, bias, covariance and noise are None when there is no estimate.
+    """
     c = calibration
     known = bool(len(c.covariance)) and bool(np.all(np.isfinite(c.covariance)))
     return {
@@ -141,22 +154,25 @@ def as_json(calibration: Calibration) -> dict[str, Any]:
 
 
 def save(calibration: Calibration, path: Path | str) -> None:
-    """Write a calibration, whole or not at all."""
+    """Write a calibration to a file atomically: the file is complete, or not there."""
     path = Path(path)
     part = path.with_name(f".{path.name}.part")
     try:
-        part.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+        part.unlink(missing_ok=True)  # left by a killed process; unlinked, so that nothing is written through a link
         with part.open("x", encoding="utf-8") as file:
             file.write(json.dumps(as_json(calibration)) + "\n")
             file.flush()
-            os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it
+            os.fsync(file.fileno())  # without it a power loss may leave the new name on an empty file
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
 
 
 def load(path: Path | str) -> Calibration:
-    """Read an accepted calibration; its time is not in the file, its device and boot may be. Raises CalibrationFileError."""
+    """Read an accepted calibration from a file and check that its values are plausible.
+
+    The file has no time, so `time_ns` is 0. Device and boot may be absent. Raises CalibrationFileError.
+    """
     path = Path(path)
     file = _read(path)
     if (file.format, file.version) != (FORMAT, VERSION):

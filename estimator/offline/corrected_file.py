@@ -1,9 +1,10 @@
-"""A corrected recording as a file, .npz or .csv, written whole or not at all.
+"""Writes a corrected recording to an .npz or .csv file, atomically.
 
-npz: `t_s` (n,), `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s`, `bias_std_rad_s` (n, 3), `quality` (n,) as a number and
-`quality_names`, `matrix` (3, 3), `rate_hz`; and of the recording `accel_m_s2` (n, 3), `temperature_c` (n,) where it has them.
-CSV: a header row and a row a sample, the same in the same units, a column an axis: rate_x_rad_s, rate_std_x_rad_s,
-bias_x_rad_s, bias_std_x_rad_s …; quality by its name.
+npz: `t_s` (n,), `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s`, `bias_std_rad_s` (n, 3), `quality` (n,) as a number,
+`quality_names`, `matrix` (3, 3) and `rate_hz`. If recorded, also `accel_m_s2` (n, 3) and `temperature_c` (n,).
+
+CSV: a header row, then a row per sample, with the same quantities in the same units. A vector has a column per axis:
+rate_x_rad_s, rate_std_x_rad_s, bias_x_rad_s, bias_std_x_rad_s …; quality is given by name.
 """
 
 import os
@@ -27,7 +28,10 @@ _ROWS = 10_000
 
 
 def check(out: Path, recorded: Path) -> None:
-    """Refuse what cannot be written to, before anything is computed; raises RecordingError."""
+    """Refuse an output path that cannot be written to, before anything is computed. Raises RecordingError.
+
+    An existing file may be overwritten only if truerate wrote it as a corrected recording.
+    """
     if out.suffix not in _WRITERS:
         raise RecordingError(f"{out}: a corrected recording ends in {' or '.join(_WRITERS)}, not in {out.suffix!r}")
     if not out.parent.is_dir():
@@ -45,7 +49,7 @@ def check(out: Path, recorded: Path) -> None:
 
 
 def _is_corrected(path: Path) -> bool:
-    """Whether a file is of this kind: then another may take its place."""
+    """Whether a file is a corrected recording, which may be overwritten."""
     try:
         if path.suffix == ".npz":
             with zipfile.ZipFile(path) as archive:
@@ -59,14 +63,17 @@ def _is_corrected(path: Path) -> bool:
 def save(
     out: Path, corrected: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None] | None = None
 ) -> None:
-    """Write to a file beside it, then rename; progress(done, n) counts rows. See `check` for what is refused."""
+    """Write a corrected recording to a temporary file beside `out`, then rename it.
+
+    progress(done, n) counts rows. Call `check` first: it refuses unusable paths.
+    """
     part = out.with_name(f".{out.name}.part")
     try:
-        part.unlink(missing_ok=True)  # of one that was killed; nothing is written through a link of that name
+        part.unlink(missing_ok=True)  # left by a killed process; unlinked, so that nothing is written through a link
         with part.open("xb") as file:
             _WRITERS[out.suffix](file, corrected, recording, progress or (lambda _done, _n: None))
             file.flush()
-            os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it
+            os.fsync(file.fileno())  # without it a power loss may leave the new name on an empty file
         part.replace(out)
     finally:
         part.unlink(missing_ok=True)

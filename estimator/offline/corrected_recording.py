@@ -1,4 +1,4 @@
-"""A corrected recording: a row for each of its samples, as arrays; and how rows are filled from corrected batches."""
+"""Corrected recording as arrays, one row per sample, and the rows' filling from corrected batches."""
 
 from dataclasses import dataclass
 
@@ -13,12 +13,17 @@ Singles = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectedRecording:
-    """n rows, one for each sample: what was known when it came or, smoothed, what is known of it in the end.
+    """Corrected rates of a recording: n rows, one per sample.
 
-    time_s (n,) since the first sample; rate (n, 3) rad/s, corrected; rate_std (n, 3): noise, bias and its flicker, scale,
-    misalignment; bias (n, 3) rad/s, the reading at zero rate; bias_std (n, 3); quality (n,) of bridge.wire.messages.Quality.
-    Computed in float64 and kept in float32, as on the wire. matrix (3, 3) and calibration, its id, are the last row's.
-    events: counts of what happened on the way; said: what a service would have logged.
+    A row uses the knowledge at its sample's time, or, if smoothed, the knowledge from the whole recording.
+
+    time_s (n,): seconds since the first sample. rate (n, 3): corrected rate, rad/s, in the device's frame.
+    rate_std (n, 3): its standard deviation from noise, bias and bias flicker, scale and misalignment.
+    bias (n, 3) rad/s: reading at zero rate; bias_std (n, 3): its standard deviation.
+    quality (n,): values of bridge.wire.messages.Quality. matrix (3, 3) and calibration (its id): those of the last row.
+    events: counts of events on the way. said: messages that the live service would have logged.
+
+    Computed in float64, stored in float32 as on the wire.
     """
 
     time_s: Floats
@@ -38,13 +43,13 @@ class CorrectedRecording:
         return len(self.time_s)
 
     def seconds(self) -> dict[str, float]:
-        """How long each quality lasted, by its name, in the order of quality; those that never were are left out."""
+        """Return seconds spent in each quality, by name, in the order of Quality; absent qualities are left out."""
         counts = np.bincount(self.quality, minlength=len(Quality))
         return {quality.name: float(counts[quality] / self.rate_hz) for quality in Quality if counts[quality]}
 
 
 class Rows:
-    """The columns of n rows, filled in order."""
+    """Columns of n corrected rows, filled in order."""
 
     def __init__(self, n: int) -> None:
         self.filled = 0
@@ -52,11 +57,11 @@ class Rows:
         self.quality = np.empty(n, np.uint8)
 
     def take(self, batch: CorrectedBatch, matrix: Floats) -> None:
-        """Fill the next rows from a batch that was corrected by this matrix (3, 3)."""
+        """Fill the next rows from a batch that was corrected with this matrix (3, 3)."""
         part = slice(self.filled, self.filled + len(batch))
         self.rate[part], self.rate_std[part] = batch.rate, batch.rate_std
         self.bias[part], self.quality[part] = batch.bias, batch.quality
-        # A batch says what the bias leaves in corrected rates; here its own deviation is wanted, in readings.
+        # A batch's bias_std is that of the corrected rate; here the std of the bias as a reading is needed.
         var = np.linalg.solve(matrix**2, np.square(batch.bias_std.astype(float)))
         self.bias_std[part] = np.sqrt(np.maximum(var, 0.0))
         self.filled = part.stop

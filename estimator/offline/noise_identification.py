@@ -1,4 +1,7 @@
-"""The noise of a device from a recording: its longest rest, found by the stream alone, judged axis by axis."""
+"""Identifies a device's gyro noise per axis from the longest rest in a recording.
+
+Rest is recognised from the samples alone.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -13,21 +16,21 @@ from estimator.noise.device_model import NoiseModel
 from estimator.stillness.detector import Stillness
 
 Floats = NDArray[np.float64]
-#: the least rest that says anything about angle random walk, s
-#: a minute, less what is left out at its ends
+#: shortest rest that says anything about angle random walk, s: a minute, less the windows dropped at its ends
 LEAST_REST_S = 55.0
-#: left out at both ends of a rest, in windows of stillness: the hand that put the device down
+#: stillness windows dropped at both ends of a rest, where a hand still touched the device
 _EDGE = 4
-#: how much of a rest may be missing or bunched, before its samples count as unevenly spaced (relative)
+#: largest share of a rest that may be missing or bunched before its samples count as unevenly spaced
 _UNEVEN = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtRest:
-    """The noise of x, y and z in a rest from start_s to end_s of a recording of total_s.
+    """Noise of the x, y and z axes in one rest of a recording.
 
-    rate_hz: samples a second in it. mean, std, step (3,) rad/s: of its readings, and the least difference between them.
-    temperature_c: lowest and highest, None where it was not recorded.
+    start_s, end_s: the rest; total_s: length of the recording. rate_hz: measured samples per second during the rest.
+    mean, std, step (3,) rad/s: mean and standard deviation of the readings, and the least difference between readings.
+    temperature_c: lowest and highest, None if not recorded.
     """
 
     axes: tuple[Noise, Noise, Noise]
@@ -42,12 +45,15 @@ class AtRest:
 
     @property
     def duration_s(self) -> float:
-        """How long it lasted."""
+        """Length of the rest, s."""
         return self.end_s - self.start_s
 
 
 def identify_noise(recording: Recording) -> AtRest:
-    """The noise in the longest rest of a recording; RecordingError where it is too short or its samples are uneven."""
+    """Identify the noise in the longest rest of a recording.
+
+    Raises RecordingError if the rest is too short, its samples are uneven, or an axis reads the same throughout.
+    """
     rest = _longest_rest(recording)
     time, gyro = recording.time_s[rest], recording.gyro[rest]
     duration = float(time[-1] - time[0]) if len(time) else 0.0
@@ -84,9 +90,10 @@ def identify_noise(recording: Recording) -> AtRest:
 
 
 def measured(rest: AtRest, like: NoiseModel) -> tuple[NoiseModel, dict[str, str]]:
-    """The model of a device: what the rest shows, and for the rest its kind; and by field, where each value is from.
+    """Return a noise model of this device, and the origin of each field as text.
 
-    A coefficient that the rest does not show is its kind's, or the upper limit where that is less.
+    like: the noise model of the device's kind. A coefficient that the rest does not show is taken from `like`, or is
+    the measured upper limit if that is less.
     """
     origin = {"step": "measured"}
 

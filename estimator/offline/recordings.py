@@ -1,4 +1,4 @@
-"""Calibrate from a recording, and correct one: the same recognition, methods and session as live, all at once."""
+"""Calibrates from a recording and corrects a recording, with the same recognition, methods and session as live."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -37,10 +37,10 @@ from estimator.offline.corrected_recording import CorrectedRecording, Rows
 from estimator.samples.sample_buffer import UNFIT
 from estimator.stillness.detector import Stillness
 
-#: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers
+#: length of the batches given to a session; a rest and its surroundings must fit into the session's memory
 BATCH_S = 1.0
 _BOOT = 1
-#: said where a recording's first rest counts from its beginning, which live a device just switched on has to warm up for
+#: logged when the first rest counts from the recording's start; live, a device just switched on would have to warm up
 _ON_BEFORE = (
     "taken to have been on before it was recorded: live, of a device just switched on, the first {:g} s would not "
     "count, and a turn be missed"
@@ -55,11 +55,14 @@ def calibrate(
     rates: tuple[float, ...] = (),
     knobs: SessionKnobs | None = None,
 ) -> tuple[Result, list[str]]:
-    """The first accepted calibration in a recording, else the last that was tried; and why movements were passed over.
+    """Calibrate from a recording: return a result, and the reasons why movements were not used.
 
-    A method by movements takes all of the recording at once. gyro_range in rad/s, 0 when unknown: readings at 99 % of it
-    count as clipped. rates: a machine's known rates in rad/s, for the methods that need them, and nothing else. knobs: what is
-    known of its kind, by default nothing; which method they say does not count.
+    The result is the first accepted calibration, otherwise the last attempt. Methods that work on whole movements use
+    the entire recording at once.
+
+    gyro_range: full-scale range in rad/s, 0 when unknown; readings at 99 % of it count as clipped.
+    rates: a machine's known rates in rad/s, for the methods that need them; other methods ignore them.
+    knobs: settings of the device's kind; the default assumes nothing. Their calibration method is ignored.
     """
     knobs = knobs or SessionKnobs()
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
@@ -98,17 +101,27 @@ def correct(
     batch: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> CorrectedRecording:
-    """Correct a recording as the service would have, row for row what was known when the sample came.
+    """Correct a recording as the live service would: each row uses what was known when its sample came.
 
-    calibration: of the same boot, its bias an old one until the recording confirms it; or of another one, as other_boot or
-    the two themselves say: then its scale is a prior, its bias forgotten. Without it the one that the recording's own boot had
-    as it began (Recording.made), else the first whose turns are within the recording, from there on. Where a turn would be
-    missed because a device just switched on has to warm up, and the recording has no device's time to tell when that was, it is
-    taken to have been on before. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown.
-    warmed_up: the device had been on and worn for a quarter of an hour as it began; else its bias may warm up from there on
-    where no temperature tells of it, as live. batch: samples handed over at a time, no matter for the result;
-    progress(done, n) is called after each. knobs: by default as a ward treats a device of an unknown kind.
-    Raises RecordingError when a reading is beyond the range, there is nothing to smooth, or the calibration is another device's.
+    calibration: calibration to correct with. From the same boot, its bias counts as old until the recording confirms
+    it. From another boot (`other_boot`, or its own boot, range or rate
+    differs), its scale is a prior and its bias is not used.
+
+    Without `calibration`, the boot's own calibration from before the recording began is used (`Recording.made`).
+    If there is none, the first calibration whose turns are in the recording is used, from that point on.
+    A device just switched on must warm up, so an early turn could be missed. If the recording has no device time to
+    tell the boot's start, the device then counts as having been on before.
+
+    knobs: settings of the device; by default those of a device of unknown kind in a ward.
+    smooth: use the whole recording for every row.
+    gyro_range: full-scale range in rad/s, 0 when unknown.
+    warmed_up: the device was on and worn for a quarter of an hour before the recording began. Otherwise, as live, its
+    bias may drift by warming up where no temperature shows it.
+    batch: samples given to the session at a time; it does not affect the
+    result. progress(done, n) is called after each batch.
+
+    Raises RecordingError if a reading is beyond the range, if there is nothing to smooth, or if the calibration belongs
+    to another device.
     """
     knobs = knobs or knobs_of(load_model(GENERIC))
     if warmed_up:
@@ -137,7 +150,7 @@ def correct(
     if found.calibrated:
         return found.corrected()
     if recording.made:
-        # Made while this was recorded, and yet not all of its turns are here.
+        # Made during the recording, but not all of its turns are in it.
         found = passed(recording.made[0], _used(recording.made[0], " without all of its turns"))
     elif found.turned and recording.told is None:
         again = passed(None, _ON_BEFORE.format(knobs.warming_s), replace(knobs, warming_s=0.0))
@@ -150,7 +163,7 @@ def _used(one: Calibration, how: str = "") -> str:
 
 
 class _Pass:
-    """One pass through a recording, fed as the service feeds a session."""
+    """One pass through a recording, fed to a device session as the live service does."""
 
     def __init__(
         self,
@@ -163,7 +176,7 @@ class _Pass:
         smooth: bool,
         other_boot: bool,
     ) -> None:
-        """own: what to say of a calibration of the recording's own boot; empty for one from elsewhere."""
+        """own: message about a calibration of the recording's own boot; empty for any other calibration."""
         self.rows = Rows(len(recording))
         self._recording = recording
         self._session = DeviceSession("recorded", knobs)
@@ -173,7 +186,7 @@ class _Pass:
         self._matrices = {"": np.eye(3)}
         self._names = {"": ""}
         self._last: CorrectedBatch | None = None
-        #: whether turns were taken
+        #: whether any turn was recognised
         self.turned = False
         remembered = None
         if known is not None:
@@ -194,12 +207,12 @@ class _Pass:
         self._note(self._session.handle(samples))
 
     def over(self) -> None:
-        """No more samples come."""
+        """End the session and note its last results."""
         self._note(self._session.end())
         made, last = self._session.calibration, self._last
         if made is None or last is None or last.calibration == made.id:
             return
-        # The last block brought it, and what a block teaches is used from the end of the next one on.
+        # The last block brought this calibration; a block's knowledge is used from the end of the next block on.
         if self._smooth:
             known = self._session.learnt.correction()
             self._last = replace(last, calibration=known.calibration, **known.told._asdict())
@@ -208,7 +221,7 @@ class _Pass:
 
     @property
     def calibrated(self) -> bool:
-        """Whether it is by now."""
+        """Whether the session has a calibration by now."""
         return self._session.calibration is not None
 
     def _note(self, outcome: Outcome) -> None:
@@ -264,7 +277,7 @@ def _of_device(known: Calibration, recording: Recording) -> Calibration:
 
 
 def _foreign(known: Calibration, recording: Recording, gyro_range: float) -> str | None:
-    """Why a calibration cannot be of the recording's boot; a range of 0 is not known, nor is a boot, and is no reason."""
+    """Return why a calibration cannot be of the recording's boot, or None; unknown values are no reason."""
     if known.boot and recording.boot and known.boot != recording.boot:
         was, now = keys.boot_id(known.boot), keys.boot_id(recording.boot)
         return f"calibration {known.id} is of boot {was}, {recording.name} of boot {now}"
@@ -277,7 +290,7 @@ def _foreign(known: Calibration, recording: Recording, gyro_range: float) -> str
 
 
 def _batches(recording: Recording, gyro_range: float, size: int) -> Iterator[SampleBatch]:
-    """A recording as a bridge publishes it: runs of consecutive samples, at most `size` long, faulty ones marked."""
+    """Yield batches as a bridge publishes them: consecutive samples, at most `size`, faulty ones flagged."""
     _check_range(recording, gyro_range)
     told = recording.told or Told(recording.ticks, TICK_S, recording.sequence, _flags(recording, gyro_range))
     sequence, ticks, flags = told.sequence, told.ticks, told.flags.copy()
@@ -305,7 +318,7 @@ def _batches(recording: Recording, gyro_range: float, size: int) -> Iterator[Sam
 
 
 def _check_range(recording: Recording, gyro_range: float) -> None:
-    """A live door drops what is far beyond the range; here every sample has a row, so the range must be right."""
+    """Refuse readings far beyond the range: live they are dropped, but here every sample needs a row."""
     limit = PLAUSIBLE * gyro_range if gyro_range else np.inf
     beyond = np.flatnonzero(np.any((recording.gyro > limit) | (recording.gyro < -limit), axis=1))
     if len(beyond):
@@ -317,7 +330,7 @@ def _check_range(recording: Recording, gyro_range: float) -> None:
 
 
 def _flags(recording: Recording, gyro_range: float) -> NDArray[np.uint32]:
-    """(n,) SampleFlags, as a bridge's door sets them."""
+    """Return SampleFlags (n,), as a bridge sets them."""
     warm = None if recording.temperature_c is None else recording.temperature_c.astype(np.float32)
     time_s = recording.ticks * TICK_S
     return SensorFaults(Tally()).flags(time_s, recording.gyro.astype(np.float32), warm, gyro_range)

@@ -1,4 +1,4 @@
-"""The past improved by what came after it: a corrected recording once more, with the bias a smoother has found."""
+"""Smooths a corrected recording: corrects it again with a bias that uses later evidence too."""
 
 from dataclasses import replace
 
@@ -11,19 +11,21 @@ from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.offline.corrected_recording import Floats, Rows
 
-#: rows at a time, for the sake of memory
+#: rows processed at a time, to limit memory
 _ROWS = 100_000
 
 
 def remembering(knobs: SessionKnobs) -> SessionKnobs:
-    """The same knobs, with a tracker that forgets nothing of the boot."""
+    """Return the same knobs with a tracker that keeps the whole boot's history."""
     return replace(knobs, track=replace(knobs.track, history=None))
 
 
 def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: CorrectedBatch, matrix: Floats) -> None:
-    """Fill the rows anew: the smoothed bias, and for all of the boot what was known at its end (`last`, matrix (3, 3)).
+    """Overwrite the rows with the smoothed bias and with the calibration known at the end of the boot.
 
-    Before the first point of the history and after its last the bias wanders on. Raises RecordingError.
+    last: the last corrected batch; matrix (3, 3): its calibration matrix. Before the first and after the last point of
+    the history, the bias's uncertainty grows by its rate random walk. Raises
+    RecordingError if there is no evidence of the bias.
     """
     found = session.tracker.smoothed()
     if found is None:
@@ -45,7 +47,7 @@ def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: 
 
 
 def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
-    """The best state for all of the boot; doubt that was never cleared stays with the rows it was on."""
+    """Return the boot's best quality for all rows; rows under a doubt that was never cleared keep the doubt."""
     unsure = np.any(rows.bias_std >= session.knobs.track.bias_std, axis=1)
     known, doubted = Quality.GOOD, Quality.DEGRADED
     if session.calibration is None:
@@ -57,5 +59,5 @@ def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
 
 
 def _between(now: Floats, time: Floats, values: Floats) -> Floats:
-    """(n, 3) values (m, 3) at the times now (n,), on straight lines between those of the history (m,)."""
+    """Interpolate values (m, 3) at times (m,) linearly to the times `now` (n,): (n, 3)."""
     return np.column_stack([np.interp(now, time, column) for column in values.T])

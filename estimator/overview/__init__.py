@@ -1,4 +1,4 @@
-"""A ward, its needs and its estimators as plain values, made of what the bus says. Pure.
+"""Views of a ward as plain values, computed from bus messages: devices, needs, estimators. Pure.
 
-Begin at `ward`.
+Start reading at `ward`.
 """

@@ -1,4 +1,4 @@
-"""The estimators of a ward: who is alive, who owns which devices since which epoch, what moved when. Pure."""
+"""View of a ward's estimators: which are alive, which devices each owns since which epoch, and recent moves. Pure."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from bridge.wire.messages import Holding, Move, Owned
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """What one estimator has. load: processor seconds a second."""
+    """One estimator: its devices and its recent moves. load: processor seconds per second."""
 
     estimator: str
     alive: bool
@@ -22,7 +22,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class ClusterView:
-    """All of them, by name; `troubles` most urgent first."""
+    """All estimators of a ward, by name; `troubles` are most urgent first."""
 
     ward: str
     shares: Sequence[Share]
@@ -30,7 +30,7 @@ class ClusterView:
 
     @property
     def devices(self) -> Mapping[str, tuple[str, Holding]]:
-        """Whose each device is: of two that say to have it, whose epoch is the higher."""
+        """The owner of each device, by device id; if two estimators claim it, the one with the higher epoch."""
         found: dict[str, tuple[str, Holding]] = {}
         for share in self.shares:
             for holding in share.holdings:
@@ -41,7 +41,10 @@ class ClusterView:
 
 
 def cluster_view(ward: str, alive: Sequence[str], said: Iterable[Owned]) -> ClusterView:
-    """Put together what was heard, in the order in which it came."""
+    """Combine the messages of a ward's estimators, in order of arrival.
+
+    alive: ids of the estimators that are alive. said: their messages about owned devices.
+    """
     parts: dict[str, dict[int, Owned]] = {}
     for owned in said:
         heard = parts.setdefault(owned.estimator, {})
@@ -63,7 +66,7 @@ def cluster_view(ward: str, alive: Sequence[str], said: Iterable[Owned]) -> Clus
 
 
 def as_json(view: ClusterView) -> dict[str, Any]:
-    """The same as one JSON object."""
+    """Return the view as one JSON-compatible object."""
     return {
         "ward": view.ward,
         "well": not view.troubles,

@@ -1,4 +1,4 @@
-"""A ward in one summary: devices that are well, needs, and whether every sample is accounted for. Pure."""
+"""Summary of a ward: devices that are well or need a person, and whether all samples are accounted for. Pure."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,8 +16,8 @@ from estimator.service import overload
 from estimator.service.conservation import EVENT
 from estimator.service.quota import FLOODED
 
-_MOST = 3  # reasons
-#: notices that a device's rate is another
+_MOST = 3  # most reasons shown
+#: notices that a device's rate is not as expected
 _OF_RATE = (Code.RATE_CHANGED, Code.RATE_DIFFERS, Code.CLOCK_DIFFERS)
 _URGENT = (
     State.UNKNOWN,
@@ -42,10 +42,11 @@ class Need:
 
 @dataclass(frozen=True, slots=True)
 class WardSummary:
-    """All of it; `needs` with the most urgent first, `law` what is broken of it by device, `troubles` of the ward itself.
+    """Summary of a ward.
 
-    unused: samples that were not used, by device and reason, most first; those of which there are none are not in it.
-    told: what its bridge counted of a device beside that, and that its rate is another, in English.
+    needs: most urgent first. law: devices that break samples in = out + dropped, and how. troubles: of the ward itself.
+    unused: number of unused samples by device and reason, most first; devices without any are left out.
+    told: per device, in English, other events that its bridge counted, and a rate that is not as expected.
     """
 
     ward: str
@@ -75,7 +76,7 @@ def summarise(
     bridges: Sequence[str],
     estimators: Sequence[str],
 ) -> WardSummary:
-    """Put together what was heard of a ward."""
+    """Summarise a ward from statuses and infos by device id, and the ids of its bridges and estimators."""
     names = sorted({*statuses, *infos})
     needs = [need for name in names if (need := _need(name, statuses.get(name), infos.get(name))) is not None]
     troubles = [] if estimators else [Code.NO_ESTIMATOR()]
@@ -107,7 +108,7 @@ def _misnamed(ward: str, bridges: Sequence[str], estimators: Sequence[str]) -> S
 
 
 def as_json(seen: WardSummary) -> dict[str, Any]:
-    """The same as one JSON object."""
+    """Return the summary as one JSON-compatible object."""
     return {
         "ward": seen.ward,
         "well": seen.well,
@@ -133,12 +134,12 @@ def as_json(seen: WardSummary) -> dict[str, Any]:
 
 
 def total(unused: Mapping[str, Mapping[str, int]]) -> Counter[str]:
-    """Of all devices together, by reason."""
+    """Return the number of unused samples of all devices together, by reason."""
     return sum(map(Counter, unused.values()), Counter())
 
 
 def most(reasons: Mapping[str, int]) -> str:
-    """The first few reasons with their counts, in words."""
+    """Return the most frequent reasons with their counts, in words."""
     found = Counter(reasons).most_common()
     said = [f"{n} {why}" for why, n in found[:_MOST]]
     left = sum(n for _, n in found[_MOST:])
@@ -146,7 +147,7 @@ def most(reasons: Mapping[str, int]) -> str:
 
 
 def told(info: DeviceInfo) -> str:
-    """The largest counts of what happened to a device, and that its rate is another; empty where there is nothing."""
+    """Describe a device's most frequent events, and a rate that is not as expected; empty if there is nothing."""
     counts = most({in_words(label): n for label, n in info.events.items() if n})
     rate = english(*(notice for notice in info.notices if notice.code in _OF_RATE))
     return " ".join(filter(None, (rate, counts)))
@@ -160,7 +161,7 @@ def _unused(
 
 
 def _reasons(status: Status | None, info: DeviceInfo | None) -> dict[str, int]:
-    """What the estimator did not use, and of what its bridge has read."""
+    """Return the numbers of samples that the estimator and the bridge did not use, by reason."""
     reasons: Counter[str] = Counter()
     if status is not None:
         reasons.update({in_words(label): n for label, n in status.dropped.items()})

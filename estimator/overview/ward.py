@@ -1,4 +1,4 @@
-"""A ward as rows: the state of each device, those that need a person first. Pure: time is an argument."""
+"""View of a ward as rows: the state of each device, most urgent first. Pure: time is an argument."""
 
 import math
 from collections import Counter
@@ -12,21 +12,24 @@ from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 from estimator.device.lifecycle import NEVER_S
 
-#: every device's status comes once a second; after so long it is news that none does
+#: seconds without a status after which a device counts as silent; a status comes once a second
 SILENT_S = 3.5
 LOW_BATTERY_PERCENT = 15.0
 SILENT, UNKNOWN, TRACKING = "silent", "unknown", "tracking"
-#: what needs a person most comes first
+#: states, most urgent first
 URGENCY = ("lost", SILENT, UNKNOWN, "awaiting still", "bias only", "degraded", "turning", "warming", TRACKING)
 _LISTED = 20
-#: bridges of which what they say of one device is kept
+#: most bridges per device whose info is kept
 _BRIDGES = 8
 WORDS = {state: state.name.lower().replace("_", " ") for state in State}
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceRow:
-    """One device. `gaps` and `missing_samples` since the estimator knows it; None is not known."""
+    """One device of a ward.
+
+    `gaps` and `missing_samples` count since the estimator knows the device. None is unknown.
+    """
 
     device: str
     state: str
@@ -42,41 +45,39 @@ class DeviceRow:
 
     @property
     def low_battery(self) -> bool:
-        """Whether it will soon be off."""
+        """Whether the battery is low and not charging."""
         return self.battery_percent is not None and self.battery_percent < LOW_BATTERY_PERCENT and not self.charging
 
     @property
     def order(self) -> tuple[int, int, str]:
-        """By what needs a person first."""
+        """Sort key: most urgent first."""
         urgency = URGENCY.index(self.state)
         if self.low_battery:
             urgency = min(urgency, URGENCY.index("awaiting still"))
         return urgency, not self.notices, self.device
 
     def as_dict(self) -> dict[str, Any]:
-        """For programs."""
+        """Return the row as JSON-compatible values."""
         said = {"reason": sentences_as_json(self.reason), "notices": sentences_as_json(self.notices)}
         return asdict(self) | said
 
 
 class WardView:
-    """What was said of the devices of a ward, and when."""
+    """Latest statuses and infos of a ward's devices, and when they came."""
 
     def __init__(self) -> None:
         self._statuses: dict[str, tuple[Status, float]] = {}
-        self._anew: set[str] = (
-            set()
-        )  # devices that were spoken of again: the first word may be one that the bus remembers
+        self._anew: set[str] = set()  # devices with a second status, as the bus may have kept an old first one
         self._infos: dict[str, dict[str, DeviceInfo]] = {}  # by device and bridge
 
     def take_status(self, status: Status, now: float) -> None:
-        """The estimator's word on a device, heard at `now` seconds."""
+        """Take an estimator's status of a device, received at `now` seconds."""
         if status.device in self._statuses:
             self._anew.add(status.device)
         self._statuses[status.device] = status, now
 
     def take_info(self, info: DeviceInfo) -> None:
-        """A bridge's word on a device."""
+        """Take a bridge's info of a device."""
         known = self._infos.setdefault(info.device, {})
         known.pop(info.bridge, None)
         known[info.bridge] = info  # latest last
@@ -85,12 +86,12 @@ class WardView:
             del known[next(one for one in known if status is None or one != status.bridge)]
 
     def room(self, device: str, most: int) -> bool:
-        """Whether a device has a status or is known, or there are fewer than `most` of which only bridges speak."""
+        """Whether to take a device: it is known, or fewer than `most` devices are known from bridges only."""
         known = device in self._statuses or device in self._infos
         return known or len(self._infos.keys() - self._statuses.keys()) < most
 
     def silences(self, now: float) -> dict[str, float]:
-        """Of every device with a status the seconds since it came."""
+        """Return the seconds since the last status, by device."""
         return {device: now - heard for device, (_, heard) in self._statuses.items()}
 
     def forget(self, device: str) -> None:
@@ -100,32 +101,32 @@ class WardView:
         self._anew.discard(device)
 
     def rows(self, now: float) -> list[DeviceRow]:
-        """Every device, those that need a person first."""
+        """Return every device, most urgent first."""
         names = self._statuses.keys() | self._infos.keys()
         return sorted((self.row(name, now) for name in names), key=lambda row: row.order)
 
     def settled(self, now: float) -> bool:
-        """Whether of every device it is known that it is still spoken of, or is not."""
+        """Whether each device is known to be live (a second status came) or silent."""
         return all(name in self._anew or _silence(now - heard) for name, (_, heard) in self._statuses.items())
 
     def statuses(self, now: float) -> dict[str, Status]:
-        """The latest of each; a device of which no word comes any more is unknown."""
+        """Return the latest status of each device; a silent device's state is unknown."""
         return {name: _unless_silent(status, now - heard) for name, (status, heard) in self._statuses.items()}
 
     def infos(self) -> dict[str, DeviceInfo]:
-        """Of each device what the bridge says that has the word."""
+        """Return for each device the info of the bridge whose samples are used."""
         owners = {name: status.bridge for name, (status, _) in self._statuses.items()}
         found = {name: self._info(name, owners.get(name, "")) for name in self._infos}
         return {name: info for name, info in found.items() if info is not None}
 
     def _info(self, name: str, owner: str) -> DeviceInfo | None:
-        """Of the bridges that list a device the one whose samples are taken has the word, or else one that hears it."""
+        """Return the info of the bridge whose samples are used; otherwise of a bridge that hears the device."""
         known = self._infos.get(name, {})
         infos = [known[owner]] if owner in known else sorted(known.values(), key=lambda info: info.boot != 0)
         return infos[-1] if infos else None
 
     def row(self, name: str, now: float) -> DeviceRow:
-        """One device."""
+        """Return the row of one device."""
         status, heard = self._statuses.get(name, (None, now))
         info = self._info(name, status.bridge if status is not None else "")
         about: dict[str, Any] = {}
@@ -157,7 +158,7 @@ class WardView:
 
 
 def _silence(for_s: float) -> Sentences:
-    """What to say where no word came for so long; nothing where that is no news."""
+    """Return the reason for a silence of so many seconds; empty if it is short."""
     return (Code.SILENT_ESTIMATOR(duration_s=f"{for_s:.0f}"),) if for_s > SILENT_S else ()
 
 
@@ -169,32 +170,38 @@ def _unless_silent(status: Status, for_s: float) -> Status:
 
 
 def charge_it(percent: float) -> Sentence:
-    """What to say of a battery that is low."""
+    """Return the sentence for a low battery."""
     return Code.LOW_BATTERY(percent=f"{percent:.0f}")
 
 
 def counted(rows: Iterable[DeviceRow]) -> str:
-    """How many are in which state, in words."""
+    """Return the number of devices per state, in words."""
     found = Counter(row.state for row in rows)
     return ", ".join(f"{found[state]} {state}" for state in URGENCY if found[state])
 
 
 def head_line(rows: Sequence[DeviceRow]) -> str:
-    """How many are tracking, and what the others are."""
+    """Return the number of tracking devices, and the states of the others, in words."""
     others = [row for row in rows if row.state != TRACKING]
     said = f"{len(rows) - len(others)} of {len(rows)} tracking"
     return f"{said}; {counted(others)}" if others else said
 
 
 def chosen(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[DeviceRow]:
-    """The rows whose state is one of these words, or whose id matches one (* and ? stand for anything); all if there is none."""
+    """Return the rows whose state or id matches one of the words; all rows if there are no words.
+
+    A word is a state, or an id in which `*` stands for any characters and `?` for one.
+    """
     words = [word.lower() for word in only]
     states = {word.replace("-", " ").replace("_", " ") for word in words}
     return [row for row in rows if not words or row.state in states or any(matches(row.device, w) for w in words)]
 
 
 def matches(text: str, pattern: str) -> bool:
-    """Whether a text is as a pattern says: `*` stands for any characters, `?` for one. Time: the product of both lengths."""
+    """Whether a text matches a pattern: `*` stands for any characters, `?` for one.
+
+    The time is at most proportional to the product of both lengths.
+    """
     at = here = 0
     star, tried = -1, 0
     while here < len(text):
@@ -204,7 +211,7 @@ def matches(text: str, pattern: str) -> bool:
         elif at < len(pattern) and pattern[at] in ("?", text[here]):
             at += 1
             here += 1
-        elif star >= 0:  # the last star takes one character more
+        elif star >= 0:  # the last star takes one more character
             tried += 1
             at, here = star + 1, tried
         else:
@@ -213,7 +220,7 @@ def matches(text: str, pattern: str) -> bool:
 
 
 def strangers(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[str]:
-    """Those of the words that are no state, and no device's that is heard."""
+    """Return the words that are neither a state nor match the id of a device."""
     devices = [row.device for row in rows]
     states = set(WORDS.values()) | {SILENT}
     return [
@@ -225,14 +232,14 @@ def strangers(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[str]:
 
 
 def listed(devices: Iterable[str]) -> str:
-    """By name, `ankle, chest`, and of many how many more there are."""
+    """Return device ids in order, `ankle, chest`; after the first 20, the number of the others."""
     names = sorted(devices)
     more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     return f"{', '.join(names[:_LISTED])}{more}"
 
 
 def age(seconds: float) -> str:
-    """How long, in the largest unit of which there are two."""
+    """Return a duration in the largest unit of which it has at least two."""
     for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"

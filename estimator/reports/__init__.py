@@ -1,4 +1,4 @@
-"""Calibrations, corrections, histories and noise in words, as tables and as JSON. Degrees live here, not in the core.
+"""Reports on calibrations, corrections, histories and noise: in words, as tables and as JSON.
 
-One subject a file.
+One file per subject. Degrees are used here; the computing rooms use SI only.
 """

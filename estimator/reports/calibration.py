@@ -1,4 +1,4 @@
-"""A calibration in words and as JSON: the command line's view of a Result. Degrees live here, not in the core."""
+"""Reports a calibration in words, as tables and as JSON; tables show degrees."""
 
 from collections.abc import Iterator, Sequence
 from math import degrees
@@ -14,7 +14,11 @@ from estimator.offline import calibration_file
 
 
 def as_json(result: Result, calibration: Calibration, passed_over: Sequence[str] = ()) -> dict[str, Any]:
-    """Plain values: the calibration as it is loaded again, what to repeat, what each parameter was told, what did not count."""
+    """Return a new calibration as JSON-compatible values, in SI.
+
+    It has the keys of a calibration file, and more: axes to repeat, information per parameter in bits, and the
+    movements that were not used, with reasons.
+    """
     known = bool(np.all(np.isfinite(result.covariance)))
     bits = result.information_bits.tolist() if known else []
     return {
@@ -26,12 +30,12 @@ def as_json(result: Result, calibration: Calibration, passed_over: Sequence[str]
 
 
 def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
-    """The same of one that was made live: there is nothing to repeat, and what it was told is not known."""
+    """Return a calibration made live with the keys of `as_json`; nothing is to be repeated, the information is unknown."""
     return {**calibration_file.as_json(calibration), "repeat": [], "information_bits": None, "passed_over": []}
 
 
 def first(lines: Sequence[str]) -> Iterator[str]:
-    """Of many lines the first, and how many more `--json` has."""
+    """Yield the first lines, and how many more there are, which `--json` prints."""
     yield from lines[:_MOST]
     if (more := len(lines) - _MOST) > 0:
         yield f"… and {more} more; --json has them all"
@@ -43,7 +47,7 @@ _OF_TURNS = {"turn °": 1, "closed to °": 2, "s": 3}
 
 
 def as_table(result: Result | Calibration) -> Columns:
-    """Scale and bias of each axis, with 95 % intervals, and its turn, where the method has turns."""
+    """Return a table of scale and bias per axis with 95 % intervals, and of the turns if the method has turns."""
     headings = _HEADINGS | (_OF_TURNS if result.turns else {})
     table = Columns([Column(heading, number=True, spare=spare) for heading, spare in headings.items()])
     wide = SIGMAS * np.sqrt(np.diag(result.covariance))
@@ -66,7 +70,7 @@ def as_table(result: Result | Calibration) -> Columns:
 
 
 def as_matrix(result: Result | Calibration) -> Columns:
-    """The whole matrix, row by row, each element with its 95 % interval."""
+    """Return a table of the whole matrix (3, 3), each element with its 95 % interval."""
     table = Columns(
         [
             Column(heading, number=True)

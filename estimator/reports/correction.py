@@ -1,4 +1,4 @@
-"""What became of a recording that was corrected, in words and as JSON. Degrees live here, not in the core."""
+"""Reports on a corrected recording in words and as JSON; the words show degrees."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,7 +24,7 @@ _MEANS = {
 
 
 def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> dict[str, Any]:
-    """Plain values, the bias as at the end."""
+    """Return the report as JSON-compatible values, in SI; bias and its standard deviation are those at the end."""
     warm = recording.temperature_c
     return {
         "samples": len(corrected),
@@ -44,7 +44,7 @@ def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> d
 
 
 def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> Iterator[str]:
-    """A few lines: what came, how far to trust it, what was used and what refused, where it is."""
+    """Yield the report as lines: samples, quality, bias at the end, calibration, temperature, events, output file."""
     minutes = recording.time_s[-1] / 60
     how = "with what is known at its end" if corrected.smoothed else "as it would have been live"
     yield f"{count(len(corrected), 'sample')}, {minutes:.1f} min at {recording.rate_hz:.4g} Hz, corrected {how}"
@@ -64,7 +64,7 @@ def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> 
 
 
 def said(corrected: CorrectedRecording) -> Iterator[str]:
-    """What a service would have logged, the first lines of it."""
+    """Yield the first messages that the live service would have logged."""
     yield from first(corrected.said)
 
 

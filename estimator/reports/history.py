@@ -1,4 +1,4 @@
-"""The history of a device as tables and as JSON."""
+"""Reports the history of a device as tables and as JSON."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -17,7 +17,7 @@ from estimator.service.history import Biases, History
 
 
 def as_tables(history: History) -> Iterator[RenderableType]:
-    """Tables of calibrations (accepted and refused), boots, commands, and the bias of each boot; empty tables are left out."""
+    """Yield tables of calibrations (accepted and refused), boots, commands, and each boot's bias; no empty ones."""
     refused = [row for row in history.commands if row["verb"] == "calibrate"]
     tried = [(c.time_ns, _calibration(c)) for c in history.calibrations]
     tried += [(row["time_ns"], ("", row["who"], "", f"{row['reason']}: {english(*row['message'])}")) for row in refused]
@@ -51,7 +51,7 @@ def as_tables(history: History) -> Iterator[RenderableType]:
 
 
 def as_json(history: History) -> dict[str, Any]:
-    """The whole history as JSON values, in SI units, times in ISO 8601."""
+    """Return the whole history as JSON-compatible values, in SI units, times in ISO 8601."""
     return {
         "device": history.device,
         "calibrations": [
@@ -89,7 +89,7 @@ def as_json(history: History) -> dict[str, Any]:
     }
 
 
-#: how columns give way on a narrow terminal: times and numbers are never cut; `spare` columns are left out, the highest first
+#: columns on a narrow terminal: times and numbers are never cut; `spare` columns are left out, the highest first
 _WHOLE = 14
 _SHOWN = {
     "when": Column("when", number=True),
@@ -108,7 +108,7 @@ def _table(title: str, headings: tuple[str, ...], rows: list[tuple[str, ...]]) -
         return
     shown = Columns([_SHOWN.get(name) or Column(name, number="±" in name, least=12) for name in headings], title=title)
     for row in rows:
-        shown.add(*map(printable, row))  # the file may come from elsewhere and hold control characters
+        shown.add(*map(printable, row))  # the store may come from elsewhere and hold control characters
     yield shown
 
 

@@ -1,4 +1,4 @@
-"""The noise of a device in words and as JSON: the command line's view of AtRest. Degrees live here, not in the core."""
+"""Reports the noise of a device at rest in words, as a table and as JSON; words and table show degrees."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -10,17 +10,17 @@ from estimator.geometry.gyro_model import AXES
 from estimator.noise.allan_fit import Coefficient, Noise
 from estimator.offline.noise_identification import AtRest
 
-#: name in Noise, words, unit, and how many of the unit are one SI unit
+#: name in Noise, words, unit, and the number of these units per SI unit
 COEFFICIENTS = (
     ("arw", "angle random walk", "°/s/√Hz", degrees(1)),
     ("bias_instability", "bias instability", "°/h", degrees(3600)),
     ("rrw", "rate random walk", "°/s/√s", degrees(1)),
 )
-_POOR = 3.0  # of the misfit
+_POOR = 3.0  # misfit above which the model explains an axis poorly
 
 
 def as_json(rest: AtRest) -> dict[str, Any]:
-    """Plain values, SI; where `seen` is false, only the upper limit `high` is known."""
+    """Return the noise as JSON-compatible values, in SI; if `seen` is false, only the upper limit `high` is known."""
     return {
         "used_s": [rest.start_s, rest.end_s],
         "recorded_s": rest.total_s,
@@ -53,7 +53,7 @@ _COLUMNS = (
 
 
 def as_table(rest: AtRest) -> Columns:
-    """A row a coefficient and axis, with its 95 % interval, or its upper limit where the rest does not show it."""
+    """Return a table with a row per coefficient and axis: value and 95 % interval, or only the upper limit."""
     table = Columns(_COLUMNS)
     for field, words, unit, scale in COEFFICIENTS:
         for number, (axis, noise) in enumerate(zip(AXES, rest.axes, strict=True)):
@@ -64,13 +64,13 @@ def as_table(rest: AtRest) -> Columns:
 
 
 def said(coefficient: Coefficient, scale: float) -> str:
-    """`0.0123`, or `< 0.004` where the rest does not show it."""
+    """Return a coefficient as `0.0123`, or as `< 0.004` if the rest shows only its upper limit."""
     value, high = coefficient.value * scale, coefficient.high * scale
     return f"{value:.3g}" if coefficient.seen else f"< {high:.2g}"
 
 
 def sentences(rest: AtRest) -> Iterator[str]:
-    """What was used, and what speaks against it."""
+    """Yield what part of the recording was used, and what limits the result."""
     yield (
         f"used: the longest rest, {rest.duration_s:.0f} s of {rest.total_s:.0f} s, from {rest.start_s:.1f} to "
         f"{rest.end_s:.1f} s, at {rest.rate_hz:.2f} Hz"

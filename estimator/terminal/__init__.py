@@ -1,4 +1,4 @@
 """Live views in a terminal: a ward, one device, a guided calibration.
 
-Begin at `watch_ward`.
+Start reading at `watch_ward`.
 """

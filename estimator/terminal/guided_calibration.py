@@ -1,4 +1,7 @@
-"""The guide in a terminal: what to do now, a bar that fills, and the verdict. On a terminal in place, elsewhere a line a step."""
+"""Guides a calibration in a terminal: the next step, a progress bar, and the verdict.
+
+A terminal is updated in place; other outputs get a line per step.
+"""
 
 import time
 from math import degrees, isfinite
@@ -24,9 +27,9 @@ from estimator.overview.ward import listed
 from estimator.web.guide_view import unless_broken
 from estimator.web.ward_state import Known, Story
 
-#: how often it looks
+#: seconds between two updates
 LOOK_S = 0.1
-#: after so long a device that no bridge lists is taken for one that there is not
+#: seconds after which a device that no bridge lists is taken for a misspelt id
 MISNAMED_S = 3.0
 _STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.CANCELLED: "bold yellow"}
 _STYLES |= dict.fromkeys((Step.AWAY, Step.BROKEN, Step.REFUSED), "bold red")
@@ -44,7 +47,11 @@ def calibrate(
     seconds: float | None = None,
     knobs: SessionKnobs | None = None,
 ) -> int:
-    """Ask for a calibration where none is under way, and guide it to its end; 0 when the device is calibrated."""
+    """Ask for a calibration unless one is under way, and guide a person to its end.
+
+    Returns 0 when the device is calibrated. who: the person, for the audit. t: texts in the person's language.
+    seconds: give up after so long. knobs: settings of the device; by default those of a device of unknown kind.
+    """
     heard = Heard(client, device, knobs or Treatment().of(device))
     told, asked, begin, misnamed = heard.guide.told(), False, time.monotonic(), False
     screen = GuideScreen(console, t, device)
@@ -77,7 +84,7 @@ def calibrate(
 
 
 class Heard:
-    """All that is heard of a device, and who is alive to tell of it."""
+    """Messages about one device, and which bridges and estimators are alive."""
 
     def __init__(self, client: Client, device: str, knobs: SessionKnobs) -> None:
         self._client, self._device, self._known = client, device, Known(client.ward)
@@ -90,12 +97,12 @@ class Heard:
         self._watches = [client.watch_alive(what, alive.__setitem__) for what, alive in self._known.alive.items()]
 
     def told(self, wait_s: float) -> Instruction:
-        """What is told by now; waits so long for readings."""
+        """Return the current instruction; waits up to wait_s seconds for readings."""
         for batch in self._samples.drain(wait_s):
             self.guide.take_samples(batch)
         now = time.monotonic()
         self._known.take_router(now, there=self._client.connected)
-        if (latest := self._statuses.latest()) is not None:  # what was said before somebody looked is over
+        if (latest := self._statuses.latest()) is not None:  # earlier ones are out of date
             self._known.take_status(latest, now)
             self.guide.take_status(latest)
         for calibration in self._made.drain():
@@ -105,7 +112,7 @@ class Heard:
         return unless_broken(self.guide.told(), self._known, self._device, now)
 
     def others(self) -> list[str]:
-        """The devices there are, where this one is none of them."""
+        """Return the devices of the ward if this one is not among them; otherwise an empty list."""
         there = sorted(name for name, story in self._known.stories.items() if story.info is not None)
         return there if self.story.status is None and self._device not in there else []
 
@@ -118,7 +125,7 @@ class Heard:
 
 
 def _given_up(client: Client, device: str, who: str) -> str:
-    """Take back what was asked for: the device would wait for ever."""
+    """Cancel the calibration that this guide asked for, or the device would wait for ever; return what to say."""
     try:
         said = english(*client.cancel(device, who).message)
     except BusError as error:
@@ -127,12 +134,12 @@ def _given_up(client: Client, device: str, who: str) -> str:
 
 
 def _left(t: Texts, step: Step, device: str, after_s: float) -> str:
-    """What somebody else has asked for is left to them, who may stand at the device."""
+    """Say that a calibration asked for by another person goes on; that person may be at the device."""
     return t("guide.goes_on", seconds=f"{after_s:.0f}", device=device) if step in _UNDER_WAY else ""
 
 
 class GuideScreen:
-    """Where it is shown."""
+    """Shows instructions: in place on a terminal, otherwise a line per change."""
 
     def __init__(self, console: Console, t: Texts, device: str) -> None:
         self._console, self._t, self._device = console, t, device
@@ -142,7 +149,7 @@ class GuideScreen:
             self._live.start()
 
     def show(self, told: Instruction) -> None:
-        """What is told now."""
+        """Show an instruction."""
         if self._live:
             self._live.update(Group(*panel(told, self._device, self._t)))
         said = "\n".join(sentences(told, self._t))
@@ -151,20 +158,20 @@ class GuideScreen:
             self._console.print(said, highlight=False)
 
     def close(self) -> None:
-        """Show no more."""
+        """Stop showing instructions."""
         if self._live:
             self._live.stop()
 
 
 def sentences(told: Instruction, t: Texts) -> list[str]:
-    """What is said: what was wrong, what to do, how."""
+    """Return an instruction as sentences: what was wrong, what to do, how."""
     wrong = [t.text((one,)) for one in told.wrong]
     again = [t("guide.rebooted")] if told.rebooted else []
     return [*again, *wrong, t.say("head", told.head), f"  {t(f'how.{told.step}')}"]
 
 
 def panel(told: Instruction, device: str, t: Texts) -> list[RenderableType]:
-    """The same as a picture of a few lines."""
+    """Return an instruction as a few lines for a terminal, with a progress bar and the state of each turn."""
     *wrong, head, how = sentences(told, t)
     lines: list[RenderableType] = [
         Text(t("guide.title", device=device), "bold"),
@@ -174,7 +181,7 @@ def panel(told: Instruction, device: str, t: Texts) -> list[RenderableType]:
     if told.step in _BARS:
         lines.append(
             Padding(ProgressBar(total=1.0, completed=told.ring, width=40))
-        )  # which ends its line, as a bar does not
+        )  # Padding ends the line; a bar alone does not
     turned = f"{abs(degrees(told.angle)):.0f}°" if told.step is Step.TURNING else ""
     turns = [
         f"{AXES[axis]} {t(f'guide.{told.ways[axis]}')}: {t('guide.done' if axis in told.done else 'guide.next')}"
@@ -187,7 +194,7 @@ def panel(told: Instruction, device: str, t: Texts) -> list[RenderableType]:
 
 
 def _end(console: Console, t: Texts, told: Instruction, story: Story) -> int:
-    if console.is_terminal:  # elsewhere it stands there already
+    if console.is_terminal:  # other outputs show it already
         console.print("\n".join(sentences(told, t)), highlight=False)
     calibration = story.calibrations.get(story.status.calibration) if story.status is not None else None
     if told.step is not Step.DONE or calibration is None:

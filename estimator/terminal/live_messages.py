@@ -1,17 +1,17 @@
-"""Live messages of a ward, told apart from those that the bus only remembers."""
+"""Follows the live messages of a ward, told apart from old ones that the bus kept."""
 
 import time
 
 from estimator.client.client import NONE_S, Client
 from estimator.overview.ward import SILENT_S, WardView
 
-#: every device is spoken of once a second
+#: listening time for a first view, s; each device's status comes once a second
 FIRST_S = 1.5
 _STEP_S = 0.1
 
 
 def interrupted(begin: float, *, heard: bool) -> None:
-    """After Ctrl-C: it goes on where nothing was heard, and it is too early to say so."""
+    """Handle Ctrl-C: re-raise KeyboardInterrupt if nothing was heard yet and it is too early to say so."""
     if not heard and time.monotonic() - begin < NONE_S:
         raise KeyboardInterrupt
 
@@ -24,7 +24,7 @@ class LiveMessages:
         self._statuses, self._infos = client.follow(), client.follow_infos()
 
     def listen(self, for_s: float) -> None:
-        """What is said in so many seconds."""
+        """Wait for_s seconds, and take the messages that came."""
         time.sleep(for_s)
         for info in self._infos.drain():
             self.view.take_info(info)
@@ -38,7 +38,10 @@ class LiveMessages:
         self._infos.close()
 
     def settle(self, least_s: float = FIRST_S) -> None:
-        """So long, and until every device was spoken of anew, or for so long was not that it is unknown."""
+        """Listen for least_s seconds, and then until each device is known to be live or silent.
+
+        The second part lasts at most 2 × SILENT_S.
+        """
         self.listen(least_s)
         end = time.monotonic() + 2 * SILENT_S
         while not self.view.settled(time.monotonic()) and time.monotonic() < end:

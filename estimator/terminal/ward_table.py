@@ -1,4 +1,4 @@
-"""A ward on a terminal: its table, and a live view of it; elsewhere a line per change."""
+"""Shows a ward as a table in a terminal, live; other outputs get a line per change."""
 
 from math import degrees
 from types import TracebackType
@@ -26,7 +26,7 @@ STYLES = {
 
 
 def word(state: State) -> Text:
-    """A state as a coloured word."""
+    """Return a state as a coloured word."""
     return Text(state.name.lower().replace("_", " "), STYLES.get(state, ""))
 
 
@@ -41,7 +41,7 @@ _COLUMNS = (
 
 
 def table(statuses: dict[str, Status], title: str = "") -> Columns:
-    """A row a device: where it is, how good its output is, what is known of it, and why."""
+    """Return a table with a row per device: state, quality, turns done, bias uncertainty, and reason."""
     shown = Columns(_COLUMNS, title=title)
     for name in sorted(statuses):
         status = statuses[name]
@@ -58,14 +58,14 @@ def table(statuses: dict[str, Status], title: str = "") -> Columns:
 
 
 class LiveTable:
-    """Shows statuses as they come; on anything but a terminal only what changed."""
+    """Shows statuses live in a terminal; on other outputs only the changes."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
 
     def show(self, elapsed_s: float, statuses: dict[str, Status], changes: list[Status], note: str) -> None:
-        """The state of the ward elapsed_s after the start."""
+        """Show the ward's statuses, elapsed_s after the start."""
         if self._live is not None:
             self._live.update(table(statuses, f"{elapsed_s:4.0f} s  {note}"))
             return
@@ -75,7 +75,7 @@ class LiveTable:
             )
 
     def say(self, elapsed_s: float, words: str) -> None:
-        """A line that stays."""
+        """Print a line that stays."""
         self._console.print(f"{elapsed_s:5.1f} s  {words}", soft_wrap=True, highlight=False)
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""`truerate watch` and `truerate devices`: a ward in the terminal."""
+"""The views of `truerate devices`, `truerate status`, and `truerate watch` of one device."""
 
 import time
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from estimator.terminal.ward_table import table, word
 
 
 def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
-    """Everything known of every device of a ward; 1 when there is none."""
+    """Print the hardware and the state of every device of a ward; returns 1 if there is none."""
     with Client(endpoints, ward=ward) as client:
         statuses, infos = _said(client)
     if not infos and not statuses:
@@ -42,7 +42,7 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
 
 
 def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_json: bool) -> int:
-    """A ward at one look; 1 when somebody has to do something."""
+    """Print a ward's summary; returns 1 if a person has to do something."""
     with Client(endpoints, ward=ward) as client:
         bridges, estimators = client.alive("bridge"), client.alive("estimator")
         statuses, infos = _said(client)
@@ -55,7 +55,7 @@ def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_jso
 
 
 def _said(client: Client) -> tuple[dict[str, Status], dict[str, DeviceInfo]]:
-    """What is said of a ward now."""
+    """Return the current statuses and infos of a ward, by device."""
     with closing(LiveMessages(client)) as ears:
         ears.settle()
     return ears.view.statuses(time.monotonic()), ears.view.infos()
@@ -84,7 +84,7 @@ def _glance(seen: WardSummary) -> Group:
 
 
 def _unused(seen: WardSummary) -> list[RenderableType]:
-    """What was not used and why: of all devices together, and of those with most."""
+    """Return rows on the samples that were not used, and why: of all devices together, and of the devices with most."""
     if not seen.unused:
         return []
     devices = Columns([Column("device", least=20), Column("why", least=20)], headings=False)
@@ -122,7 +122,7 @@ def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
 
 
 def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
-    """One device until Ctrl-C, or for so many seconds; 1 when nothing of it was heard."""
+    """Show one device until Ctrl-C, or for `seconds`; returns 1 if none of its samples came."""
     with Client(endpoints, ward=ward) as client:
         corrected = client.corrected(device, history=False, quiet=True)
         status = client.follow(device)
@@ -164,7 +164,7 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
 
 
 class _Shown:
-    """The last batch, for as long as it is of now: some devices send one now and then."""
+    """Last batch, until a newer one comes or it is out of date: some devices send only now and then."""
 
     def __init__(self) -> None:
         self._batch: CorrectedBatch | None = None
@@ -177,7 +177,7 @@ class _Shown:
 
 
 def _who_is_there(client: Client, device: str) -> str:
-    """For who waits for a device: why, or who is heard where that name is nobody's."""
+    """Explain why a device is not heard: its trouble, or which other devices are heard."""
     with closing(LiveMessages(client)) as ears:
         ears.listen(FIRST_S)
         infos = ears.view.infos()
@@ -210,7 +210,7 @@ def _revision_line(revision: BiasRevision) -> str:
     return f"the bias of {seconds:.0f} s is known better now, to ± {wide:.4f} °/s (95 %): {english(*revision.reason)}"
 
 
-#: and what is left out first where there is no room; the bar has no heading
+#: columns of the panel, and the order in which they are left out on a narrow terminal; the bar has no heading
 _PANEL = {"axis": 0, "rate °/s": 0, "± 95 %": 0, "": 3, "bias °/s": 0, "± 95 % °/s": 1, "scale": 2}
 
 
@@ -242,7 +242,7 @@ def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> 
 
 
 def _bar(rate_dps: float, half: int = 12, full_dps: float = 200.0) -> str:
-    """A rate as a bar left or right of the middle."""
+    """Draw a rate as a bar to the left or right of the middle."""
     if np.isnan(rate_dps):
         return " " * (2 * half + 1)
     length = min(half, round(abs(rate_dps) / full_dps * half))

@@ -1,4 +1,4 @@
-"""`truerate watch` without a device: all of a ward, live in a terminal's height, or as it is now, or as JSON."""
+"""The view of `truerate watch` of a ward: live in a terminal, once, or as JSON."""
 
 import sys
 import time
@@ -19,7 +19,7 @@ from estimator.terminal.ward_table import STYLES
 _REDRAW_S = 1.0
 _STYLE = {WORDS[state]: style for state, style in STYLES.items()}
 _TROUBLE = "bold red"
-#: columns, and the least width of a terminal that shows each
+#: columns, and the least terminal width at which each is shown
 _COLUMNS = {"device": 0, "state": 0, "quality": 100, "Hz": 70, "gaps": 100, "rest": 100, "battery": 70, "why": 0}
 _NUMBERS = ("Hz", "gaps", "rest", "battery")
 _WHOLE = 10_000
@@ -34,7 +34,10 @@ def watch_ward(
     as_json: bool = False,
     seconds: float | None = None,
 ) -> int:
-    """The client's ward until Ctrl-C, for so many seconds, or once; 1 when no device was heard of."""
+    """Show the client's ward until Ctrl-C, for `seconds`, or once.
+
+    only: states or device ids to show. Returns 1 if no device was heard, or a word of `only` is neither.
+    """
     ears, heard, said, strange = LiveMessages(client), False, dict[str, str](), list[str]()
     listen = ears.settle if once else ears.listen
     begin = time.monotonic()
@@ -60,7 +63,7 @@ def watch_ward(
                 screen.update(shown(rows, head, console.width, console.height), refresh=True)
             elif once:
                 if not console.is_terminal:
-                    console.width = _WHOLE  # one line a device, for other programs
+                    console.width = _WHOLE  # one line per device, for other programs
                 console.print(shown(rows, head, console.width))
             else:
                 _print_changes(console, rows, said)
@@ -85,9 +88,10 @@ def _strange(words: list[str], heard: Sequence[DeviceRow]) -> str:
 
 
 def shown(rows: Sequence[DeviceRow], head: str, width: int, height: int | None = None) -> Group:
-    """A head line, headings and a line a device; the last line tells of the devices that have no room in `height` lines.
+    """Return a head line, headings, and a line per device.
 
-    Without a height reasons are folded, with one they are cut. Columns without a value are left out.
+    height: lines of the terminal; devices without room are counted in the last line, and reasons are cut. Without a
+    height all devices are shown, and reasons are wrapped. Columns without a value are left out.
     """
     room = len(rows) if height is None else max(1, height - 2)
     listed, rest = (rows, ()) if len(rows) <= room else (rows[: room - 1], rows[room - 1 :])
@@ -134,7 +138,7 @@ def _print_json(ward: str, everything: Sequence[DeviceRow], rows: Sequence[Devic
 
 
 def _print_changes(console: Console, rows: Sequence[DeviceRow], said: dict[str, str]) -> None:
-    """On anything but a terminal a line for every device whose state is new."""
+    """Print a line for every device whose state is new."""
     for row in rows:
         if said.get(row.device) != row.state:
             said[row.device] = row.state

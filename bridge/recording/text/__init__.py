@@ -1,1 +1,1 @@
-"""Tolerant reader of text: any separator, decimal mark, encoding, preamble and header, by the names of its columns."""
+"""Tolerant reader of text tables: any separator, decimal mark, encoding, preamble and header; columns found by name."""

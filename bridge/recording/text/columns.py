@@ -1,4 +1,4 @@
-"""Which columns of a text table are the rates, the acceleration and the time, and their factors to SI."""
+"""Finds the columns of a text table with the rates, the acceleration and the time, and their factors to SI."""
 
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -18,7 +18,7 @@ _SHOWN = 12
 
 @dataclass(slots=True)
 class Triple:
-    """Three columns by index and the factor from their numbers to SI; None where nothing says the unit."""
+    """Indices of three columns, x y z, and the factor from their numbers to SI; None if the unit is not stated."""
 
     at: tuple[int, int, int]
     factor: float | None
@@ -27,7 +27,10 @@ class Triple:
 
 @dataclass(slots=True)
 class Clock:
-    """A column of times by index; factor to seconds, None where nothing says it. text: it holds dates or times of day."""
+    """Index of a time column, and its factor to seconds; None if the unit is not stated.
+
+    text: the column holds dates or times of day. rank: preference, the lower the better.
+    """
 
     at: int
     factor: float | None
@@ -37,7 +40,10 @@ class Clock:
 
 @dataclass(slots=True)
 class Columns:
-    """What a table's columns hold. gyro: the same rates in one or several units. unused: of incomplete vectors."""
+    """Meaning of a table's columns.
+
+    gyro: the same rates in one or several units. unused: names of columns of incomplete vectors.
+    """
 
     gyro: list[Triple]
     accel: list[Triple] = field(default_factory=list)
@@ -50,7 +56,10 @@ class Columns:
 
 
 def find(path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False) -> Columns:
-    """The columns of a table whose first row has these cells. Raises RecordingError."""
+    """Find the columns of a table whose first row has these cells. Raises RecordingError.
+
+    only_accel: look for an accelerometer alone.
+    """
     names = [understood(name) for name in layout.names]
     found = Columns([])
     chosen = _chosen(path, layout, reading)
@@ -83,7 +92,7 @@ def find(path: Path, layout: Layout, reading: Reading, cells: list[str], *, only
 
 
 def shown(names: list[str]) -> str:
-    """Names for a message: the first of them, and how many there are."""
+    """Return names for a message: the first of them, and how many there are."""
     more = f" … ({len(names)} in all)" if len(names) > _SHOWN else ""
     return ", ".join(name[:40] or "(no name)" for name in names[:_SHOWN]) + more
 
@@ -110,7 +119,7 @@ def _by_tool(path: Path, layout: Layout, chosen: Tool, found: Columns) -> None:
 
 
 def _index(path: Path, layout: Layout, name: str, of: str) -> int:
-    """Index of a column by its name, or its number from 1."""
+    """Return the index of a column from its name, or its number from 1. Raises RecordingError."""
     names = [plain(one) for one in layout.names]
     if plain(name) in names:
         return names.index(plain(name))
@@ -128,8 +137,8 @@ def _triple(indices: list[int], names: list[Name]) -> Triple:
 
 
 def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dict[str, float]) -> list[Triple]:
-    """The triples of columns of one kind: one, or the same in several units."""
-    # x, y, z alone are those of the sensor that the file is named by.
+    """Return the triples of columns of one kind: one, or the same vector in several units. Raises RecordingError."""
+    # Columns named x, y, z alone belong to the sensor in the file's name.
     bare = {"gyro": "gyr", "accel": "acc"}[kind] in path.name.lower()
     for wanted in (kind, "axis"):
         alike = [
@@ -162,7 +171,7 @@ def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dic
 
 
 def _accel(path: Path, layout: Layout, names: list[Name], found: Columns) -> list[Triple]:
-    """The accelerometer's columns; none, with a note, where several sensors have such."""
+    """Return the accelerometer's columns; none, with a note, if several sensors have some."""
     try:
         return _vector(path, layout, names, "accel", ACCEL)
     except RecordingError as several:
@@ -173,7 +182,7 @@ def _accel(path: Path, layout: Layout, names: list[Name], found: Columns) -> lis
 
 
 def _sensor(group: tuple[str, ...]) -> tuple[str, ...]:
-    """A sensor's other words: a long and a short name of the same thing are one sensor."""
+    """Return the words that tell a sensor from others; short and long names of the quantity are left out."""
     same = {"g", "w", "a", "gyr", "gyro", "gyroscope", "acc", "accel", "accelerometer", "acceleration"}
     return tuple(word for word in group if word not in same)
 

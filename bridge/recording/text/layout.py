@@ -1,4 +1,4 @@
-"""The layout of a text table, from its first lines: separator, decimal mark, preamble and header."""
+"""Recognises the layout of a text table from its first lines: separator, decimal mark, preamble and header."""
 
 import csv
 import re
@@ -8,7 +8,7 @@ from typing import NamedTuple
 from bridge.recording.units import ACCEL, GYRO, TIME, spelling
 
 _SEPARATORS = (",", ";", "\t", "|", " ", None)
-#: lines and characters that are looked at
+#: most lines and characters examined
 _LINES, _CHARACTERS = 400, 400_000
 _LEAST_NUMBERS = 3
 _COMMENT = re.compile(r"\s*(//|#|%|\*)+\s?")
@@ -20,15 +20,17 @@ _RATE = re.compile(
 _GYRO_UNIT = re.compile(
     r"(?:gyr|angular|rate of turn|rotation)[^\n]*?(rad/s(?:ec)?|deg/s(?:ec)?|°/s|m?dps)\b", re.IGNORECASE
 )
-#: what is said of a sensor in a unit, and need not be the unit of its columns
+#: properties of a sensor whose unit need not be the unit of its columns
 _NO_UNIT = re.compile(r"range|scale|fsr|noise|bias|density|resolution|sensitivity|threshold", re.IGNORECASE)
 _ACCEL_UNIT = re.compile(r"acc[^\n]*?(m/s\^?2|m/s²|\bmg\b|\bg\b)", re.IGNORECASE)
 
 
 class Layout(NamedTuple):
-    """separator None is any run of blanks. names: of the columns, empty where there is no header. width: columns of a row.
+    """Layout of a text table.
 
-    first: index of the first row with numbers. rate_hz, gyro_unit, accel_unit: as the preamble says them, else 0 and empty.
+    separator: None is any run of blanks. names: of the columns, empty if there is no header. width: cells per row.
+    first: index of the first row of numbers. rate_hz, gyro_unit,
+    accel_unit: as the preamble states them, else 0 and empty.
     """
 
     separator: str | None
@@ -42,7 +44,7 @@ class Layout(NamedTuple):
 
 
 def layout_of(lines: list[str]) -> Layout | None:
-    """The layout of a table that begins with these lines; None where no row of numbers is seen."""
+    """Return the layout of a table that begins with these lines; None if no row of numbers is found."""
     told = next((match[1] for line in lines[:3] if (match := _SEP.fullmatch(line.strip()))), "")
     sample, size = list[tuple[int, str]](), 0
     for at, line in enumerate(lines[:_LINES]):
@@ -78,7 +80,7 @@ def layout_of(lines: list[str]) -> Layout | None:
 
 
 def split(line: str, separator: str | None) -> list[str]:
-    """The cells of a line."""
+    """Split a line into cells."""
     if '"' in line and separator is not None:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
     return line.split(separator)
@@ -103,7 +105,7 @@ def _numbers(line: str, separator: str | None, decimal: str) -> int:
 
 
 def _width_of_numbers(line: str, separator: str | None, decimal: str) -> int:
-    """How many cells a row of numbers has; 0 for a line that is none."""
+    """Return the number of cells in a row of numbers; 0 for any other line."""
     cells = split(line, separator)
     if len(cells) < _LEAST_NUMBERS:
         return 0
@@ -113,10 +115,10 @@ def _width_of_numbers(line: str, separator: str | None, decimal: str) -> int:
 
 
 def _header(lines: list[str], separator: str | None, width: int) -> tuple[list[str], int]:
-    """Names of the columns from the rows above the first numbers, and where these rows begin."""
+    """Return the column names from the rows above the first numbers, and the index of the first of those rows."""
     rows, begins = list[list[str]](), len(lines)
     if lines and '"' in lines[-1] and len(lines) > 1 and lines[-1].count('"') % 2:
-        lines = [*lines[:-2], f"{lines[-2]} {lines[-1]}"]  # a quoted name that has a line's end in it
+        lines = [*lines[:-2], f"{lines[-2]} {lines[-1]}"]  # a quoted name that contains a line break
     for at in range(len(lines) - 1, -1, -1):
         line = _COMMENT.sub("", lines[at], count=1) if _COMMENT.match(lines[at]) else lines[at]
         if not line.strip():
@@ -124,7 +126,7 @@ def _header(lines: list[str], separator: str | None, width: int) -> tuple[list[s
                 break
             continue
         cells = [cell.strip().strip('"').strip() for cell in split(line, separator)]
-        # Words of a sentence above a header are not names above columns.
+        # A sentence above the header is not a row of names.
         whole = abs(len(cells) - width) <= 1 and (not rows or (separator or " ") != " ")
         gaps = bool(rows) and (separator or " ") != " " and 2 < len(cells) < width and "" in cells
         if len(rows) == 3 or not (whole or gaps) or sum(bool(cell) for cell in cells) < 2:
@@ -135,7 +137,7 @@ def _header(lines: list[str], separator: str | None, width: int) -> tuple[list[s
 
 
 def _joined(rows: list[list[str]], width: int) -> list[str]:
-    """One name a column: groups above, unit below."""
+    """Join header rows into one name per column: groups above, units below."""
     names = [""] * width
     units = [""] * width
     for number, row in enumerate(rows):

@@ -1,6 +1,6 @@
-"""Column names in people's spellings: quantity, axis and unit of each.
+"""Understands column names in people's spellings: quantity, axis and unit.
 
-`Gyroscope X (deg/s)`, `gyroX`, `w_RS_S_x [rad s^-1]`, `gx_dps` and `Angular velocity.y` are rates about an axis.
+`Gyroscope X (deg/s)`, `gyroX`, `w_RS_S_x [rad s^-1]`, `gx_dps` and `Angular velocity.y` are all rates about an axis.
 """
 
 import re
@@ -23,7 +23,7 @@ _PAIRS = (
     {"rotation", "rate"},
     {"rate", "turn"},
 )
-#: words of quantities that are not measured rates or accelerations, though units or other words are alike
+#: words of quantities that are not measured rates or accelerations, though their units or other words are alike
 _OTHER = {
     *("mag", "magn", "magnetometer", "magnetic", "angle", "angles", "euler", "quat", "quaternion", "orientation"),
     *("bias", "std", "stdev", "sigma", "var", "cov", "covariance", "offset", "offsets", "error", "err"),
@@ -39,9 +39,11 @@ _ARRIVAL = {"phone", "host", "arrival", "received", "pc", "system", "rtc", "date
 
 
 class Name(NamedTuple):
-    """What a column's name says. kind: gyro, accel, axis, time, counter, temperature, rate, or empty for none of them.
+    """Meaning of a column's name.
 
-    unit: in one spelling, empty where none is said. group: its other words, the same for the three axes of one sensor.
+    kind: gyro, accel, axis, time, counter, temperature, rate, or empty for none of these.
+    unit: in its standard spelling, empty if not stated. group: its other
+    words, the same for the three axes of one sensor.
     rank: of a time, the lower the better.
     """
 
@@ -56,7 +58,7 @@ _NOTHING = Name("", "", "", ())
 
 
 def understood(name: str) -> Name:
-    """The meaning of one column's name."""
+    """Return the meaning of one column's name."""
     bare, unit = _unit_of(name.strip())
     words = [word.lower() for word in _WORD.findall(bare)]
     if not words:
@@ -103,7 +105,7 @@ def _time(unit: str, words: list[str], others: set[str]) -> Name:
 
 
 def _unit_of(name: str) -> tuple[str, str]:
-    """The name without its unit, and the unit: in brackets, else its last words."""
+    """Return the name without its unit, and the unit: in brackets, else its last words."""
     if found := _BRACKETS.findall(name):
         unit = next(
             (spelling(one) for one in reversed(found) if spelling(one) in {*GYRO, *ACCEL, *TIME, "degc", "c"}), ""
@@ -122,7 +124,7 @@ def _unit_of(name: str) -> tuple[str, str]:
 
 
 def _axis_of(words: list[str]) -> tuple[str, list[str]]:
-    """The axis, and the words without it."""
+    """Return the axis, and the words without it."""
     for at, word in enumerate(words):
         if word in {"x", "y", "z"}:
             left = [*words[:at], *words[at + 1 :]]

@@ -1,4 +1,4 @@
-"""Text tables as the columns of a recording, in SI units."""
+"""Reads text tables as the columns of a recording, in SI units."""
 
 from itertools import chain
 from pathlib import Path
@@ -18,19 +18,22 @@ from bridge.recording.text.times import seconds_of
 from bridge.recording.units import ACCEL, STANDARD_GRAVITY, TIME
 from bridge.terminal.plurals import count
 
-#: of the largest value: more than rounding to what people print
+#: tolerance between two units of the same quantity, of the largest value: above the rounding that people print
 _AGREED = 1e-3
-#: an IMU's rate: one unit of time at most puts a step in it
+#: rates of an IMU: at most one unit of time puts a step within them
 _SLOW_HZ, _FAST_HZ = 4.5, 4000.0
 _NEAR_GRAVITY = 0.15
-#: of all steps; a clock's own are even
+#: _EVEN: tolerance of an even step, of the median step; _EVENLY: share of even steps of a device's own clock
 _EVEN, _EVENLY = 0.5, 0.8
-#: two columns of times whose steps differ by more are not one clock in two units
+#: two time columns whose steps differ by a larger factor are not one clock in two units
 _SAME_STEP = 1.1
 
 
 def read_text(path: Path, reading: Reading) -> Table:
-    """Read the columns of a recording; what the file does not say is asked for by the option's name. Raises RecordingError."""
+    """Read the columns of a recording from a text table.
+
+    Raises RecordingError, which names the options for what is missing.
+    """
     table = _read(path, reading, only_accel=False)
     if reading.accel_file is not None:
         other = _read(reading.accel_file, reading, only_accel=True)
@@ -110,7 +113,7 @@ class Values(NamedTuple):
         return self.read.numbers[:, self.columns.index(at)]
 
     def vector(self, triple: Triple) -> Floats:
-        """(n, 3) in SI, where the unit is known."""
+        """(n, 3) a vector, in SI if the unit is known."""
         at = [self.columns.index(one) for one in triple.at]
         beside = at == list(range(at[0], at[0] + 3))
         values = self.read.numbers[:, slice(at[0], at[0] + 3) if beside else at]
@@ -118,12 +121,12 @@ class Values(NamedTuple):
         return values
 
     def times(self, clock: Clock) -> Floats:
-        """(n,) times in the column's own unit, of texts in seconds."""
+        """(n,) times in the column's own unit; times written as text in seconds."""
         return seconds_of(self.read.texts[clock.at]) if clock.text else self.column(clock.at)
 
 
 def _rate(path: Path, reading: Reading, layout: Layout, columns: Columns, values: Values) -> float:
-    """The rate that the file says: in a column, else above its header; 0 where it says none."""
+    """Return the rate that the file states: in a column, else above its header; 0 if it states none."""
     if columns.rate is None or not len(values.read.numbers):
         return layout.rate_hz
     rates = values.column(columns.rate)
@@ -137,7 +140,7 @@ def _rate(path: Path, reading: Reading, layout: Layout, columns: Columns, values
 
 
 def _asked(reading: Reading, layout: Layout, columns: Columns, *, only_accel: bool) -> str:
-    """What the file does not say and nobody told, with the options that tell it; empty where nothing is missing."""
+    """Say which facts neither the file nor an option gives, and the options for them; empty if nothing is missing."""
     if only_accel:
         return (
             ""
@@ -157,7 +160,7 @@ def _asked(reading: Reading, layout: Layout, columns: Columns, *, only_accel: bo
 
 
 def _agreed(path: Path, layout: Layout, triples: list[Triple], values: Values) -> Floats:
-    """The first; RecordingError where two units of the same quantity disagree."""
+    """Return the vector in its first unit. Raises RecordingError if its values in two units disagree."""
     first_values = values.vector(triples[0])
     for triple in triples[1:]:
         most = float(np.nanmax(np.abs(first_values), initial=0.0))
@@ -171,7 +174,7 @@ def _agreed(path: Path, layout: Layout, triples: list[Triple], values: Values) -
 
 
 def _by_gravity(layout: Layout, triple: Triple, accel: Floats) -> tuple[float | None, str]:
-    """The factor still to apply, and what to say: gravity tells g, mg and m/s² apart where no unit is said."""
+    """Return the factor still to apply, and a note: gravity tells g, mg and m/s² apart if no unit is stated."""
     if triple.factor is not None:
         return 1.0, ""
     name = layout.names[triple.at[0]] or f"column {triple.at[0] + 1}"
@@ -189,7 +192,7 @@ def _by_gravity(layout: Layout, triple: Triple, accel: Floats) -> tuple[float | 
 
 
 def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) -> tuple[Floats, float, str]:
-    """Times in seconds, the seconds of one count of its column, and what to say. Raises RecordingError."""
+    """Return times in seconds, seconds per count of the chosen column, and a note. Raises RecordingError."""
     if len(clocks) == 1:
         clock, time = clocks[0]
         factor, said = _unit(path, layout, clock, time)
@@ -215,14 +218,14 @@ def _step(time: Floats) -> float:
 
 
 def _evenness(time: Floats) -> float:
-    """The share of steps that are near the median step."""
+    """Return the share of steps near the median step."""
     steps = np.diff(time)
     middle = float(np.median(steps)) if len(steps) else 0.0
     return float(np.mean(np.abs(steps - middle) < _EVEN * middle)) if middle > 0 else 0.0
 
 
 def _unit(path: Path, layout: Layout, clock: Clock, time: Floats) -> tuple[float, str]:
-    """Seconds of one count: as said, else the only unit that makes the rate one of an IMU."""
+    """Return seconds per count, and a note: as stated, else the only unit that makes the rate one of an IMU."""
     if clock.text:
         return 1.0, ""
     if clock.factor is not None:
@@ -247,7 +250,7 @@ def _unit(path: Path, layout: Layout, clock: Clock, time: Floats) -> tuple[float
 
 
 def _join(path: Path, table: Table, other_path: Path, other: Table) -> None:
-    """Put the accelerometer of another file beside the rates, at their times."""
+    """Add another file's accelerometer to the table, interpolated at the rates' times. Raises RecordingError."""
     ours, theirs = table.columns.get("t_s"), other.columns.get("t_s")
     if "accel_m_s2" not in other.columns:
         raise RecordingError(f"{other_path}: no accelerometer that can be used: {'; '.join(other.notes)}")

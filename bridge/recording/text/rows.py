@@ -1,4 +1,4 @@
-"""Rows of a text table as numbers; lines that are no rows are left out and counted."""
+"""Reads the rows of a text table as numbers; other lines are left out and counted."""
 
 from array import array
 from collections.abc import Iterable, Sequence
@@ -15,9 +15,10 @@ _MOST = 1 << 25  # rows: eight hours at 1165 Hz
 
 @dataclass(slots=True)
 class Read:
-    """numbers (n, c): a column for each that was asked for, NaN where a cell is no number. texts: of others, as written.
+    """Columns read from a text table.
 
-    odd: how many lines are no rows, by what they are.
+    numbers (n, c): the columns asked for as numbers, NaN if a cell is no number. texts: columns as written, by index.
+    odd: number of lines that are no rows, by description. lines: line numbers of the rows, block by block.
     """
 
     texts: dict[int, list[str]]
@@ -26,7 +27,7 @@ class Read:
     lines: list[Sequence[int]] = field(default_factory=list)
 
     def line(self, row: int) -> int:
-        """The line number, from 1, of a row."""
+        """Return the line number, from 1, of a row."""
         for block in self.lines:
             if row < len(block):
                 return block[row]
@@ -35,11 +36,11 @@ class Read:
 
 
 class TooLong(Exception):
-    """A table has more rows than are read."""
+    """The table has more rows than can be read."""
 
 
 def read_rows(blocks: Iterable[list[str]], layout: Layout, columns: list[int], texts: list[int]) -> Read:
-    """Read the columns with these indices as numbers, and those of `texts` as written. Raises TooLong."""
+    """Read the columns with these indices as numbers, and those in `texts` as written. Raises TooLong."""
     parts, read, begins, n = list[Floats](), Read({at: [] for at in texts}), 0, 0
     for block in blocks:
         first = max(0, layout.first - begins)
@@ -55,7 +56,7 @@ def read_rows(blocks: Iterable[list[str]], layout: Layout, columns: list[int], t
         if n > _MOST:
             raise TooLong(count(n, "row"))
     read.numbers = np.empty((n, len(columns)))
-    while parts:  # each is freed as it is copied
+    while parts:  # each part is freed once it is copied
         part = parts.pop()
         read.numbers[n - len(part) : n] = part
         n -= len(part)
@@ -63,14 +64,14 @@ def read_rows(blocks: Iterable[list[str]], layout: Layout, columns: list[int], t
 
 
 def _quick(lines: list[str], layout: Layout, columns: list[int], read: Read) -> Floats | None:
-    """A block of rows without a fault, by NumPy's reader; None where one has any."""
+    """Read a faultless block of rows with NumPy's reader; None if the block has any fault."""
     separator, last = layout.separator, layout.width - 1
     if not lines or not columns:
         return None
     if separator is not None:
         if sum(map(str.count, lines, [separator] * len(lines))) != last * len(lines):
             return None
-        # Each has as many cells as another, unless one that is longer makes up for one without the last column.
+        # With equal totals, a longer line may hide a line without its last column.
         if last not in columns and any(line.count(separator) != last for line in lines):
             return None
     text = [line.replace(",", ".") for line in lines] if layout.decimal == "," else lines

@@ -1,4 +1,4 @@
-"""Text of a file in blocks of whole lines: plain or gzip, UTF-8 or UTF-16, with or without a byte order mark."""
+"""Reads a text file in blocks of whole lines: plain or gzip, UTF-8 or UTF-16, with or without byte order mark."""
 
 import gzip
 import io
@@ -11,7 +11,7 @@ from typing import IO
 from bridge.recording.error import RecordingError
 from bridge.runtime.os_errors import why
 
-#: of a text: what `correct` writes for a day at 100 Hz has 3 GB; columns that are not used cost no memory
+#: limit of a text: `correct` writes 3 GB for a day at 100 Hz; unused columns cost no memory
 MAX_TEXT_BYTES = 1 << 32
 MAX_LINE = 1 << 22
 BLOCK = 1 << 20
@@ -21,7 +21,7 @@ _BINARY = 0.02
 
 
 def blocks(path: Path) -> Iterator[list[str]]:
-    """Lines without their ends, some thousands at a time. Raises RecordingError."""
+    """Yield lines without line ends, some thousands at a time. Raises RecordingError."""
     rest, size = "", 0
     with _opened(path) as raw:
         text = io.TextIOWrapper(raw, encoding=_encoding(path, raw), errors="replace", newline=None)

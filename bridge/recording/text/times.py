@@ -1,4 +1,4 @@
-"""Times written as text: ISO 8601, dates in any order with a time of day, or a time of day alone."""
+"""Parses times written as text: ISO 8601, dates in any order with a time of day, or a time of day alone."""
 
 import re
 
@@ -11,12 +11,12 @@ DAY_S = 86_400.0
 
 
 def is_clock(cell: str) -> bool:
-    """Whether a cell has a time of day in it."""
+    """Whether a cell contains a time of day."""
     return _CLOCK.search(cell) is not None
 
 
 def seconds_of(cells: list[str]) -> Floats:
-    """(n,) seconds since the midnight before the first; NaN where a cell has no time of day in it."""
+    """Return seconds (n,) since the midnight before the first time; NaN for a cell without a time of day."""
     time = np.array([_second(cell) for cell in cells], np.float64)
     steps = np.diff(time)
     days = np.cumsum((steps < -DAY_S / 2).astype(float) - (steps > DAY_S / 2))

@@ -1,8 +1,8 @@
-"""Columns of known tools' exports, a TOML file each in configs/columns, or a user's own.
+"""Columns of known tools' exports: one TOML file per tool, in configs/columns or a user's own.
 
 summary = "Sensor Logger's Gyroscope.csv"
-header = ["seconds_elapsed", "z", "y", "x"]   recognised by these names, all of them
-file = "*gyro*"                               and by the file's name, where others have the same header
+header = ["seconds_elapsed", "z", "y", "x"]   recognised if the header has all these names
+file = "*gyro*"                               and by the file's name, if other exports have the same header
 [gyro]    columns = ["x", "y", "z"]   unit = "rad/s"   (or sensitivity = counts per °/s)
 [accel]   the same                                     (or sensitivity = counts per g)
 [time]    column = "seconds_elapsed"  unit = "s"
@@ -26,7 +26,7 @@ _FOLDERS = (
 
 
 class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Three columns, x y z, and their unit, or their raw counts per °/s or per g."""
+    """Three columns, x y z, with their unit or their raw counts per °/s or per g."""
 
     columns: tuple[str, str, str]
     unit: str = ""
@@ -39,12 +39,12 @@ class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"sensitivity is {self.sensitivity:g}; counts per °/s or per g are expected")
 
     def factor(self, known: dict[str, float], per: str) -> float | None:
-        """From the column's numbers to SI; None where the tool's file does not fix the unit."""
+        """Return the factor from the column's numbers to SI; None if the tool's file does not fix the unit."""
         return known[per] / self.sensitivity if self.sensitivity else unit_in(self.unit, known)
 
 
 class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The column with the time of a sample."""
+    """Column with the time of each sample, and its unit."""
 
     column: str
     unit: str = ""
@@ -55,7 +55,7 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Tool(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The export of one tool. It is recognised by names letter for letter: another tool's may differ by case alone."""
+    """Export of one tool, recognised by case-sensitive column names: other tools' names may differ by case alone."""
 
     summary: str = ""
     header: tuple[str, ...] = ()
@@ -72,16 +72,16 @@ class Tool(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def plain(name: str) -> str:
-    """A column's name as it is compared."""
+    """Return a column's name in the form used for comparison: lower case, single blanks."""
     return " ".join(name.lower().split())
 
 
 @lru_cache(maxsize=1)
 def known() -> dict[str, Tool]:
-    """The tools that come with truerate."""
+    """Return the tools that come with truerate, by name."""
     return {name: load(path, Tool) for name, path in shipped(_FOLDERS).items()}
 
 
 def tool(name: str) -> Tool:
-    """One by its name, or of a file of one's own. Raises ConfigError."""
+    """Return a shipped tool by its name, or a tool from a user's file. Raises ConfigError."""
     return load(file_of(name, "tool with columns", _FOLDERS), Tool)

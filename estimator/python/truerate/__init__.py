@@ -12,8 +12,8 @@
         for batch in ward.corrected("chest"):
             print(batch.rate, batch.rate_std)
 
-Rates are in rad/s in the device's frame, specific force in m/s², times in s. Nothing else in the packages `bridge` and
-`estimator` is promised to stay as it is.
+Rates are in rad/s in the device's frame, specific force in m/s², times in s. This module is the public API; everything
+else in the packages `bridge` and `estimator` may change without notice.
 """
 
 from bridge.reasons.catalogue import explain
