@@ -169,7 +169,7 @@ def _direction_var(rest: Rest) -> float:
 
 
 def _shared(turn: TurnCapture, dt: Floats, rests: tuple[Rest, ...], late: int) -> list[float]:
-    """For each rest: seconds of its samples in the first half (late 0) or second half (late 1) of the turn, over its sample count."""
+    """For each rest: seconds of its samples in the first (late 0) or second (late 1) half of the turn, over its sample count."""
     time = turn.samples.time
     halfway = len(time) // 2
     spans = [np.searchsorted(time, (rest.start, rest.end + 1e-9)) for rest in rests]
