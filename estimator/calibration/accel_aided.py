@@ -7,10 +7,11 @@ equipments", ICRA 2014, after Fong, Ong, Nee 2008. Letters:
     b       bias of the gyro in each movement
     M       matrix of the gyro (9): u_after, integrated through M (m - b), must be u_before
 
-Unlike `transitions`, the second step assumes that the first left no error, gives every movement the same weight, and does not
-use full turns. Two things differ from the source. Where the rests show that the bias moved, each movement has the bias of the
-rests around it. The covariance propagates errors of readings, paths and biases through both steps to M, with the error sizes
-that `transitions` estimates. The error of one pose affects two movements directly, and through T and a0 all movements.
+Unlike `transitions`, the second step assumes that the first left no error, gives every movement the same weight, and
+does not use full turns. Two things differ from the source. Where the rests show that the bias moved, each movement has
+the bias of the rests around it. The covariance propagates errors of readings, paths and biases through both steps to M,
+with the error sizes that `transitions` estimates. The error of one pose affects two movements directly, and through T
+and a0 all movements.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Error model of an accelerometer: gravity = shape (reading - bias), shape symmetric and close to the identity.
 
-A symmetric shape prefers no axis: its frame is the orthogonal one nearest to the accelerometer's axes. The full 3x3 gyro
-matrix refers to this frame.
+A symmetric shape prefers no axis: its frame is the orthogonal one nearest to the accelerometer's axes. The full 3x3
+gyro matrix refers to this frame.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,9 @@
 """Checks that the gyro's axes match the accelerometer's: gravity propagated by the gyro against measured gravity.
 
-A gyro with mirrored or swapped axes closes a 360-degree turn as well as a correct one; only gravity during the turn differs.
-All 48 signed permutations of the axes are tried. Each movement contributes the logarithm of its misfit, so that a vigorous
-movement does not outweigh a calm one. A turn about the vertical carries no information, and an accelerometer is needed.
+A gyro with mirrored or swapped axes closes a 360-degree turn as well as a correct one; only gravity during the turn
+differs. All 48 signed permutations of the axes are tried. Each movement contributes the logarithm of its misfit, so that
+a vigorous movement does not outweigh a calm one. A turn about the vertical carries no information. An accelerometer is
+needed.
 """
 
 import itertools
@@ -35,8 +36,9 @@ _STEP_S = 0.04
 _UNKNOWN = 1e-3
 #: misfit (of gravity squared) below which differences are noise
 _FLOOR = 3e-4
-#: least lead of another mapping, in natural logarithms over all movements. Where the only turn about an axis was vertical and
-#: steady, the axis and its mirror image fit alike, except for up to 0.7 from forces on a sensor off the centre of a fast turn.
+#: least lead of another mapping, in natural logarithms over all movements. Where the only turn about an axis was
+#: vertical and steady, the axis and its mirror image fit alike, except for up to 0.7 from forces on a sensor off the
+#: centre of a fast turn.
 #: Elsewhere the correct mapping leads by 2 or more.
 _LEAD = 1.0
 
@@ -44,7 +46,7 @@ _LEAD = 1.0
 def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> Sentence | None:
     """Reason why the gyro's axes differ from the accelerometer's; None if they match or the data do not show it.
 
-    movements: the rest before each movement, and its samples. matrix (3, 3) takes readings to rates in the gyro's own axes.
+    movements: the rest before each movement, and its samples. matrix (3, 3): from readings to rates in the gyro's axes.
     """
     seen = [(rest, samples) for rest, samples in movements if rest.accel is not None and _moves(samples.accel)]
     if not seen:
@@ -59,8 +61,8 @@ def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> S
 def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
     """Mean squared difference (48,) of propagated and measured gravity under each mapping, in units of gravity squared.
 
-    An accelerometer's offset o is measured too, and does not turn with the device: measured - C a = (I - C) o, a the reading at
-    rest. Each mapping gets the offset under which it fits best.
+    An accelerometer's offset o is measured too, and does not turn with the device: measured - C a = (I - C) o, a the
+    reading at rest. Each mapping gets the offset under which it fits best.
     """
     if rest.accel is None or samples.accel is None:
         raise ValueError("gravity is measured by an accelerometer only")

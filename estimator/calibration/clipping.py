@@ -1,11 +1,11 @@
 """Detects readings clipped at the end of the gyro's full-scale range, whether the range is known or not.
 
-Known range: readings at 99 % of it are clipped. A reading beyond it shows that the device uses another range, which is then
-unknown.
-Unknown range: the largest reading of a movement repeats, whereas a hand passes its fastest moment once. The peak of any smooth
-movement spends 1.45 times as long in the five steps below its highest step as in the highest step itself. A step is the
-gyro's rounding step. A matrix or a filter after the clipping blurs the end of the range. A step is then a thousandth of the
-reading, and readings there scatter less than the gyro does at rest.
+Known range: readings at 99 % of it are clipped. A reading beyond it shows that the device uses another range, which is
+then unknown.
+Unknown range: the largest reading of a movement repeats, whereas a hand passes its fastest moment once. The peak of any
+smooth movement spends 1.45 times as long in the five steps below its highest step as in the highest step itself. A step
+is the gyro's rounding step. A matrix or a filter after the clipping blurs the end of the range. A step is then a
+thousandth of the reading, and readings there scatter less than the gyro does at rest.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class ClippingKnobs:
     #: least number of samples at the largest reading, and least ratio to those in the five steps below it
     samples: int = 5
     times: float = 2.0
-    #: blurred end of the range: step relative to the largest reading; and largest scatter there, relative to that at rest
+    #: blurred end of the range: step over the largest reading; and largest scatter there, over that at rest
     blur: float = 1e-3
     quieter: float = 0.5
 

@@ -1,9 +1,9 @@
 """Default calibration method: the bias and scale factors under which every turn ends where it began.
 
-All rests measure the bias. Each turn closes on SO(3), whatever path the hand took. Errors of a session are noise, a moving
-bias, rounding, re-placement by the hand, and misaligned axes. With an accelerometer the tilt after a turn is measured. The
-re-placement error and the size of the misalignment are estimated from the session itself: see replacement_error and
-misalignment. The equations are in closure_fit.
+All rests measure the bias. Each turn closes on SO(3), whatever path the hand took. Errors of a session are noise, a
+moving bias, rounding, re-placement by the hand, and misaligned axes. With an accelerometer the tilt after a turn is
+measured. The re-placement error and the size of the misalignment are estimated from the session itself: see
+replacement_error and misalignment. The equations are in closure_fit.
 """
 
 from dataclasses import dataclass, replace
@@ -55,9 +55,9 @@ class NotConverged(Exception):
 class Closure:
     """Estimate of the closure method: k (3,) and bias (3,) rad/s at device time `time`.
 
-    covariance (6, 6): order bias, k. turn_bias (3, 3): most likely bias during each turn. residual (3, 3) rad: closure error of
-    each turn beyond a measured tilt, in the frame of the turn's start. replacement, misalignment_std: estimated, or from the
-    knobs. chi2, dof: of all residuals.
+    covariance (6, 6): order bias, k. turn_bias (3, 3): most likely bias during each turn. residual (3, 3) rad: closure
+    error of each turn beyond a measured tilt, in the frame of the turn's start. replacement, misalignment_std:
+    estimated, or from the knobs. chi2, dof: of all residuals.
     """
 
     k: Floats
@@ -182,8 +182,8 @@ def _shared(turn: TurnCapture, dt: Floats, rests: tuple[Rest, ...], late: int) -
 def _walk(rests: tuple[Rest, ...], turns: tuple[TurnCapture, ...]) -> Floats:
     """Covariance (r + 3, r + 3), s, of the means of a unit random walk over rests and turns, from the middle of the last rest.
 
-    It is half of E|a - ref| + E|b - ref| - E|a - b|, for times a and b within the two stretches. Within one stretch, E|a - b| is
-    a third of its length, and the mean distance to its middle is a quarter.
+    It is half of E|a - ref| + E|b - ref| - E|a - b|, for times a and b within the two stretches. Within one stretch,
+    E|a - b| is a third of its length, and the mean distance to its middle is a quarter.
     """
     spans = [(rest.start, rest.end) for rest in rests] + [(turn.before.end, turn.after.start) for turn in turns]
     middle, length = np.array([((a + b) / 2, b - a) for a, b in spans]).T

@@ -1,6 +1,6 @@
 """Equations of the closure calibration: maximum likelihood over bias and scale factors, for many sessions at once.
 
-Letters, for s sessions, r rests, 3 turns of n samples; every covariance follows from the errors named here and nothing else:
+Letters, for s sessions, r rests, 3 turns of n samples; every covariance follows only from the errors named here:
 
     m, dt   reading (rad/s) and the seconds it holds         b, k   bias (rad/s) and scale factors: g = k (m - b)
     C_t     attitude after sample t, C_0 = I                 R      C_n, the end of a turn, in the frame of its start
@@ -10,13 +10,15 @@ Letters, for s sessions, r rests, 3 turns of n samples; every covariance follows
 Residuals:  f_j = y_j - b  of rest j,      f_i = log(R_i D_i')  of turn i, in the frame the turn started in.
 
 A change dg_t of the rates turns R by eps = sum_t P_t dg_t on the left, with P_t = C_(t-1) Jl(g_t dt) dt, Jl the left
-Jacobian of SO(3). The code uses (C_(t-1) + C_t)/2 dt, which differs from P_t by the relative amount (rate dt)²/12. Hence
+Jacobian of SO(3). The code uses (C_(t-1) + C_t)/2 dt, which differs from P_t by the relative amount (rate dt)²/12.
+The slopes are
 
     A_i = sum P_t K,   df_i/db = -J A_i,   df_i/dk = J sum P_t diag(m_t - b),   J = Jl(f_i)^-1;   A_j = I, df_j/db = -I
 
-At the true b and k, f_j = w_j + mean noise, and f_i = J (A_i w_i + sum P_t K (noise_t + E (m_t - b))) + errors of the hand or
-the accelerometer. E, the misalignment of the gyro's axes, has a zero diagonal and is the same in all turns. E is not estimated
-and not part of S. Samples of a rest that are also in the integral of a turn correlate the two residuals.
+At the true b and k, f_j = w_j + mean noise, and f_i = J (A_i w_i + sum P_t K (noise_t + E (m_t - b))) + errors of the
+hand or the accelerometer. E, the misalignment of the gyro's axes, has a zero diagonal and is the same in all turns. E
+is not estimated and not part of S. Samples of a rest that are also in the integral of a turn correlate the two
+residuals.
 
 Gauss-Newton on L^-1 f, L L' = S the covariance of f; covariance of (b, k) = (F' S^-1 F)^-1, F = df/d(b, k).
 The dependence of S on k carries some 1e-6 of the information and is neglected.
@@ -48,7 +50,7 @@ class Evidence:
     rest: Floats
     rest_var: Floats
     rest_common_var: Floats
-    #: (s, 2, 3, r) seconds of turn i, at its beginning and at its end, that belong to rest j, over the sample count of j
+    #: (s, 2, 3, r) seconds of turn i, at its beginning and at its end, that belong to rest j, over j's sample count
     shared: Floats
     #: (s, r + 3, r + 3) covariance, (rad/s)², of the change w of each axis' bias at rests and turns
     walk: Floats
@@ -86,7 +88,8 @@ class Fit:
 def fit(evidence: Evidence, max_iterations: int = 12, tolerance: float = 0.01) -> Fit:
     """Maximum-likelihood fit by Gauss-Newton.
 
-    A session has converged where the last step was below `tolerance` standard deviations, so that the next would be near 0.
+    A session has converged where the last step was below `tolerance` standard deviations, so that the next would be
+    near 0.
     """
     theta = start(evidence)
     iterations, converged = 0, np.zeros(len(theta), bool)
@@ -192,7 +195,7 @@ def _covariance(evidence: Evidence, k: Floats, C: Floats, J: Floats, A: Floats) 
     noise = J @ _noise(evidence, k, C) @ J.swapaxes(-1, -2) + evidence.end_cov
     for turn in range(3):
         S[:, r + turn, :, r + turn] += noise[:, turn]
-    # Noise of samples that are in a rest and a turn: sum of P_t K var / samples of the rest, with C_t = I before and R after.
+    # Noise of samples in both a rest and a turn: sum of P_t K var / samples of the rest; C_t is I before and R after.
     ends = np.stack([np.broadcast_to(np.eye(3), J.shape), C[:, :, -1]], axis=1)
     once = J[:, None] @ ends * (k * evidence.noise_var)[:, None, None, None]
     both = np.einsum("szij,sziab->siajb", evidence.shared, once)

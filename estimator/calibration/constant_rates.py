@@ -19,7 +19,8 @@ class PlateauKnobs:
     #: largest difference of a window's mean from its plateau's: absolute, plus a share of the rate
     tolerance: float = radians(0.3)
     share: float = 0.005
-    #: largest scatter of its readings: multiple of that of the quietest windows, plus a share of the rate for the machine's hum
+    #: largest scatter of its readings: multiple of that of the quietest windows, plus a share of the rate for the
+    #: machine's hum
     noise_factor: float = 5.0
     hum_share: float = 0.02
     #: largest difference of a rest's mean from that of the others
@@ -123,8 +124,8 @@ def said_of_others(others: list[Plateau]) -> Sentences:
 def nearest_rates(size: Floats, rates: tuple[float, ...], k_min: float = 0.7, k_max: float = 1.4) -> Floats:
     """Known rate (n,) at which each plateau of one axis was turned, from its reading's size (n,) rad/s; 0 for none.
 
-    One scale factor must explain most readings; of several that do, the one nearest to 1 is used. A reading more than 10 % from
-    every known rate under that factor belongs to another rate.
+    One scale factor must explain most readings; of several that do, the one nearest to 1 is used. A reading more than
+    10 % from every known rate under that factor belongs to another rate.
     """
     known = np.array(rates)
     candidates = (known / size[:, None]).ravel()

@@ -1,7 +1,7 @@
 """Gravity propagated through the movements of a session: residuals, slopes and covariance under a calibration.
 
-Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, and Tedaldi, Pretto, Menegatti, ICRA 2014;
-here the accelerometer's errors, the bias and all rests are in one problem. Letters:
+Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, and Tedaldi, Pretto, Menegatti, ICRA
+2014. Here the accelerometer's errors, the bias and all rests are in one problem. Letters:
 
     theta   bias (3) | diagonal of M (3) | off-diagonal of M (6) | accelerometer (9, accelerometer_errors.PARAMETERS)
     u_i     direction of gravity at rest i as the accelerometer measures it; |g_i| - G is its other residual
@@ -37,7 +37,8 @@ ROW, COLUMN = np.array([*((i, i) for i in range(3)), *_OFF_DIAGONAL]).T
 class TransitionKnobs:
     """Error sizes of each measurement, and priors. Angles in rad."""
 
-    #: m/s², error of a rest's mean acceleration that averaging does not remove: a swaying hand, accelerometer non-linearity
+    #: m/s², error of a rest's mean acceleration that averaging does not remove: a swaying hand, accelerometer
+    #: non-linearity
     accel_floor: float = 0.03
     #: constant error of a path
     path_floor: float = radians(0.05)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from estimator.calibration.capture import Floats
 
-#: eigenvalues of the residual covariance below this share of the largest are zero: the parameters absorb these directions
+#: eigenvalues of the residual covariance below this share of the largest are zero: the parameters absorb these
+#: directions
 _ZERO = 1e-8
 #: probability of the residuals below which they widen the covariance
 HONEST_P = 0.01
@@ -25,8 +26,8 @@ _FACTOR = 10.0
 class Solved:
     """One Gauss-Newton step (p,), its size in standard deviations, and the covariance (p, p) of the parameters.
 
-    residual (n,) after the step; left (n, n), covariance of these residuals. cost: -2 log of the restricted likelihood of C, up
-    to a constant.
+    residual (n,) after the step; left (n, n), covariance of these residuals. cost: -2 log of the restricted likelihood
+    of C, up to a constant.
     """
 
     step: Floats
@@ -61,8 +62,8 @@ def solve(f: Floats, F: Floats, C: Floats) -> Solved:
 def shown_size(fit: Callable[[float], Solved], told: float, worst: float) -> float:
     """Size of an error as the residuals show it: prior `told` within a factor of ten, at most `worst`.
 
-    Root of the posterior mean of its square, from the restricted likelihood of `fit` under each size and a log-normal prior, on a
-    grid from a tenth of `told`.
+    Root of the posterior mean of its square, from the restricted likelihood of `fit` under each size and a log-normal
+    prior, on a grid from a tenth of `told`.
     """
     sizes = np.geomspace(0.1 * told, worst, 19)
     cost = np.array([fit(float(size)).cost for size in sizes]) + (np.log(sizes / told) / log(_FACTOR)) ** 2

@@ -1,7 +1,8 @@
 """Size of a gyro's axis misalignment, estimated from the turns of a session.
 
-An element E_ij of the matrix K (I + E) makes a turn about axis j read as tilted towards i by E_ij. The hand's own tilt looks
-the same, so turns alone cannot tell the two apart. A scale factor fitted without E is off by E times the tilt that is read.
+An element E_ij of the matrix K (I + E) makes a turn about axis j read as tilted towards i by E_ij. The hand's own tilt
+looks the same, so turns alone cannot tell the two apart. A scale factor fitted without E is off by E times the tilt
+that is read.
 Tilts of a size typical for hands are attributed to the hand, the excess to E.
 """
 

@@ -12,9 +12,9 @@ from estimator.calibration.capture import Floats, Rest
 class Biases:
     """Bias of a session and of each of its movements, from its rests.
 
-    mean (3,): bias of the session. noise (n, 3): variance of each rest's reading. moved (3,): variance of the bias about its
-    mean. at_rest (n, 3), local (m, 3): bias in each rest and each movement, less the mean. by_reading (m + 1, n, 3): weights
-    of the rests' readings in the bias of each movement and, in the last row, in the mean.
+    mean (3,): bias of the session. noise (n, 3): variance of each rest's reading. moved (3,): variance of the bias
+    about its mean. at_rest (n, 3), local (m, 3): bias in each rest and each movement, less the mean. by_reading
+    (m + 1, n, 3): weights of the rests' readings in the bias of each movement and, in the last row, in the mean.
     """
 
     mean: Floats
@@ -33,8 +33,8 @@ class Biases:
 def biases(rests: Sequence[Rest], links: Sequence[tuple[int, int]], floor: float) -> Biases:
     """Estimate the bias of each movement; links (m, 2) are the numbers of the rests before and after it.
 
-    Where the rests scatter by more than their noise, the bias of a movement is mostly the mean of its two rests. Otherwise it is
-    mostly the mean of all rests. floor: rad/s, standard deviation of a rest's reading beyond its noise.
+    Where the rests scatter by more than their noise, the bias of a movement is mostly the mean of its two rests.
+    Otherwise it is mostly the mean of all rests. floor: rad/s, standard deviation of a rest's reading beyond its noise.
     """
     reading = np.array([rest.bias for rest in rests])
     noise = np.array([np.diag(rest.bias_cov) for rest in rests]) + floor**2

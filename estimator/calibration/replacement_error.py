@@ -1,9 +1,10 @@
 """Re-placement error: how accurately a hand puts a device back after a turn, estimated from the session.
 
 Three turns give nine closure errors, three of which the scale factors absorb. An accelerometer measures the tilts too.
-Each estimate is the variance s² per axis for which the sum of squares x' (V + s² I)^-1 x equals its degrees of freedom less
-two, where V is the known part of the covariance. Less two, because deviations of few degrees of freedom follow Student's t:
-its variance is dof / (dof - 2) times that of a normal distribution. The covariance of the calibration then has the true spread.
+Each estimate is the variance s² per axis for which the sum of squares x' (V + s² I)^-1 x equals its degrees of freedom
+less two, where V is the known part of the covariance. Less two, because deviations of few degrees of freedom follow
+Student's t: its variance is dof / (dof - 2) times that of a normal distribution. The covariance of the calibration then
+has the true spread.
 """
 
 from collections.abc import Sequence
@@ -73,8 +74,8 @@ def estimate(ends: Sequence[End], residual: Floats, known: Floats) -> Replacemen
     ]
     headings = [(np.array([u @ r]), np.array([[u @ V @ u]])) for u, r, V in zip(up, residual, known, strict=True)]
     measured = [(B @ end.tilt, end.tilt_var * np.eye(2)) for B, end in zip(planes, ends, strict=True)]
-    # A hand's heading error is as large as its tilt error or larger, since a table's top is flat. Where all turns were about
-    # the vertical, no closure error shows it.
+    # A hand's heading error is as large as its tilt error or larger, since a table's top is flat. Where all turns were
+    # about the vertical, no closure error shows it.
     shown = 3 - vertical
     heading_std = _std(headings, dof=shown + 2) if shown > 1 else USUAL.std
     return Replacement(max(_std([*headings, *measured], dof=shown + 6), heading_std), _std(tilts, dof=3 + vertical))

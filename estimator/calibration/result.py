@@ -31,11 +31,11 @@ class VerdictKnobs:
 class Result:
     """Outcome of a calibration: corrected = matrix (reading - bias).
 
-    matrix (3, 3); bias (3,) rad/s; covariance (p, p) of `parameters`; noise_std (3,) rad/s of one reading. bias_time: device time
-    at which the bias held. repeat: axes of the turns to repeat.
-    The first six parameters are always the bias and the diagonal of the matrix. A full matrix has its off-diagonal elements after
-    these. A result without an estimate (repeat or refused before a method could run) has the identity as matrix and an infinite
-    covariance.
+    matrix (3, 3); bias (3,) rad/s; covariance (p, p) of `parameters`; noise_std (3,) rad/s of one reading. bias_time:
+    device time at which the bias held. repeat: axes of the turns to repeat.
+    The first six parameters are always the bias and the diagonal of the matrix. A full matrix has its off-diagonal
+    elements after these. A result without an estimate (repeat or refused before a method could run) has the identity as
+    matrix and an infinite covariance.
     """
 
     method: str
@@ -101,9 +101,9 @@ def judge(
 ) -> Result:
     """Put a verdict on scale factors k (3,) and bias (3,) rad/s with covariance (6, 6).
 
-    turn_bias (3, 3) rad/s: bias during each turn, by default the one bias. unclosed (3,) rad: closure error of each turn, by
-    default that of its path. bias_time: device time at which the bias held, by default the middle of the first rest.
-    note: added to the reason for accepting.
+    turn_bias (3, 3) rad/s: bias during each turn, by default the one bias. unclosed (3,) rad: closure error of each
+    turn, by default that of its path. bias_time: device time at which the bias held, by default the middle of the first
+    rest. note: added to the reason for accepting.
     """
     knobs = knobs or VerdictKnobs()
     turn_bias = np.tile(bias, (3, 1)) if turn_bias is None else turn_bias
@@ -143,8 +143,8 @@ def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], Sente
 def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | None:
     """Axes whose turn was probably not a full turn, because its scale factor k differs from 1 by more than `limit` (relative).
 
-    None when there are no such axes. A deviation that all axes share is no turn's fault: it comes from a library's sensitivity or
-    a sample rate.
+    None when there are no such axes. A deviation that all axes share is no turn's fault: it comes from a library's
+    sensitivity or a sample rate.
     """
     common = float(np.median(k))
     off = np.where(np.abs(k - 1) < np.abs(k / common - 1), k, k / common)

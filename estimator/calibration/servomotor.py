@@ -1,16 +1,18 @@
 """Calibration with one servo that turns at a known rate about a fixed axis, in several mountings of the device.
 
-Source: the method of the paper's own group, its "[servomotor]": Y. Li, L. Wang, Z. Wang, X. Li, S. W. Su, arXiv 2405.03393
-and 2410.19571, with one change. In the source the servo's axis is vertical and its direction in the sensor is measured
-gravity u: u . K (m - b) = w. An accelerometer offset of 90 mg turns u by 5° and more, and makes k 1 to 3 % too large. But the
-gyro itself shows the axis: the rate has its direction. So |K (m - b)| = w, and no accelerometer is needed. Letters:
+Source: the method of the paper's own group, its "[servomotor]": Y. Li, L. Wang, Z. Wang, X. Li, S. W. Su, arXiv
+2405.03393 and 2410.19571, with one change. In the source the servo's axis is vertical and its direction in the sensor
+is measured gravity u: u . K (m - b) = w. An accelerometer offset of 90 mg turns u by 5° and more, and makes k 1 to 3 %
+too large. But the gyro itself shows the axis: the rate has its direction. So |K (m - b)| = w, and no accelerometer is
+needed. Letters:
 
     m_i   mean reading while turning at the known rate w;   g_i = K (m_i - b),  K = diag(k),  u_i = g_i / |g_i|
     y_j   mean reading of rest j;   b  the bias in the last rest
     f     residuals |g_i| - w and y_j - b;   F  their derivatives by (b, k);   C  their covariance: noise of the readings,
           bias wander, the servo's rate, and misalignment E, which is taken for zero: |g_i| = w (1 - u_i . E u_i)
 
-Gauss-Newton from the solution of the squared equations, which are linear in k². Mountings need not follow the sensor's axes.
+Gauss-Newton from the solution of the squared equations, which are linear in k². Mountings need not follow the sensor's
+axes.
 """
 
 from collections.abc import Sequence

@@ -27,7 +27,8 @@ class StageKnobs:
     rest_s: float = 2.0
     #: most of a long rest that is used for the bias: its latest part
     longest_s: float = 30.0
-    #: part of the rest added to a movement at each end: losing 0.1 s of a turn costs 1.6 % of k, a second of rest 0.015 %
+    #: part of the rest added to a movement at each end: losing 0.1 s of a turn costs 1.6 % of k, a second of rest
+    #: 0.015 %
     margin_s: float = 0.4
     #: end of a rest that cannot be told from the beginning of the movement
     edge_s: float = 0.13
@@ -147,8 +148,8 @@ def without_creep(still: Samples, knobs: StageKnobs, *, goes_on: bool = False) -
 def wander(gyro: Floats) -> Floats:
     """Error (3,) rad/s of the mean of a rest (n, 3) from wandering beyond white noise; mostly 0.
 
-    Estimated from the scatter of eight piece means about a straight line: a bias that drifts with warming does not count as
-    wandering. White noise is mistaken for wandering once in 1e4.
+    Estimated from the scatter of eight piece means about a straight line: a bias that drifts with warming does not
+    count as wandering. White noise is mistaken for wandering once in 1e4.
     """
     pieces = gyro[: len(gyro) // 8 * 8].reshape(8, -1, 3)
     n = pieces.shape[1]

@@ -1,6 +1,6 @@
 """Calibration of the full 3x3 gyro matrix from gravity before and after every movement, where the poses allow it.
 
-Full turns alone determine only the diagonal: a misalignment's effect in the first half of a turn is undone in the second.
+Full turns alone determine only the diagonal: the second half of a turn undoes a misalignment's effect in the first.
 Movements between different poses show the misalignment. How well depends on geometry, and the standard deviations tell.
 Where one off-diagonal element stays too uncertain, all of them are left at zero. The diagonal then stands alone, with a
 standard deviation that includes the unknown elements.
@@ -42,8 +42,9 @@ CONDITION = 100.0
 class Fit:
     """Fit of theta (21,), gravity_propagation.PARAMETERS, with covariance (21, 21); error sizes estimated from the residuals.
 
-    misfit: chi-square of gravity and heading over degrees of freedom, for the assumed error sizes. condition: condition number of
-    the data's information on M. angles (m,): rad by which each movement missed. ratio (m,): the same in standard deviations.
+    misfit: chi-square of gravity and heading over degrees of freedom, for the assumed error sizes. condition: condition
+    number of the data's information on M. angles (m,): rad by which each movement missed. ratio (m,): the same in
+    standard deviations.
     full: whether the off-diagonal elements are used. left_out: number of contradicting movements.
     unknown: off-diagonal elements that the poses did not determine, worst first, with their standard deviations.
     """

@@ -1,7 +1,7 @@
 """The paper's calibration: three turns of 360 degrees by hand, and an iterative estimate of the attitude.
 
-Source: L. Wang, R. Duffield, D. Fox, A. Hammond, A. J. Zhang, W. X. Zheng, S. W. Su, "In-field gyroscope autocalibration
-with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
+Source: L. Wang, R. Duffield, D. Fox, A. Hammond, A. J. Zhang, W. X. Zheng, S. W. Su, "In-field gyroscope
+autocalibration with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
 
 The paper's letters, and its equations by their numbers in the paper:
 
@@ -18,8 +18,8 @@ The paper's letters, and its equations by their numbers in the paper:
 
 Algorithm 1: K = I; integrate (5) with it; solve (11) for k, the attitudes held; repeat until |k new - k| <= 1e-5.
 
-The criterion holds for a turn about a fixed axis. With a hand's wobble of 3 degrees its bias is some 1e-3. This file keeps the
-paper's method unchanged.
+The criterion holds for a turn about a fixed axis. With a hand's wobble of 3 degrees its bias is some 1e-3. This file
+keeps the paper's method unchanged.
 """
 
 from dataclasses import dataclass
@@ -113,8 +113,8 @@ def solve_criteria(S: list[Floats]) -> Floats:
 def covariance(capture: Capture, K: Floats, b: Floats, knobs: Turn360Knobs) -> Floats:
     """First-order covariance (6, 6) of (bias, k): noise of the rest and of each turn, and the hand's re-placement error.
 
-    The paper gives no covariance. Each criterion theta_i(k, bias, noise) = 360 degrees is linearised. The criterion does not see
-    the hand's wobble, so the closure error of a turn under K counts as an error of its angle.
+    The paper gives no covariance. Each criterion theta_i(k, bias, noise) = 360 degrees is linearised. The criterion
+    does not see the hand's wobble, so the closure error of a turn under K counts as an error of its angle.
     """
     by_k, by_bias, noise_var = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     for i, turn in enumerate(capture.turns):

@@ -1,7 +1,7 @@
 """Rotation path of a gyro between two rests, with the sensitivity of its end to the gyro's parameters.
 
-A small error of the rates, delta(t) in the device's axes, moves the end attitude R to exp(phi) R with phi = sum C delta dt.
-C is the attitude in the middle of each sample's interval; it takes the error to the frame of the start.
+A small error of the rates, delta(t) in the device's axes, moves the end attitude R to exp(phi) R, where
+phi = sum C delta dt. C is the attitude in the middle of each sample's interval; it takes the error to the frame of the start.
 """
 
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from estimator.geometry import rotation
 class Path:
     """Path of a movement: end (3, 3) takes vectors of the last attitude to the first.
 
-    by_matrix (3, 3, 3): phi per element of the matrix. by_bias (3, 3): phi per rad/s of bias. noise (3, 3): covariance of phi
-    from the readings' white noise. way: rad turned in total, in both directions. seconds: duration. coning: rad by which the
-    axis of rotation moved within the samples' intervals, summed without sign; the motion between samples is unknown by a part
-    of it.
+    by_matrix (3, 3, 3): phi per element of the matrix. by_bias (3, 3): phi per rad/s of bias. noise (3, 3): covariance
+    of phi from the readings' white noise. way: rad turned in total, in both directions. seconds: duration. coning: rad
+    by which the axis of rotation moved within the samples' intervals, summed without sign; the motion between samples
+    is unknown by a part of it.
     """
 
     end: Floats

@@ -32,7 +32,8 @@ from estimator.geometry.gyro_model import axis_names, reading_std
 class TurntableKnobs:
     """Accuracy of the turntable."""
 
-    #: relative error of each stretch's mean rate, within a factor of ten; estimated from the stretches, up to `worst_share`
+    #: relative error of each stretch's mean rate, within a factor of ten; estimated from the stretches, up to
+    #: `worst_share`
     rate_share: float = 3e-5
     worst_share: float = 5e-4
     #: rad, angle between the device's fixing and the table's axis

@@ -1,9 +1,9 @@
 """Variance components: size of each kind of error in a session, estimated from the session's own residuals.
 
-The residuals r have the covariance C = C0 + sum of s_i² C_i. C0 is measured noise; C_i is the covariance assumed for error
-kind i. Source: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320. The unknowns are
-log s_i, with a weak prior that matters only where the residuals say little. The result is the posterior mean of s_i². It is
-larger than the most likely value where few residuals determine it, as in Student's distribution.
+The residuals r have the covariance C = C0 + sum of s_i² C_i. C0 is measured noise; C_i is the covariance assumed for
+error kind i. Source: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320. The
+unknowns are log s_i, with a weak prior that matters only where the residuals say little. The result is the posterior
+mean of s_i². It is larger than the most likely value where few residuals determine it, as in Student's distribution.
 """
 
 from dataclasses import dataclass

@@ -87,8 +87,8 @@ class GyroModel:
     """Calibration of a gyro with its uncertainty.
 
     matrix (3, 3); bias (3,) rad/s; noise_std (3,) rad/s, standard deviation of one reading.
-    scale_std (3,): relative standard deviation of the diagonal of the matrix. cross_std (3,): relative standard deviation of the
-    off-diagonal elements, one value per row.
+    scale_std (3,): relative standard deviation of the diagonal of the matrix. cross_std (3,): relative standard
+    deviation of the off-diagonal elements, one value per row.
     """
 
     matrix: Floats
@@ -122,9 +122,9 @@ class PriorKnobs:
 def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
     """Boot-to-boot repeatability of a device's scale factors: relative standard deviation from one boot to the next.
 
-    scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is the prior of the device kind.
-    Source: scale of the scaled inverse χ² posterior of the variance, all axes alike. The prior counts as one observation
-    (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
+    scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is the prior's.
+    Source: scale of the scaled inverse χ² posterior of the variance, all axes alike. The prior counts as one
+    observation (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
     """
     moved = np.diff(np.log(np.reshape(scales, (-1, 3))), axis=0)
     return sqrt((knobs.scale_std**2 + float(np.square(moved).sum())) / (1 + moved.size))

@@ -1,8 +1,8 @@
 """Attitude from angular rate: products of rotations on SO(3).
 
 Attitudes are 3x3 matrices. They take body vectors to the frame in which the body started.
-Internally a rotation is a unit quaternion w + xi + yj + zk, stored as two complex numbers, w + xi and y + zi. The product of
-two arrays of quaternions then takes four array multiplications.
+Internally a rotation is a unit quaternion w + xi + yj + zk, stored as two complex numbers, w + xi and y + zi. The
+product of two arrays of quaternions then takes four array multiplications.
 """
 
 from math import atan2, hypot

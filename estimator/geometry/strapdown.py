@@ -1,8 +1,8 @@
 """Strapdown integration of a span of about a second: rotation, velocity change, and their sensitivities to sensor errors.
 
-All results are in the axes the device had at the beginning of the span. C(t) takes vectors of the device at time t to those
-axes. phi is the small rotation, in those axes, by which an error of the gyro's parameters moves the end: C_true = exp(phi) C.
-Source: C. Forster et al., "On-manifold preintegration", IEEE Trans. Robotics 33 (2017), here with rates of a scaled and
+All results are in the axes the device had at the beginning of the span. C(t) takes vectors of the device at time t to
+those axes. phi is the small rotation, in those axes, by which an error of the gyro's parameters moves the end:
+C_true = exp(phi) C. Source: C. Forster et al., "On-manifold preintegration", IEEE Trans. Robotics 33 (2017), here with rates of a scaled and
 misaligned gyro.
 """
 
@@ -20,15 +20,15 @@ _SAME = np.zeros(9)
 class Span(NamedTuple):
     """Integrals over an uninterrupted span of `seconds`, in rows of kernels/strapdown.py.
 
-    | row | meaning |
-    |---|---|
-    | END (3, 3) | C at the end of the span |
-    | PUSH (3,) m/s | integral of C a: velocity change |
-    | SHIFT (3,) m | integral of the growing push over time |
-    | DRIFT (3,) m/s | push - shift / seconds, in axes of the end |
-    | BY_BIAS (3, 3), BY_MATRIX (9, 3) | phi per rad/s of bias, per relative change of the matrix, M = (1 + change) matrix |
-    | PUSH_BY_BIAS (3, 3), PUSH_BY_MATRIX (9, 3) | the same sensitivities of push |
-    | PUSH_BY_ACCEL (3, 3) | push per m/s² of accelerometer bias |
+        END (3, 3)                                   C at the end of the span
+        PUSH (3,) m/s                                integral of C a: velocity change
+        SHIFT (3,) m                                 integral of the growing push over time
+        DRIFT (3,) m/s                               push - shift / seconds, in axes of the end
+        BY_BIAS (3, 3), BY_MATRIX (9, 3)             phi per rad/s of bias, per relative change of the matrix
+        PUSH_BY_BIAS (3, 3), PUSH_BY_MATRIX (9, 3)   the same sensitivities of push
+        PUSH_BY_ACCEL (3, 3)                         push per m/s² of accelerometer bias
+
+    The changed matrix is M = (1 + change) matrix.
 
     way: rad turned in total, in both directions. unrest: m/s rms, deviation of the velocity from a constant push.
     """

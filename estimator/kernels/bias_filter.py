@@ -1,6 +1,7 @@
 """Kernels of tracking/bias_filter.py: innovation and NIS of a measurement, matrix inverse, and the bias's part of a filter step.
 
-Textbook letters: x (n,) the state, P its covariance, z (m,) a measurement with covariance R, H (m, n) its slope by the state.
+Textbook letters: x (n,) the state, P its covariance, z (m,) a measurement with covariance R,
+H (m, n) its slope by the state.
 """
 
 import numpy as np
@@ -17,7 +18,8 @@ def weighed(
 ) -> tuple[Floats, Floats, float, float]:
     """Innovation (m,) of z = H x, its covariance S (m, m), and the NIS of the first `first` elements of z and of the others.
 
-    Innovation, S and NIS of the other elements are conditional on the first ones. S then has zeros between the two groups.
+    Innovation, S and NIS of the other elements are conditional on the first ones. S then has zeros between the two
+    groups.
     An NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.
     M (n, m): covariance of the error of x with the noise of z; (n, 0) where they are independent.
     """

@@ -1,7 +1,8 @@
 """Decorator for Numba-compiled loops: compiled on the first call and cached on disk, beside the source or in NUMBA_CACHE_DIR.
 
-A NumPy call on some hundred numbers costs more than its arithmetic, and a second of one device would need hundreds of calls.
-A compiled loop gives the same bits in any batching. Numba is imported on the first call, because the import takes half a second.
+A NumPy call on some hundred numbers costs more than its arithmetic, and a second of one device would need hundreds of
+calls. A compiled loop gives the same bits in any batching. Numba is imported on the first call, because the import
+takes half a second.
 """
 
 import functools

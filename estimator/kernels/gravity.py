@@ -14,11 +14,11 @@ def carried(
 ) -> tuple[Floats, Floats, Floats]:
     """Propagate the state x (24,) of tracking/gravity.py over a span: new state (24,), F and Q (24, 24).
 
-    P (24, 24): covariance of x. span: rows of kernels/strapdown.py. kept: share of the accelerometer's bias that remains.
-    strength: magnitude of gravity, m/s². noise: variances that the span adds to the rotation, to each velocity component and to
-    each accelerometer bias component.
-    An uncertain angle, from bias or matrix, also shifts gravity by half of its square. F has no such term, so Q has it as noise
-    (second order; A. H. Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
+    P (24, 24): covariance of x. span: rows of kernels/strapdown.py. kept: share of the accelerometer's bias that
+    remains. strength: magnitude of gravity, m/s². noise: variances that the span adds to the rotation, to each velocity
+    component and to each accelerometer bias component.
+    An uncertain angle, from bias or matrix, also shifts gravity by half of its square. F has no such term, so Q has it
+    as noise (second order; A. H. Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
     """
     turned, pushed, posed = noise
     bias, g, v, a, m = 0, 6, 9, 12, 15  # index of each part of the state

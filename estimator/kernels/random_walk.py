@@ -42,8 +42,8 @@ def stepped(cross: Floats, own: Floats, F: Floats, walked: Floats) -> None:
 def taken(cross: Floats, own: Floats, K: Floats, H: Floats, part: float) -> None:
     """Update all walks in place for a measurement that the state took in with gain K (n, m) by H (m, n).
 
-    part: 1 for a measurement at a walk that began earlier and contains these walks with all of their first step; 0 for a
-    measurement of the present state.
+    part: 1 for a measurement at a walk that began earlier and contains these walks with all of their first step; 0 for
+    a measurement of the present state.
     """
     n, m = K.shape
     before, seen = np.empty((n, 3)), np.empty(3)

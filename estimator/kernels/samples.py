@@ -9,8 +9,8 @@ Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
 Wholes = NDArray[np.int64]
 
-#: rows of `numbers`, per message: number of samples; bytes of accel, °C and flags, 0 where absent; sequence number and host
-#: time of the first sample
+#: rows of `numbers`, per message: number of samples; bytes of accel, °C and flags, 0 where absent; sequence number and
+#: host time of the first sample
 COUNT, ACCEL, CELSIUS, FLAGS, FIRST, START = range(6)
 
 
@@ -28,12 +28,13 @@ def unpacked(
 ) -> None:
     """Unpack the samples of m messages into rows (n, 9) and places (n, 3) of estimator/samples/sample_buffer.py, with checks.
 
-    found (3, m), written for each message: device time of its first and last sample, and whether all of its samples are valid.
+    found (3, m), written for each message: device time of its first and last sample, and whether all of its samples are
+    valid.
     numbers (6, m): see above. clocks (2, m): tick period, s, and clock rate.
-    ticks: the ticks of all messages one after the other, packed as on the wire. Behind them in the same memory, which floats and
-    words view in two types, lie all gyro, then all accel, °C and flags.
-    limits: largest gyro, accel, °C and host time; masks of known flags, of those that make a reading unfit, and of those that
-    make its °C unfit.
+    ticks: the ticks of all messages one after the other, packed as on the wire. Behind them in the same memory, which
+    floats and words view in two types, lie all gyro, then all accel, °C and flags.
+    limits: largest gyro, accel, °C and host time; masks of known flags, of those that make a reading unfit, and of
+    those that make its °C unfit.
     """
     m = numbers.shape[1]
     known, unfit, stepped = np.uint32(limits[4]), np.uint32(limits[5]), np.uint32(limits[6])
@@ -91,9 +92,9 @@ def corrected(
 ) -> bool:
     """Write corrected rates (n, 3) of rows (n, 9), limited to ±limit; return whether any rate was beyond the limit.
 
-    beyond (n,), written: which samples were limited. The first counts[0] rows use parameters[0], the next counts[1] rows
-    parameters[1], and so on; parameters (m, 12) are matrix and bias. rate = matrix (reading - bias), summed from the left as in
-    gyro_model.py. The bits are the same for any number of rows at once.
+    beyond (n,), written: which samples were limited. The first counts[0] rows use parameters[0], the next counts[1]
+    rows parameters[1], and so on; parameters (m, 12) are matrix and bias. rate = matrix (reading - bias), summed from
+    the left as in gyro_model.py. The bits are the same for any number of rows at once.
     """
     at, found = 0, False
     for m in range(len(counts)):

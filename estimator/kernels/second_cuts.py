@@ -33,14 +33,14 @@ def cut(
 ) -> Floats:
     """Seconds (k, 5) that become complete with the next windows, found (m, 22) by kernels/stillness.py.
 
-    A row: index of the window that completes the second, number of its first sample and of the one after its last, whether it is
-    still, whether it has an accelerometer.
+    A row: index of the window that completes the second, number of its first sample and of the one after its last,
+    whether it is still, whether it has an accelerometer.
     first: number of the sample that `found` counts from. begin: offset of the first window from there.
-    waiting (WAITING, 6): windows that wait: begin and end time, whether the window is still if stillness lasts, first sample and
-    the one after the last, whether it has an accelerometer.
-    state (9,): end time of the last moving window; number of waiting windows; of the second in progress: whether there is one,
-    its begin, its first sample, whether its latest window is still, whether all are, whether all have an accelerometer; spikes
-    in all windows so far.
+    waiting (WAITING, 6): windows that wait: begin and end time, whether the window is still if stillness lasts, first
+    sample and the one after the last, whether it has an accelerometer.
+    state (9,): end time of the last moving window; number of waiting windows; of the second in progress: whether there
+    is one, its begin, its first sample, whether its latest window is still, whether all are, whether all have an
+    accelerometer; spikes in all windows so far.
     """
 
     def close(row: Floats, window: int, behind: float) -> None:
@@ -59,7 +59,8 @@ def cut(
         begin = first + int(found[i, 2])
         new[2], new[4] = new[0] - state[0] >= settle_s, begin
         held, judged = held + 1, 0
-        # A movement begins and ends too gently for one window to show, so a window that seems still waits for later ones.
+        # A movement begins and ends too gently for one window to show, so a window that seems still waits for later
+        # ones.
         # A moving window is final at once, and so are the waiting windows beside it.
         while judged < held and not (still and waiting[judged, 2] != 0.0 and now - waiting[judged, 1] < settle_s):
             of = waiting[judged]

@@ -21,10 +21,10 @@ def measured(
 
     samples (n, 9): rows of samples/sample_buffer.py. Gyro and accel statistics are NaN where there is no reading.
 
-    MEAN, STD: of the gyro. STEP: smallest difference between readings, to within a tenth of the least `known` (3,), which is
-    updated; `step_if_none` if there is none. Where no STD is below `coarsest`, STEP is the least known.
-    MEAN_VAR and COMMON_VAR: see gyro_model.py. JITTER: deviation from one reading to the next. HELD: 1 where all readings are
-    equal. ACCEL_MEAN, ACCEL_STD: of accel. SCALARS: least STD, longest dt, mean magnitude of accel.
+    MEAN, STD: of the gyro. STEP: smallest difference between readings, to within a tenth of the least `known` (3,),
+    which is updated; `step_if_none` if there is none. Where no STD is below `coarsest`, STEP is the least known.
+    MEAN_VAR and COMMON_VAR: see gyro_model.py. JITTER: deviation from one reading to the next. HELD: 1 where all
+    readings are equal. ACCEL_MEAN, ACCEL_STD: of accel. SCALARS: least STD, longest dt, mean magnitude of accel.
     """
 
     def on_grid(read: Floats, low: float, high: float, grid: float) -> float:

@@ -28,11 +28,11 @@ def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
 def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]) -> Floats:
     """Judged windows (m, 22) of samples, rows (n, 9) of samples/sample_buffer.py; spikes are mended in the rows.
 
-    A row: begin and end time, index after its last sample, spikes; flags: still, has an accelerometer, contributed to the noise
-    estimate; mean (6), std (6); noise (3).
-    state (5, 4), each row a number and three axes: time and reading of the last sample; number of windows in this rest, and its
-    mean after four of them; begin and mean of a stretch that is quiet at another rate; sample rate at which the noise was learnt,
-    and the noise; unused, and the mean of the last rest.
+    A row: begin and end time, index after its last sample, spikes; flags: still, has an accelerometer, contributed to
+    the noise estimate; mean (6), std (6); noise (3).
+    state (5, 4), each row a number and three axes: time and reading of the last sample; number of windows in this rest,
+    and its mean after four of them; begin and mean of a stretch that is quiet at another rate; sample rate at which the
+    noise was learnt, and the noise; unused, and the mean of the last rest.
     recent (RECENT, 7): mean, rate and std of the latest windows of this rest.
     """
     window_s, least, factor, floor, jolt, tolerance, new_s, ceiling, gap_s, far, unusual, alone = knobs

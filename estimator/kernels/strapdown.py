@@ -81,7 +81,7 @@ def summed(
         yx, yy, yz = now_y
         zx, zy, zz = now_z
     scalars[0], scalars[1] = seconds, way
-    # A rotation phi moves the force f by phi x f. An error in one sample's rotation moves all pushes from that sample on.
+    # A rotation phi moves the force f by phi x f. A sample's rotation error moves all pushes from that sample on.
     ahead_x = ahead_y = ahead_z = 0.0
     for i in range(n - 1, -1, -1):
         ahead_x += force[i, 0] * dt[i]

@@ -70,7 +70,8 @@ def along(axes: Floats, mean: Floats, var: Floats, common: Floats, n: int) -> tu
 def together(z: Floats, R: Floats, common: Floats) -> tuple[Floats, Floats]:
     """Weighted mean (m,) and covariance (m, m) of measurements z (k, m) with covariances R (k, m, m) and common variances (m,).
 
-    Weights are inverse variances. In a plain mean the uncertain first seconds could hide a turn that later seconds show.
+    Weights are inverse variances. In a plain mean the uncertain first seconds could hide a turn that later seconds
+    show.
     """
     k, m = z.shape
     mean, cov, worth, square = np.zeros(m), np.zeros((m, m)), np.empty(k), 0.0

@@ -21,9 +21,9 @@ from scipy.stats import chi2
 from estimator.noise.allan import degrees_of_freedom, interval, octaves, overlapping
 
 Floats = NDArray[np.float64]
-#: divisor of the degrees of freedom. The octaves of an overlapping estimate share data: their degrees of freedom add up to
-#: twice the number of samples, and the errors of neighbours are correlated. With this divisor simulated intervals have their
-#: nominal coverage (tests/consistency).
+#: divisor of the degrees of freedom. The octaves of an overlapping estimate share data: their degrees of freedom add up
+#: to twice the number of samples, and the errors of neighbours are correlated. With this divisor simulated intervals
+#: have their nominal coverage (tests/consistency).
 _SHARED = 2.5
 _FALL: float = float(chi2.ppf(0.95, 1))  # drop of twice the log-likelihood
 _LEAST_OCTAVES = 6
@@ -111,8 +111,8 @@ def _terms(tau: Floats) -> Floats:
 def _explain(terms: Floats, variance: Floats, each: Floats) -> tuple[int, "_Fit"]:
     """Fit without the shortest octaves, which the device's filter shapes, until the rest fits; add a drift if nothing fits.
 
-    Two more octaves are left out after the first fit. The filter's remaining effect, halved per octave, would hide in the scatter
-    there.
+    Two more octaves are left out after the first fit. The filter's remaining effect, halved per octave, would hide in
+    the scatter there.
     """
     most = max(len(variance) - _LEAST_OCTAVES, 0)
     tried = []

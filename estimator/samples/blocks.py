@@ -46,7 +46,7 @@ class Blocks:
     def resume(self, buffer: SampleBuffer, clock: tuple[float | None, float], begun: float | None) -> None:
         """Continue from saved samples and clock.
 
-        clock: as the property `clock` gives it. begun: device time at which a block of the present length begins, or None.
+        clock: as the property `clock` gives it. begun: device time at which the present block begins, or None.
         """
         self.buffer, (self._first_s, self._later_s) = buffer, clock
         if begun is not None:
@@ -70,7 +70,8 @@ class Blocks:
     def put(self, samples: Samples, skip: int = 0) -> Iterable[tuple[int, float, float]]:
         """Add samples, without the first `skip`, and report each block boundary.
 
-        Yields for the first sample of each block its index in `samples`, its device time, and that of the sample before.
+        Yields for the first sample of each block its index in `samples`, its device time, and that of the sample
+        before.
         The caller ends the finished block at each boundary, and may change `length_s`.
         """
         rows, places = (samples.rows[skip:], samples.places[skip:]) if skip else (samples.rows, samples.places)

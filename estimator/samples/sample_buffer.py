@@ -13,8 +13,8 @@ from bridge.wire.messages import SampleBatch, SampleFlag
 Floats = NDArray[np.float64]
 Wholes = NDArray[np.int64]
 
-#: columns of rows: device time, s; gyro reading, rad/s; accel, m/s², NaN where there is none; 1 where the reading is clipped or
-#: stuck and so does not measure rotation; temperature, °C, NaN where unknown
+#: columns of rows: device time, s; gyro reading, rad/s; accel, m/s², NaN where there is none; 1 where the reading is
+#: clipped or stuck and so does not measure rotation; temperature, °C, NaN where unknown
 TIME, GYRO, ACCEL, CLIPPED, CELSIUS, WIDTH = 0, slice(1, 4), slice(4, 7), 7, 8, 9
 #: columns of places: sequence number; host time, ns since the Unix epoch; SampleFlags
 SEQUENCE, HOST_NS, FLAGS = range(3)

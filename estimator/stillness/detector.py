@@ -1,8 +1,8 @@
 """Stillness detector: cuts the sample stream into short windows and judges each as still or moving.
 
-A window is compared with the device's own noise, and its mean with the mean of the last rest instead of zero. A large turn-on
-bias is therefore not a movement. A spike, a single reading far from both its neighbours, is not a movement either; it is
-replaced by their mean.
+A window is compared with the device's own noise, and its mean with the mean of the last rest instead of zero. A large
+turn-on bias is therefore not a movement. A spike, a single reading far from both its neighbours, is not a movement
+either; it is replaced by their mean.
 """
 
 from collections.abc import Iterator
@@ -27,7 +27,8 @@ Flags = NDArray[np.bool_]
 class SpikeKnobs:
     """Limits beyond which a reading is a spike."""
 
-    #: least distance from the mean of its neighbours, rad/s, which a tap does not reach; and as a multiple of the usual distance
+    #: least distance from the mean of its neighbours, rad/s, which a tap does not reach; and as a multiple of the usual
+    #: distance
     far: float = radians(200.0)
     factor: float = 10.0
     #: least distance as a multiple of the distances of the readings beside it
@@ -141,7 +142,8 @@ class Window(NamedTuple):
 class Windows:
     """Consecutive windows: judgements found (m, 22) by kernels/stillness.py, over rows (n, 9) of estimator.samples.sample_buffer.
 
-    first: number of rows[0], counted from the first sample fed. begin: index in rows of the first window's first sample.
+    first: number of rows[0], counted from the first sample fed. begin: index in rows of the first window's first
+    sample.
     """
 
     __slots__ = ("begin", "first", "found", "rows")
