@@ -2,7 +2,8 @@
 
 All results are in the axes the device had at the beginning of the span. C(t) takes vectors of the device at time t to
 those axes. phi is the small rotation, in those axes, by which an error of the gyro's parameters moves the end:
-C_true = exp(phi) C. Source: C. Forster et al., "On-manifold preintegration", IEEE Trans. Robotics 33 (2017), here with rates of a scaled and
+C_true = exp(phi) C.
+Source: C. Forster et al., "On-manifold preintegration", IEEE Trans. Robotics 33 (2017), here with rates of a scaled and
 misaligned gyro.
 """
 
