@@ -122,7 +122,7 @@ class PriorKnobs:
 def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
     """Boot-to-boot repeatability of a device's scale factors: relative standard deviation from one boot to the next.
 
-    scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is the prior's.
+    scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is the prior scale_std.
     Source: scale of the scaled inverse χ² posterior of the variance, all axes alike. The prior counts as one
     observation (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
     """

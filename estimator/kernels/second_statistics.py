@@ -19,7 +19,7 @@ def measured(
 ) -> tuple[Floats, Floats, bool]:
     """Intervals dt (n,) of samples after time `first`, s; statistics in rows of three; and whether a sample is clipped.
 
-    samples (n, 9): rows of samples/sample_buffer.py. Gyro and accel statistics are NaN where there is no reading.
+    samples (n, 9): rows of samples/sample_buffer.py. Statistics of accel are NaN without an accelerometer.
 
     MEAN, STD: of the gyro. STEP: smallest difference between readings, to within a tenth of the least `known` (3,),
     which is updated; `step_if_none` if there is none. Where no STD is below `coarsest`, STEP is the least known.
