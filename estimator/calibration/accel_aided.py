@@ -1,4 +1,4 @@
-"""The classical calibration by gravity in many poses, in two steps: the accelerometer first, then the gyro against it.
+"""Classical calibration by gravity in many poses, in two steps: first the accelerometer, then the gyro against it.
 
 Source: D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
 equipments", ICRA 2014, after Fong, Ong, Nee 2008. Letters:
@@ -7,10 +7,11 @@ equipments", ICRA 2014, after Fong, Ong, Nee 2008. Letters:
     b       bias of the gyro in each movement
     M       matrix of the gyro (9): u_after, integrated through M (m - b), must be u_before
 
-Unlike `transitions` it solves the second step as if the first had left no error, gives every movement the same weight, and
-knows nothing of full turns. Two things are not classical. Where the rests show that the bias moved, each movement has the bias
-of the rests around it. The covariance propagates errors of readings, paths and biases through both steps to M; their sizes are
-those that `transitions` estimates. An error of one pose is in two movements, and through T and a0 in all of them.
+Unlike `transitions`, the second step assumes that the first left no error, gives every movement the same weight, and
+does not use full turns. Two things differ from the source. Where the rests show that the bias moved, each movement has
+the bias of the rests around it. The covariance propagates errors of readings, paths and biases through both steps to M,
+with the error sizes that `transitions` estimates. The error of one pose affects two movements directly, and through T
+and a0 all movements.
 """
 
 from collections.abc import Sequence
@@ -30,14 +31,14 @@ from estimator.calibration.turn_path import Path, integrate
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import reading_std
 
-#: poses for nine unknowns of the accelerometer, one equation each
+#: least number of poses: nine accelerometer unknowns, one equation per pose
 FEWEST_POSES = 9
-#: of a matrix, above its diagonal
+#: indices of the elements above a matrix's diagonal
 _UPPER = ([0, 0, 1], [1, 2, 2])
 
 
 def by_accel_aided(capture: Capture) -> Result:
-    """The method: bias and full matrix from at least nine poses and the movements between them."""
+    """Calibration method: bias and full matrix from at least nine poses and the movements between them."""
     movements = capture.movements
     data = collect(movements)
     accel = np.array([rest.accel for rest in data.rests])
@@ -90,7 +91,7 @@ def _by_rests(by_bias: Floats, weight: Floats) -> Floats:
 
 
 def _turned(arrived: Floats) -> Floats:
-    """(3, 3) what a small rotation phi does to a direction: phi x arrived."""
+    """Slope (3, 3) of a direction by a small rotation phi: phi x arrived."""
     return np.asarray(-np.cross(arrived, np.eye(3)).T)
 
 
@@ -103,7 +104,7 @@ def _by_poses(links: Sequence[tuple[int, int]], paths: Sequence[Path], u: Floats
 
 
 def _accelerometer(accel: Floats) -> tuple[Floats, Floats]:
-    """T and a0 (9,) and the unit directions (n, 3) they make of the readings they were found from."""
+    """Fit T and a0 (9,) to readings (n, 3); also the unit directions (n, 3) of the corrected readings."""
     start = np.array([1.0, 1, 1, 0, 0, 0, 0, 0, 0])
     fit = scipy.optimize.least_squares(lambda x: np.linalg.norm(_corrected(accel, x), axis=1) - G, start, method="lm")
     g = _corrected(accel, fit.x)
@@ -125,12 +126,12 @@ def _by_accel(accel: Floats, x: Floats) -> Floats:
     T, g, n = _upper(x), _corrected(accel, x), len(accel)
     size = np.linalg.norm(g, axis=1)
     u = g / size[:, None]
-    by_x = np.zeros((n, 3, 9))  # of each g
+    by_x = np.zeros((n, 3, 9))  # slopes of each g
     by_x[:, [0, 1, 2], [0, 1, 2]] = accel - x[6:]
     by_x[:, _UPPER[0], [3, 4, 5]] = (accel - x[6:])[:, _UPPER[1]]
     by_x[:, :, 6:] = -T
-    strength = np.einsum("ni,nik->nk", u, by_x)  # of |g|, by T and a0
-    moved = -np.linalg.pinv(strength)[:, :, None] * (u @ T)[None]  # T and a0, by each reading
+    strength = np.einsum("ni,nik->nk", u, by_x)  # slopes of |g| by T and a0
+    moved = -np.linalg.pinv(strength)[:, :, None] * (u @ T)[None]  # slopes of T and a0 by each reading
     g_by_accel = np.einsum("nik,kmj->nimj", by_x, moved)
     g_by_accel[np.arange(n), :, np.arange(n)] += T
     across = (np.eye(3) - u[:, :, None] * u[:, None]) / size[:, None, None]
@@ -138,7 +139,7 @@ def _by_accel(accel: Floats, x: Floats) -> Floats:
 
 
 def _that_differ(accel: Floats) -> int:
-    """How many of the readings (n, 3) are 20 degrees or more from all that are counted before them."""
+    """Number of distinct poses: readings (n, 3) more than 20 degrees from all that are counted before them."""
     counted: list[Floats] = []
     for a in accel:
         if all(rotation.angle_between(a, b) > radians(20) for b in counted):

@@ -1,7 +1,7 @@
-"""An accelerometer's own errors: gravity = shape (reading - bias), shape symmetric and close to the identity.
+"""Error model of an accelerometer: gravity = shape (reading - bias), shape symmetric and close to the identity.
 
-Symmetric, so that no axis is preferred: the frame is the orthogonal one nearest to the accelerometer's axes, and it is
-the frame in which a full 3x3 gyro matrix is then true.
+A symmetric shape prefers no axis: its frame is the orthogonal one nearest to the accelerometer's axes. The full 3x3
+gyro matrix refers to this frame.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ PARAMETERS = (
     *("accel_shear_yz", "accel_shear_xz", "accel_shear_xy"),
 )
 N = len(PARAMETERS)
-#: (9, 3, 3) what each parameter adds to the shape
+#: (9, 3, 3) slope of the shape by each parameter
 _SHAPES = np.zeros((N, 3, 3))
 for _axis in range(3):
     _SHAPES[3 + _axis, _axis, _axis] = 1.0
@@ -27,22 +27,22 @@ for _p, (_i, _j) in enumerate(((1, 2), (0, 2), (0, 1))):
 
 @dataclass(frozen=True, slots=True)
 class AccelKnobs:
-    """What an accelerometer's errors are before it has been seen in many poses: standard deviations, mean zero."""
+    """Prior standard deviations of an accelerometer's errors, mean zero."""
 
     #: m/s²; 60 mg is the worst of a datasheet's zero-g offsets
     bias: float = 0.5
-    #: relative; it takes in that local gravity differs from 9.80665 by 0.3 %
+    #: relative; includes the deviation of local gravity from 9.80665 by 0.3 %
     scale: float = 0.03
     #: rad between two axes
     shear: float = 0.005
 
     def std(self) -> Floats:
-        """(9,) standard deviations of PARAMETERS."""
+        """Standard deviations (9,) of PARAMETERS."""
         return np.repeat([self.bias, self.scale, self.shear], 3)
 
 
 def measured(accel: Floats, errors: Floats) -> tuple[Floats, Floats, Floats]:
-    """Gravity (3,) in m/s² of a mean reading (3,) under errors (9,), its slopes (3, 9) by errors and (3, 3) by reading."""
+    """Gravity (3,) in m/s² of a mean reading (3,) under errors (9,), with slopes (3, 9) by errors and (3, 3) by reading."""
     shape = np.eye(3) + np.tensordot(errors, _SHAPES, axes=1)
     from_bias = accel - errors[:3]
     slope = np.column_stack([-shape, (_SHAPES[3:] @ from_bias).T])

@@ -1,8 +1,9 @@
-"""Whether the gyro's axes are the accelerometer's: gravity propagated by the gyro against gravity as measured.
+"""Checks that the gyro's axes match the accelerometer's: gravity propagated by the gyro against measured gravity.
 
-A mirrored or swapped gyro closes a 360-degree turn as well as a right one; only gravity on the way tells. All 48 signed
-permutations of the axes are tried; each movement votes with the logarithm of its misfit, so that a vigorous movement does
-not outvote a calm one. A turn about the vertical says nothing, and an accelerometer is needed.
+A gyro with mirrored or swapped axes closes a 360-degree turn as well as a correct one; only gravity during the turn
+differs. All 48 signed permutations of the axes are tried. Each movement contributes the logarithm of its misfit, so that
+a vigorous movement does not outweigh a calm one. A turn about the vertical carries no information. An accelerometer is
+needed.
 """
 
 import itertools
@@ -19,7 +20,7 @@ from estimator.geometry.gyro_model import AXES
 
 Floats = NDArray[np.float64]
 
-#: (48, 3, 3) every signed permutation, the identity first
+#: (48, 3, 3) all signed permutations of the axes, the identity first
 MAPPINGS: Floats = np.array(
     sorted(
         (
@@ -31,20 +32,21 @@ MAPPINGS: Floats = np.array(
     )
 )
 _STEP_S = 0.04
-#: keeps an offset small that a movement shows little of
+#: regularisation: keeps an offset small where a movement hardly shows it
 _UNKNOWN = 1e-3
 #: misfit (of gravity squared) below which differences are noise
 _FLOOR = 3e-4
-#: how much better another mapping must fit, in natural logarithms over all movements. Where the only turn about an axis was
-#: vertical and steady, the axis and its mirror image fit alike, but for up to 0.7 by forces on a sensor off the centre of a fast
-#: turn. Elsewhere the right mapping leads by 2 and more.
+#: least lead of another mapping, in natural logarithms over all movements. Where the only turn about an axis was
+#: vertical and steady, the axis and its mirror image fit alike, except for up to 0.7 from forces on a sensor off the
+#: centre of a fast turn.
+#: Elsewhere the correct mapping leads by 2 or more.
 _LEAD = 1.0
 
 
 def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> Sentence | None:
-    """What is wrong with the axes, or None when nothing is, or nothing can be said.
+    """Reason why the gyro's axes differ from the accelerometer's; None if they match or the data do not show it.
 
-    movements: the rest before each and its samples; matrix (3, 3) takes readings to rates in the gyro's own axes.
+    movements: the rest before each movement, and its samples. matrix (3, 3): from readings to rates in the gyro's axes.
     """
     seen = [(rest, samples) for rest, samples in movements if rest.accel is not None and _moves(samples.accel)]
     if not seen:
@@ -57,10 +59,10 @@ def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> S
 
 
 def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
-    """(48,) mean squared difference of gravity carried and measured under each mapping, in units of gravity squared.
+    """Mean squared difference (48,) of propagated and measured gravity under each mapping, in units of gravity squared.
 
-    An accelerometer's offset o is measured too, and does not turn with the device: measured - C a = (I - C) o, a the reading at
-    rest. Each mapping is given the offset under which it fits best.
+    An accelerometer's offset o is measured too, and does not turn with the device: measured - C a = (I - C) o, a the
+    reading at rest. Each mapping gets the offset under which it fits best.
     """
     if rest.accel is None or samples.accel is None:
         raise ValueError("gravity is measured by an accelerometer only")
@@ -74,7 +76,7 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
     turn = np.broadcast_to(np.eye(3), (len(MAPPINGS), 3, 3))
     by_offset, both, total = np.zeros((len(MAPPINGS), 3, 3)), np.zeros((len(MAPPINGS), 3)), np.zeros(len(MAPPINGS))
     for t in range(n):
-        turn = np.einsum("mji,mjk->mik", steps[:, t], turn)  # takes a fixed vector to the body one step later
+        turn = np.einsum("mji,mjk->mik", steps[:, t], turn)  # takes a fixed vector to the body frame one step later
         missed, slope = measured[t] - turn @ rest.accel, np.eye(3) - turn
         by_offset += slope.swapaxes(1, 2) @ slope
         both += np.einsum("mij,mi->mj", slope, missed)
@@ -85,12 +87,12 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
 
 
 def _moves(accel: Floats | None) -> bool:
-    """Tell an accelerometer that works from none, and from a frozen one."""
+    """Whether there is an accelerometer whose readings change; a frozen one has constant readings."""
     return accel is not None and bool(np.ptp(accel, axis=0).any())
 
 
 def in_words(mapping: Floats) -> str:
-    """A mapping as people would correct it: which reading is which axis."""
+    """Axis mapping as text for users: which reading is which axis."""
     rows = [int(np.argmax(np.abs(row))) for row in mapping]
     signs = ["−" if mapping[axis, row] < 0 else "" for axis, row in enumerate(rows)]
     changed = [

@@ -1,4 +1,4 @@
-"""How a gyro's bias wanders over a recording: covariance of its means over stretches of time, and its size as rests show it.
+"""Bias wander of a gyro over a recording: covariance of its means over stretches of time, with the size shown by the rests.
 
 A wandering bias is a random walk and flicker noise together (IEEE Std 952-1997, Annex B). Letters:
 
@@ -6,7 +6,7 @@ A wandering bias is a random walk and flicker noise together (IEEE Std 952-1997,
     h       generalised covariance of the bias at two times, tau apart: -N² tau/2 - B²/pi ln tau, up to a constant
     H       its second antiderivative in tau: a mean of h over two stretches is four values of H
     W       (n, n) covariance of the stretches' mean biases, each less that of the reference stretch: the constant cancels
-    D       (n, n) the same of a steady drift, as of a device that warms up
+    D       (n, n) the same for a steady drift, as of a device that warms up
 """
 
 from collections.abc import Sequence
@@ -18,32 +18,32 @@ import numpy as np
 from estimator.calibration.capture import Floats
 from estimator.calibration.constant_rates import Plateau
 
-#: sizes that are tried, over what the knobs say, and how far the knobs may be off: a factor, one standard deviation
+#: trial sizes of the wander relative to the knobs; and the prior's one-sigma factor
 _SIZES, _FACTOR = np.geomspace(0.05, 20.0, 61), 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class WanderKnobs:
-    """Prior knowledge of how the bias wanders; the defaults are those of the device model `generic`."""
+    """Prior size of the bias wander; the defaults are those of the device model `generic`."""
 
     #: rad/s, B; the flat of the Allan deviation is 0.664 B
     bias_instability: float = radians(0.014)
     #: rad/s/√s, N
     rate_random_walk: float = radians(7e-4)
-    #: rad/s², of a device that warms up
+    #: rad/s², bias drift of a device that warms up
     drift: float = radians(0.1 / 60)
 
 
 def wander_cov(stretches: Sequence[Plateau], reference: int, rests: Sequence[Plateau], knobs: WanderKnobs) -> Floats:
-    """(n, n), (rad/s)², of one axis: the mean bias of each stretch less that of the stretch with number `reference`.
+    """Covariance (n, n), (rad/s)², of one axis: mean bias of each stretch less that of the stretch numbered `reference`.
 
-    The wandering is taken as large as the rests show it.
+    The size of the wander is estimated from the rests.
     """
     return _shown_size(rests, knobs) ** 2 * _wander(stretches, reference, knobs) + _drift(stretches, reference, knobs)
 
 
 def _wander(stretches: Sequence[Plateau], reference: int, knobs: WanderKnobs) -> Floats:
-    """W as the knobs say."""
+    """W for the size that the knobs give."""
     start, end = np.array([(stretch.start, stretch.end) for stretch in stretches]).T
 
     def second(tau: Floats) -> Floats:
@@ -58,16 +58,16 @@ def _wander(stretches: Sequence[Plateau], reference: int, knobs: WanderKnobs) ->
 
 
 def _drift(stretches: Sequence[Plateau], reference: int, knobs: WanderKnobs) -> Floats:
-    """The matrix D."""
+    """Covariance matrix D of a steady drift."""
     middle = np.array([(stretch.start + stretch.end) / 2 for stretch in stretches])
     way = knobs.drift * (middle - middle[reference])
     return np.outer(way, way)
 
 
 def _shown_size(rests: Sequence[Plateau], knobs: WanderKnobs) -> float:
-    """How many times as large as the knobs say the wandering is by what differs from rest to rest: the likeliest factor.
+    """Most likely size of the wander from the differences between rests, relative to the knobs.
 
-    Restricted likelihood of the three axes together, the knobs being right within a factor of three.
+    Restricted likelihood of the three axes together. Prior: the knobs are correct within a factor of three.
     """
     if len(rests) < 3:
         return 1.0

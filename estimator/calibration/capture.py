@@ -1,4 +1,4 @@
-"""What a calibration session yields: rests, and turns with the rest around them. Device time throughout."""
+"""Captured data of a calibration session in device time: rests, and turns and movements with the rests around them."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from estimator.samples.sample_buffer import ACCEL, CLIPPED, GYRO, TIME, WIDTH
 from estimator.stillness.detector import Window
 
 Floats = NDArray[np.float64]
-#: sine of the steepest angle above the horizon of an axis that gravity shows turns about
+#: sine of the largest angle between a turn's axis and the horizon at which gravity shows the turn
 _STEEP = np.sin(radians(45.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """n samples: time (n,) s, gyro (n, 3) rad/s as read, accel (n, 3) m/s² or None, clipped (n,) bool."""
+    """Samples as columns: time (n,) s, gyro (n, 3) rad/s as read, accel (n, 3) m/s² or None, clipped (n,) bool."""
 
     time: Floats
     gyro: Floats
@@ -31,7 +31,7 @@ class Samples:
 
     @staticmethod
     def of(windows: Sequence[Window]) -> "Samples":
-        """Those of one or more windows in a row, spikes mended."""
+        """Samples of one or more consecutive windows, with spikes mended."""
         if len(windows) == 1:
             (window,) = windows
             return Samples(window.time, window.gyro, window.accel, window.clipped)
@@ -41,23 +41,24 @@ class Samples:
         return Samples(time, gyro, accel, np.concatenate([window.clipped for window in windows]))
 
     def between(self, start: float, end: float) -> "Samples":
-        """The samples with start <= time <= end."""
+        """Samples with start <= time <= end."""
         return self.part(
             slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, end, side="right")))
         )
 
     def part(self, part: slice) -> "Samples":
-        """Some of them, in a row."""
+        """Samples of a slice."""
         accel = None if self.accel is None else self.accel[part]
         return Samples(self.time[part], self.gyro[part], accel, self.clipped[part])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """A time of stillness: bias (3,) is the mean reading, std (3,) of one of its n readings, step (3,) their rounding.
+    """A period of stillness with its mean readings; start and end in device time, s.
 
-    accel (3,) mean m/s² or None; accel_std (3,) of one of its readings, None when not known.
-    wander (3,) rad/s: by how much the mean errs because the readings wander more than white noise does, mostly 0.
+    bias (3,) rad/s: mean gyro reading. std (3,): standard deviation of one of its n readings. step (3,): rounding step.
+    accel (3,) m/s²: mean, or None. accel_std (3,): standard deviation of one accelerometer reading, None when unknown.
+    wander (3,) rad/s: error of the mean from low-frequency wandering beyond white noise, mostly 0.
     """
 
     start: float
@@ -72,23 +73,23 @@ class Rest:
 
     @property
     def middle(self) -> float:
-        """The time at which the bias was its mean."""
+        """Device time at which the bias equals the mean reading, s."""
         return (self.start + self.end) / 2
 
     @property
     def rounding_var(self) -> Floats:
-        """(3,) variance of what rounding leaves in the mean reading, the same in every rest."""
+        """Variance (3,) that rounding leaves in the mean reading, the same error in every rest."""
         return rounding_var(self.std, self.step)
 
     @property
     def bias_cov(self) -> Floats:
-        """(3, 3) covariance of the mean reading as the bias: white noise, rounding, and wandering."""
+        """Covariance (3, 3) of the mean reading as the bias: white noise, rounding and wandering."""
         return np.diag(mean_var(self.std, self.step, self.n) + self.wander**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurnCapture:
-    """One full turn about device axis 0, 1 or 2: samples from inside the rest before to inside the rest after."""
+    """A full turn about device axis 0, 1 or 2: samples from inside the rest before to inside the rest after."""
 
     axis: int
     samples: Samples
@@ -97,7 +98,7 @@ class TurnCapture:
 
     @property
     def checked_by_gravity(self) -> bool:
-        """Whether gravity, measured before and after, shows if the turn was a full one: its axis was not near the vertical."""
+        """Whether gravity before and after shows if the turn was full: its axis must not be near the vertical."""
         up = self.before.accel
         return (
             up is not None and self.after.accel is not None and abs(float(up[self.axis])) < _STEEP * np.linalg.norm(up)
@@ -106,7 +107,7 @@ class TurnCapture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Movement:
-    """What lay between two rests, with a little of both; full_turn: it is known to have ended where it began."""
+    """A movement between two rests, with a short part of both; full_turn: it is known to have ended where it began."""
 
     before: Rest
     after: Rest
@@ -116,10 +117,10 @@ class Movement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """All a method needs: the rest before the first turn, and one turn about each axis in the order x, y, z.
+    """Input of a calibration method: the rest before the first turn, and one turn about each axis in the order x, y, z.
 
     rests: every rest from that one to the one after the last turn, in the order of time.
-    movements: all that lay between two rests, full turns or not; with them alone turns may be missing.
+    movements: all movements between rests, full turns or not. Turns may be missing for methods that use only movements.
     """
 
     rest: Rest
@@ -129,15 +130,15 @@ class Capture:
 
 
 class History:
-    """The latest samples of a stream, at least `keep_s` seconds of them, found again by device time."""
+    """Buffer of the latest samples of a stream, at least `keep_s` seconds, searchable by device time."""
 
     def __init__(self, keep_s: float = 120.0) -> None:
         self._keep_s = keep_s
-        #: rows (n, 9) of windows: beside them nothing is made of what mostly is not asked for
+        #: rows (n, 9) of windows; Samples are made only on request, which is rare
         self._held: deque[Floats] = deque()
 
     def add(self, samples: Samples) -> None:
-        """Take the next samples."""
+        """Append the next samples."""
         rows = np.full((len(samples), WIDTH), np.nan)
         rows[:, TIME], rows[:, GYRO], rows[:, CLIPPED] = samples.time, samples.gyro, samples.clipped
         if samples.accel is not None:
@@ -145,14 +146,14 @@ class History:
         self.take(rows)
 
     def take(self, rows: Floats) -> None:
-        """Take the rows of the next windows."""
+        """Append the rows of the next windows."""
         held, oldest_needed = self._held, rows.item(-1, TIME) - self._keep_s
         held.append(rows)
         while held[0].item(-1, TIME) < oldest_needed:
             held.popleft()
 
     def between(self, start: float, end: float) -> Samples:
-        """The samples with start <= time <= end that are still held; none when none is."""
+        """Samples with start <= time <= end that are still held; empty when there are none."""
         held = [rows for rows in self._held if rows.item(-1, TIME) >= start and rows.item(0, TIME) <= end]
         if not held:
             return Samples(np.empty(0), np.empty((0, 3)), None, np.empty(0, bool))
@@ -162,13 +163,13 @@ class History:
 
     @property
     def rate_hz(self) -> float:
-        """Samples a second, mostly, of those that are still held; 0 when none is."""
+        """Median sample rate of the samples still held, Hz; 0 when there are none."""
         time = np.concatenate([rows[:, TIME] for rows in self._held]) if self._held else np.empty(0)
         return float(1 / np.median(np.diff(time))) if len(time) > 1 else 0.0
 
     @property
     def largest(self) -> float:
-        """The largest reading that is still held, rad/s; 0 when none is."""
+        """Largest absolute gyro reading still held, rad/s; 0 when there are none."""
         return max((float(np.abs(rows[:, GYRO]).max()) for rows in self._held), default=0.0)
 
 

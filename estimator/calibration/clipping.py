@@ -1,10 +1,11 @@
-"""Readings that were cut off at the end of the gyro's range, whether the range is known or not.
+"""Detects readings clipped at the end of the gyro's full-scale range, whether the range is known or not.
 
-Known: readings at 99 % of it. A reading beyond it shows that the device is set to another range, which is then unknown.
-Unknown: the largest reading of a movement comes up again and again, where a hand's fastest moment is passed once. The peak of
-any smooth movement spends 1.45 times as long in the five steps below its highest step as in the highest step itself. A step
-is the gyro's own. A matrix or a filter after the cut blurs the end of the range: then a step is a thousandth of the reading, and
-readings there scatter less than the gyro does at rest.
+Known range: readings at 99 % of it are clipped. A reading beyond it shows that the device uses another range, which is
+then unknown.
+Unknown range: the largest reading of a movement repeats, whereas a hand passes its fastest moment once. The peak of any
+smooth movement spends 1.45 times as long in the five steps below its highest step as in the highest step itself. A step
+is the gyro's rounding step. A matrix or a filter after the clipping blurs the end of the range. A step is then a
+thousandth of the reading, and readings there scatter less than the gyro does at rest.
 """
 
 from dataclasses import dataclass
@@ -22,32 +23,32 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class ClippingKnobs:
-    """When readings count as cut off."""
+    """Limits beyond which readings count as clipped."""
 
-    #: rad/s, full scale of a reading; infinite: not known
+    #: full-scale range, rad/s; infinite: not known
     gyro_range: float = inf
-    #: part of the range from which on a reading is at its end, and beyond which the range is another one
+    #: share of the range from which a reading is clipped, and beyond which the device uses another range
     near: float = 0.99
     beyond: float = 1.02
-    #: so many samples at the largest reading are needed, and so many times those in the five steps below it
+    #: least number of samples at the largest reading, and least ratio to those in the five steps below it
     samples: int = 5
     times: float = 2.0
-    #: of the largest reading, the step of a range whose end is blurred; and the most scatter there, of that at rest
+    #: blurred end of the range: step over the largest reading; and largest scatter there, over that at rest
     blur: float = 1e-3
     quieter: float = 0.5
 
 
 def clipped(samples: Samples, noise_std: Floats, knobs: ClippingKnobs) -> Flags:
-    """(n,) which samples of one movement were cut off, as the bridge says, by the range, or as the readings show.
+    """Flags (n,) of the clipped samples of one movement: by the bridge, by the known range, or by repetition of the readings.
 
-    noise_std: (3,) rad/s, of one reading at rest.
+    noise_std (3,) rad/s: standard deviation of one reading at rest.
     """
     known = at_range(samples, knobs)
     return known if known.any() else _repeated(samples.gyro, noise_std, knobs)
 
 
 def at_range(samples: Samples, knobs: ClippingKnobs) -> Flags:
-    """(n,) which samples were cut off, as the bridge says or by the range."""
+    """Flags (n,) of the samples clipped according to the bridge or the known range."""
     size = np.abs(samples.gyro)
     if not float(size.max(initial=0.0)) <= knobs.beyond * knobs.gyro_range < inf:
         return samples.clipped
@@ -55,7 +56,7 @@ def at_range(samples: Samples, knobs: ClippingKnobs) -> Flags:
 
 
 def _repeated(gyro: Floats, noise_std: Floats, knobs: ClippingKnobs) -> Flags:
-    """(n,) the samples at the largest reading of readings (n, 3), if it is repeated as only the end of a range is."""
+    """Flags (n,) of the samples at the largest of readings (n, 3), if it repeats as only the end of a range does."""
     at, axis = np.unravel_index(int(np.argmax(np.abs(gyro))), gyro.shape)
     reading = np.copysign(1.0, gyro[at, axis]) * gyro[:, axis]
     own, blurred = float(least_step(gyro)[axis]), knobs.blur * float(reading.max())
@@ -68,7 +69,7 @@ def _repeated(gyro: Floats, noise_std: Floats, knobs: ClippingKnobs) -> Flags:
 
 
 def _end(reading: Floats, step: float, knobs: ClippingKnobs) -> Flags:
-    """(n,) which of readings (n,) are at the largest one, in steps; none where a smooth movement may have as many there."""
+    """Flags (n,) of the readings (n,) at the largest one, within a step; none where a smooth movement may have as many there."""
     below = (reading.max() - reading) / step
     at_the_end, just_below = below < 0.99, (below >= 0.99) & (below < 5.99)
     enough = np.count_nonzero(at_the_end) >= max(knobs.samples, knobs.times * np.count_nonzero(just_below) + 1)

@@ -1,9 +1,9 @@
-"""The default calibration: the bias and scale under which every turn ends where it began, as sure as the data make them.
+"""Default calibration method: the bias and scale factors under which every turn ends where it began.
 
-All rests measure the bias, and each turn closes on SO(3) whatever path the hand took. The errors of a session are noise, a
-bias that moves, rounding, re-placement by the hand, and misaligned axes. With an accelerometer the tilt after a turn is
-measured. How well the hand put the device back, and how far the axes may be misaligned, is estimated from the session itself:
-see replacement and misalignment. The equations are in closure_fit.
+All rests measure the bias. Each turn closes on SO(3), whatever path the hand took. Errors of a session are noise, a
+moving bias, rounding, re-placement by the hand, and misaligned axes. With an accelerometer the tilt after a turn is
+measured. The re-placement error and the size of the misalignment are estimated from the session itself: see
+replacement_error and misalignment. The equations are in closure_fit.
 """
 
 from dataclasses import dataclass, replace
@@ -27,24 +27,24 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ClosureKnobs:
-    """Errors of a session beside its noise. Standard deviations; None: estimated from the session."""
+    """Errors of a session beside its noise, as standard deviations; None: estimated from the session."""
 
-    #: rad per axis, between the start and the end of a turn as the hand made them, and of a tilt that gravity measured
+    #: rad per axis, between the start and the end of a turn by hand, and of a tilt measured by gravity
     replacement: Replacement | None = None
-    #: of each off-diagonal element of the gyro's matrix, which is not itself estimated
+    #: of each off-diagonal element of the gyro's matrix; the elements themselves are not estimated
     misalignment_std: float | None = None
-    #: relative error of an accelerometer (scale, misalignment, bias over g), of a tilt that it measures
+    #: error of a measured tilt, relative to the tilt (accelerometer scale, misalignment, bias over g)
     tilt_share: float = 0.02
-    #: rad/s per root second that a bias moves, as in tracking
+    #: rate random walk of the bias, rad/s/√s, as in tracking
     rate_random_walk: float = radians(2e-3)
-    #: output rates, Hz, below which a rate's change of direction within a sample is made good
+    #: output data rate, Hz, below which the coning correction is applied
     coning_below_hz: float = 50.0
-    #: a scatter of the rests less probable than this is taken for a bias that moves as much as they show
+    #: probability below which the scatter of the rests is taken for a faster-moving bias
     honest_p: float = 0.01
 
 
 class NotConverged(Exception):
-    """No bias and scale close the three turns, for this reason."""
+    """No bias and scale factors close the three turns; `reason` says why."""
 
     def __init__(self, reason: Sentence) -> None:
         super().__init__(reason)
@@ -53,10 +53,11 @@ class NotConverged(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Closure:
-    """k (3,) and bias (3,) rad/s at device time `time`; their covariance (6, 6) in the order bias, k.
+    """Estimate of the closure method: k (3,) and bias (3,) rad/s at device time `time`.
 
-    turn_bias (3, 3): the likeliest bias during each turn. residual (3, 3) rad: what each turn does not close by, in the frame
-    it started in, beyond a measured tilt. replacement, misalignment_std: as estimated or told. chi2, dof: of all residuals.
+    covariance (6, 6): order bias, k. turn_bias (3, 3): most likely bias during each turn. residual (3, 3) rad: closure
+    error of each turn beyond a measured tilt, in the frame of the turn's start. replacement, misalignment_std:
+    estimated, or from the knobs. chi2, dof: of all residuals.
     """
 
     k: Floats
@@ -73,7 +74,7 @@ class Closure:
 
 
 def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
-    """The calibration of one session; raises NotConverged."""
+    """Estimate bias and scale factors from one session; raises NotConverged."""
     knobs = knobs or ClosureKnobs()
     rests = capture.rests or (capture.rest,)
     ends = tuple(_end(turn, knobs.tilt_share) for turn in capture.turns)
@@ -106,7 +107,7 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
 
 
 def _covariance(shown: Evidence, found: Fit, misalignment_std: float) -> Floats:
-    """(6, 6) of bias and k, if the errors are as the session showed them and the fit weighed them as it did."""
+    """Covariance (6, 6) of bias and k for the error sizes that the session showed, with the weights that the fit used."""
     _, _, S, by_E = linearise(shown, np.concatenate([found.b, found.k], axis=-1))
     gain = found.gain[0]
     across = gain[:, -by_E.shape[1] :] @ by_E[0]
@@ -114,7 +115,7 @@ def _covariance(shown: Evidence, found: Fit, misalignment_std: float) -> Floats:
 
 
 def _with_scatter(told: Evidence, found: Fit, honest_p: float) -> Evidence:
-    """The evidence with rests as uncertain, and a bias that moves as fast, as the scatter of the rests shows."""
+    """The evidence with the rests' variance and the bias walk enlarged where the rests scatter too much."""
     dof = 3 * told.rest.shape[1] - 3  # one rest went into the bias
     scatter = float(found.rest_misfit[0])
     if not dof or scatter <= scipy.special.chdtri(dof, honest_p):
@@ -124,7 +125,7 @@ def _with_scatter(told: Evidence, found: Fit, honest_p: float) -> Evidence:
 
 
 def evidence(capture: Capture, knobs: ClosureKnobs, ends: tuple[End, ...], placed: Replacement) -> Evidence:
-    """One session's captures as the stacked arrays of the fit; the bias is that of the middle of the last rest."""
+    """Stack one session's capture into the arrays of the fit; the bias is that of the middle of the last rest."""
     rests, turns = capture.rests or (capture.rest,), capture.turns
     n = max(len(turn.samples) for turn in turns)
     reading, dt = np.zeros((3, n, 3)), np.zeros((3, n))
@@ -149,7 +150,7 @@ def evidence(capture: Capture, knobs: ClosureKnobs, ends: tuple[End, ...], place
 
 
 def _end(turn: TurnCapture, tilt_share: float) -> End:
-    """The end of a turn: gravity tells its tilt; about gravity the turn is taken to have closed."""
+    """End attitude of a turn: gravity measures its tilt; about gravity the turn is assumed to have closed."""
     before, after = turn.before, turn.after
     if before.accel is None or after.accel is None:
         return End(np.eye(3))
@@ -161,14 +162,14 @@ def _end(turn: TurnCapture, tilt_share: float) -> End:
 
 
 def _direction_var(rest: Rest) -> float:
-    """rad² per axis of the direction of a rest's mean acceleration, from its white noise."""
+    """Variance, rad² per axis, of the direction of a rest's mean acceleration, from its white noise."""
     if rest.accel is None or rest.accel_std is None:
         return 0.0
     return float(np.mean(rest.accel_std**2)) / rest.n / float(rest.accel @ rest.accel)
 
 
 def _shared(turn: TurnCapture, dt: Floats, rests: tuple[Rest, ...], late: int) -> list[float]:
-    """For each rest, the seconds of its samples in the beginning (late 0) or end (1) of the turn, over all its samples."""
+    """For each rest: seconds of its samples in the first (late 0) or second (late 1) half of the turn, over its sample count."""
     time = turn.samples.time
     halfway = len(time) // 2
     spans = [np.searchsorted(time, (rest.start, rest.end + 1e-9)) for rest in rests]
@@ -179,10 +180,10 @@ def _shared(turn: TurnCapture, dt: Floats, rests: tuple[Rest, ...], late: int) -
 
 
 def _walk(rests: tuple[Rest, ...], turns: tuple[TurnCapture, ...]) -> Floats:
-    """(r + 3, r + 3) s: covariance of a unit random walk's means over rests and turns, from the middle of the last rest.
+    """Covariance (r + 3, r + 3), s, of the means of a unit random walk over rests and turns, from the middle of the last rest.
 
-    It is half of E|a - ref| + E|b - ref| - E|a - b|, for times a and b within the two; within one, E|a - b| is a third
-    of its length, and a quarter to its middle.
+    It is half of E|a - ref| + E|b - ref| - E|a - b|, for times a and b within the two stretches. Within one stretch,
+    E|a - b| is a third of its length, and the mean distance to its middle is a quarter.
     """
     spans = [(rest.start, rest.end) for rest in rests] + [(turn.before.end, turn.after.start) for turn in turns]
     middle, length = np.array([((a + b) / 2, b - a) for a, b in spans]).T

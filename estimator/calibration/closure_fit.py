@@ -1,25 +1,27 @@
-"""The equations of the closure calibration: maximum likelihood over bias and scale, for many sessions at once.
+"""Equations of the closure calibration: maximum likelihood over bias and scale factors, for many sessions at once.
 
-Letters, s sessions, r rests, 3 turns of n samples; every covariance follows from the errors named here and nothing else:
+Letters, for s sessions, r rests, 3 turns of n samples; every covariance follows only from the errors named here:
 
-    m, dt   reading (rad/s) and the seconds it stands for    b, k   bias (rad/s) and scale factors: g = k (m - b)
+    m, dt   reading (rad/s) and the seconds it holds         b, k   bias (rad/s) and scale factors: g = k (m - b)
     C_t     attitude after sample t, C_0 = I                 R      C_n, the end of a turn, in the frame of its start
     D       the end as measured (by gravity) or assumed      Exp, log   between rotation vectors and rotations
-    y_j     mean reading of rest j                           w      way of the bias from its value at the reference time
+    y_j     mean reading of rest j                           w      change of the bias since the reference time
 
 Residuals:  f_j = y_j - b  of rest j,      f_i = log(R_i D_i')  of turn i, in the frame the turn started in.
 
 A change dg_t of the rates turns R by eps = sum_t P_t dg_t on the left, with P_t = C_(t-1) Jl(g_t dt) dt, Jl the left
-Jacobian of SO(3). Taken here as (C_(t-1) + C_t)/2 dt: the difference is (rate dt)²/12 of it. Hence
+Jacobian of SO(3). The code uses (C_(t-1) + C_t)/2 dt, which differs from P_t by the relative amount (rate dt)²/12.
+The slopes are
 
     A_i = sum P_t K,   df_i/db = -J A_i,   df_i/dk = J sum P_t diag(m_t - b),   J = Jl(f_i)^-1;   A_j = I, df_j/db = -I
 
-At the true b and k, f_j = w_j + mean noise and f_i = J (A_i w_i + sum P_t K (noise_t + E (m_t - b))) + what the hand or
-the accelerometer missed; E, the misalignment of the gyro's axes, has a zero diagonal and is the same in all turns. It is not
-estimated, and has no part in S. Samples of a rest that are in the integral of a turn too make the two depend on each other.
+At the true b and k, f_j = w_j + mean noise, and f_i = J (A_i w_i + sum P_t K (noise_t + E (m_t - b))) + errors of the
+hand or the accelerometer. E, the misalignment of the gyro's axes, has a zero diagonal and is the same in all turns. E
+is not estimated and not part of S. Samples of a rest that are also in the integral of a turn correlate the two
+residuals.
 
 Gauss-Newton on L^-1 f, L L' = S the covariance of f; covariance of (b, k) = (F' S^-1 F)^-1, F = df/d(b, k).
-The information in how S itself depends on k is left out: some 1e-6 of the rest.
+The dependence of S on k carries some 1e-6 of the information and is neglected.
 """
 
 from dataclasses import dataclass
@@ -34,39 +36,39 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What s sessions show, each with r rests and 3 turns of n samples; shorter turns end in samples of dt = 0.
+    """Evidence of s sessions, each with r rests and 3 turns of n samples; shorter turns are padded with samples of dt = 0.
 
     Rates in rad/s, times in s, angles in rad.
     """
 
-    #: (s, 3, n, 3) readings of the turns, and (s, 3, n) what each stands for
+    #: (s, 3, n, 3) readings of the turns, and (s, 3, n) the seconds each holds
     reading: Floats
     dt: Floats
     #: (s, 3) variance of the white noise of one reading
     noise_var: Floats
-    #: (s, r, 3) mean readings, the variance of their white noise, and of the error they all share
+    #: (s, r, 3) mean readings of the rests, their variance from white noise, and that of the error they all share
     rest: Floats
     rest_var: Floats
     rest_common_var: Floats
-    #: (s, 2, 3, r) seconds of turn i, at its beginning and at its end, that are samples of rest j, over j's samples
+    #: (s, 2, 3, r) seconds of turn i, at its beginning and at its end, that belong to rest j, over j's sample count
     shared: Floats
-    #: (s, r + 3, r + 3) covariance, (rad/s)², of the way of each axis' bias at rests and turns
+    #: (s, r + 3, r + 3) covariance, (rad/s)², of the change w of each axis' bias at rests and turns
     walk: Floats
-    #: (s, 3, 3, 3) ends of the turns as measured or assumed, and their covariance in the frame of the start
+    #: (s, 3, 3, 3) end attitudes of the turns as measured or assumed, and their covariance in the frame of the start
     end: Floats
     end_cov: Floats
-    #: whether steps are mean rates of intervals so long that their direction changes within
+    #: whether to apply the coning correction, for long sample intervals
     coning: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """b (s, 3), k (s, 3), covariance (s, 6, 6) of both; what remains of s sessions.
+    """Maximum-likelihood fit of s sessions: b (s, 3), k (s, 3), covariance (s, 6, 6) of both.
 
-    gain (s, 6, 3r + 9): by how much each residual moves b and k.
-    turn_b (s, 3, 3): the likeliest bias during each turn, b and its way; f (s, 3, 3): the turns' residuals at that bias.
-    f_turn (s, 3, 3), f_cov (s, 3, 3, 3): the turns' residuals at b, and their covariance. rest_misfit (s,), chi2 (s,): of the
-    rests and of all together, residuals at b squared over their covariance.
+    gain (s, 6, 3r + 9): change of b and k per unit of each residual.
+    turn_b (s, 3, 3): most likely bias during each turn, b + w. f (s, 3, 3): residuals of the turns at that bias.
+    f_turn (s, 3, 3), f_cov (s, 3, 3, 3): residuals of the turns at b, and their covariance.
+    rest_misfit (s,), chi2 (s,): squared residuals at b over their covariance, of the rests and of all together.
     """
 
     b: Floats
@@ -84,7 +86,11 @@ class Fit:
 
 
 def fit(evidence: Evidence, max_iterations: int = 12, tolerance: float = 0.01) -> Fit:
-    """Maximum likelihood; converged where the last step was below `tolerance` standard deviations (so the next is ~0)."""
+    """Maximum-likelihood fit by Gauss-Newton.
+
+    A session has converged where the last step was below `tolerance` standard deviations, so that the next would be
+    near 0.
+    """
     theta = start(evidence)
     iterations, converged = 0, np.zeros(len(theta), bool)
     while iterations < max_iterations and np.isfinite(theta).all() and not converged.all():
@@ -104,7 +110,7 @@ def _found(
 ) -> Fit:
     s, r = evidence.rest.shape[:2]
     explained = np.linalg.solve(S, np.concatenate([F, f[..., None]], axis=-1))
-    # Of the residuals, the part that the bias's way makes likely: cov(w, f) S^-1 f.
+    # Most likely change of the bias given the residuals: cov(w, f) S^-1 f.
     A = -F.reshape(s, r + 3, 3, 6)[..., :3]
     pull = A.swapaxes(-1, -2) @ explained[..., 6].reshape(s, r + 3, 3, 1)
     way = (evidence.walk @ pull[..., 0])[:, r:]
@@ -130,9 +136,9 @@ def _found(
 
 
 def start(evidence: Evidence) -> Floats:
-    """(s, 6) bias and scale to begin with: the rests' mean; |integral of k (m - b)| = 360° in each turn, linear in k².
+    """Initial bias and scale factors (s, 6): mean of the rests; |integral of k (m - b)| = 360° in each turn, linear in k².
 
-    That is the paper's criterion for turns about fixed axes, right to some 1e-3 for a hand's.
+    The second is the paper's criterion for turns about fixed axes. It is accurate to some 1e-3 for turns by hand.
     """
     weight = 1 / (evidence.rest_var + evidence.rest_common_var)
     b = (weight * evidence.rest).sum(axis=1) / weight.sum(axis=1)
@@ -146,9 +152,9 @@ def start(evidence: Evidence) -> Floats:
 
 
 def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Residuals f (s, 3r + 9), their derivatives F (s, 3r + 9, 6) by (b, k) and covariance S, at theta (s, 6).
+    """Residuals f (s, 3r + 9), slopes F (s, 3r + 9, 6) by (b, k), covariance S, and slopes (s, 9, 6) by E, at theta (s, 6).
 
-    The last, (s, 9, 6), is the derivatives of the turns' residuals by the elements of E off its diagonal.
+    The last result is the slopes of the turns' residuals by the off-diagonal elements of E.
     """
     b, k = theta[:, :3], theta[:, 3:]
     s, r = evidence.rest.shape[:2]
@@ -161,7 +167,7 @@ def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats
 
     A = np.empty((s, r + 3, 3, 3))
     A[:, :r] = np.eye(3)
-    # One product of matrices makes both sums: of P_t, and of column i of P_t times element j of the reading.
+    # One matrix product gives both sums: of P_t, and of column i of P_t times element j of the reading.
     columns = C.reshape(*C.shape[:3], 9).swapaxes(-1, -2)
     sums = columns @ _middles(np.concatenate([evidence.dt[..., None], read], axis=-1))
     A[:, r:] = J @ sums[..., 0].reshape(s, 3, 3, 3) * k[:, None, None]
@@ -171,13 +177,13 @@ def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats
     F[:, r:, :, 3:] = np.einsum("...aii->...ai", by_E)
     f = np.concatenate([evidence.rest - b[:, None], f_turn], axis=1)
     S = _covariance(evidence, k, C, J, A)
-    # With M = K (I + E), an element E_ij makes axis i turn k_i times the reading of axis j.
+    # With M = K (I + E), an element E_ij adds k_i times the reading of axis j to the rate of axis i.
     across = (by_E * k[:, None, None, :, None])[..., ~np.eye(3, dtype=bool)].reshape(s, 9, 6)
     return f.reshape(s, -1), F.reshape(s, -1, 6), S, across
 
 
 def _covariance(evidence: Evidence, k: Floats, C: Floats, J: Floats, A: Floats) -> Floats:
-    """(s, 3r + 9, 3r + 9) of the residuals: the bias's way, noise, what rests share, and how well the ends are known."""
+    """Covariance (s, 3r + 9, 3r + 9) of the residuals: bias walk, noise, error shared by rests, and uncertainty of the ends."""
     s, r = evidence.rest.shape[:2]
     rest = np.arange(r)
     rows = A.reshape(s, -1, 3)
@@ -189,7 +195,7 @@ def _covariance(evidence: Evidence, k: Floats, C: Floats, J: Floats, A: Floats) 
     noise = J @ _noise(evidence, k, C) @ J.swapaxes(-1, -2) + evidence.end_cov
     for turn in range(3):
         S[:, r + turn, :, r + turn] += noise[:, turn]
-    # One sample of noise in both: sum of P_t K var / samples of the rest, C_t being I before and R after the turn.
+    # Noise of samples in both a rest and a turn: sum of P_t K var / samples of the rest; C_t is I before and R after.
     ends = np.stack([np.broadcast_to(np.eye(3), J.shape), C[:, :, -1]], axis=1)
     once = J[:, None] @ ends * (k * evidence.noise_var)[:, None, None, None]
     both = np.einsum("szij,sziab->siajb", evidence.shared, once)
@@ -199,9 +205,9 @@ def _covariance(evidence: Evidence, k: Floats, C: Floats, J: Floats, A: Floats) 
 
 
 def _noise(evidence: Evidence, k: Floats, C: Floats) -> Floats:
-    """(s, 3, 3, 3) what the white noise of its readings adds up to in each turn: sum of (C_t K dt) var (C_t K dt)'.
+    """Covariance (s, 3, 3, 3) from the white noise of the readings of each turn: sum of (C_t K dt) var (C_t K dt)'.
 
-    From one product of matrices: the sums of dt² times each two elements of C_t.
+    Computed by one matrix product: the sums of dt² times each pair of elements of C_t.
     """
     elements = C[:, :, 1:].reshape(*evidence.dt.shape, 9)
     gram = elements.swapaxes(-1, -2) @ (elements * evidence.dt[..., None] ** 2)
@@ -210,7 +216,7 @@ def _noise(evidence: Evidence, k: Floats, C: Floats) -> Floats:
 
 
 def _middles(values: Floats) -> Floats:
-    """What multiplies C_0 … C_n when values (…, n, m) multiply (C_(t-1) + C_t)/2: means of neighbours, 0 beyond."""
+    """Factors of C_0 … C_n where values (…, n, m) multiply (C_(t-1) + C_t)/2: means of neighbours, with 0 beyond the ends."""
     result = np.zeros((*values.shape[:-2], values.shape[-2] + 1, values.shape[-1]))
     result[..., 1:, :] = values
     result[..., :-1, :] += values
@@ -218,7 +224,7 @@ def _middles(values: Floats) -> Floats:
 
 
 def left_jacobian_inverse(vector: Floats) -> Floats:
-    """(…, 3, 3) how a small turn on the left changes the rotation vector: log(Exp(e) Exp(v)) = v + J e. |v| < 2 pi."""
+    """Inverse left Jacobian (…, 3, 3) of SO(3), J: log(Exp(e) Exp(v)) = v + J e for small e. Requires |v| < 2 pi."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     half = np.maximum(angle, 1e-3) / 2
     second = np.where(angle < 1e-3, 1 / 12 + angle**2 / 720, (1 - half / np.tan(half)) / (4 * half**2))

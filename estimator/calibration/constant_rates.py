@@ -1,4 +1,4 @@
-"""Stretches of constant rate in a recording, as a turntable or a servo makes them, and the rests between."""
+"""Stretches of constant rate (plateaus) in a recording on a turntable or a servo, and the rests between them."""
 
 from dataclasses import dataclass
 from math import radians
@@ -12,25 +12,26 @@ from estimator.geometry.gyro_model import least_step, mean_var
 
 @dataclass(frozen=True, slots=True)
 class PlateauKnobs:
-    """What is constant. Seconds, rad/s."""
+    """Limits within which a rate is constant. Seconds, rad/s."""
 
     window_s: float = 0.2
     least_s: float = 1.0
-    #: a window's mean may differ from its plateau's by this, or by this share of the rate
+    #: largest difference of a window's mean from its plateau's: absolute, plus a share of the rate
     tolerance: float = radians(0.3)
     share: float = 0.005
-    #: its readings may scatter by this many times the quietest ones', and by this share of the rate: a machine hums
+    #: largest scatter of its readings: multiple of that of the quietest windows, plus a share of the rate for the
+    #: machine's hum
     noise_factor: float = 5.0
     hum_share: float = 0.02
-    #: no rest's mean is further than this from that of the others
+    #: largest difference of a rest's mean from that of the others
     rest: float = radians(1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plateau:
-    """A stretch of constant rate: mean reading (3,) rad/s, var (3,) of that mean, std (3,) of one of its readings.
+    """A stretch of constant rate: mean reading (3,) rad/s, var (3,) of the mean, std (3,) of one reading.
 
-    clipped: some of it was beyond the range.
+    clipped: whether some readings were beyond the range.
     """
 
     start: float
@@ -42,7 +43,10 @@ class Plateau:
 
 
 def plateaus(samples: Samples, knobs: PlateauKnobs | None = None) -> list[Plateau]:
-    """All of them in the order of time; a plateau's first and last window are cut off, for they may hold a ramp."""
+    """Find all plateaus, in the order of time.
+
+    The first and last window of a plateau are cut off, because they may contain a ramp.
+    """
     knobs = knobs or PlateauKnobs()
     step = max(round(knobs.window_s / float(np.median(np.diff(samples.time)))), 4)
     n = len(samples) // step
@@ -79,7 +83,10 @@ def _plateau(samples: Samples, start: int, end: int, knobs: PlateauKnobs) -> lis
 
 
 def _stuck(gyro: Floats, of: Floats) -> bool:
-    """Whether an axis reads but one value in a stretch (n, 3), the largest of all the recording (m, 3), where others differ."""
+    """Whether an axis is stuck at the range's end in a stretch (n, 3).
+
+    The axis then has one value only, the largest of the recording (m, 3), whose other readings differ from it.
+    """
     least, most = np.abs(gyro).min(axis=0), np.abs(of).max(axis=0)
     return bool(np.any((least >= 0.999 * most) & (np.ptp(gyro, axis=0) == 0) & (np.ptp(of, axis=0) > 0.5 * most)))
 
@@ -87,9 +94,9 @@ def _stuck(gyro: Floats, of: Floats) -> bool:
 def split(
     found: list[Plateau], rates: tuple[float, ...], knobs: PlateauKnobs | None = None
 ) -> tuple[list[Plateau], list[Plateau], list[Plateau]]:
-    """Rests, stretches that turned, and what is neither: clipped, or too slow for the slowest rate (rad/s) and no rest.
+    """Split plateaus into rests, turns, and others: clipped, or below the slowest rate (rad/s) and not a rest.
 
-    Whatever the bias: about any one axis most stretches read little else, and rests read the same.
+    Works for any bias: about any one axis most stretches read little but the bias, as rests do.
     """
     knobs = knobs or PlateauKnobs()
     if not found:
@@ -109,16 +116,16 @@ def split(
 
 
 def said_of_others(others: list[Plateau]) -> Sentences:
-    """What to add to a reason where stretches were left out; nothing where none was."""
+    """Reason text for stretches left out; empty if there are none."""
     clipped = sum(p.clipped for p in others)
     return (Code.STRETCHES_LEFT_OUT(stretches=len(others), clipped=clipped),) if others else ()
 
 
 def nearest_rates(size: Floats, rates: tuple[float, ...], k_min: float = 0.7, k_max: float = 1.4) -> Floats:
-    """The known rate (n,) that each plateau of one axis was turned at, from its reading's size (n,) rad/s; 0 for none.
+    """Known rate (n,) at which each plateau of one axis was turned, from its reading's size (n,) rad/s; 0 for none.
 
-    One scale factor must explain most of them; of several that do, the one nearest to 1. What it leaves more than 10 %
-    from every known rate was turned at another.
+    One scale factor must explain most readings; of several that do, the one nearest to 1 is used. A reading more than
+    10 % from every known rate under that factor belongs to another rate.
     """
     known = np.array(rates)
     candidates = (known / size[:, None]).ravel()

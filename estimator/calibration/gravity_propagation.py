@@ -1,14 +1,14 @@
-"""Gravity propagated through the movements of a session: expectation under a calibration, and its covariance.
+"""Gravity propagated through the movements of a session: residuals, slopes and covariance under a calibration.
 
-Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, and Tedaldi, Pretto, Menegatti, ICRA 2014;
-here with the accelerometer's errors, the bias and every rest in one problem. Letters:
+Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, and Tedaldi, Pretto, Menegatti, ICRA
+2014. Here the accelerometer's errors, the bias and all rests are in one problem. Letters:
 
-    theta   bias (3) | diagonal of M (3) | the rest of M (6) | accelerometer (9, gravity.PARAMETERS)
-    u_i     direction of gravity at rest i as the accelerometer says, |g_i| - G its other residual
+    theta   bias (3) | diagonal of M (3) | off-diagonal of M (6) | accelerometer (9, accelerometer_errors.PARAMETERS)
+    u_i     direction of gravity at rest i as the accelerometer measures it; |g_i| - G is its other residual
     R_j     integral of M (reading - bias) over movement j; e_j = the rotation, across u, from u_before to R_j u_after
     r, J, C residuals, their slopes by theta, and their covariance: gyro noise, accelerometer, floors of either
 
-Neighbouring movements share a rest and so its accelerometer error: C is not diagonal. A full turn must moreover end in the
+Neighbouring movements share a rest and so its accelerometer error: C is not diagonal. A full turn must also end in the
 heading it began with.
 """
 
@@ -35,34 +35,38 @@ ROW, COLUMN = np.array([*((i, i) for i in range(3)), *_OFF_DIAGONAL]).T
 
 @dataclass(frozen=True, slots=True)
 class TransitionKnobs:
-    """How far each measurement is believed. Angles in rad."""
+    """Error sizes of each measurement, and priors. Angles in rad."""
 
-    #: m/s², error of a rest's mean acceleration that no averaging removes: a swaying hand, an accelerometer's curvature
+    #: m/s², error of a rest's mean acceleration that averaging does not remove: a swaying hand, accelerometer
+    #: non-linearity
     accel_floor: float = 0.03
-    #: of a path, whatever its length
+    #: constant error of a path
     path_floor: float = radians(0.05)
-    #: of a path, per rad turned: the gyro's non-linearity and what gravity does to it
+    #: error of a path per rad turned: gyro non-linearity and g-sensitivity
     path_share: float = 5e-4
-    #: of a path, per rad of coning: what a sensor does between its samples when it is tumbled fast
+    #: error of a path per rad of coning: motion between the samples of a sensor that is tumbled fast
     coning_share: float = 3.0
-    #: rad/s, how far the bias of one movement may be from that of the rests around it
+    #: rad/s, difference of a movement's bias from that of the rests around it
     bias_floor: float = radians(0.003)
-    #: how well a hand brings a full turn back to its heading
+    #: heading error at the end of a full turn by hand
     heading_std: float = radians(0.5)
-    #: a datasheet's scale, believed so weakly that it only keeps finite what the data say nothing of
+    #: prior of the scale factors around 1: weak, it only keeps parameters finite that the data do not show
     scale: float = 0.5
-    #: off-diagonal elements of M before anything is seen: mean zero, this standard deviation
+    #: prior of the off-diagonal elements of M, mean zero
     misalignment: float = 0.02
-    #: a movement shorter than this is carried right enough by a datasheet's scale to start from
+    #: a movement shorter than this is integrated well enough with the datasheet's scale for a first fit
     short: float = radians(120.0)
-    #: off-diagonal elements are used when each is known better than this
+    #: off-diagonal elements are used when the standard deviation of each is below this
     element_std: float = 0.01
     accel: AccelKnobs = field(default_factory=AccelKnobs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transitions:
-    """Rests once each, and the movements between them by their numbers; `turns` says which were full turns."""
+    """The rests of a session, each once, and the movements between them.
+
+    links: numbers of the rests before and after each movement. turns: whether each movement was a full turn.
+    """
 
     rests: tuple[Rest, ...]
     links: tuple[tuple[int, int], ...]
@@ -70,7 +74,7 @@ class Transitions:
     turns: tuple[bool, ...]
 
     def only(self, chosen: Sequence[int]) -> "Transitions":
-        """Some of the movements, with the rests they join."""
+        """The chosen movements with the rests they join."""
         kept = sorted({rest for j in chosen for rest in self.links[j]})
         number = {rest: i for i, rest in enumerate(kept)}
         return Transitions(
@@ -82,20 +86,20 @@ class Transitions:
 
 
 def matrix_of(theta: Floats) -> Floats:
-    """M (3, 3) of theta."""
+    """Matrix M (3, 3) of the parameters theta."""
     M = np.empty((3, 3))
     M[ROW, COLUMN] = theta[3:12]
     return M
 
 
 def collect(movements: Sequence[Movement]) -> Transitions:
-    """Movements in the order of time: the rest after one and before the next are the same rest."""
+    """Transitions from movements in the order of time; the rest after a movement and before the next is one rest."""
     rests: list[Rest] = []
     links = []
     for movement in movements:
         before, after = movement.before, movement.after
         if rests and rests[-1].start <= before.end and before.start <= rests[-1].end:
-            rests[-1] = before  # the same rest, seen to its end
+            rests[-1] = before  # the same rest, now complete
         else:
             rests.append(before)
         rests.append(after)
@@ -105,7 +109,7 @@ def collect(movements: Sequence[Movement]) -> Transitions:
 
 
 class Problem:
-    """Residuals of theta with their slopes and covariance."""
+    """Least-squares problem of gravity propagation: residuals of theta with their slopes and covariance."""
 
     def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:
         self.data, self.knobs = data, knobs
@@ -113,14 +117,14 @@ class Problem:
         self.biases = biases(data.rests, data.links, knobs.bias_floor)
         #: variance of unit weight: scales the assumed covariance of gravity and heading residuals
         self.unit = 1.0
-        #: how many residuals come from gravity and heading
+        #: number of residuals from gravity and heading
         self.rows = 2 * len(data.links) + len(data.rests) + sum(data.turns)
         self.prior_mean = np.concatenate([self.biases.mean, np.ones(3), np.zeros(6 + accelerometer_errors.N)])
         off = np.full(6, knobs.misalignment)
         self._prior_std = np.concatenate([np.full(3, np.inf), np.full(3, knobs.scale), off, knobs.accel.std()])
 
     def solve(self, theta: Floats) -> Floats:
-        """Levenberg-Marquardt from theta; the weights are taken anew at the first answer."""
+        """Solve for theta by Levenberg-Marquardt from a start value; the weights are recomputed once, at the first solution."""
         for _ in range(2):
             r, J, factor = self.whitened(theta)
             damping = 1e-6
@@ -138,7 +142,10 @@ class Problem:
         return theta
 
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-        """Residuals and slopes in standard deviations; `factor` is C's Cholesky factor, of this theta unless given."""
+        """Whitened residuals and slopes, in standard deviations, and the Cholesky factor of C.
+
+        factor: Cholesky factor to use; by default that of C at theta.
+        """
         r, J, noise, parts = self._gravity(theta)
         lower = np.asarray(np.linalg.cholesky(self.unit * (noise + parts.sum(axis=0)))) if factor is None else factor
         both = np.linalg.solve(lower, np.column_stack([r, J]))
@@ -146,7 +153,7 @@ class Problem:
         return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
 
     def factors(self, theta: Floats) -> Floats:
-        """Estimates the variances of accelerometer, path and heading errors (3,), relative to those assumed."""
+        """Estimate the variances of accelerometer, path and heading errors (3,), relative to the assumed ones."""
         r, J, noise, parts = self._gravity(theta)
         known_r, known_J = self._known(theta)
         return variance_components.factors(
@@ -154,7 +161,7 @@ class Problem:
         )
 
     def spread(self, theta: Floats, factors: Floats) -> Floats:
-        """Covariance of theta where the error variances are factors (3,) times those assumed in its weights."""
+        """Covariance of theta where the error variances are factors (3,) times the ones assumed in the weights."""
         _, J, noise, parts = self._gravity(theta)
         C = noise + np.tensordot(factors, parts, axes=1)
         weighted = np.linalg.solve(self.unit * (noise + parts.sum(axis=0)), J)
@@ -166,7 +173,7 @@ class Problem:
         return np.asarray(covariance)
 
     def misses(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Angle (m,) by which each movement missed, and that angle in its standard deviations."""
+        """Angle (m,) by which each movement misses gravity, and that angle in standard deviations."""
         r, _, noise, parts = self._gravity(theta)
         C = noise + parts.sum(axis=0)
         m = len(self.data.links)
@@ -176,16 +183,16 @@ class Problem:
         return np.linalg.norm(e, axis=1), ratio
 
     def accel_var(self, factors: Floats) -> Floats:
-        """(n, 3) variances of the mean accelerations at the rests."""
+        """Variances (n, 3) of the mean accelerations at the rests."""
         noise = np.array([_noise_var(rest) for rest in self.data.rests])
         return np.asarray(noise + factors[0] * self.knobs.accel_floor**2)
 
     def path_cov(self, path: Path, factors: Floats) -> Floats:
-        """(3, 3) covariance of a path's end."""
+        """Covariance (3, 3) of the end of a path."""
         return np.asarray(path.noise + factors[1] * self._path_var(path) * np.eye(3))
 
     def _known(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Rows of variance 1: the bias at each rest, then what is believed before anything is seen."""
+        """Rows of variance 1: the bias at each rest, then the priors."""
         std = np.sqrt(self.biases.noise)
         rest_r = (np.array([rest.bias for rest in self.data.rests]) - self.biases.at_rest - theta[:3]) / std
         rest_J = np.zeros((rest_r.size, len(theta)))
@@ -196,7 +203,7 @@ class Problem:
         return np.concatenate([rest_r.ravel(), prior_r]), np.vstack([rest_J, prior_J])
 
     def _gravity(self, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Residuals, slopes, covariance of the measured noise, and (3, …) those of the assumed errors.
+        """Residuals, slopes, covariance of the measured noise, and covariances (3, …) of the assumed errors.
 
         Rows: two for each movement, one for each rest, one for each full turn.
         """
@@ -220,7 +227,7 @@ class Problem:
             arrived = path.end @ u[b]
             plane = _tangents(u[a])
             r[rows] = plane @ _to(u[a], arrived)
-            # A small rotation phi moves `arrived` by phi x arrived: the rotation across u that is missed grows by phi.
+            # A small rotation phi moves `arrived` by phi x arrived, so the residual rotation across u grows by phi.
             by_a, by_b = -_cross(arrived) @ across[a], _cross(u[a]) @ path.end @ across[b]
             J[rows, 3:12] = plane @ path.by_matrix[:, ROW, COLUMN]
             J[rows, :3] = plane @ path.by_bias
@@ -259,24 +266,24 @@ def _accel(rest: Rest) -> Floats:
 
 
 def _noise_var(rest: Rest) -> Floats:
-    """(3,) variance of a rest's mean acceleration by white noise."""
+    """Variance (3,) of a rest's mean acceleration from white noise."""
     return np.zeros(3) if rest.accel_std is None else rest.accel_std**2 / rest.n
 
 
 def _tangents(u: Floats) -> Floats:
-    """(2, 3) two unit vectors across u."""
+    """Two unit vectors (2, 3) across u."""
     first = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(u, first)])
 
 
 def _to(u: Floats, v: Floats) -> Floats:
-    """The shortest rotation vector (3,) from unit vector u to v."""
+    """Shortest rotation vector (3,) from unit vector u to v."""
     axis = np.cross(u, v)
     sine = float(np.linalg.norm(axis))
     return axis * (np.arctan2(sine, u @ v) / sine) if sine > 1e-12 else axis
 
 
 def _cross(u: Floats) -> Floats:
-    """(3, 3) u x as a matrix."""
+    """Cross-product matrix (3, 3) of u."""
     return np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])

@@ -1,4 +1,4 @@
-"""Generalised least squares: one Gauss-Newton step, its covariance, and how well the residuals keep to theirs.
+"""Generalised least squares: one Gauss-Newton step, its covariance, and the misfit of the residuals.
 
 Letters: f (n,) residuals, F (n, p) their derivatives by the parameters, C (n, n) the covariance of f.
 """
@@ -13,20 +13,21 @@ from numpy.typing import NDArray
 
 from estimator.calibration.capture import Floats
 
-#: eigenvalues of what is left of C below this share of the largest are zero: the parameters took them
+#: eigenvalues of the residual covariance below this share of the largest are zero: the parameters absorb these
+#: directions
 _ZERO = 1e-8
-#: where residuals are less probable than this, they are taken to be as bad as they show
+#: probability of the residuals below which they widen the covariance
 HONEST_P = 0.01
-#: how far an error's size may be from what was told of it: a factor, one standard deviation
+#: one-sigma factor of the prior on an error's size
 _FACTOR = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solved:
-    """The step (p,) to add to the parameters, and its size in standard deviations; their covariance (p, p).
+    """One Gauss-Newton step (p,), its size in standard deviations, and the covariance (p, p) of the parameters.
 
-    residual (n,) after the step, and left (n, n), the covariance of these residuals. cost: -2 log of the restricted
-    likelihood of C, up to a constant.
+    residual (n,) after the step; left (n, n), covariance of these residuals. cost: -2 log of the restricted likelihood
+    of C, up to a constant.
     """
 
     step: Floats
@@ -37,7 +38,7 @@ class Solved:
     cost: float
 
     def misfit(self, rows: slice | NDArray[np.bool_] = slice(None)) -> float:
-        """Chi-square over degrees of freedom of some of the residuals by themselves, 1 where chance explains what is more."""
+        """Chi-square over degrees of freedom of the selected residuals; 1 where chance explains them."""
         value, vector = np.linalg.eigh(self.left[rows][:, rows])
         free = value > _ZERO * value[-1]
         chi2 = (vector.T @ self.residual[rows])[free] ** 2 / value[free]
@@ -46,7 +47,7 @@ class Solved:
 
 
 def solve(f: Floats, F: Floats, C: Floats) -> Solved:
-    """The step that makes f' C⁻¹ f least, f being linear; raises LinAlgError when F leaves a parameter open."""
+    """Step that minimises f' C⁻¹ f for linear f; raises LinAlgError when F leaves a parameter undetermined."""
     lower = np.linalg.cholesky(C)
     both = np.linalg.solve(lower, np.column_stack([F, f]))
     white = both[:, :-1]
@@ -59,10 +60,10 @@ def solve(f: Floats, F: Floats, C: Floats) -> Solved:
 
 
 def shown_size(fit: Callable[[float], Solved], told: float, worst: float) -> float:
-    """The size of an error as the residuals show it: told within a factor of ten, and no more than `worst`.
+    """Size of an error as the residuals show it: prior `told` within a factor of ten, at most `worst`.
 
-    The root of the posterior mean of its square, from the restricted likelihood of `fit` under each size and a log-normal
-    prior, on a grid from a tenth of what was told.
+    Root of the posterior mean of its square, from the restricted likelihood of `fit` under each size and a log-normal
+    prior, on a grid from a tenth of `told`.
     """
     sizes = np.geomspace(0.1 * told, worst, 19)
     cost = np.array([fit(float(size)).cost for size in sizes]) + (np.log(sizes / told) / log(_FACTOR)) ** 2

@@ -1,7 +1,7 @@
-"""Names of the calibration methods, without loading the mathematics."""
+"""Names of the calibration methods, importable without loading the mathematics."""
 
 DEFAULT = "closure"
-#: by hand, live or from a recording; `methods.METHODS` has them
+#: methods by hand, live or from a recording; `methods.METHODS` has their functions
 BY_HAND = (DEFAULT, "turn360", "transitions", "accel_aided")
-#: those of them that want movements between poses that differ, and no full turns
+#: of these, the methods that need movements between different poses, and no full turns
 BY_MOVEMENTS = ("transitions", "accel_aided")

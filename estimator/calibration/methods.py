@@ -1,4 +1,4 @@
-"""The calibration methods by name: each takes a Capture and gives a Result."""
+"""Calibration methods by name: each takes a Capture and gives a Result."""
 
 from collections.abc import Callable
 from math import radians
@@ -13,12 +13,12 @@ from estimator.calibration.method_names import BY_HAND
 from estimator.calibration.result import Result, VerdictKnobs, judge, nothing
 
 Method = Callable[[Capture], Result]
-#: wobble leaves nothing open here, as it does in Algorithm 1
+#: tighter than for Algorithm 1: in the closure method, wobble causes no closure error
 CLOSURE_VERDICT = VerdictKnobs(closure=radians(3.0))
 
 
 def by_turn360(capture: Capture) -> Result:
-    """The paper's Algorithm 1."""
+    """Calibration by the paper's Algorithm 1."""
     try:
         found = turn360.estimate(capture)
     except turn360.NotConverged as error:
@@ -27,7 +27,7 @@ def by_turn360(capture: Capture) -> Result:
 
 
 def by_closure(capture: Capture) -> Result:
-    """Maximum likelihood over bias and scale: every turn ends where it began."""
+    """Calibration by maximum likelihood over bias and scale factors: every turn ends where it began."""
     try:
         found = closure.estimate(capture)
     except closure.NotConverged as error:
@@ -49,7 +49,7 @@ def by_closure(capture: Capture) -> Result:
 METHODS: dict[str, Method] = dict(
     zip(BY_HAND, (by_closure, by_turn360, transitions.by_transitions, accel_aided.by_accel_aided), strict=True)
 )
-#: methods that need no full turns, and how many movements they need at least before a full matrix is thinkable
+#: methods that need no full turns, with the least number of movements for a full matrix
 BY_MOVEMENTS: dict[str, int] = {"transitions": transitions.FEWEST, "accel_aided": accel_aided.FEWEST_POSES - 1}
 #: methods for recordings on a machine that turns at known rates (rad/s)
 BY_RATES: dict[str, Callable[[Samples, tuple[float, ...], WanderKnobs], Result]] = {

@@ -1,8 +1,9 @@
-"""How far a gyro's axes may be misaligned, as the turns of a session show it.
+"""Size of a gyro's axis misalignment, estimated from the turns of a session.
 
-An element E_ij of the matrix K (I + E) reads a turn about axis j as one that tilts towards i by E_ij, as a hand's own tilt
-does: turns alone cannot tell one from the other. A scale factor fitted without E is off by E times the tilt that is read. Tilts
-of the size that hands make are put down to the hand; what is beyond is put down to E.
+An element E_ij of the matrix K (I + E) makes a turn about axis j read as tilted towards i by E_ij. The hand's own tilt
+looks the same, so turns alone cannot tell the two apart. A scale factor fitted without E is off by E times the tilt
+that is read.
+Tilts of a size typical for hands are attributed to the hand, the excess to E.
 """
 
 from collections.abc import Sequence
@@ -16,16 +17,19 @@ from estimator.calibration.capture import TurnCapture
 from estimator.geometry.gyro_model import SIGMAS
 
 Floats = NDArray[np.float64]
-#: rms tilt of a turn's axis that a hand makes, relative to 1 rad
+#: rms tilt of a turn's axis by hand, rad
 HAND = 0.03
-#: the least standard deviation of an element
+#: least standard deviation of an element of E
 LEAST = 0.0015
-#: from which on a result says so
+#: standard deviation from which the result mentions tilted turns
 _WORTH_SAYING = 0.01
 
 
 def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) -> float:
-    """Standard deviation of each element of E; rate (3, n, 3) rad/s without bias, dt (3, n) s, k (3,), of three turns."""
+    """Standard deviation of each element of E, from three turns.
+
+    rate (3, n, 3) rad/s without bias, dt (3, n) s, k (3,) scale factors.
+    """
     turned = k * np.einsum("itj,it->ij", rate, dt)
     axes = [turn.axis for turn in turns]
     tilt = turned / np.abs(turned[range(3), axes])[:, None]
@@ -34,7 +38,10 @@ def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) 
 
 
 def said(std: float, scale_std: float) -> Sentences:
-    """What to add to a result whose scale, of relative standard deviation scale_std, is unsure because its turns were tilted."""
+    """Reason text for a result that is uncertain because its turns were tilted; empty for a small `std`.
+
+    scale_std: relative standard deviation of the scale factors.
+    """
     if std < _WORTH_SAYING:
         return ()
     tilt, sure = degrees(sqrt(std**2 - LEAST**2 + HAND**2)), 100 * SIGMAS * scale_std

@@ -1,4 +1,4 @@
-"""The bias of a gyro in each movement of a session, from the rests before and after it."""
+"""Gyro bias in each movement of a session, from the rests before and after it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from estimator.calibration.capture import Floats, Rest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Biases:
-    """The bias of a session and of its movements, from its rests.
+    """Bias of a session and of each of its movements, from its rests.
 
-    mean (3,): of the session. noise (n, 3): variance of each rest's reading. moved (3,): variance of the bias about its mean.
-    at_rest (n, 3), local (m, 3): the bias in each rest and each movement, less the mean. by_reading (m + 1, n, 3): weights
-    of the rests' readings in the bias of each movement and, in the last row, in the mean.
+    mean (3,): bias of the session. noise (n, 3): variance of each rest's reading. moved (3,): variance of the bias
+    about its mean. at_rest (n, 3), local (m, 3): bias in each rest and each movement, less the mean. by_reading
+    (m + 1, n, 3): weights of the rests' readings in the bias of each movement and, in the last row, in the mean.
     """
 
     mean: Floats
@@ -26,15 +26,15 @@ class Biases:
 
     @property
     def mean_moved(self) -> Floats:
-        """Variance (3,) of the mean because the bias moved."""
+        """Variance (3,) of the mean from the movement of the bias."""
         return np.asarray(self.moved * np.sum(self.by_reading[-1] ** 2, axis=0))
 
 
 def biases(rests: Sequence[Rest], links: Sequence[tuple[int, int]], floor: float) -> Biases:
-    """Estimates the bias of each movement; links (m, 2) are the numbers of the rests before and after it.
+    """Estimate the bias of each movement; links (m, 2) are the numbers of the rests before and after it.
 
-    Where the rests scatter by more than their noise, the bias of a movement is mostly the mean of its two rests, else that of
-    all rests. floor: rad/s, standard deviation of what a rest's reading errs by beyond its noise.
+    Where the rests scatter by more than their noise, the bias of a movement is mostly the mean of its two rests.
+    Otherwise it is mostly the mean of all rests. floor: rad/s, standard deviation of a rest's reading beyond its noise.
     """
     reading = np.array([rest.bias for rest in rests])
     noise = np.array([np.diag(rest.bias_cov) for rest in rests]) + floor**2

@@ -1,4 +1,4 @@
-"""The movements of a session that gravity can be carried through, full turns or not; the latest of them, so many at most."""
+"""Movements of a session through which gravity can be propagated, full turns or not; only the latest are kept."""
 
 from dataclasses import replace
 
@@ -8,18 +8,18 @@ from estimator.calibration.capture import Movement
 from estimator.calibration.clipping import clipped
 from estimator.calibration.turn_recognition import TurnKnobs, same_bias
 
-#: the latest so many are kept: more than any procedure needs, 20 MB at 1 kHz
+#: number of movements kept: more than any procedure needs, 20 MB at 1 kHz
 MOST = 64
-#: a longer movement is not kept: its way is known no better than the bias, times its duration
+#: s, longest movement kept: the error of its angle is that of the bias times its duration
 LONGEST_S = 30.0
-#: rad; a longer way is two movements with a rest between that was not seen as one: what went wrong in it stays hidden
+#: rad, largest total rotation kept: more means two movements with an unrecognised rest between, which may hide errors
 LONGEST_WAY = 1.5 * 2 * np.pi
-#: movements this much older than the newest, or at another bias, are not combined with it
+#: s; movements this much older than the newest, or at a different bias, are not combined with it
 STALE_S = 600.0
 
 
 class Movements:
-    """Collects what lay between rests."""
+    """Collection of the movements between rests."""
 
     def __init__(self, knobs: TurnKnobs) -> None:
         self._knobs = knobs
@@ -29,7 +29,7 @@ class Movements:
         return len(self._kept)
 
     def add(self, movement: Movement, *, full_turn: bool) -> bool:
-        """Keep a movement if it can be integrated without a break; whether it was kept."""
+        """Keep a movement if it can be integrated without a break; return whether it was kept."""
         if movement.before.accel is None or movement.after.accel is None or not self._whole(movement):
             return False
         newest = movement.before
@@ -42,7 +42,7 @@ class Movements:
         return True
 
     def all(self) -> tuple[Movement, ...]:
-        """In the order of time."""
+        """All kept movements in the order of time."""
         return tuple(self._kept)
 
     def _whole(self, movement: Movement) -> bool:

@@ -1,4 +1,4 @@
-"""The outcome of a calibration: estimate, covariance, residuals, verdict and the reason for it."""
+"""Result of a calibration: estimate, covariance, verdict and the reason for the verdict."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,24 +17,25 @@ PARAMETERS = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
 @dataclass(frozen=True, slots=True)
 class VerdictKnobs:
-    """What is accepted."""
+    """Limits within which a calibration is accepted."""
 
     k_min: float = 0.7
     k_max: float = 1.4
-    #: rad between start and end of a turn, corrected; a hand that wobbles 3° leaves Algorithm 1 up to 4° off
+    #: closure error of a corrected turn, rad; a hand that wobbles 3° leaves Algorithm 1 up to 4° off
     closure: float = radians(5.0)
-    #: relative; more than this and the three turns did not determine the scale
+    #: relative; above this the three turns did not determine the scale
     scale_std: float = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """corrected = matrix (reading - bias). matrix (3, 3), bias (3,) rad/s, covariance (p, p) of `parameters`.
+    """Outcome of a calibration: corrected = matrix (reading - bias).
 
-    The first six parameters are always the bias and the diagonal of the matrix; a full matrix has its other elements after.
-
-    Without an estimate (verdict repeat or refused before a method could run) matrix is the identity, the covariance all
-    infinite.
+    matrix (3, 3); bias (3,) rad/s; covariance (p, p) of `parameters`; noise_std (3,) rad/s of one reading. bias_time:
+    device time at which the bias held. repeat: axes of the turns to repeat.
+    The first six parameters are always the bias and the diagonal of the matrix. A full matrix has its off-diagonal
+    elements after these. A result without an estimate (repeat or refused before a method could run) has the identity as
+    matrix and an infinite covariance.
     """
 
     method: str
@@ -51,12 +52,12 @@ class Result:
 
     @property
     def scale(self) -> Floats:
-        """(3,) the diagonal of the matrix."""
+        """Diagonal (3,) of the matrix."""
         return np.diag(self.matrix).copy()
 
     @property
     def information_bits(self) -> Floats:
-        """(p,) what the session told of each parameter: the halvings of what was believed before it, see PriorKnobs."""
+        """Information (p,) gained on each parameter, in bits: halvings of its prior standard deviation, see PriorKnobs."""
         prior = PriorKnobs()
         of = {"bias": prior.bias_std, "k": prior.scale_std, "m": prior.misalignment_std}
         before = np.array([of[name.split("_")[0]] for name in self.parameters])
@@ -64,19 +65,19 @@ class Result:
 
     @property
     def scale_std(self) -> Floats:
-        """(3,) relative standard deviation of the scale factors."""
+        """Relative standard deviation (3,) of the scale factors."""
         std: Floats = np.sqrt(np.diag(self.covariance)[3:6]) / np.abs(self.scale)
         return std
 
 
 def nothing(method: str, verdict: Verdict, reason: Sentences, repeat: tuple[int, ...] = ()) -> Result:
-    """A result without an estimate."""
+    """Result without an estimate: identity matrix, zero bias, infinite covariance."""
     unknown = np.full((6, 6), np.inf)
     return Result(method, verdict, reason, np.eye(3), np.zeros(3), unknown, np.full(3, np.inf), (), repeat)
 
 
 def turn_report(turn: TurnCapture, matrix: Floats, bias: Floats) -> Turn:
-    """Angle turned about the axis and closure error of one turn under a calibration."""
+    """Angle turned about the axis, closure error and duration of one turn under a calibration."""
     dt = rotation.intervals(turn.samples.time)
     rate = (turn.samples.gyro - bias) @ matrix.T
     path = rotation.attitudes(rate, dt)
@@ -98,11 +99,11 @@ def judge(
     bias_time: float | None = None,
     note: Sentences = (),
 ) -> Result:
-    """Put a verdict on scale factors k (3,) and bias (3,) with covariance (6, 6).
+    """Put a verdict on scale factors k (3,) and bias (3,) rad/s with covariance (6, 6).
 
-    A method may know better than one bias and closed turns: turn_bias (3, 3) rad/s, the bias during each turn;
-    unclosed (3,) rad, by what each misses.
-    bias_time: when the bias was so, by default in the middle of the first rest. note: what to add to the reason for accepting.
+    turn_bias (3, 3) rad/s: bias during each turn, by default the one bias. unclosed (3,) rad: closure error of each
+    turn, by default that of its path. bias_time: device time at which the bias held, by default the middle of the first
+    rest. note: added to the reason for accepting.
     """
     knobs = knobs or VerdictKnobs()
     turn_bias = np.tile(bias, (3, 1)) if turn_bias is None else turn_bias
@@ -132,7 +133,7 @@ def judge(
 
 
 def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], Sentences] | None:
-    """Which of the scale factors k (3,) are outside what is accepted, and the likely cause; None when all are inside."""
+    """Axes whose scale factors k (3,) are outside the accepted range, with the likely cause; None when all are inside."""
     outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
     if not outside:
         return None
@@ -140,9 +141,10 @@ def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], Sente
 
 
 def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | None:
-    """Of which axes rather the turn was no full one than the gyro so far off, its limit being known (relative); None of none.
+    """Axes whose turn was probably not a full turn, because its scale factor k differs from 1 by more than `limit` (relative).
 
-    What all axes have in common is no turn's fault: a library's sensitivity, or a sample rate.
+    None when there are no such axes. A deviation that all axes share is no turn's fault: it comes from a library's
+    sensitivity or a sample rate.
     """
     common = float(np.median(k))
     off = np.where(np.abs(k - 1) < np.abs(k / common - 1), k, k / common)
@@ -154,7 +156,7 @@ def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | Non
 
 
 def _unchecked(turns: Sequence[TurnCapture]) -> Sentences:
-    """What the result rests on because nothing measured it: the angle of turns that gravity does not check."""
+    """Reason text for turns whose angle gravity does not check, so that the result assumes full turns."""
     unchecked = [turn for turn in turns if not turn.checked_by_gravity]
     if not unchecked:
         return ()
@@ -164,7 +166,7 @@ def _unchecked(turns: Sequence[TurnCapture]) -> Sentences:
 
 
 def _library(k: Floats) -> Sentences:
-    """What common libraries get wrong: the LSM9DS1's sensitivity is not its range over 32768."""
+    """Known sensitivity errors of common libraries: the LSM9DS1's sensitivity is not its range over 32768."""
     for factor in (1.147, 1.170):
         if np.all(np.abs(k / factor - 1) < 0.01):
             return (Code.LIBRARY_SENSITIVITY(factor=factor),)

@@ -1,16 +1,18 @@
-"""Calibration with one servo that turns at a known rate about an axis that stands still, in several mountings.
+"""Calibration with one servo that turns at a known rate about a fixed axis, in several mountings of the device.
 
-Source: the method of the paper's own group, its "[servomotor]": Y. Li, L. Wang, Z. Wang, X. Li, S. W. Su, arXiv 2405.03393
-and 2410.19571, with one change. There the servo's axis is vertical and its direction in the sensor is measured gravity u:
-u . K (m - b) = w. An accelerometer's offset of 90 mg turns u by 5° and more, and k comes out 1 to 3 % too large. But the
-gyro itself shows the axis: the rate has its direction. So |K (m - b)| = w, and no accelerometer is needed. Letters:
+Source: the method of the paper's own group, its "[servomotor]": Y. Li, L. Wang, Z. Wang, X. Li, S. W. Su, arXiv
+2405.03393 and 2410.19571, with one change. In the source the servo's axis is vertical and its direction in the sensor
+is measured gravity u: u . K (m - b) = w. An accelerometer offset of 90 mg turns u by 5° and more, and makes k 1 to 3 %
+too large. But the gyro itself shows the axis: the rate has its direction. So |K (m - b)| = w, and no accelerometer is
+needed. Letters:
 
-    m_i   mean reading while it turned at the known rate w;   g_i = K (m_i - b),  K = diag(k),  u_i = g_i / |g_i|
+    m_i   mean reading while turning at the known rate w;   g_i = K (m_i - b),  K = diag(k),  u_i = g_i / |g_i|
     y_j   mean reading of rest j;   b  the bias in the last rest
     f     residuals |g_i| - w and y_j - b;   F  their derivatives by (b, k);   C  their covariance: noise of the readings,
-          how the bias wandered, the servo's rate, and misalignment E, which is taken for zero: |g_i| = w (1 - u_i . E u_i)
+          bias wander, the servo's rate, and misalignment E, which is taken for zero: |g_i| = w (1 - u_i . E u_i)
 
-Gauss-Newton from the solution of the squares, which are linear in k². Mountings need not follow the sensor's axes.
+Gauss-Newton from the solution of the squared equations, which are linear in k². Mountings need not follow the sensor's
+axes.
 """
 
 from collections.abc import Sequence
@@ -30,18 +32,21 @@ from estimator.geometry.gyro_model import axis_names, reading_std
 
 @dataclass(frozen=True, slots=True)
 class ServoKnobs:
-    """How good the servo is, and what the model leaves out."""
+    """Accuracy of the servo, and the size of unmodelled misalignment."""
 
-    #: relative error of each spin's mean rate, within a factor of ten; the spins show it, up to `worst_share`
+    #: relative error of each spin's mean rate, within a factor of ten; estimated from the spins, up to `worst_share`
     rate_share: float = 2e-4
     worst_share: float = 2e-2
-    #: rad, each off-diagonal element that takes the gyro's axes to orthogonal ones: taken for zero
+    #: rad, standard deviation of each misalignment element, which the model takes for zero
     misalignment: float = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Evidence:
-    """Mean readings of spins (s, 3) and rests (r, 3), rad/s, their variances, and (s + r, s + r) how the bias moved."""
+    """Mean readings of spins (s, 3) and rests (r, 3), rad/s, their variances, and the bias wander covariance (s + r, s + r).
+
+    rate: the servo's rate, rad/s.
+    """
 
     spin: Floats
     rest: Floats
@@ -54,9 +59,9 @@ class _Evidence:
 def by_servomotor(
     samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None, knobs: ServoKnobs | None = None
 ) -> Result:
-    """Scale factors and bias from a recording on a servo; its one rate in rad/s, used either way.
+    """Scale factors and bias from a recording on a servo; rates: its one rate in rad/s, in either direction.
 
-    wander: what is known of the device's bias, by default what the generic model says.
+    wander: prior of the device's bias wander, by default that of the generic model.
     """
     knobs, wander = knobs or ServoKnobs(), wander or WanderKnobs()
     if len(rates) != 1:
@@ -90,7 +95,7 @@ def by_servomotor(
 
 
 def _fit(of: _Evidence, share: float, misalignment: float) -> tuple[Floats, Solved]:
-    """Bias and scale (6,), and the last step that led to them, with the servo's rate known to `share`."""
+    """Fit bias and scale factors (6,), and the last step of the fit; share: relative error of the servo's rate."""
     b = np.median(of.rest, axis=0)
     square, *_ = np.linalg.lstsq((of.spin - b) ** 2, np.full(len(of.spin), of.rate**2), rcond=None)
     theta = np.concatenate([b, np.sqrt(np.maximum(square, VerdictKnobs().k_min ** 2))])
@@ -103,7 +108,7 @@ def _fit(of: _Evidence, share: float, misalignment: float) -> tuple[Floats, Solv
 
 
 def _linearised(of: _Evidence, theta: Floats, share: float, misalignment: float) -> tuple[Floats, Floats, Floats]:
-    """Residuals (n,), slopes F (n, 6) and C (n, n), n = s + 3 r: the spins first."""
+    """Residuals (n,), slopes F (n, 6) and covariance C (n, n), n = s + 3 r, spins first."""
     b, k = theta[:3], theta[3:]
     s, r = len(of.spin), len(of.rest)
     g = k * (of.spin - b)

@@ -1,4 +1,4 @@
-"""A calibration session as it happens: samples and windows in; what was recognised, and in the end a Result, out."""
+"""Live calibration session: samples and windows in; recognised rests and turns, and at the end a Result, out."""
 
 from dataclasses import replace
 from math import degrees, inf
@@ -20,19 +20,20 @@ from estimator.calibration.turn_recognition import NoTurn, TurnKnobs, recognise,
 from estimator.geometry.gyro_model import AXES, axis_names
 from estimator.stillness.detector import StillnessKnobs, Window, too_seldom
 
-#: turns older than this, or taken at another bias, are not combined with new ones
+#: turns older than this, or made at a different bias, are not combined with new ones
 STALE_S = 600.0
-#: while a device is calibrated live by movements: fit after every so many of them, to so many of the latest
+#: live calibration by movements: fit after every LIVE_EVERY movements, to the latest LIVE_MOVEMENTS
 LIVE_EVERY, LIVE_MOVEMENTS = 2, 16
-#: seconds of stillness that somebody probably meant for a rest
+#: stillness, s, that was probably meant to be a rest
 PAUSE_S = 0.8
 
 
 class CalibrationSession:
-    """Collects rests and turns in any order of axes until one turn about each is there.
+    """Collects rests and turns, in any order of axes, until there is one full turn about each axis.
 
-    A method by movements runs after each of them too, and is done as soon as they determine a full matrix; with `whole`
-    it runs only when asked for what it has, at the end of a recording. scale_limit: see `unlikely`.
+    A method by movements runs after each of these too, and finishes as soon as the movements determine a full matrix.
+    k (3,): scale factors for recognising turns, ones if None. scale_limit: see `unlikely`.
+    whole: the method runs only when asked for what it has, at the end of a recording.
     """
 
     def __init__(
@@ -55,32 +56,32 @@ class CalibrationSession:
         self._by_movements, self._whole = method in BY_MOVEMENTS, whole
         self.turns: dict[int, TurnCapture] = {}
         self._rests: list[Rest] = []
-        #: whether there was a rest
+        #: whether a rest was found
         self.rested = self._moved_about = False
         self._too_small: set[int] = set()
-        #: turns that were taken and no longer count, by axis, and why
+        #: by axis, why a turn taken earlier no longer counts
         self._dropped: dict[int, Sentence] = {}
         self.last_reason: Sentences = ()
 
     @property
     def still_s(self) -> float:
-        """How long the device has been still now."""
+        """How long the device has been still, s."""
         return self._stages.still_s
 
     def add(self, samples: Samples) -> None:
-        """Take samples; call `window` for every window they close, in order, after adding them."""
+        """Add samples. Then call `window` for every window they close, in order."""
         self._history.add(samples)
 
     def take(self, rows: Floats) -> None:
-        """The same of those of one or more windows, rows (n, 8)."""
+        """Add the samples of one or more windows, rows (n, 9)."""
         self._history.take(rows)
 
     def window(self, window: Window) -> list[Progress]:
-        """Judge what the next window completes."""
+        """Judge the next window and return the events it completes."""
         return self.judge(window.start_time, window.end_time, still=window.still)
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """The same by its times, s."""
+        """Judge the next window by its begin and end time, s, and return the events it completes."""
         settled = self._stages.take(begun, ended, still=still)
         if settled is None:
             return []
@@ -101,18 +102,18 @@ class CalibrationSession:
         return progress
 
     def expire(self, now: float) -> tuple[int, ...]:
-        """Forget the turns that are too old at a device time, s; their axes."""
+        """Drop the turns that are too old at device time `now`, s, and return their axes."""
         old = tuple(axis for axis in self.done() if now - self.turns[axis].samples.time[-1] >= STALE_S)
         for axis in old:
             self._drop(axis, too_old((axis,)))
         return old
 
     def done(self) -> tuple[int, ...]:
-        """Axes with a turn that counts."""
+        """Axes with a valid turn."""
         return tuple(sorted(self.turns))
 
     def missing(self) -> tuple[int, ...]:
-        """Axes without a turn so far."""
+        """Axes without a valid turn."""
         return tuple(axis for axis in range(3) if axis not in self.turns)
 
     @property
@@ -124,11 +125,11 @@ class CalibrationSession:
 
     @property
     def movements(self) -> tuple[Movement, ...]:
-        """What was kept of all that lay between rests, full turns or not."""
+        """All movements kept between rests, full turns or not."""
         return self._movements.all()
 
     def unfinished(self) -> Result:
-        """The result when nothing more will come: which turns are missing, and the last reason why."""
+        """Result at the end of the input: the missing turns and the latest reason, or a fit of the movements there are."""
         if self._by_movements:
             return self._checked(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
@@ -159,13 +160,13 @@ class CalibrationSession:
         return replace(found, reason=(*found.reason, Code.PAUSED(duration_s=f"{pause_s:.1f}")))
 
     def _keep(self, rest: Rest) -> None:
-        """Keep a rest that has ended, and those since the first turn that still counts."""
+        """Keep a rest that has ended, and the rests since the first turn that still counts."""
         befores = (
             *(turn.before for turn in self.turns.values()),
             *(movement.before for movement in self.movements[:1]),
         )
         since = min((before.start for before in befores), default=rest.start)
-        # Of a turn that waits for the others for hours no rest between counts any more.
+        # While a turn waits for hours for the others, the rests in between no longer count.
         oldest = -inf if self._by_movements else rest.start - 2 * STALE_S
         self._rests = [r for r in self._rests if r.start >= since and r.end >= oldest] + [rest]
 
@@ -194,14 +195,14 @@ class CalibrationSession:
         return progress
 
     def _checked(self, capture: Capture) -> Result:
-        """The method's result, unless what it was made from speaks against it."""
+        """The method's result, unless its turns or scale factors are implausible."""
         if self._by_movements and not capture.movements:
             return self._without_movements()
         result = self._run(capture)
         if self._by_movements:
-            return result  # these know of axes by themselves
+            return result  # methods by movements check the axes themselves
         movements = [(movement.before, movement.samples) for movement in capture.movements]
-        # A wrong gyro need not close: its scale is taken from the turns alone, whichever way round they were.
+        # A gyro with wrong axes need not close. Its scale comes from the turns alone, in either direction.
         fault = foreign_axes(movements, np.diag(rough_scale(capture.turns)))
         if fault is not None:
             return replace(result, verdict=Verdict.REFUSED, reason=(fault,), repeat=(0, 1, 2))
@@ -214,7 +215,7 @@ class CalibrationSession:
         if self._whole or len(self._movements) < BY_MOVEMENTS[self.method]:
             return []
         if len(self._movements) % LIVE_EVERY:
-            return []  # a fit takes a while, and others are served by the same thread
+            return []  # a fit is slow, and the same thread serves other devices
         result = self._checked(self._capture(LIVE_MOVEMENTS))
         enough = result.verdict is Verdict.ACCEPTED and len(result.parameters) > len(PARAMETERS)
         return [Finished(result, rest)] if enough else []
@@ -242,5 +243,5 @@ class CalibrationSession:
 
 
 def too_old(axes: tuple[int, ...]) -> Sentence:
-    """Turns about these axes were made too long ago."""
+    """Reason that the turns about these axes are too old."""
     return Code.TURN_TOO_OLD(axes=axis_names(axes), most_minutes=f"{STALE_S / 60:.0f}")

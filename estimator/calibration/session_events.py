@@ -1,4 +1,4 @@
-"""Events of a calibration session, in the order in which they happen."""
+"""Events of a calibration session, in the order in which they occur."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,14 +11,17 @@ from estimator.calibration.turn_recognition import NoTurn
 
 @dataclass(frozen=True, slots=True)
 class RestFound:
-    """A rest long enough to take a bias from; it may go on."""
+    """A rest long enough to measure the bias; it may go on."""
 
     rest: Rest
 
 
 @dataclass(frozen=True, slots=True)
 class TurnFound:
-    """A full turn about an axis. dropped: turns about other axes that no longer count, and why; missing: axes without a turn."""
+    """A full turn about an axis.
+
+    dropped: turns about other axes that no longer count, with the reason. missing: axes without a turn.
+    """
 
     turn: TurnCapture
     dropped: Mapping[int, Sentence] = field(default_factory=dict)
@@ -27,7 +30,7 @@ class TurnFound:
 
 @dataclass(frozen=True, slots=True)
 class Expired:
-    """Turns about these axes are too old by now to be combined with new ones."""
+    """Turns about these axes are now too old to be combined with new ones."""
 
     axes: tuple[int, ...]
 
@@ -41,7 +44,7 @@ class Ignored:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A method has run on what is there: three turns, or movements enough for a full matrix; `rest` is the newest."""
+    """A method ran on three turns, or on enough movements for a full matrix; `rest` is the latest rest."""
 
     result: Result
     rest: Rest

@@ -1,4 +1,4 @@
-"""Stages of a session from judged windows alone: rests, and what happened between two of them."""
+"""Stages of a calibration session from judged windows alone: rests, and the movements between them."""
 
 from dataclasses import dataclass
 from math import radians
@@ -9,41 +9,42 @@ from estimator.calibration.capture import Floats, History, Movement, Rest, Sampl
 from estimator.geometry.gyro_model import least_step
 from estimator.stillness.detector import Window
 
-#: m/s² that a working accelerometer measures at rest
+#: range of a working accelerometer's magnitude at rest, m/s²
 LEAST_GRAVITY, MOST_GRAVITY = 7.0, 13.0
-#: samples without which there is no standard deviation worth the name
+#: fewest samples for a usable standard deviation
 _FEWEST = 8
-#: what the means of pieces of white noise vary by, at the most, over what they should
+#: largest ratio of the variance of piece means to its expectation for white noise
 _WHITE = 6.0
-#: standard deviations of its noise by which the mean of a piece may differ from the rest's
+#: largest distance of a piece's mean from the rest's mean, in standard deviations of its noise
 _CREEP = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class StageKnobs:
-    """When a pause is a rest. Seconds of device time."""
+    """Limits that tell a rest from a pause. Seconds of device time."""
 
     #: a shorter pause belongs to the movement: a turn pushed in several goes
     rest_s: float = 2.0
-    #: a bias is taken from at most this much of a long rest, the latest part
+    #: most of a long rest that is used for the bias: its latest part
     longest_s: float = 30.0
-    #: rest taken into a movement at each end: clipping 0.1 s off a turn costs 1.6 % of k, a second of rest 0.015 %
+    #: part of the rest added to a movement at each end: losing 0.1 s of a turn costs 1.6 % of k, a second of rest
+    #: 0.015 %
     margin_s: float = 0.4
-    #: rest just before a movement that cannot be told from its beginning
+    #: end of a rest that cannot be told from the beginning of the movement
     edge_s: float = 0.13
-    #: a slow movement of at most this long, at either end of a rest, belongs to the turn beside it
+    #: longest slow movement (creep) at either end of a rest that belongs to the turn beside it
     creep_s: float = 1.5
-    #: rad/s by which such a creep differs from the rest, beyond the noise of a piece of the rest
+    #: least difference of a creep from the rest, rad/s, beyond the noise of a piece of the rest
     creep: float = radians(0.03)
-    #: the pieces that are compared
+    #: length of the pieces of a rest that are compared
     piece_s: float = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A rest has become long enough to be one; `before` is the rest before it, None when there was none.
+    """Event: stillness has become long enough for a rest. `before` is the rest before it, None when there was none.
 
-    pause_s: the longest stillness between the two that was too short to be a rest.
+    pause_s: longest stillness between the two that was too short for a rest.
     """
 
     before: Rest | None
@@ -52,7 +53,10 @@ class Settled:
 
 
 class Stages:
-    """Windows in; Settled out once per rest. `history` must hold the stream since the last rest began, or the latest of it."""
+    """Finds rests: windows in; one Settled per rest out.
+
+    `history` must hold the stream since the current rest began, or the latest part of it.
+    """
 
     def __init__(self, history: History, knobs: StageKnobs | None = None) -> None:
         self.knobs = knobs or StageKnobs()
@@ -63,22 +67,22 @@ class Stages:
         self._settled = False
         self._pause_s = 0.0
         self._before: Rest | None = None
-        #: m/s² that an accelerometer measured in the latest rest, if that is not gravity; else 0
+        #: accelerometer magnitude in the latest rest, m/s², if implausible as gravity; else 0
         self.not_gravity = 0.0
 
     def window(self, window: Window) -> Settled | None:
-        """Take the next window."""
+        """Process the next window."""
         return self.take(window.start_time, window.end_time, still=window.still)
 
     def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
-        """The same of its times, s."""
+        """Process the next window by its begin and end time, s."""
         if not still:
             if self._still_since is not None:
-                # After a hole in the stream the rest ended where it was last seen.
+                # After a gap in the stream the rest ended with its last window.
                 self._end_rest(self._still_since, min(begun - self.knobs.edge_s, self._still_until))
             return None
         if self._still_since is None:
-            # The first still window after a movement may begin with its end.
+            # The first still window after a movement may contain the movement's end.
             moved_s = self.knobs.edge_s if self._before else 0.0
             self._still_since = min(ended, begun + moved_s)
         self._still_until = ended
@@ -96,7 +100,7 @@ class Stages:
         self._still_since, self._settled, self.still_s = None, False, 0.0
 
     def _measure(self, start: float, end: float, *, goes_on: bool = False) -> Rest | None:
-        """The rest as far as its samples are still held; None when they are not: a hole has pushed them out."""
+        """Mean readings of a rest from the samples still held; None when a gap has pushed these out of the history."""
         still = self._history.between(max(start, end - self.knobs.longest_s), end)
         if len(still) < _FEWEST:
             return None
@@ -105,7 +109,7 @@ class Stages:
         size = 0.0 if accel is None else float(np.linalg.norm(accel))
         self.not_gravity = 0.0 if accel is None or LEAST_GRAVITY < size < MOST_GRAVITY else max(size, 0.01)
         if self.not_gravity:
-            accel = None  # dead, saturated or in other units: no witness of what is up
+            accel = None  # dead, saturated or in other units: does not show the vertical
         accel_std = None if still.accel is None or accel is None else still.accel.std(axis=0, ddof=1)
         std = still.gyro.std(axis=0, ddof=1)
         start, end = float(still.time[0]), float(still.time[-1])
@@ -113,16 +117,16 @@ class Stages:
         return Rest(start, end, mean, std, step, len(still), accel, accel_std, wander=wander(still.gyro))
 
     def movement(self, before: Rest, after: Rest) -> Movement:
-        """The samples between two rests with some of either, at most half of it."""
+        """Samples between two rests with a margin of either rest, at most half of it."""
         lead = min(self.knobs.margin_s, (before.end - before.start) / 2)
         tail = min(self.knobs.margin_s, (after.end - after.start) / 2)
         return Movement(before, after, self._history.between(before.end - lead, after.start + tail))
 
 
 def without_creep(still: Samples, knobs: StageKnobs, *, goes_on: bool = False) -> Samples:
-    """A rest without a slow movement at its beginning or end: a hand that lets go of the device, or takes hold of it.
+    """A rest without slow movement at its beginning or end, as when a hand lets go of the device or takes hold of it.
 
-    Each piece is compared with the calm half of the rest: the middle, or the latest of a rest that goes on.
+    Each piece is compared with the calm half of the rest: the middle, or for a rest that goes on the latest half.
     """
     size = max(2, int(np.searchsorted(still.time - still.time[0], knobs.piece_s)))
     count = len(still) // size
@@ -142,10 +146,10 @@ def without_creep(still: Samples, knobs: StageKnobs, *, goes_on: bool = False) -
 
 
 def wander(gyro: Floats) -> Floats:
-    """(3,) rad/s by which the mean of a rest (n, 3) errs because its readings wander more than white noise does; 0 mostly.
+    """Error (3,) rad/s of the mean of a rest (n, 3) from wandering beyond white noise; mostly 0.
 
-    Seen in the means of eight pieces about a straight line: a bias that drifts with warmth is no wandering. White noise
-    passes for it once in 1e4.
+    Estimated from the scatter of eight piece means about a straight line: a bias that drifts with warming does not
+    count as wandering. White noise is mistaken for wandering once in 1e4.
     """
     pieces = gyro[: len(gyro) // 8 * 8].reshape(8, -1, 3)
     n = pieces.shape[1]

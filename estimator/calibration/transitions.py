@@ -1,9 +1,9 @@
-"""The whole matrix of a gyro from gravity before and after every movement: full 3x3 where the poses support it.
+"""Calibration of the full 3x3 gyro matrix from gravity before and after every movement, where the poses allow it.
 
-Full turns alone determine the diagonal and nothing else: what a misalignment does in the first half of a turn it undoes in
-the second. Movements between poses that differ show it. How well is a matter of geometry, and the standard deviations say
-it: where one off-diagonal element stays too uncertain all of them are left at zero, and the diagonal stands alone, as
-uncertain as what is not known of the others makes it.
+Full turns alone determine only the diagonal: the second half of a turn undoes a misalignment's effect in the first.
+Movements between different poses show the misalignment. How well depends on geometry, and the standard deviations tell.
+Where one off-diagonal element stays too uncertain, all of them are left at zero. The diagonal then stands alone, with a
+standard deviation that includes the unknown elements.
 """
 
 from dataclasses import dataclass, replace
@@ -28,24 +28,25 @@ from estimator.calibration.result import PARAMETERS, Result, VerdictKnobs, nothi
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import axis_names, reading_std
 
-#: fewer movements cannot determine nine elements, two equations each
+#: least number of movements for nine elements, two equations per movement
 FEWEST = 6
 #: chi-square over degrees of freedom beyond which movements contradict each other
 MISFIT = 4.0
 #: lower limit of the variance of unit weight: few movements may agree by chance
 LEAST_UNIT = 1e-4
-#: of what the data alone say of the matrix: above it a prior, and not the poses, makes the elements certain
+#: largest condition number of the data's information on the matrix: above, the prior determines elements, not the poses
 CONDITION = 100.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """theta (21,) of carry.PARAMETERS and its covariance (21, 21), from error sizes estimated by the residuals.
+    """Fit of theta (21,), gravity_propagation.PARAMETERS, with covariance (21, 21); error sizes estimated from the residuals.
 
-    misfit: chi-square of gravity and heading over degrees of freedom, for the error sizes assumed. condition: of what the
-    data say of M. angles (m,): rad by which each movement missed; ratio (m,): the same in standard deviations; left_out:
-    movements that contradicted. unknown: off-diagonal elements that the poses did not determine, the worst first, with their
+    misfit: chi-square of gravity and heading over degrees of freedom, for the assumed error sizes. condition: condition
+    number of the data's information on M. angles (m,): rad by which each movement missed. ratio (m,): the same in
     standard deviations.
+    full: whether the off-diagonal elements are used. left_out: number of contradicting movements.
+    unknown: off-diagonal elements that the poses did not determine, worst first, with their standard deviations.
     """
 
     theta: Floats
@@ -60,19 +61,19 @@ class Fit:
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3): M, or its diagonal where the rest was not estimated."""
+        """Matrix M (3, 3), or only its diagonal where the off-diagonal elements are not used."""
         M = matrix_of(self.theta)
         return M if self.full else np.diag(np.diag(M))
 
 
 def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
-    """Weighted least squares over all of theta and all movements."""
+    """Weighted least squares for all of theta over all movements."""
     knobs = knobs or TransitionKnobs()
     problem = Problem(data, knobs)
     theta = problem.prior_mean.copy()
     short = [j for j, samples in enumerate(data.samples) if _way(samples, theta[:3]) < knobs.short]
     if 0 < len(short) < len(data.links):
-        # An angle missed by a whole turn looks like none: the scale is found on short movements first.
+        # An error of a whole turn looks like no error: find the scale from short movements first.
         few = data.only(short)
         theta[3:6] = Problem(few, knobs).solve(theta)[3:6]
     theta = problem.solve(theta)
@@ -94,15 +95,15 @@ def _way(samples: Samples, bias: Floats) -> float:
 
 
 def _condition(J: Floats) -> float:
-    """Condition number of what the rows J say of M alone, whatever bias and accelerometer are."""
+    """Condition number of the information of rows J on M, with bias and accelerometer eliminated."""
     M, others = J[:, 3:12], np.delete(J, np.s_[3:12], axis=1)
     return float(np.linalg.cond(M - others @ np.linalg.lstsq(others, M, rcond=None)[0]))
 
 
 def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
-    """The full matrix if every element of it is known well enough, else the diagonal.
+    """Full matrix if every element is known well enough, else the diagonal.
 
-    Movements that contradict the others are left out of a full matrix, at most one in five.
+    Movements that contradict the others are left out, at most one in five.
     """
     knobs = knobs or TransitionKnobs()
     found, kept = fit(data, knobs), list(range(len(data.links)))
@@ -116,7 +117,7 @@ def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
 
 
 def by_transitions(capture: Capture) -> Result:
-    """The method: bias and the full matrix, or its diagonal, from all movements of a capture."""
+    """Calibration method: bias and full matrix, or its diagonal, from all movements of a capture."""
     data = collect(capture.movements)
     try:
         found = estimate(data)

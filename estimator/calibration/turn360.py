@@ -1,13 +1,13 @@
 """The paper's calibration: three turns of 360 degrees by hand, and an iterative estimate of the attitude.
 
-Source: L. Wang, R. Duffield, D. Fox, A. Hammond, A. J. Zhang, W. X. Zheng, S. W. Su, "In-field gyroscope autocalibration
-with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
+Source: L. Wang, R. Duffield, D. Fox, A. Hammond, A. J. Zhang, W. X. Zheng, S. W. Su, "In-field gyroscope
+autocalibration with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
 
 The paper's letters, and its equations by their numbers in the paper:
 
     m       reading of the gyro (rad/s)                       T       duration of a turn
     K       diag(k), scale factors                            C_t     attitude at sample t, from the turn's start
-    b       -mean(m at rest); our bias is -b
+    b       -mean(m at rest); the bias elsewhere is -b
 
     (1)     g = K (m + b)                                     the calibrated rate
     (2)     b = -mean(m) at rest, so that g = 0
@@ -16,10 +16,10 @@ The paper's letters, and its equations by their numbers in the paper:
     (6-10)  G = mean over t of C_t g_t = A k                  A = mean over t of C_t diag(m_t + b)
     (11)    | A_i k | = 360 degrees / T_i                     for the three turns i
 
-Algorithm 1: K = I; integrate (5) with it; solve (11) for k, the attitudes held; again, until |k new - k| <= 1e-5.
+Algorithm 1: K = I; integrate (5) with it; solve (11) for k, the attitudes held; repeat until |k new - k| <= 1e-5.
 
-The criterion holds for a turn about a fixed axis. With a hand's wobble of 3 degrees it is biased by some 1e-3: that is the
-paper's method, kept as it is.
+The criterion holds for a turn about a fixed axis. With a hand's wobble of 3 degrees its bias is some 1e-3. This file
+keeps the paper's method unchanged.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Turn360Knobs:
-    """Algorithm 1's own numbers, and how well a hand puts a device back."""
+    """Settings of Algorithm 1, and the re-placement error of a hand."""
 
     tolerance: float = 1e-5
     max_iterations: int = 50
@@ -48,7 +48,7 @@ class Turn360Knobs:
 
 
 class NotConverged(Exception):
-    """The iteration found no scale factors that close the three turns, for this reason."""
+    """The iteration found no scale factors that close the three turns; `reason` says why."""
 
     def __init__(self, reason: Sentence) -> None:
         super().__init__(reason)
@@ -57,7 +57,7 @@ class NotConverged(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn360:
-    """k (3,) and bias (3,) rad/s, their covariance (6, 6) in the order bias, k, and the iterations it took."""
+    """Estimate of Algorithm 1: k (3,), bias (3,) rad/s, covariance (6, 6) in the order bias, k, and the number of iterations."""
 
     k: Floats
     bias: Floats
@@ -66,7 +66,7 @@ class Turn360:
 
 
 def estimate(capture: Capture, knobs: Turn360Knobs | None = None) -> Turn360:
-    """Algorithm 1 on one rest and three turns; raises NotConverged."""
+    """Run Algorithm 1 on one rest and three turns; raises NotConverged."""
     knobs = knobs or Turn360Knobs()
     b = -capture.rest.bias
     K = np.ones(3)
@@ -82,7 +82,7 @@ def estimate(capture: Capture, knobs: Turn360Knobs | None = None) -> Turn360:
 
 
 def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:
-    """(3, 3) S = T A diag(K) of equations (6-10): a factor dK on the rates turns by |S dK|, the attitudes held."""
+    """S (3, 3) = T A diag(K) of equations (6-10): a factor dK on the rates turns by |S dK|, the attitudes held."""
     dt = rotation.intervals(turn.samples.time)
     g = K * (turn.samples.gyro + b)
     C = rotation.attitudes(g, dt)[1:]
@@ -91,7 +91,7 @@ def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:
 
 
 def solve_criteria(S: list[Floats]) -> Floats:
-    """(3,) the factors dK = k new / k with |S_i dK| = 360 degrees for the three turns: equation (11)."""
+    """Factors dK (3,) = k new / k with |S_i dK| = 360 degrees for the three turns: equation (11)."""
     start = np.array([2 * pi / np.linalg.norm(S_i.sum(axis=1)) for S_i in S])
     axes = [int(np.argmax(np.abs(S_i.sum(axis=1)))) for S_i in S]
     guess = np.ones(3)
@@ -111,10 +111,10 @@ def solve_criteria(S: list[Floats]) -> Floats:
 
 
 def covariance(capture: Capture, K: Floats, b: Floats, knobs: Turn360Knobs) -> Floats:
-    """(6, 6) covariance of (bias, k), to first order: noise of the rest and of each turn, and the hand's re-placement.
+    """First-order covariance (6, 6) of (bias, k): noise of the rest and of each turn, and the hand's re-placement error.
 
-    Not in the paper, which gives none. Each criterion theta_i(k, bias, noise) = 360 degrees is linearised. What a turn
-    under K does not close by is what the criterion does not see of the hand's wobble: its angle is no surer than that.
+    The paper gives no covariance. Each criterion theta_i(k, bias, noise) = 360 degrees is linearised. The criterion
+    does not see the hand's wobble, so the closure error of a turn under K counts as an error of its angle.
     """
     by_k, by_bias, noise_var = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     for i, turn in enumerate(capture.turns):

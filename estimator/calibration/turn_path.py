@@ -1,7 +1,7 @@
-"""The way a gyro was turned between two rests, and how the way's end depends on the gyro's parameters.
+"""Rotation path of a gyro between two rests, with the sensitivity of its end to the gyro's parameters.
 
-A small error of the rates, delta(t) in the device's axes, moves the end attitude R to exp(phi) R with phi = sum C delta dt:
-each sample's error, carried to the start's frame by the attitude C in the middle of its interval.
+A small error of the rates, delta(t) in the device's axes, moves the end attitude R to exp(phi) R, where
+phi = sum C delta dt. C is the attitude in the middle of each sample's interval; it takes the error to the frame of the start.
 """
 
 from dataclasses import dataclass
@@ -14,11 +14,12 @@ from estimator.geometry import rotation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """end (3, 3) takes vectors of the last attitude to the first; by_matrix (3, 3, 3): phi per element of the matrix.
+    """Path of a movement: end (3, 3) takes vectors of the last attitude to the first.
 
-    by_bias (3, 3): phi per rad/s of bias. noise (3, 3): covariance of phi from the readings' white noise. way: rad turned
-    in all, there and back; seconds: how long it took. coning: rad by which the axis of rotation moved within the samples'
-    intervals, summed without sign: what happened between samples is unknown by a part of it.
+    by_matrix (3, 3, 3): phi per element of the matrix. by_bias (3, 3): phi per rad/s of bias. noise (3, 3): covariance
+    of phi from the readings' white noise. way: rad turned in total, in both directions. seconds: duration. coning: rad
+    by which the axis of rotation moved within the samples' intervals, summed without sign; the motion between samples
+    is unknown by a part of it.
     """
 
     end: Floats
@@ -31,12 +32,12 @@ class Path:
 
 
 def integrate(samples: Samples, matrix: Floats, bias: Floats, noise_std: Floats) -> Path:
-    """The path of samples under a calibration; noise_std (3,) rad/s of a reading."""
+    """Integrate samples into a path under a calibration; noise_std (3,) rad/s of one reading."""
     dt = rotation.intervals(samples.time)
     reading = samples.gyro - bias
     rate = reading @ matrix.T
     attitude = rotation.attitudes(rate, dt)
-    # The mean of two attitudes is the one between them, to second order in a step.
+    # The mean of two attitudes is the attitude midway, to second order in a step.
     mid = 0.5 * (attitude[:-1] + attitude[1:])
     by_reading = (mid @ matrix) * dt[:, None, None]
     spread = by_reading * noise_std

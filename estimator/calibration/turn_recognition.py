@@ -1,4 +1,4 @@
-"""Recognises a full turn about one axis of the device, or says why a movement is none."""
+"""Recognises a full turn about one device axis, or gives the reason why a movement is not one."""
 
 from dataclasses import dataclass, field
 from math import degrees, radians
@@ -14,35 +14,35 @@ from estimator.geometry.gyro_model import AXES
 
 @dataclass(frozen=True, slots=True)
 class TurnKnobs:
-    """What a full turn looks like before the scale factors are known. Angles in rad."""
+    """Limits of a full turn before the scale factors are known. Angles in rad."""
 
-    #: a believable scale factor; a full turn then reads between 360/1.4 and 360/0.7 degrees
+    #: range of plausible scale factors: a full turn reads between 360/1.4 and 360/0.7 degrees
     k_min: float = 0.7
     k_max: float = 1.4
-    #: least part of the rotation about one device axis
+    #: least share of the rotation that must be about one device axis
     axis_share: float = 0.9
-    #: the way turned over the angle gained: 1 for a steady turn, more when it went back and forth
+    #: largest ratio of total rotation to net angle: 1 for a steady turn, more for back and forth
     detour: float = 1.25
-    #: seconds without samples that integration may bridge
+    #: longest gap between samples, s, that integration may bridge
     gap_s: float = 0.035
-    #: a longer movement is no turn: what is not known of the bias grows with it
+    #: s, longest turn: the error from an uncertain bias grows with its duration
     longest_s: float = 15.0
-    #: how far gravity before and after may differ
+    #: largest angle between gravity before and after
     tilt: float = radians(4.0)
-    #: how far the readings at rest before and after may differ, rad/s, beyond their noise: else one was no rest
+    #: rad/s, largest difference beyond noise of the mean readings at the rests before and after: else one was no rest
     bias_step: float = radians(0.2)
-    #: below this it was a nudge and no try at a turn
+    #: a smaller total rotation is a nudge, not an attempt at a turn
     nudge: float = radians(30.0)
-    #: whether only turns about a horizontal axis count, where an accelerometer tells which those are
+    #: whether only turns about a horizontal axis count, where an accelerometer shows the horizon
     horizontal: bool = False
     clipping: ClippingKnobs = field(default_factory=ClippingKnobs)
 
 
 @dataclass(frozen=True, slots=True)
 class NoTurn:
-    """A movement that was not a full turn; `attempt` tells whether somebody probably meant one.
+    """A movement that was not a full turn; `attempt` is true if it was probably meant as one.
 
-    In other units it may have been one: then `unit_axis` is the axis it was about, else None.
+    unit_axis: axis of a movement that would be a full turn if the readings were in other units, else None.
     """
 
     reason: Sentences
@@ -51,7 +51,10 @@ class NoTurn:
 
 
 def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | NoTurn:
-    """The turn that a movement was; k (3,) are the scale factors believed so far (ones when nothing is known)."""
+    """Recognise a movement as a full turn, or give the reason why it is not one.
+
+    k (3,): scale factors estimated so far, ones when nothing is known.
+    """
     samples = movement.samples
     dt = rotation.intervals(samples.time)
     rate = k * (samples.gyro - movement.before.bias)
@@ -92,7 +95,10 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
 
 
 def rough_scale(turns: tuple[TurnCapture, ...]) -> Floats:
-    """(3,) what makes each turn's readings about its own axis add up to 360 degrees; within a percent for a hand's turn."""
+    """Scale factors (3,) under which each turn's readings about its own axis add up to 360 degrees.
+
+    Accurate to a percent for a turn by hand.
+    """
     k = np.ones(3)
     for turn in turns:
         reading = turn.samples.gyro[:, turn.axis] - turn.before.bias[turn.axis]
@@ -101,7 +107,7 @@ def rough_scale(turns: tuple[TurnCapture, ...]) -> Floats:
 
 
 def _spoilt(gyro: Floats) -> Sentence:
-    """Why readings (n, 3) that are marked are no measurement: all alike on all axes, they are stuck."""
+    """Reason why marked readings (n, 3) are invalid: stuck if all are equal on all axes, else too fast."""
     if len(gyro) > 1 and (gyro == gyro[0]).all():
         return Code.GYRO_STUCK(samples=len(gyro))
     return Code.TOO_FAST(samples=len(gyro))
@@ -112,7 +118,7 @@ def _half(is_so: bool) -> Sentences:  # noqa: FBT001 - a sentence or none
 
 
 def same_bias(a: Rest, b: Rest, knobs: TurnKnobs) -> bool:
-    """Whether two rests show the same bias, within their noise and what a bias may move meanwhile."""
+    """Whether two rests show the same bias, within their noise and the allowed bias step."""
     noise = 5 * np.sqrt(np.diag(a.bias_cov + b.bias_cov))
     return bool(np.all(np.abs(a.bias - b.bias) < knobs.bias_step + noise))
 

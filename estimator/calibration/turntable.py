@@ -1,13 +1,13 @@
-"""The six-rate calibration on a turntable: known rates, either way, about each axis in turn; linear least squares.
+"""Six-rate calibration on a turntable: known rates, in both directions, about each axis in turn; linear least squares.
 
 Source: IEEE Std 952, the rate test of a triad, as in the paper's comparison (Wang et al. 2024). Letters:
 
-    s_i   true rate of plateau i: the known rate about the axis that reads most, with the reading's sign; 0 of a rest
+    s_i   true rate of plateau i: the known rate about the axis that reads most, with the reading's sign; 0 for a rest
     m_i   mean reading;   s_i = M m_i - c,  c = M b:  linear in M (9) and c (3);  b is the bias in the last rest
-    C     covariance of the equations: noise of the readings, how the bias wandered (so that least squares interpolates
-          it between rests), the table's rate, and how squarely the device was fixed, the same for all of one fixing
+    C     covariance of the equations: noise of the readings, bias wander (so that least squares interpolates the bias
+          between rests), the table's rate, and the squareness of the device's fixing, the same for all of one fixing
 
-The matrix is that in the fixture's axes: a device fixed askew has its own case's misalignment in it.
+The matrix refers to the fixture's axes: if the device is fixed askew, the matrix contains its case's misalignment.
 """
 
 from collections.abc import Sequence
@@ -30,14 +30,15 @@ from estimator.geometry.gyro_model import axis_names, reading_std
 
 @dataclass(frozen=True, slots=True)
 class TurntableKnobs:
-    """How good the table is."""
+    """Accuracy of the turntable."""
 
-    #: relative error of each stretch's mean rate, within a factor of ten; the stretches show it, up to `worst_share`
+    #: relative error of each stretch's mean rate, within a factor of ten; estimated from the stretches, up to
+    #: `worst_share`
     rate_share: float = 3e-5
     worst_share: float = 5e-4
-    #: rad, by which the device is fixed off the table's axis
+    #: rad, angle between the device's fixing and the table's axis
     square: float = radians(0.1)
-    #: rad, beyond which a rate is about none of the axes
+    #: rad, largest angle between a rate and the axis it is assigned to
     off_axis: float = radians(20.0)
 
 
@@ -46,7 +47,7 @@ def by_turntable(
 ) -> Result:
     """Full matrix and bias from a recording on a turntable; rates in rad/s, each used in both directions.
 
-    wander: what is known of the device's bias, by default what the generic model says.
+    wander: prior of the device's bias wander, by default that of the generic model.
     """
     knobs, wander = knobs or TurntableKnobs(), wander or WanderKnobs()
     rests, turned, others = split(plateaus(samples), rates)
@@ -58,7 +59,7 @@ def by_turntable(
     if missing:
         one_way = Code.TABLE_ONE_WAY(spins=len(spins), axes=axis_names(missing))
         return nothing("turntable", Verdict.REPEAT, (one_way, *but), missing)
-    # Left out and yet a rate is wanting: probably that one is wrong.
+    # Stretches are left over and a given rate is not met: that rate is probably wrong.
     unmet = [rate for rate in rates if not np.all(np.any(np.abs(true) == rate, axis=0))]
     if unmet and others:
         names = ", ".join(f"{degrees(rate):g}" for rate in unmet)
@@ -70,7 +71,7 @@ def by_turntable(
     moved = wander_cov(used, reference, rests, wander)
     share = shown_size(lambda share: _fit(used, s, moved, share, knobs), knobs.rate_share, knobs.worst_share)
     fit = _fit(used, s, moved, share, knobs)
-    # The rates along the axes by themselves show a wrong one.
+    # A wrong rate shows in the misfit of the rates along the axes alone.
     misfit = max(fit.misfit(), fit.misfit((s != 0).T.ravel()))
     kept = Code.TABLE_MATRIX(spins=len(spins), percent=f"{100 * share:.3f}")
     return _judge(fit, misfit, used, reference, (kept, *but))
@@ -79,12 +80,12 @@ def by_turntable(
 def _true_rates(
     spins: Sequence[Plateau], rests: Sequence[Plateau], rates: tuple[float, ...], knobs: TurntableKnobs
 ) -> Floats:
-    """(n, 3) true rate of each stretch that turned; 0 where none of the given rates about one axis explains it."""
+    """True rate (n, 3) of each stretch that turned; 0 where none of the given rates about one axis explains it."""
     true = np.zeros((len(spins), 3))
     if not spins:
         return true
     mean = np.array([p.mean for p in spins])
-    # Without rests: half of what the two directions differ by.
+    # Without rests: the middle between the two directions.
     rest = np.median([p.mean for p in rests], axis=0) if rests else (mean.max(axis=0) + mean.min(axis=0)) / 2
     off = mean - rest
     about = np.argmax(np.abs(off), axis=1)
@@ -98,9 +99,9 @@ def _true_rates(
 
 
 def _fit(used: Sequence[Plateau], s: Floats, moved: Floats, share: float, knobs: TurntableKnobs) -> Solved:
-    """M and c row by row (12,), from zero, with the table's rate known to `share`."""
+    """Fit M and c, row by row (12,), from zero; share: relative error of the table's rate."""
     m, n = np.array([p.mean for p in used]), len(used)
-    # The weights need a scale factor: the ratio of rates is near enough.
+    # The weights need only an approximate scale factor: the ratio of rates.
     k = np.array([np.sum(s[:, a] ** 2) / np.sum(s[:, a] * m[:, a]) for a in range(3)])
     design = np.kron(np.eye(3), np.column_stack([m, -np.ones(n)]))
     return solve(s.T.ravel(), -design, _covariance(used, s, k, moved, share, knobs))
@@ -109,7 +110,7 @@ def _fit(used: Sequence[Plateau], s: Floats, moved: Floats, share: float, knobs:
 def _covariance(
     used: Sequence[Plateau], s: Floats, k: Floats, moved: Floats, share: float, knobs: TurntableKnobs
 ) -> Floats:
-    """(3n, 3n) of the equations, first those of the output x."""
+    """Covariance (3n, 3n) of the equations, those of the x axis first."""
     n = len(used)
     var = np.array([p.var for p in used]) * k**2 + (share * s) ** 2
     C = np.diag(var.T.ravel()) + np.kron(np.diag(k**2), moved)
@@ -125,7 +126,7 @@ def _covariance(
 
 
 def _fixings(s: Floats) -> NDArray[np.int64]:
-    """(n,) the number of each stretch's fixing: a new one whenever the axis changes."""
+    """Number (n,) of each stretch's fixing: a new one whenever the axis changes."""
     about = np.where(s.any(axis=1), np.argmax(np.abs(s), axis=1), -1)
     number, last, mounts = 0, -1, []
     for axis in about.tolist():

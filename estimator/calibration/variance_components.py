@@ -1,9 +1,9 @@
-"""Variance components: estimates the size of each kind of error in a session from the session's own residuals.
+"""Variance components: size of each kind of error in a session, estimated from the session's own residuals.
 
-The residuals r have the covariance C = C0 + sum of s_i² C_i. C0 is measured noise; C_i is the covariance assumed for error
-kind i. Source: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320. The unknowns are
-log s_i, with a weak prior that matters only where the residuals say little. The result is the posterior mean of s_i², which
-is larger than the most likely value where few residuals determine it, as in Student's distribution.
+The residuals r have the covariance C = C0 + sum of s_i² C_i. C0 is measured noise; C_i is the covariance assumed for
+error kind i. Source: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320. The
+unknowns are log s_i, with a weak prior that matters only where the residuals say little. The result is the posterior
+mean of s_i². It is larger than the most likely value where few residuals determine it, as in Student's distribution.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ _AROUND = np.linspace(-4.0, 3.0, 29)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linear:
-    """A linear model: r (n,) residuals, J (n, p) their slopes by the parameters, C0 `noise` (n, n), C_i `parts` (c, n, n).
+    """Linear model: r (n,) residuals, J (n, p) their slopes by the parameters, C0 `noise` (n, n), C_i `parts` (c, n, n).
 
     information (p, p) and gradient (p,): J'J and J'r of further residuals of variance 1, such as priors.
     """
@@ -36,7 +36,7 @@ class Linear:
     gradient: Floats
 
     def log_posterior(self, log_s: Floats) -> float:
-        """Restricted log likelihood of log s (c,) and its prior, up to a constant."""
+        """Restricted log likelihood of log s (c,) plus its log prior, up to a constant."""
         lower = np.linalg.cholesky(self.noise + np.tensordot(np.exp(2 * log_s), self.parts, axes=1))
         white = np.linalg.solve(lower, np.column_stack([self.r, self.J]))
         r, J = white[:, 0], white[:, 1:]
@@ -47,11 +47,11 @@ class Linear:
         return -fit - size - float(np.sum(((log_s - _PRIOR_MEAN) / _PRIOR_STD) ** 2)) / 2
 
     def likeliest(self) -> Floats:
-        """The most likely log s (c,)."""
+        """Most likely log s (c,)."""
         log_s = _PRIOR_MEAN.copy()
         prior = np.diag(1 / _PRIOR_STD**2)
         for _ in range(_STEPS):
-            slopes = 2 * np.exp(2 * log_s)[:, None, None] * self.parts  # of C, by log s
+            slopes = 2 * np.exp(2 * log_s)[:, None, None] * self.parts  # slopes of C by log s
             W = np.linalg.inv(self.noise + slopes.sum(axis=0) / 2)
             WJ = W @ self.J
             cov = np.linalg.inv(self.J.T @ WJ + self.information)
@@ -67,7 +67,7 @@ class Linear:
 
 
 def factors(model: Linear) -> Floats:
-    """Posterior means of s_i² (c,); about 1 where the residuals say nothing about error kind i."""
+    """Posterior means (c,) of s_i²; about 1 where the residuals say nothing about error kind i."""
     best = model.likeliest()
     found = np.empty(len(best))
     for i in range(len(best)):

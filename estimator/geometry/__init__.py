@@ -1,4 +1,4 @@
-"""The gyro model `corrected = matrix (reading - bias)`, rotations on SO(3), and strapdown integration over a span.
+"""Gyro model `corrected = matrix (reading - bias)`, rotations on SO(3), and strapdown integration over a span.
 
 Begin at `gyro_model`.
 """

@@ -1,4 +1,4 @@
-"""The model of a gyro: corrected = matrix (reading - bias), with the bias the reading at zero rate."""
+"""Gyro model: corrected rate = matrix (reading - bias). The bias is the reading at zero rate."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,19 +10,22 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 AXES = "xyz"
-#: a ± that people are shown is so many standard deviations: 95 % of a normal distribution
+#: standard deviations in every ± shown to users: 95 % of a normal distribution
 SIGMAS = 1.96
-#: least step, rad/s, taken for a gyro whose readings never differ: 2000 °/s in 16 bits
+#: rounding step, rad/s, assumed for a gyro whose readings never differ: 2000 °/s in 16 bits
 COARSE_STEP = radians(0.061)
 
 
 def axis_names(axes: Iterable[int]) -> str:
-    """Axes by name: `x, z`."""
+    """Axis numbers as names: `x, z`."""
     return ", ".join(AXES[axis] for axis in axes)
 
 
 def spread(reading: Floats) -> tuple[Floats, Floats]:
-    """Mean (3,) and standard deviation (3,) of readings (n, 3), n > 1; in a third of NumPy's own time for few readings."""
+    """Mean (3,) and standard deviation (3,) of readings (n, 3), n > 1.
+
+    For few readings it takes a third of the time of NumPy's `mean` and `std`.
+    """
     n = len(reading)
     mean: Floats = np.add.reduce(reading) / n
     off = reading - mean
@@ -30,7 +33,10 @@ def spread(reading: Floats) -> tuple[Floats, Floats]:
 
 
 def least_step(reading: Floats) -> Floats:
-    """(3,) least difference between readings (n, 3); next to nothing where they are not rounded."""
+    """Smallest difference between readings (n, 3) on each axis (3,): the rounding step.
+
+    The step is close to zero where readings are not rounded, and COARSE_STEP where they never differ.
+    """
     ordered = np.sort(reading.T)
     steps = ordered[:, 1:] - ordered[:, :-1]
     steps[steps <= 1e-9] = np.inf
@@ -40,29 +46,37 @@ def least_step(reading: Floats) -> Floats:
 
 
 def rounding_var(std: Floats, step: Floats) -> Floats:
-    """(3,) variance of what rounding to a step (3,) leaves in a mean of readings at rest with deviation std (3,).
+    """Variance (3,) that rounding leaves in the mean of readings at rest.
 
-    Noise well below the step leaves the same error in all of them: averaging does not lessen it.
+    std (3,): standard deviation of a reading. step (3,): rounding step.
+    Noise well below the step leaves the same rounding error in every reading, so averaging does not reduce the error.
     """
     return np.where(std < step / 2, step**2 / 12, 0.0)
 
 
 def mean_var(std: Floats, step: Floats, n: float) -> Floats:
-    """(3,) variance of the mean of n readings at rest with standard deviation std (3,), rounded to a step (3,)."""
+    """Variance (3,) of the mean of n readings at rest, from noise and rounding.
+
+    std (3,): standard deviation of a reading. step (3,): rounding step.
+    """
     return std**2 / n + rounding_var(std, step)
 
 
 def reading_std(std: Floats) -> Floats:
-    """(3,) standard deviation of a reading, from the one shown at rest: a coarse gyro may show none, and rounds."""
+    """Standard deviation (3,) of a reading, from the standard deviation (3,) observed at rest.
+
+    A coarse gyro may show no noise at rest. Its readings then have the standard deviation of rounding by COARSE_STEP.
+    """
     if all(axis > 1e-9 for axis in std.tolist()):
         return std
     return np.where(std > 1e-9, std, COARSE_STEP / np.sqrt(12))
 
 
 def corrected(reading: Floats, matrix: Floats, bias: Floats) -> Floats:
-    """(n, 3) corrected rates of readings (n, 3) by a matrix (3, 3) and a bias (3,), or (n, 3, 3) and (n, 3), a row each.
+    """Corrected rates (n, 3) of readings (n, 3), in the sensor frame.
 
-    The same to the last bit however many are corrected at once, which no matrix product promises.
+    matrix (3, 3) and bias (3,) apply to all readings; matrix (n, 3, 3) and bias (n, 3) give each reading its own.
+    The result is bit-identical for any number of readings at once, which a matrix product does not guarantee.
     """
     off = reading - bias
     return matrix[..., 0] * off[:, 0:1] + matrix[..., 1] * off[:, 1:2] + matrix[..., 2] * off[:, 2:3]
@@ -70,9 +84,11 @@ def corrected(reading: Floats, matrix: Floats, bias: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroModel:
-    """What is known of a gyro: matrix (3, 3), bias (3,) rad/s; noise_std (3,) rad/s of a reading.
+    """Calibration of a gyro with its uncertainty.
 
-    scale_std (3,), relative, is that of the matrix's diagonal; cross_std (3,), relative, that of the others of each row.
+    matrix (3, 3); bias (3,) rad/s; noise_std (3,) rad/s, standard deviation of one reading.
+    scale_std (3,): relative standard deviation of the diagonal of the matrix. cross_std (3,): relative standard
+    deviation of the off-diagonal elements, one value per row.
     """
 
     matrix: Floats
@@ -82,21 +98,21 @@ class GyroModel:
     noise_std: Floats
 
     def correct(self, reading: Floats) -> Floats:
-        """(n, 3) corrected rates of readings (n, 3), rad/s, sensor frame."""
+        """Corrected rates (n, 3) of readings (n, 3), rad/s, sensor frame."""
         return corrected(reading, self.matrix, self.bias)
 
     def corrected_std(self, reading_std: Floats) -> Floats:
-        """(…, 3) standard deviation that independent errors of the reading (…, 3) leave in the corrected rate."""
+        """Standard deviation (…, 3) of the corrected rate from independent errors of the reading (…, 3)."""
         return np.asarray(np.sqrt(np.square(reading_std) @ np.square(self.matrix).T))
 
 
 @dataclass(frozen=True, slots=True)
 class PriorKnobs:
-    """What is believed of a gyro before it has been calibrated in this boot."""
+    """Prior standard deviations of a gyro not yet calibrated in this boot."""
 
-    #: a datasheet's sensitivity is trusted this far (relative): known library errors reach 0.17
+    #: relative, of the datasheet's sensitivity: known library errors reach 0.17
     scale_std: float = 0.15
-    #: an axis of the chip against the others, rad
+    #: rad, of one axis of the chip relative to the others
     misalignment_std: float = 0.01
     #: turn-on bias of a low-cost part, rad/s
     bias_std: float = radians(5.0)
@@ -104,11 +120,11 @@ class PriorKnobs:
 
 
 def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
-    """How far the scale factors of a device move from one boot to the next (relative standard deviation), by boots in a row.
+    """Boot-to-boot repeatability of a device's scale factors: relative standard deviation from one boot to the next.
 
-    scales (n, 3): as each was calibrated; none or one tells no more than of what kind it is.
-    Source: the scale of a scaled inverse χ² posterior of the variance, all axes alike, what is believed before being worth one of
-    them (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
+    scales (n, 3): calibrated scale factors of consecutive boots. With n of 0 or 1 the result is the prior scale_std.
+    Source: scale of the scaled inverse χ² posterior of the variance, all axes alike. The prior counts as one
+    observation (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
     """
     moved = np.diff(np.log(np.reshape(scales, (-1, 3))), axis=0)
     return sqrt((knobs.scale_std**2 + float(np.square(moved).sum())) / (1 + moved.size))
@@ -116,6 +132,9 @@ def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
 
 @cache
 def uncalibrated(knobs: PriorKnobs) -> GyroModel:
-    """The datasheet's word: scale 1, bias 0, and how little that is worth. The same for all; not to be written to."""
+    """Prior gyro model from the datasheet: scale 1, bias 0, with the prior standard deviations.
+
+    The cached result is shared by all callers: do not write to its arrays.
+    """
     scale, cross, noise = (np.full(3, std) for std in (knobs.scale_std, knobs.misalignment_std, knobs.noise_std))
     return GyroModel(np.eye(3), np.zeros(3), scale, cross, noise)

@@ -1,7 +1,8 @@
-"""Rotations of a body from its rates. Attitudes are 3x3 matrices that take body vectors to the frame the body started in.
+"""Attitude from angular rate: products of rotations on SO(3).
 
-Inside, a rotation is a unit quaternion w + xi + yj + zk as two complex numbers, w + xi and y + zi: a product of whole arrays
-of them is then four multiplications.
+Attitudes are 3x3 matrices. They take body vectors to the frame in which the body started.
+Internally a rotation is a unit quaternion w + xi + yj + zk, stored as two complex numbers, w + xi and y + zi. The
+product of two arrays of quaternions then takes four array multiplications.
 """
 
 from math import atan2, hypot
@@ -14,29 +15,32 @@ Floats = NDArray[np.float64]
 
 Complex = NDArray[np.complex128]
 
-#: steps multiplied out one after the other while as many blocks as there are run side by side
+#: steps per block: blocks run side by side, the steps of a block one after the other
 _BLOCK = 8
-#: so many of one rotation are multiplied out quicker by Python's own numbers than by arrays
+#: up to this many steps of a single rotation, Python numbers are faster than arrays
 _FEW = 128
 
 
 def intervals(time: Floats) -> Floats:
-    """(n,) seconds each sample stands for: a sample holds over the interval that ends at it; the first as the median."""
+    """Duration (n,) s of each sample: a sample holds over the interval that ends at it.
+
+    The first sample has no interval before it and gets the median duration.
+    """
     steps = np.diff(time)
     first = np.median(steps) if len(steps) else 0.0
     return np.concatenate([[first], steps])
 
 
 def attitudes(rate: Floats, dt: Floats) -> Floats:
-    """(n + 1, 3, 3) attitudes from rates (n, 3) rad/s held for dt (n,) s, by Rodrigues products from the identity.
+    """Attitudes (n + 1, 3, 3) from rates (n, 3) rad/s held for dt (n,) s, starting at the identity.
 
-    Any axes before these are turns of their own, computed together.
+    Rodrigues products. Further leading axes are independent turns, computed together.
     """
     return chained(rate * dt[..., None])
 
 
 def chained(steps: Floats) -> Floats:
-    """(…, n + 1, 3, 3) attitudes after none, one, two … of the steps (…, n, 3), rotation vectors in rad, body axes."""
+    """Attitudes (…, n + 1, 3, 3) after 0, 1, 2 … of the steps (…, n, 3): rotation vectors in rad, body axes."""
     result = np.empty((*steps.shape[:-2], steps.shape[-2] + 1, 3, 3))
     result[..., 0, :, :] = np.eye(3)
     many = steps.ndim > 2
@@ -46,9 +50,9 @@ def chained(steps: Floats) -> Floats:
 
 
 def coned(steps: Floats) -> Floats:
-    """The steps (…, n, 3) with what a rate that changes direction within a step adds to it.
+    """Coning correction: steps (…, n, 3) plus the effect of a rate whose direction changes within a step.
 
-    A step is then taken as the mean rate over its interval, and the rate as linear over it and the one before:
+    Each step is the mean rate over its interval. The rate is taken as linear over a step and the step before:
     step + 1/12 (step before) x step. Source: P. G. Savage, "Strapdown inertial navigation integration algorithm design
     part 1: attitude algorithms", J. Guidance Control Dynamics 21 (1998), the coning algorithm of second order.
     """
@@ -58,13 +62,13 @@ def coned(steps: Floats) -> Floats:
 
 
 def log(attitude: Floats) -> Floats:
-    """(…, 3) rotation vectors of attitudes (…, 3, 3), of length 0 to pi."""
+    """Rotation vectors (…, 3) of attitudes (…, 3, 3); their length is 0 to pi."""
     vectors: Floats = scipy.spatial.transform.Rotation.from_matrix(attitude.reshape(-1, 3, 3)).as_rotvec()
     return vectors.reshape(attitude.shape[:-1])
 
 
 def cross_matrix(vector: Floats) -> Floats:
-    """(…, 3, 3) matrices that multiply like the cross product with vectors (…, 3)."""
+    """Cross-product matrices (…, 3, 3) of vectors (…, 3): the matrix of v times w is v x w."""
     crossed = np.zeros((*vector.shape, 3))
     crossed[..., 2, 1], crossed[..., 0, 2], crossed[..., 1, 0] = vector[..., 0], vector[..., 1], vector[..., 2]
     crossed[..., 1, 2], crossed[..., 2, 0], crossed[..., 0, 1] = -vector[..., 0], -vector[..., 1], -vector[..., 2]
@@ -80,7 +84,7 @@ def angle_between(one: Floats, other: Floats) -> float:
 def _products(a: Complex, b: Complex) -> tuple[Complex, Complex]:
     """Running products of quaternions (n, …): q0, q0 q1, q0 q1 q2 and so on.
 
-    Blocks are run through side by side; then each is turned by the product of all before it.
+    Blocks are multiplied side by side. Each block is then multiplied by the product of all blocks before it.
     """
     n = len(a)
     blocks = -(-n // _BLOCK)
@@ -92,7 +96,7 @@ def _products(a: Complex, b: Complex) -> tuple[Complex, Complex]:
         return a, b
     filled = np.zeros((2, blocks * _BLOCK, *a.shape[1:]), complex)
     filled[0, :n], filled[0, n:], filled[1, :n] = a, 1.0, b
-    # Place in the block first: each step below then runs over memory in order.
+    # The position within a block comes first, so that each step below reads memory in order.
     run = np.ascontiguousarray(filled.reshape(2, blocks, _BLOCK, *a.shape[1:]).swapaxes(1, 2))
     for i in range(1, _BLOCK):
         run[:, i] = _multiply(*run[:, i - 1], *run[:, i])
@@ -103,7 +107,7 @@ def _products(a: Complex, b: Complex) -> tuple[Complex, Complex]:
 
 
 def _one_by_one(a: list[complex], b: list[complex]) -> tuple[Complex, Complex]:
-    """Running products of a few quaternions."""
+    """Running products of a few quaternions, in Python numbers."""
     for i in range(1, len(a)):
         w, x, y, z = a[i - 1], b[i - 1], a[i], b[i]
         a[i], b[i] = w * y - x * z.conjugate(), w * z + x * y.conjugate()
@@ -111,13 +115,13 @@ def _one_by_one(a: list[complex], b: list[complex]) -> tuple[Complex, Complex]:
 
 
 def _multiply(a: Complex, b: Complex, c: Complex, d: Complex) -> tuple[Complex, Complex]:
-    """(a + bj)(c + dj), for jz = conj(z) j."""
+    """Quaternion product (a + bj)(c + dj), using jz = conj(z) j."""
     return a * c - b * np.conj(d), a * d + b * np.conj(c)
 
 
 def _quaternions(steps: Floats) -> tuple[Complex, Complex]:
-    """The rotations by rotation vectors (…, 3)."""
-    # Next to nothing is added, so that no rotation is no division by zero.
+    """Quaternions of rotation vectors (…, 3)."""
+    # The small constant avoids a division by zero where there is no rotation.
     half = np.sqrt(np.einsum("...i,...i", steps, steps) + 1e-300) / 2
     sine = np.sin(half) / (2 * half)
     x, y, z = steps[..., 0], steps[..., 1], steps[..., 2]
@@ -125,7 +129,7 @@ def _quaternions(steps: Floats) -> tuple[Complex, Complex]:
 
 
 def _matrices(a: Complex, b: Complex, out: Floats) -> None:
-    """Write the matrices (…, 3, 3) of quaternions to out."""
+    """Write the rotation matrices (…, 3, 3) of quaternions to `out`."""
     w, x, y, z = a.real, a.imag, b.real, b.imag
     same, swapped = a * a, b * b
     right, left = 2 * a * np.conj(b), 2 * a * b

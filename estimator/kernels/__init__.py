@@ -1,4 +1,4 @@
-"""Loops over samples that Numba compiles, each for one module of another room; a loop calls no other and keeps nothing.
+"""Numba-compiled loops over samples; each file serves one module of another room, calls no other loop and keeps no state.
 
-The same samples give the same bits in any batching. Begin at `compiled`; tests hold each loop against NumPy.
+The same samples give the same bits in any batching. Begin at `compiled`; the tests compare each loop with NumPy.
 """

@@ -1,4 +1,4 @@
-"""`python -m estimator.kernels`: compile all loops for this machine, so that the first start need not."""
+"""`python -m estimator.kernels`: compile all loops for this machine ahead of the first start."""
 
 import sys
 from time import monotonic

@@ -1,6 +1,7 @@
-"""The loops behind tracking/bias_filter.py: a measurement against what is believed, an inverse, and the bias's part of a step.
+"""Kernels of tracking/bias_filter.py: innovation and NIS of a measurement, matrix inverse, and the bias's part of a filter step.
 
-Letters as there: x (n,) the state, P its covariance, z (m,) a measurement with covariance R, H what it sees of the state.
+Textbook letters: x (n,) the state, P its covariance, z (m,) a measurement with covariance R,
+H (m, n) its slope by the state.
 """
 
 import numpy as np
@@ -15,11 +16,12 @@ Floats = NDArray[np.float64]
 def weighed(
     z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, M: Floats, first: int
 ) -> tuple[Floats, Floats, float, float]:
-    """Innovation (m,) of z = H x, its covariance S (m, m), and the NIS of the first so many of z and of the others.
+    """Innovation (m,) of z = H x, its covariance S (m, m), and the NIS of the first `first` elements of z and of the others.
 
-    Of the others all is said as it is once the first are taken, of which S then has no part in common with them.
-    An NIS is infinite where not all of z, H and R is finite, or R leaves a part of z without noise.
-    M (n, m): covariance of the error of x with the noise of z; (n, 0) where they have nothing in common.
+    Innovation, S and NIS of the other elements are conditional on the first ones. S then has zeros between the two
+    groups.
+    An NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.
+    M (n, m): covariance of the error of x with the noise of z; (n, 0) where they are independent.
     """
     m, n = H.shape
     y, S, seen, sound = np.empty(m), np.empty((m, m)), np.zeros((m, n)), True
@@ -73,7 +75,7 @@ def weighed(
 
 @compiled("f8[:, ::1](f8[:, :])")
 def inverse(S: Floats) -> Floats:
-    """Of a positive definite matrix (m, m), by Gauss and Jordan, who need no pivots there."""
+    """Inverse of a positive definite matrix (m, m): Gauss-Jordan, which needs no pivoting here."""
     m, found = len(S), S.copy()
     for k in range(m):
         pivot = 1.0 / found[k, k]
@@ -90,10 +92,10 @@ def inverse(S: Floats) -> Floats:
 
 @compiled("f8[::1](f8[:], f8[:, :], f8[:, :], f8, f8, f8[:], f8)")
 def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> Floats:
-    """Variance (3,) by which the bias walks in a step x (n,), F, Q (n, n), which are written to: bias and slope stay in them.
+    """Variance (3,) that the bias gains in a filter step; writes bias and slope into x (n,), F and Q (n, n).
 
-    It moves by the slope over so many kelvin, by half of bend (3,), which the slope changes by over `over` K, and by a walk of
-    this variance.
+    The bias moves by its slope over `warmer` K, by over / 2 times bend (3,), and by a random walk of variance var.
+    bend: standard deviation of the slope's change over `over` K.
     """
     by = np.empty(3)
     for i in range(3):

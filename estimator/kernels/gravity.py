@@ -1,4 +1,4 @@
-"""The loop behind tracking/gravity.py: how the filter's state goes on over a span."""
+"""Kernel of tracking/gravity.py: propagates the filter's state over a span."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,22 +12,23 @@ Floats = NDArray[np.float64]
 def carried(
     x: Floats, P: Floats, span: Floats, kept: float, strength: float, noise: tuple[float, float, float]
 ) -> tuple[Floats, Floats, Floats]:
-    """State (24,), F and Q (24, 24) of tracking/gravity.py after a span (rows of strapdown.py) from a state x (24,).
+    """Propagate the state x (24,) of tracking/gravity.py over a span: new state (24,), F and Q (24, 24).
 
-    P (24, 24): its covariance; an angle that is in doubt, by the bias or the matrix, leaves gravity off by half of its square,
-    too, which no F tells: noise (second order; A. H. Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
-    kept: share of the accelerometer's bias that is left; strength: of gravity, m/s²; noise: variances that the span adds to the
-    turn, to each part of the velocity and to each of the accelerometer's bias.
+    P (24, 24): covariance of x. span: rows of kernels/strapdown.py. kept: share of the accelerometer's bias that
+    remains. strength: magnitude of gravity, m/s². noise: variances that the span adds to the rotation, to each velocity
+    component and to each accelerometer bias component.
+    An uncertain angle, from bias or matrix, also shifts gravity by half of its square. F has no such term, so Q has it
+    as noise (second order; A. H. Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
     """
     turned, pushed, posed = noise
-    bias, g, v, a, m = 0, 6, 9, 12, 15  # where the parts of the state begin
+    bias, g, v, a, m = 0, 6, 9, 12, 15  # index of each part of the state
     end, push, push_by_accel, seconds = span[:3], span[3], span[12:15], span[33, 0]
     moved, F, Q, after = np.empty(24), np.zeros((24, 24)), np.zeros((24, 24)), np.empty(3)
     for i in range(24):
         moved[i], F[i, i] = x[i], 1.0
     for i in range(3):
         after[i] = x[v + i] + push[i] - x[g + i] * seconds
-    # Like cross products with g and after.
+    # Cross-product matrices of g and after.
     tilts, swings, tilting = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     tilts[2, 1], tilts[0, 2], tilts[1, 0] = x[g], x[g + 1], x[g + 2]
     tilts[1, 2], tilts[2, 0], tilts[0, 1] = -x[g], -x[g + 1], -x[g + 2]
@@ -65,7 +66,7 @@ def carried(
         norm += moved[g + i] ** 2
     for i in range(3):
         moved[g + i] *= strength / np.sqrt(norm)
-        # A turn tilts g, and v by half of it on the mean.
+        # A rotation tilts g by its whole angle and v by half of that on average.
         for j in range(3):
             tilted = 0.0
             for k in range(3):

@@ -1,4 +1,4 @@
-"""The loops behind tracking/random_walk.py: k walks (k, n, 3), and what a measurement at the first of them sees of now."""
+"""Kernels of tracking/random_walk.py: propagate k bias walks (k, n, 3), and relate a late measurement to the present state."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ Floats = NDArray[np.float64]
 
 @compiled("Tuple((f8[:, :, ::1], f8[:, ::1]))(f8[:, :, ::1], f8[:, ::1], f8[:])")
 def begun(cross: Floats, own: Floats, walked: Floats) -> tuple[Floats, Floats]:
-    """Walks, cross (k, n, 3) and own (k, 7), with another behind them: see Walks.begin."""
+    """Walks cross (k, n, 3) and own (k, 7) with a new walk appended: see RandomWalks.begin."""
     k, n, _ = cross.shape
     crosses, owns = np.zeros((k + 1, n, 3)), np.zeros((k + 1, 7))
     crosses[:k], owns[:k] = cross, own
@@ -21,7 +21,7 @@ def begun(cross: Floats, own: Floats, walked: Floats) -> tuple[Floats, Floats]:
 
 @compiled("void(f8[:, :, ::1], f8[:, ::1], f8[:, :], f8[:])")
 def stepped(cross: Floats, own: Floats, F: Floats, walked: Floats) -> None:
-    """The state went on by F (n, n), its bias, the first three of it, with a walk of variance (3,)."""
+    """Propagate all walks in place by a state step F (n, n); its bias, the first three states, walks with variance (3,)."""
     n = len(F)
     before = np.empty((n, 3))
     for at in range(len(cross)):
@@ -40,14 +40,15 @@ def stepped(cross: Floats, own: Floats, F: Floats, walked: Floats) -> None:
 
 @compiled("void(f8[:, :, ::1], f8[:, ::1], f8[:, :], f8[:, :], f8)")
 def taken(cross: Floats, own: Floats, K: Floats, H: Floats, part: float) -> None:
-    """The state took a measurement in with gain K (n, m) by H (m, n).
+    """Update all walks in place for a measurement that the state took in with gain K (n, m) by H (m, n).
 
-    part: 1 for one at a walk that began earlier, of which these are a part, with all of their first step; 0 for one of now.
+    part: 1 for a measurement at a walk that began earlier and contains these walks with all of their first step; 0 for
+    a measurement of the present state.
     """
     n, m = K.shape
     before, seen = np.empty((n, 3)), np.empty(3)
     for at in range(len(cross)):
-        before[:] = cross[at]  # all parts of the measurement see what was before any
+        before[:] = cross[at]  # every row of the measurement uses the values before the update
         for i in range(m):
             for j in range(3):
                 seen[j] = -part * H[i, j] * (own[at, j] + own[at, 3 + j])
@@ -62,7 +63,10 @@ def taken(cross: Floats, own: Floats, K: Floats, H: Floats, part: float) -> None
 
 @compiled("Tuple((f8[:, ::1], f8[:, ::1], f8[:, ::1]))(f8[:, :], f8[:, ::1], f8[:])")
 def sight(H: Floats, cross: Floats, own: Floats) -> tuple[Floats, Floats, Floats]:
-    """Of a measurement by H (m, n) at a walk, cross (n, 3) and own (7,): see Walks.sight."""
+    """Present slope H (m, n), added noise (m, m) and its covariance (n, m) with the state's error, for a measurement at a walk.
+
+    H (m, n): slope of the measurement at its own time. cross (n, 3) and own (7,): the walk. See RandomWalks.sight.
+    """
     m, n = H.shape
     now, noise, M = H.copy(), np.zeros((m, m)), np.zeros((n, m))
     for i in range(m):

@@ -1,4 +1,4 @@
-"""The loops over the samples of a round: packed columns into rows, checked; and readings into corrected rates."""
+"""Kernels for the samples of a round: unpack and check columns, and correct readings."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,8 @@ Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
 Wholes = NDArray[np.int64]
 
-#: rows of the `numbers` of messages: samples; 0 where one has no accel, °C, flags; sequence number and host time of the first
+#: rows of `numbers`, per message: number of samples; bytes of accel, °C and flags, 0 where absent; sequence number and
+#: host time of the first sample
 COUNT, ACCEL, CELSIUS, FLAGS, FIRST, START = range(6)
 
 
@@ -25,12 +26,15 @@ def unpacked(
     places: Wholes,
     found: Floats,
 ) -> None:
-    """Writes rows (n, 9) and places (n, 3) of the samples of messages; see estimator/samples/sample_buffer.py.
+    """Unpack the samples of m messages into rows (n, 9) and places (n, 3) of estimator/samples/sample_buffer.py, with checks.
 
-    And found (3, m) of each message: device time of its first sample and its last, and whether all of it is fit.
-    numbers (6, m); clocks (2, m): tick period, s, and rate. The ticks of all messages lie one after the other, packed as on the
-    wire, behind them all gyro, accel, °C and flags, in the same room as floats and as words. limits: largest gyro, accel, °C and
-    host time; all flags that there are, those that make a reading unfit, and its °C.
+    found (3, m), written for each message: device time of its first and last sample, and whether all of its samples are
+    valid.
+    numbers (6, m): see above. clocks (2, m): tick period, s, and clock rate.
+    ticks: the ticks of all messages one after the other, packed as on the wire. Behind them in the same memory, which
+    floats and words view in two types, lie all gyro, then all accel, °C and flags.
+    limits: largest gyro, accel, °C and host time; masks of known flags, of those that make a reading unfit, and of
+    those that make its °C unfit.
     """
     m = numbers.shape[1]
     known, unfit, stepped = np.uint32(limits[4]), np.uint32(limits[5]), np.uint32(limits[6])
@@ -86,10 +90,11 @@ def unpacked(
 def corrected(
     rows: Floats, counts: Wholes, parameters: Floats, limit: float, rate: Float32s, beyond: NDArray[np.bool_]
 ) -> bool:
-    """Whether any rate is beyond the limit. Writes corrected rates (n, 3) of rows (n, 9), and which are (n,): those stand at it.
+    """Write corrected rates (n, 3) of rows (n, 9), limited to ±limit; return whether any rate was beyond the limit.
 
-    The first of counts (m,) are corrected by the first of parameters (m, 12), matrix and bias, and so on: rate = matrix
-    (reading - bias), summed from the left as gyro_model.py does. The bits are the same however many are corrected at once.
+    beyond (n,), written: which samples were limited. The first counts[0] rows use parameters[0], the next counts[1]
+    rows parameters[1], and so on; parameters (m, 12) are matrix and bias. rate = matrix (reading - bias), summed from
+    the left as in gyro_model.py. The bits are the same for any number of rows at once.
     """
     at, found = 0, False
     for m in range(len(counts)):

@@ -1,4 +1,4 @@
-"""The loop behind tracking/seconds.py: which windows make a second."""
+"""Kernel of tracking/seconds.py: joins windows into seconds."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,19 +7,22 @@ from estimator.kernels.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-#: room for windows that wait to see how it goes on: two of them are longer than 0.125 s, and none waits long
+#: capacity for windows that wait for a judgement: any two together last more than 0.125 s, and no window waits long
 WAITING = 64
 
 
 def nothing_gathered() -> tuple[Floats, Floats]:
-    """The state (9,) ahead of the first window, and the room (WAITING, 6) for those that wait."""
+    """Initial state (9,) and empty storage (WAITING, 6) for waiting windows."""
     state = np.zeros(9)
     state[0] = -np.inf
     return state, np.empty((WAITING, 6))
 
 
 def let_go(state: Floats, moved: float | None) -> None:
-    """Of a state: what is gathered, what waits, and windows of which the last that was not still ended then, go by."""
+    """Discard the unfinished second and the waiting windows, because the next windows are skipped.
+
+    moved: end time of the last moving window among those skipped, or None.
+    """
     state[1] = state[2] = 0.0
     state[0] = state[0] if moved is None else moved
 
@@ -28,15 +31,16 @@ def let_go(state: Floats, moved: float | None) -> None:
 def cut(
     found: Floats, first: int, begin: int, waiting: Floats, state: Floats, knobs: tuple[float, float, float]
 ) -> Floats:
-    """(k, 5): the seconds that are known whole with the next windows, found (m, 22) by windows.py.
+    """Seconds (k, 5) that become complete with the next windows, found (m, 22) by kernels/stillness.py.
 
-    A row: with which window, the second's first sample and the one behind its last, whether it is still, has an accelerometer.
-    first: the number of the sample that `found` counts from, where the first window begins `begin` later.
-    waiting: windows that wait: begin and end time, whether it is still if that lasts, first sample and the one behind its last,
-    whether it has an accelerometer.
-    state (9,): when the last window ended that was not still; how many wait; of the second that is gathered whether there is any
-    of it, its begin, its first sample, whether its latest window is still, whether all are, whether all have an accelerometer;
-    spikes in all windows so far.
+    A row: index of the window that completes the second, number of its first sample and of the one after its last,
+    whether it is still, whether it has an accelerometer.
+    first: number of the sample that `found` counts from. begin: offset of the first window from there.
+    waiting (WAITING, 6): windows that wait: begin and end time, whether the window is still if stillness lasts, first
+    sample and the one after the last, whether it has an accelerometer.
+    state (9,): end time of the last moving window; number of waiting windows; of the second in progress: whether there
+    is one, its begin, its first sample, whether its latest window is still, whether all are, whether all have an
+    accelerometer; spikes in all windows so far.
     """
 
     def close(row: Floats, window: int, behind: float) -> None:
@@ -55,8 +59,9 @@ def cut(
         begin = first + int(found[i, 2])
         new[2], new[4] = new[0] - state[0] >= settle_s, begin
         held, judged = held + 1, 0
-        # A movement begins and ends too gently for windows to tell: what seems still waits to see how it goes on. Movement is
-        # judged for good at once, and what waited is next to it.
+        # A movement begins and ends too gently for one window to show, so a window that seems still waits for later
+        # ones.
+        # A moving window is final at once, and so are the waiting windows beside it.
         while judged < held and not (still and waiting[judged, 2] != 0.0 and now - waiting[judged, 1] < settle_s):
             of = waiting[judged]
             so_still = still and of[2] != 0.0

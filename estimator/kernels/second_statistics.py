@@ -1,4 +1,4 @@
-"""The loop behind tracking/seconds.py: what the readings of a second say of themselves."""
+"""Kernel of tracking/seconds.py: statistics of the readings of a second."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,9 @@ from estimator.kernels.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-#: steps of a gyro that readings are looked at in, and how far off one of them may be: more, and there are finer ones
+#: most rounding steps that a grid may span, and largest distance from the grid, in steps: beyond, the step is finer
 _LEVELS, _OFF_GRID = 512, 0.1
-#: rows of `measured`
+#: rows of the result of `measured`
 MEAN, STD, STEP, MEAN_VAR, COMMON_VAR, JITTER, HELD, ACCEL_MEAN, ACCEL_STD, SCALARS = range(10)
 
 
@@ -17,20 +17,19 @@ MEAN, STD, STEP, MEAN_VAR, COMMON_VAR, JITTER, HELD, ACCEL_MEAN, ACCEL_STD, SCAL
 def measured(
     samples: Floats, first: float, coarsest: float, step_if_none: float, known: Floats
 ) -> tuple[Floats, Floats, bool]:
-    """Steps dt (n,) of samples after `first`, s, and rows of three of their gyro and accel, NaN where there is none.
+    """Intervals dt (n,) of samples after time `first`, s; statistics in rows of three; and whether a sample is clipped.
 
-    And whether one of them is clipped. samples (n, 9): rows of samples/sample_buffer.py.
+    samples (n, 9): rows of samples/sample_buffer.py. Statistics of accel are NaN without an accelerometer.
 
-    MEAN, STD; STEP: the least difference between readings, to within a tenth of the least `known` (3,), which is kept up;
-    `step_if_none` if there is none, or where none deviates less than `coarsest`, the least known; MEAN_VAR and COMMON_VAR: see
-    gyro_model.py; JITTER: deviation from one reading to the next; HELD: 1 where all are the same; ACCEL_MEAN,
-    ACCEL_STD; SCALARS: the
-    least STD, the longest dt, the mean strength of accel.
+    MEAN, STD: of the gyro. STEP: smallest difference between readings, to within a tenth of the least `known` (3,),
+    which is updated; `step_if_none` if there is none. Where no STD is below `coarsest`, STEP is the least known.
+    MEAN_VAR and COMMON_VAR: see gyro_model.py. JITTER: deviation from one reading to the next. HELD: 1 where all
+    readings are equal. ACCEL_MEAN, ACCEL_STD: of accel. SCALARS: least STD, longest dt, mean magnitude of accel.
     """
 
     def on_grid(read: Floats, low: float, high: float, grid: float) -> float:
-        """The least difference between readings that all lie on a grid, infinite where all are one; NaN if they do not."""
-        # To put them in order takes longer than all else here.
+        """Smallest difference between readings on a grid; infinite where all are equal, NaN where they are off the grid."""
+        # Sorting would take longer than all the rest here.
         if not high - low < _LEVELS * grid < np.inf:
             return np.nan
         taken = np.zeros(_LEVELS + 1, np.bool_)

@@ -1,4 +1,4 @@
-"""The loop behind stillness.py: samples cut into windows, each summed up, mended and judged. What is not known is NaN."""
+"""Kernel of stillness/detector.py: cuts samples into windows, mends spikes, and judges each window. Unknown values are NaN."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,18 +7,18 @@ from estimator.kernels.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-#: columns of what is judged
+#: columns of the result of `judged`
 TOLD, SUMMED, NOISE = 6, slice(7, 19), slice(19, 22)
-#: windows of a rest that tell of its noise
+#: latest windows of a rest from which its noise is estimated
 RECENT = 16
-#: a window is made longer by so many samples at most, so as not to end at a spike
+#: most samples by which a window is extended so that it does not end at a spike
 _SPIKE_AND_BACK = 2
-#: times the rate at which noise was learnt: beyond, the device was told to send faster
+#: ratio to the sample rate at which the noise was learnt, beyond which the device's output data rate was raised
 _FASTER = 1.5
 
 
 def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
-    """The state (5, 4) and the recent windows (RECENT, 7) ahead of the first sample, with a noise (rad/s) that is assumed."""
+    """Initial state (5, 4) and recent windows (RECENT, 7), with an assumed noise, rad/s."""
     state, recent = np.full((5, 4), np.nan), np.full((RECENT, 7), np.nan)
     state[1, 0], state[3, 1:] = 0.0, noise_guess
     return state, recent
@@ -26,13 +26,13 @@ def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
 
 @compiled("f8[:, ::1](f8[:, ::1], f8[:, ::1], f8[:, ::1], UniTuple(f8, 12))")
 def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]) -> Floats:
-    """(m, 22): the windows that samples make, rows (n, 9) of samples/sample_buffer.py; spikes are mended there.
+    """Judged windows (m, 22) of samples, rows (n, 9) of samples/sample_buffer.py; spikes are mended in the rows.
 
-    A row: begin and end time, where it ends in those samples, spikes, whether it is still, has an accelerometer, told of the
-    noise; mean (6), std (6); noise (3).
-    state (5, 4), each a number and three axes: time and reading of the last sample; how many windows this rest has, and its
-    mean when it had four; begin and mean of a stretch that is quiet at another rate; rate of the samples that told of the
-    noise, and the noise; nothing, and the mean of the last rest.
+    A row: begin and end time, index after its last sample, spikes; flags: still, has an accelerometer, contributed to
+    the noise estimate; mean (6), std (6); noise (3).
+    state (5, 4), each row a number and three axes: time and reading of the last sample; number of windows in this rest,
+    and its mean after four of them; begin and mean of a stretch that is quiet at another rate; sample rate at which the
+    noise was learnt, and the noise; unused, and the mean of the last rest.
     recent (RECENT, 7): mean, rate and std of the latest windows of this rest.
     """
     window_s, least, factor, floor, jolt, tolerance, new_s, ceiling, gap_s, far, unusual, alone = knobs
@@ -49,7 +49,7 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
         while end < held and time[end] < time[begin] + window_s:
             end += 1
         end = max(end + 1, begin + fewest)
-        # A window does not end at a spike: what follows it tells that it is one.
+        # A window does not end at a spike: only the readings after a spike show that it is one.
         for _ in range(_SPIKE_AND_BACK):
             if end > held:
                 break
@@ -80,18 +80,18 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
             for c in range(6):
                 std[c] = np.sqrt(std[c] / (n - 1))
             if again or max(std[0], std[1], std[2]) * np.sqrt(2.0 * (n - 1)) <= far:
-                break  # nothing leaps so far
+                break  # no reading can be a spike
             lone = np.zeros(n, np.bool_)
             for c in range(3):
                 around, off = np.empty(n + 1), np.zeros(n + 1)
                 around[0] = last[1 + c] if begun - last[0] < gap_s else read[begin, c]
                 around[1:] = read[begin:end, c]
-                # The last has one neighbour only, and is never taken for a spike.
+                # The last reading has only one neighbour and is never taken for a spike.
                 for i in range(1, n):
                     off[i] = abs(around[i] - 0.5 * (around[i - 1] + around[i + 1]))
                 usual = np.median(off[1:n])
                 for i in range(1, n):
-                    # Of a step, or of two alike, the neighbours differ by twice as much.
+                    # At a step, or at two equal readings, the neighbours differ by twice as much.
                     agreed = off[i] > abs(around[i + 1] - around[i - 1])
                     # A spike also spoils its neighbours' means, by half of itself.
                     by_itself = off[i] > alone * max(off[i - 1], off[i + 1])
@@ -100,7 +100,7 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
                         lone[i - 1] = True
             spikes = lone.sum()
             for i in range(n):
-                if lone[i]:  # one that was mended is no longer clipped
+                if lone[i]:  # a mended reading is no longer clipped
                     clipped[begin + i] = 0.0
             if not spikes:
                 break
@@ -113,11 +113,11 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
         last[0], last[1:] = ended, read[end - 1, :3]
         if gap:
             odd[:] = np.nan
-        # A window with an accelerometer in a part of it only is judged without.
+        # A window with accelerometer readings in only a part of it is judged without them.
         aided, still = not np.isnan(mean[3]), False
         if not (gap or cut_off):
             quiet = not aided or max(std[3], std[4], std[5]) <= jolt
-            # A device that is told to send faster averages over less: a reading's noise grows until it is learnt anew.
+            # At a higher output data rate a reading averages over less time: its noise is larger until learnt anew.
             denser = np.sqrt(rate_hz / noise[0]) if rate_hz > _FASTER * noise[0] else 1.0
             for c in range(3):
                 quiet &= not std[c] > min(max(factor * denser * noise[1 + c], floor), ceiling)
@@ -128,7 +128,7 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
                 odd[:] = np.nan
                 still = True
             else:
-                # Quiet but at another rate: an even turn, or a rest whose bias moved while nobody looked.
+                # Quiet but at another rate: an even turn, or a rest after an unobserved change of the bias.
                 if rested:
                     reference[:] = rest[1:]
                 if np.isnan(odd[0]) or not near(mean, odd[1:]):
@@ -145,11 +145,11 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
             known = min(int(rest[0]), RECENT)
         else:
             rest[0], rest[1:] = 0.0, np.nan
-        # The first windows of a stream may still be the end of a movement: wait for some in a row.
+        # The first windows of a stream may be the end of a movement: require several in a row.
         if known >= 4 or (still and not np.isnan(reference[0])):
             for c in range(3):
                 reference[c] = recent[:known, c].mean()
-            # A slow turn must not drag the rest along.
+            # The mean stays fixed after four windows, so that a slow turn does not drag it along.
             if known >= 4 and np.isnan(rest[1]):
                 rest[1:] = reference
         told = known >= 8

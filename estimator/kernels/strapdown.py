@@ -1,4 +1,4 @@
-"""The loop behind strapdown.py."""
+"""Kernel of geometry/strapdown.py: integrates the readings of a span and their sensitivities."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from estimator.kernels.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-#: rows of `summed`
+#: rows of the result of `summed`
 END, PUSH, SHIFT, DRIFT, BY_BIAS, PUSH_BY_BIAS, PUSH_BY_ACCEL = (
     slice(0, 3),
     3,
@@ -24,9 +24,9 @@ BY_MATRIX, PUSH_BY_MATRIX, SCALARS, ROWS = slice(15, 24), slice(24, 33), 33, 34
 def summed(
     dt: Floats, gyro: Floats, accel: Floats, calibrated: Floats, bias: Floats, accel_bias: Floats, change: Floats
 ) -> Floats:
-    """(ROWS, 3): the parts of a span by strapdown.py, what is by the matrix (3, 9) in nine rows.
+    """Rows (ROWS, 3) of a span by geometry/strapdown.py; the slopes by the matrix, (3, 9), fill nine rows.
 
-    The matrix is (1 + change) calibrated, of nine numbers and (3, 3). SCALARS: seconds, way, unrest.
+    The matrix used is (1 + change) calibrated, with change (9,) and calibrated (3, 3). SCALARS: seconds, way, unrest.
     """
     n = len(dt)
     rate, force, carried, moved = np.empty((n, 3)), np.empty((n, 3)), np.empty((9, n)), np.empty((9, n))
@@ -37,7 +37,7 @@ def summed(
             for k in range(3):
                 matrix[r, c] += change[3 * r + k] * calibrated[k, c]
     seconds = way = 0.0
-    # Numbers by themselves stay in registers: the attitude as a quaternion, and as rows of x, y and z, before and after a sample.
+    # Scalars stay in registers: the attitude as a quaternion, and as matrix rows x, y and z before and after a sample.
     qw, qx, qy, qz = 1.0, 0.0, 0.0, 0.0
     xx, xy, xz, yx, yy, yz, zx, zy, zz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     for i in range(n):
@@ -51,7 +51,7 @@ def summed(
         seconds += h
         way += speed * h
         half = 0.5 * speed * h
-        if half < 0.05:  # the series are exact, and quicker
+        if half < 0.05:  # the series are exact here, and faster
             q = half * half
             cosine = 1 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320))))
             sine = 0.5 * h * (1 - q * (1 / 6 - q * (1 / 120 - q * (1 / 5040))))
@@ -81,7 +81,7 @@ def summed(
         yx, yy, yz = now_y
         zx, zy, zz = now_z
     scalars[0], scalars[1] = seconds, way
-    # A rotation phi moves the force f by phi x f, and lasts: what a sample turns, all pushes from it on are moved by.
+    # A rotation phi moves the force f by phi x f. A sample's rotation error moves all pushes from that sample on.
     ahead_x = ahead_y = ahead_z = 0.0
     for i in range(n - 1, -1, -1):
         ahead_x += force[i, 0] * dt[i]
@@ -95,7 +95,7 @@ def summed(
     rows[PUSH, 0], rows[PUSH, 1], rows[PUSH, 2] = ahead_x, ahead_y, ahead_z
     for r in range(3):
         for c in range(3):
-            # One sum after the other would wait for each addition.
+            # Several independent sums at once, since each addition waits for the one before in its own sum.
             turn = turn_x = turn_y = turn_z = push = push_x = push_y = push_z = 0.0
             for i in range(n):
                 one, other, x, y, z = carried[3 * r + c, i], moved[3 * r + c, i], rate[i, 0], rate[i, 1], rate[i, 2]

@@ -1,4 +1,4 @@
-"""The loops behind tracking/zaru.py: whether some seconds may be one rest, and what they measure."""
+"""Kernels of tracking/zaru.py: test whether seconds may be one rest, and form their zero-rate measurement."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,9 @@ Floats = NDArray[np.float64]
 
 @compiled("b1(f8[:, :, ::1], f8, f8)")
 def calm(means: Floats, motion_var: float, scatter: float) -> bool:
-    """Whether means (k, 2, 3), with their variances, scatter less than so many times what they may; two are always calm.
+    """Whether the means of k seconds scatter less than `scatter` times their expected variance; two means are always calm.
 
-    motion_var: of a resting body, which no variance tells of.
+    means (k, 2, 3): means and their variances. motion_var: variance of a resting body's motion, added to these.
     """
     k = len(means)
     if k <= 2:
@@ -31,14 +31,14 @@ def calm(means: Floats, motion_var: float, scatter: float) -> bool:
 
 @compiled("f8[:, ::1](f8[:])")
 def upright(up: Floats) -> Floats:
-    """(3, 3) unit vectors: two across up (3,), and along it."""
+    """Orthonormal axes (3, 3) as rows: two across the vertical up (3,), then one along it."""
     axes, least, square = np.zeros((3, 3)), 0, 0.0
     for i in range(3):
         square += up[i] ** 2
         least = i if abs(up[i]) < abs(up[least]) else least
     for i in range(3):
         axes[2, i] = up[i] / np.sqrt(square)
-    # Crossed with the axis that it is farthest from.
+    # Cross product with the coordinate axis farthest from it.
     i, j = (least + 1) % 3, (least + 2) % 3
     length = np.sqrt(axes[2, i] ** 2 + axes[2, j] ** 2)
     axes[0, i], axes[0, j] = -axes[2, j] / length, axes[2, i] / length
@@ -50,7 +50,10 @@ def upright(up: Floats) -> Floats:
 
 @compiled("Tuple((f8[::1], f8[:, ::1], f8[:, ::1], f8[::1]))(f8[:, :], f8[:], f8[:], f8[:], i8)")
 def along(axes: Floats, mean: Floats, var: Floats, common: Floats, n: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """A mean (3,) of variance var (3,), of which common (3,) all means share, along axes (m, 3): z, H (m, n), R and common."""
+    """Measurement of the bias along axes (m, 3) from a mean rate: z (m,), H (m, n), R (m, m) and common variances (m,).
+
+    mean (3,) has variance var (3,), of which common (3,) is the error shared by all means.
+    """
     m = len(axes)
     z, H, R, shared = np.zeros(m), np.zeros((m, n)), np.zeros((m, m)), np.zeros(m)
     for i in range(m):
@@ -65,9 +68,10 @@ def along(axes: Floats, mean: Floats, var: Floats, common: Floats, n: int) -> tu
 
 @compiled("Tuple((f8[::1], f8[:, ::1]))(f8[:, ::1], f8[:, :, ::1], f8[:])")
 def together(z: Floats, R: Floats, common: Floats) -> tuple[Floats, Floats]:
-    """Mean (m,) and covariance of measurements z (k, m) with covariances R (k, m, m), of which they share variances common (m,).
+    """Weighted mean (m,) and covariance (m, m) of measurements z (k, m) with covariances R (k, m, m) and common variances (m,).
 
-    Each counts by what it is worth: in a plain mean the first seconds, which are no proof, hid a turn from those that are.
+    Weights are inverse variances. In a plain mean the uncertain first seconds could hide a turn that later seconds
+    show.
     """
     k, m = z.shape
     mean, cov, worth, square = np.zeros(m), np.zeros((m, m)), np.empty(k), 0.0

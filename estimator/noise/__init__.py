@@ -1,4 +1,4 @@
-"""Noise of a gyroscope: Allan deviation with intervals, its three coefficients, and models of kinds of devices.
+"""Gyroscope noise: Allan deviation with intervals, its three noise coefficients, and noise models of device kinds.
 
 Begin at `allan_fit`; `device_model` reads configs/devices.
 """

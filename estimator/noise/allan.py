@@ -1,6 +1,6 @@
-"""Overlapping Allan variance of a rate at rest, with the confidence of each point.
+"""Overlapping Allan variance of a rate at rest, with the confidence interval of each point.
 
-Textbook letters here: m is the averaging factor, the averaging time τ in samples; N the number of angles.
+Textbook letters: m is the averaging factor, the averaging time τ in samples. N is the number of angles.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,10 @@ def octaves(n: int) -> list[int]:
 
 
 def overlapping(rate: Floats, factors: Sequence[int]) -> Floats:
-    """Overlapping Allan variance (m, …) of evenly sampled rates (n, …) at averaging factors (m,); NIST SP 1065, eq. 11."""
+    """Overlapping Allan variance (m, …) of evenly sampled rates (n, …) at averaging factors (m,).
+
+    Source: NIST SP 1065, eq. 11.
+    """
     angle = np.cumsum(rate - rate.mean(axis=0), axis=0)
     angle = np.concatenate([np.zeros_like(angle[:1]), angle])
     second = (angle[2 * m :] - 2 * angle[m:-m] + angle[: -2 * m] for m in factors)
@@ -26,9 +29,9 @@ def overlapping(rate: Floats, factors: Sequence[int]) -> Floats:
 
 
 def degrees_of_freedom(n: int, factors: Sequence[int]) -> Floats:
-    """(m, 3) equivalent degrees of freedom of the estimate from n samples, were the rate white, flicker or random walk.
+    """Equivalent degrees of freedom (m, 3) of the Allan variance of n samples, for white, flicker and random-walk rate noise.
 
-    NIST SP 1065, table 5: W FM, F FM and RW FM.
+    Source: NIST SP 1065, table 5: W FM, F FM and RW FM.
     """
     m, N = np.array(factors, dtype=float), n + 1.0
     white = (3 * (N - 1) / (2 * m) - 2 * (N - 2) / N) * 4 * m**2 / (4 * m**2 + 5)
@@ -38,5 +41,8 @@ def degrees_of_freedom(n: int, factors: Sequence[int]) -> Floats:
 
 
 def interval(variance: Floats, freedom: Floats) -> tuple[Floats, Floats]:
-    """The ends of the 95 % interval of an estimated variance with so many degrees of freedom; SP 1065, eq. 45."""
+    """Lower and upper end of the 95 % interval of an estimated variance with the given degrees of freedom.
+
+    Source: NIST SP 1065, eq. 45.
+    """
     return variance * freedom / chi2.ppf(0.975, freedom), variance * freedom / chi2.ppf(0.025, freedom)

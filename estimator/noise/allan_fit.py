@@ -1,11 +1,12 @@
-"""Angle random walk, bias instability and rate random walk from an Allan variance, each with an interval.
+"""Angle random walk, bias instability and rate random walk fitted to an Allan variance, each with a 95 % interval.
 
 With angle random walk N, bias instability B and rate random walk K, and a steady drift R where these do not suffice,
 
     σ²(τ) = N²/τ + B² (2 ln 2)/π + K² τ/3 + R² τ²/2          IEEE Std 952-1997, annex C; El-Sheimy, Hou and Niu 2008
 
-An estimate with ν degrees of freedom is distributed as σ² χ²/ν. The fit to the octaves of τ is maximum likelihood with no
-square below zero; an interval ends where the likelihood, maximised over the other coefficients, has fallen by that of 95 %.
+An estimate with ν degrees of freedom is distributed as σ² χ²/ν. The fit to the octaves of τ is maximum likelihood with
+non-negative squares. An interval is a profile likelihood: it ends where the likelihood, maximised over the other
+coefficients, has fallen by the 95 % quantile.
 """
 
 from collections.abc import Iterator
@@ -20,18 +21,19 @@ from scipy.stats import chi2
 from estimator.noise.allan import degrees_of_freedom, interval, octaves, overlapping
 
 Floats = NDArray[np.float64]
-#: the octaves of an overlapping estimate share data: their degrees of freedom add up to twice the samples there are, and
-#: neighbours err together. With this divisor simulated intervals cover the truth as they say (tests/consistency).
+#: divisor of the degrees of freedom. The octaves of an overlapping estimate share data: their degrees of freedom add up
+#: to twice the number of samples, and the errors of neighbours are correlated. With this divisor simulated intervals
+#: have their nominal coverage (tests/consistency).
 _SHARED = 2.5
-_FALL: float = float(chi2.ppf(0.95, 1))  # of twice the log-likelihood
+_FALL: float = float(chi2.ppf(0.95, 1))  # drop of twice the log-likelihood
 _LEAST_OCTAVES = 6
-#: more than this of the two least octaves is white noise where it is not shaped
+#: least share of white noise in the two shortest octaves where no filter shapes the noise
 _WHITE = 0.75
 
 
 @dataclass(frozen=True, slots=True)
 class Coefficient:
-    """A coefficient, SI, and its 95 % interval; low is 0 where the record does not tell it from nothing."""
+    """Noise coefficient in SI units with its 95 % interval; low is 0 where the record does not show the noise."""
 
     value: float
     low: float
@@ -39,16 +41,18 @@ class Coefficient:
 
     @property
     def seen(self) -> bool:
-        """Whether the record shows it; else `high` is all that is known."""
+        """Whether the record shows this noise; if not, only the upper limit `high` is known."""
         return self.low > 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Noise:
-    """The noise of one axis: arw rad/s/√Hz, bias_instability rad/s, rrw rad/s/√s; drift rad/s², 0 where none is needed.
+    """Noise of one axis, from its Allan deviation.
 
-    At the octaves tau (m,) s: deviation, and its 95 % interval low to high, (m,) rad/s. fitted_from: the least τ, s, that
-    the model explains; below it the device's own filter shapes the noise. misfit: about 1 where it explains the rest.
+    arw rad/s/√Hz; bias_instability rad/s; rrw rad/s/√s; drift rad/s², 0 where the fit needs none.
+    tau (m,) s: the octaves. deviation (m,) rad/s at these; low and high (m,) rad/s: its 95 % interval.
+    fitted_from: shortest τ, s, that the model explains; below it the device's own filter shapes the noise.
+    misfit: about 1 where the model explains the other octaves.
     """
 
     arw: Coefficient
@@ -63,25 +67,28 @@ class Noise:
     misfit: float
 
     def model(self, tau: Floats) -> Floats:
-        """(m,) Allan deviation, rad/s, of all of it at averaging times tau (m,)."""
+        """Allan deviation (m,) rad/s of the fitted model at averaging times tau (m,)."""
         sizes = np.array([self.arw.value, self.bias_instability.value, self.rrw.value, self.drift])
         return np.asarray(np.sqrt(sizes**2 @ shapes(tau) ** 2))
 
 
 def shapes(tau: Floats) -> Floats:
-    """(4, m) Allan deviation at tau (m,) of each noise and of a drift, were its coefficient 1."""
+    """Allan deviation (4, m) at tau (m,) of each noise and of a drift, for a coefficient of 1."""
     return np.sqrt(_terms(tau)).T
 
 
 def identify(rate: Floats, rate_hz: float) -> Noise:
-    """The noise of one axis at rest from evenly sampled rates (n,), rad/s, that are not all the same; ValueError if few."""
+    """Noise of one axis at rest from evenly sampled rates (n,), rad/s.
+
+    The rates must not all be equal. Raises ValueError if there are too few.
+    """
     factors = octaves(len(rate))
     if len(factors) < _LEAST_OCTAVES:
         raise ValueError(f"{len(rate)} rates; at least {3 << (_LEAST_OCTAVES - 1)} are needed")
-    variance = np.maximum(overlapping(rate, factors), 1e-12 * rate.var())  # what alternates averages to nothing
+    variance = np.maximum(overlapping(rate, factors), 1e-12 * rate.var())  # alternating readings average to zero
     tau = np.array(factors) / rate_hz
     terms, each = _terms(tau), degrees_of_freedom(len(rate), factors)
-    each = np.column_stack([each, each[:, 2]])  # a drift has no scatter of its own: no better than a random walk
+    each = np.column_stack([each, each[:, 2]])  # a drift gets the degrees of freedom of a random walk
     first, fit = _explain(terms, variance, each)
     white = None if first == 0 else _white(terms, variance, each)
     if white is not None:
@@ -90,7 +97,7 @@ def identify(rate: Floats, rate_hz: float) -> Noise:
     low, high = (np.sqrt(end) for end in interval(variance, freedom))
     arw, bias_instability, rrw = (fit.coefficient(i) for i in range(3))
     if white is not None:
-        arw = white.coefficient(0)  # however little the model says of what is slower
+        arw = white.coefficient(0)  # valid even where the model does not explain slower noise
     drift = sqrt(fit.squares[3]) if len(fit.squares) > 3 else 0.0
     return Noise(
         arw, bias_instability, rrw, drift, tau, np.sqrt(variance), low, high, float(tau[first]), max(fit.misfit, 1.0)
@@ -102,9 +109,10 @@ def _terms(tau: Floats) -> Floats:
 
 
 def _explain(terms: Floats, variance: Floats, each: Floats) -> tuple[int, "_Fit"]:
-    """Leave out the least octaves, which the device's filter shapes, until the rest fits; if it never does, add a drift.
+    """Fit without the shortest octaves, which the device's filter shapes, until the rest fits; add a drift if nothing fits.
 
-    Two more go with them, in which what is left of the filter, half as much an octave, would hide in the scatter.
+    Two more octaves are left out after the first fit. The filter's remaining effect, halved per octave, would hide in
+    the scatter there.
     """
     most = max(len(variance) - _LEAST_OCTAVES, 0)
     tried = []
@@ -117,21 +125,27 @@ def _explain(terms: Floats, variance: Floats, each: Floats) -> tuple[int, "_Fit"
 
 
 def _tried(terms: Floats, variance: Floats, each: Floats, most: int) -> Iterator[tuple[int, "_Fit"]]:
-    """Fits from each octave on, up to one; then with a drift."""
+    """Fits that start at each octave from 0 to `most`, first without and then with a drift."""
     for count in (3, 4):
         for first in range(most + 1):
             yield first, _Fit(terms[first:, :count], variance[first:], each[first:])
 
 
 def _white(terms: Floats, variance: Floats, each: Floats) -> "_Fit | None":
-    """The least octaves, if they are mostly white noise: no filter shapes them then, and what does not fit is slower."""
+    """Fit of the shortest octaves if they are mostly white noise, else None.
+
+    No filter shapes white noise, so any misfit then comes from slower noise.
+    """
     fit = _Fit(terms[:_LEAST_OCTAVES, :3], variance[:_LEAST_OCTAVES], each[:_LEAST_OCTAVES])
     share = fit.squares[0] * terms[:2, 0] / variance[:2]
     return fit if fit.explains and (share > _WHITE).all() else None
 
 
 class _Fit:
-    """variance (m,) as terms (m, k) @ squares (k,); each (m, ≥ k) the degrees of freedom, were a term alone."""
+    """Fit of variance (m,) as terms (m, k) @ squares (k,).
+
+    each (m, ≥ k): degrees of freedom if a term were alone.
+    """
 
     def __init__(self, terms: Floats, variance: Floats, each: Floats) -> None:
         self._terms, self._variance = terms, variance
@@ -146,14 +160,14 @@ class _Fit:
         self.explains = self.misfit < chi2.ppf(0.99, spare) / spare
 
     def mixed(self, terms: Floats, each: Floats) -> Floats:
-        """(m,) degrees of freedom of the sum: its standard deviation is at most that of its parts, added up."""
+        """Degrees of freedom (m,) of the sum: its standard deviation is at most the sum of those of its parts."""
         count = len(self.squares)
         parts = terms[:, :count] * self.squares
         share = parts / parts.sum(axis=1, keepdims=True)
         return np.asarray(1 / np.sum(share / np.sqrt(each[:, :count]), axis=1) ** 2)
 
     def coefficient(self, i: int) -> Coefficient:
-        """The root of one of the squares, by profile likelihood; a misfit widens the interval."""
+        """Square root of one of the squares with its profile-likelihood interval; a misfit widens the interval."""
         best = self.squares[i]
 
         def beyond(square: float) -> float:
@@ -168,12 +182,12 @@ class _Fit:
         return Coefficient(sqrt(best), sqrt(low), sqrt(high))
 
     def _deviance(self, squares: Floats) -> float:
-        """Twice the log-likelihood below that of a perfect fit."""
+        """Twice the log-likelihood below a perfect fit."""
         ratio = self._variance / (self._terms @ squares)
         return float(np.sum(self._weight * (ratio - 1 - np.log(ratio))))
 
     def _solve(self, held: int | None = None, square: float = 0.0) -> Floats:
-        """The squares of least deviance, one of them held: Fisher scoring by weighted non-negative least squares."""
+        """Squares of least deviance, with square `held` fixed: Fisher scoring by weighted non-negative least squares."""
         squares = np.zeros(self._terms.shape[1])
         free = [i for i in range(len(squares)) if i != held]
         if held is not None:
@@ -185,5 +199,5 @@ class _Fit:
             new = np.maximum(self._terms @ squares, 1e-12 * self._variance)
             if np.allclose(new, fitted, rtol=1e-7, atol=0):
                 break
-            fitted = np.sqrt(new * fitted)  # half of a step in the logarithm: a whole one may swing
+            fitted = np.sqrt(new * fitted)  # half a step in the logarithm: a whole step may oscillate
         return squares

@@ -1,17 +1,17 @@
-"""Models of kinds of devices: expected noise, bias and scale; one TOML file a kind.
+"""Noise models of device kinds: expected noise, bias and scale, one TOML file per kind.
 
     model = "mpu-6050"
     [gyro]                      a number, or a list of three for x, y and z
-    arw_dps_per_sqrt_hz         angle random walk: the noise density of the rate
-    bias_instability_dps        the flat of the Allan deviation, divided by 0.664: by how much the bias flickers
-    rrw_dps_per_sqrt_s          rate random walk: how fast the bias wanders at an even temperature
-    step_dps                    the least difference between two readings
-                                numbers
-    range_dps                   full scale of the reading, ±
-    bias_dps_per_kelvin         how far temperature moves the bias, ±
-    turn_on_bias_dps            how large the bias may be at power-up, ±
-    scale_tolerance             how far the scale factor may be from 1, ± (0.03 is 3 %)
-    [accel]                     may be left out
+    arw_dps_per_sqrt_hz         angle random walk: noise density of the rate
+    bias_instability_dps        bias instability: flat part of the Allan deviation, divided by 0.664
+    rrw_dps_per_sqrt_s          rate random walk: how fast the bias wanders at constant temperature
+    step_dps                    smallest difference between two readings
+                                the keys below take one number, not a list
+    range_dps                   full-scale range of the reading, ±
+    bias_dps_per_kelvin         temperature coefficient of the bias, ±
+    turn_on_bias_dps            largest turn-on bias, ±
+    scale_tolerance             largest deviation of the scale factor from 1, ± (0.03 is 3 %)
+    [accel]                     optional
     noise_mg_per_sqrt_hz, zero_g_mg
 
 The files that come with truerate are in configs/devices, or in the installed package.
@@ -35,15 +35,15 @@ Floats = NDArray[np.float64]
 GENERIC = "generic"
 _G = 9.80665
 _HERE = Path(__file__).parent.parent
-_FOLDERS = (_HERE / "devices", _HERE.parent / "configs" / "devices")  # of an installed package; of a checkout
+_FOLDERS = (_HERE / "devices", _HERE.parent / "configs" / "devices")  # installed package; checkout
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseModel:
-    """A kind of device, SI: each (3,) for x, y, z, or one number for all.
+    """Noise model of a device kind in SI units; (3,) is x, y, z, a plain number is for all axes.
 
     arw (3,) rad/s/√Hz; bias_instability (3,) rad/s; rrw (3,) rad/s/√s; step (3,) rad/s; gyro_range, turn_on_bias rad/s;
-    bias_per_kelvin rad/s/K; scale_tolerance, relative; accel_noise m/s²/√Hz and zero_g m/s², None where not known.
+    bias_per_kelvin rad/s/K; scale_tolerance, relative; accel_noise m/s²/√Hz and zero_g m/s², None where unknown.
     """
 
     model: str
@@ -60,9 +60,9 @@ class NoiseModel:
 
 
 Axes = float | tuple[float, float, float]
-#: no value of any device is larger, whatever its unit
+#: upper limit of every value, whatever its unit
 _MOST = 1e5
-#: who says 0 of these says that he knows the bias beforehand and for ever
+#: keys that must be above 0: with 0 the filter would take the bias as known for ever
 _NEEDED = ("arw_dps_per_sqrt_hz", "rrw_dps_per_sqrt_s", "step_dps", "range_dps", "turn_on_bias_dps")
 
 
@@ -108,7 +108,10 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def load_model(name: str | Path) -> NoiseModel:
-    """A model that comes with truerate, by its name, or any other by the path of its .toml; raises ConfigError."""
+    """Load the noise model of a device kind: by name if it comes with truerate, else by the path of its .toml file.
+
+    Raises ConfigError.
+    """
     file = load(file_of(name, "device model", _FOLDERS), _File)
     gyro, accel = file.gyro, file.accel
     return NoiseModel(
@@ -127,12 +130,15 @@ def load_model(name: str | Path) -> NoiseModel:
 
 
 def shipped() -> dict[str, Path]:
-    """The models that come with truerate: names and files."""
+    """Names and files of the device models that come with truerate."""
     return in_folders(_FOLDERS)
 
 
 def as_toml(model: NoiseModel, origin: Mapping[str, str], head: str) -> str:
-    """The text of a model's file that load_model reads back; origin: by field, a comment on where its value is from."""
+    """TOML text of a device model, readable by load_model.
+
+    origin: for each field, a comment that says where its value comes from. head: comment at the top of the file.
+    """
     gyro = {
         "arw_dps_per_sqrt_hz": ("arw", np.degrees(model.arw)),
         "bias_instability_dps": ("bias_instability", np.degrees(model.bias_instability)),

@@ -1,4 +1,4 @@
-"""Samples of one device and boot as columns, the buffer that keeps them, and blocks of a second of device time.
+"""Samples of one device and boot as columns, the buffer that holds them, and blocks of a second of device time.
 
 Begin at `sample_buffer`.
 """

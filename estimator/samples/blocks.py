@@ -1,70 +1,78 @@
-"""Device time cut into blocks of a second, at the same samples however those were batched."""
+"""Device time cut into blocks of a second, at the same samples for any batching."""
 
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 
 from estimator.samples.sample_buffer import SEQUENCE, TIME, Floats, SampleBuffer, Samples, Wholes
 
-#: length of a block, s: a second; half of one while somebody waits for what comes of a calibration's first rest, or of turns
+#: length of a block, s; SHORT_S while a user waits for the result of a calibration's first rest, or of its turns
 BLOCK_S, SHORT_S = 1.0, 0.5
-#: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
+#: least device time, s, assumed to have passed when a restarted bridge has lost count of the device clock's wraps
 CLOCK_LOST_S = 1.0
 
 
 class Blocks:
-    """The samples of one boot from a device time on, s: those of blocks that are over are in `buffer`.
+    """Cuts the samples of one boot into blocks of device time; finished blocks go to `buffer`.
 
-    `latest` is the device time of the last sample.
+    began: device time at the start, s. `latest` is the device time of the last sample.
     """
 
     def __init__(self, began: float) -> None:
         self.buffer = SampleBuffer()
         self.latest = began
-        #: length of the blocks that begin from here on, s; they end where device time is a multiple of it
+        #: length of blocks that begin from now on, s; a block ends where device time is a multiple of the length
         self.length_s = SHORT_S
-        self._block: list[tuple[Floats, Wholes]] = []  # that is not over
+        self._block: list[tuple[Floats, Wholes]] = []  # the unfinished block
         self._first_s: float | None = None
-        self._later_s = 0.0  # device time is later than the device's clock, which went back, by so much
+        self._later_s = 0.0  # device time minus device clock, after the clock went back
         self._end_after(began)
 
     def anew(self) -> "Blocks":
-        """Of the same boot from here on; the samples so far are forgotten."""
+        """New Blocks of the same boot from the latest sample on, without the samples so far."""
         anew = Blocks(self.latest)
         anew._first_s, anew._later_s = self._first_s, self._later_s
         return anew
 
     @property
     def begun(self) -> tuple[float, int] | None:
-        """Device time and sequence number of the first sample of the block that is not over; None before there is one."""
+        """Device time and sequence number of the first sample of the unfinished block; None while it is empty."""
         return (self._block[0][0].item(0, TIME), self._block[0][1].item(0, SEQUENCE)) if self._block else None
 
     @property
     def clock(self) -> tuple[float | None, float]:
-        """Device time of the first sample, and by how much device time is later than the device's clock."""
+        """Device time of the first sample, and the offset of device time from the device's clock, s."""
         return self._first_s, self._later_s
 
     def resume(self, buffer: SampleBuffer, clock: tuple[float | None, float], begun: float | None) -> None:
-        """Go on with these samples, where a block of the present length begins at a device time, if that is known."""
+        """Continue from saved samples and clock.
+
+        clock: as the property `clock` gives it. begun: device time at which the present block begins, or None.
+        """
         self.buffer, (self._first_s, self._later_s) = buffer, clock
         if begun is not None:
             self._end_after(begun)
 
     @property
     def seconds(self) -> float:
-        """From the first sample to the last."""
+        """Seconds from the first sample to the last."""
         return 0.0 if self._first_s is None else self.latest - self._first_s
 
     def went_back(self, first_s: float, away_s: float) -> bool:
-        """Whether the device's clock has; from here on it is taken to go on, by what the host has seen pass at least."""
+        """Whether the device's clock went back; if so, shift device time so that it goes on.
+
+        first_s: device clock of the next sample. away_s: least time that passed meanwhile according to the host.
+        """
         if self._first_s is None or first_s + self._later_s > self.latest:
             return False
         self._later_s += self.latest + max(CLOCK_LOST_S, away_s) - (first_s + self._later_s)
         return True
 
     def put(self, samples: Samples, skip: int = 0) -> Iterable[tuple[int, float, float]]:
-        """Take samples but the first few. Of each that begins a block: its place, its device time, and that of the one before.
+        """Add samples, without the first `skip`, and report each block boundary.
 
-        Who is told ends a block there, and may change `length_s`.
+        Yields for the first sample of each block its index in `samples`, its device time, and that of the sample
+        before.
+        The caller ends the finished block at each boundary, and may change `length_s`.
         """
         rows, places = (samples.rows[skip:], samples.places[skip:]) if skip else (samples.rows, samples.places)
         if self._later_s:
@@ -91,7 +99,10 @@ class Blocks:
         self._block.append((rows[begin:], places[begin:]))
 
     def end_block(self) -> tuple[int, int] | None:
-        """The block is over: the numbers of its first sample and of the one after its last, in `buffer`; None of an empty one."""
+        """End the block and move its samples to `buffer`; None for an empty block.
+
+        The result is the number of its first sample and the number after its last sample.
+        """
         if not self._block:
             return None
         begin = self.buffer.end
@@ -100,7 +111,10 @@ class Blocks:
         return begin, self.buffer.end
 
     def own(self) -> None:
-        """Copy the block that is not over: all that was decoded in the same rounds need not stay for a device that is silent."""
+        """Copy the samples of the unfinished block.
+
+        Without the copy a silent device would keep all samples decoded in the same rounds in memory.
+        """
         self._block = [(rows.copy(), places.copy()) for rows, places in self._block]
 
     def _end_after(self, begun: float) -> None:

@@ -1,4 +1,4 @@
-"""Runs of finite readings: NaN and infinity are cut out before anything is computed."""
+"""Runs of finite readings: NaN and infinity are cut out before any computation."""
 
 import numpy as np
 
@@ -6,7 +6,10 @@ from bridge.wire.messages import SampleBatch
 
 
 def runs(batch: SampleBatch, first: int) -> list[tuple[int, int]]:
-    """Begin and end of each run of samples that are all finite, from `first` on; a single one when all is well."""
+    """Begin and end of each run of samples whose readings are all finite, from index `first` on.
+
+    A batch without NaN or infinity is a single run.
+    """
     finite = np.isfinite(batch.gyro[first:]).all(axis=1)
     if batch.accel is not None:
         finite &= np.isfinite(batch.accel[first:]).all(axis=1)

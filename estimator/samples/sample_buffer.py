@@ -1,4 +1,4 @@
-"""Samples of one device and boot as columns, and the buffer that keeps them until they have taught what they can."""
+"""Samples of one device and boot as columns, and the buffer that holds them until the estimator has used them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,23 +13,23 @@ from bridge.wire.messages import SampleBatch, SampleFlag
 Floats = NDArray[np.float64]
 Wholes = NDArray[np.int64]
 
-#: columns of rows: device time, s; gyro, rad/s, as read; accel, m/s², NaN where there is none; 1 where the reading is clipped or
-#: stuck, which tells nothing of rotation; °C, NaN where it is not known
+#: columns of rows: device time, s; gyro reading, rad/s; accel, m/s², NaN where there is none; 1 where the reading is
+#: clipped or stuck and so does not measure rotation; temperature, °C, NaN where unknown
 TIME, GYRO, ACCEL, CLIPPED, CELSIUS, WIDTH = 0, slice(1, 4), slice(4, 7), 7, 8, 9
 #: columns of places: sequence number; host time, ns since the Unix epoch; SampleFlags
 SEQUENCE, HOST_NS, FLAGS = range(3)
-#: flags of a reading that tells nothing of rotation
+#: flags of a reading that does not measure rotation
 UNFIT = SampleFlag.CLIPPED | SampleFlag.STUCK
-#: samples that a buffer has room for at first
+#: initial capacity of a buffer, samples
 _ROOM = 256
 
 
 @dataclass(slots=True, eq=False)
 class Samples:
-    """n consecutive samples of one message, decoded: rows (n, 9) and places (n, 3), columns as above.
+    """Decoded samples of one message: rows (n, 9) and places (n, 3), columns as above.
 
-    ticks and flags are packed as on the wire, no flags where none is set.
-    first_s, last_s: when the first and the last sample were taken, by the device's clock.
+    ticks and flags are packed as on the wire; flags are empty where none is set.
+    first_s, last_s: device time of the first and the last sample.
     """
 
     device: str
@@ -49,7 +49,7 @@ class Samples:
 
     @classmethod
     def of(cls, batch: SampleBatch) -> "Samples":
-        """The samples of a batch."""
+        """Decode a batch into samples."""
         n = len(batch)
         rows, places = np.full((n, WIDTH), np.nan), np.empty((n, 3), np.int64)
         rows[:, TIME], rows[:, GYRO] = batch.device_time, batch.gyro
@@ -74,11 +74,11 @@ class Samples:
 
     @property
     def celsius(self) -> float | None:
-        """Temperature at the first sample; None where it is not known."""
+        """Temperature at the first sample, °C; None where unknown."""
         return known(self.rows.item(0, CELSIUS))
 
     def part(self, first: int, end: int) -> "Samples":
-        """Samples first to end of them."""
+        """Samples from index `first` up to but not including `end`."""
         rows, places = self.rows[first:end], self.places[first:end]
         return replace(
             self,
@@ -94,25 +94,28 @@ class Samples:
 
 
 class SampleBuffer:
-    """Samples of one boot, numbered from `first` on in the order they came; rows that were read are not written to again."""
+    """Buffer of the samples of one boot, numbered from `first` in the order of arrival.
+
+    Rows once returned are never overwritten.
+    """
 
     def __init__(self, first: int = 0) -> None:
-        self._first = first  # the number of the first sample that there is room for
-        self._begin = self._end = 0  # where in that room the samples are
+        self._first = first  # number of the sample at index 0 of the arrays
+        self._begin = self._end = 0  # indices of the samples held
         self._rows, self._places = np.empty((_ROOM, WIDTH)), np.empty((_ROOM, 3), np.int64)
 
     @property
     def begin(self) -> int:
-        """The number of the first sample that is not forgotten."""
+        """Number of the first sample still held."""
         return self._first + self._begin
 
     @property
     def end(self) -> int:
-        """The number that the next sample will have."""
+        """Number of the next sample to arrive."""
         return self._first + self._end
 
     def put(self, parts: Sequence[tuple[Floats, Wholes]]) -> None:
-        """Take samples, rows (n, 9) and places (n, 3) of each part."""
+        """Append samples: rows (n, 9) and places (n, 3) of each part."""
         rows, places = zip(*parts, strict=True)
         n = sum(map(len, rows))
         if self._end + n > len(self._rows):
@@ -122,22 +125,22 @@ class SampleBuffer:
         np.concatenate(places, out=self._places[begin : self._end])
 
     def rows(self, begin: int, end: int) -> Floats:
-        """Samples by their numbers."""
+        """Rows of the samples numbered `begin` up to but not including `end`."""
         return self._rows[begin - self._first : end - self._first]
 
     def places(self, begin: int, end: int) -> Wholes:
-        """The places (n, 3) of the same."""
+        """Places (n, 3) of the samples numbered `begin` up to but not including `end`."""
         return self._places[begin - self._first : end - self._first]
 
     def place(self, number: int) -> tuple[int, int]:
-        """Sequence number and host time of a sample that is not forgotten."""
+        """Sequence number and host time, ns, of a sample still held; raises IndexError for any other."""
         at = number - self._first
         if not self._begin <= at < self._end:
             raise IndexError(f"sample {number} is not in the buffer: {self._first + self._begin} to {self.end - 1} are")
         return self._places.item(at, SEQUENCE), self._places.item(at, HOST_NS)
 
     def forget(self, number: int) -> None:
-        """Samples before this number are needed no longer."""
+        """Drop the samples before this number."""
         self._begin = max(self._begin, number - self._first)
 
     def _make_room(self, more: int) -> None:
@@ -151,5 +154,5 @@ class SampleBuffer:
 
 
 def known(celsius: float) -> float | None:
-    """A temperature as it stands in a row; None where it is not known."""
+    """Temperature of a row, °C, as an optional: None for NaN."""
     return None if isnan(celsius) else celsius

@@ -1,4 +1,4 @@
-"""Still or moving: windows of samples, judged against the device's own noise; lone spikes are mended.
+"""Stillness detection: windows of samples judged against the device's own noise; single-sample spikes are mended.
 
 Begin at `detector`.
 """

@@ -1,7 +1,8 @@
-"""Still or moving: the stream cut into short windows, each judged against the device's own noise and its own rest.
+"""Stillness detector: cuts the sample stream into short windows and judges each as still or moving.
 
-Limits follow the device: a large turn-on bias is no movement, so rates are compared with the mean of the last rest,
-never with zero. A reading alone far from both its neighbours, a spike, is no movement of anything; it is replaced by their mean.
+A window is compared with the device's own noise, and its mean with the mean of the last rest instead of zero. A large
+turn-on bias is therefore not a movement. A spike, a single reading far from both its neighbours, is not a movement
+either; it is replaced by their mean.
 """
 
 from collections.abc import Iterator
@@ -24,52 +25,57 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class SpikeKnobs:
-    """When a reading is a spike."""
+    """Limits beyond which a reading is a spike."""
 
-    #: rad/s from the mean of its neighbours, which a tap does not reach, and so many times farther than is usual around it
+    #: least distance from the mean of its neighbours, rad/s, which a tap does not reach; and as a multiple of the usual
+    #: distance
     far: float = radians(200.0)
     factor: float = 10.0
-    #: and than those beside it
+    #: least distance as a multiple of the distances of the readings beside it
     alone: float = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class StillnessKnobs:
-    """What counts as still. Rates in rad/s, accelerations in m/s²."""
+    """Limits within which a window is still. Rates in rad/s, accelerations in m/s²."""
 
     window_s: float = 0.125
     min_samples: int = 6
-    #: assumed white noise of one reading until a rest has shown it
+    #: white noise of one reading, assumed until a rest has shown it
     noise_guess: float = radians(0.15)
-    #: a window is still when its standard deviation stays below this many times the noise ...
+    #: a window is still when its standard deviation stays below this multiple of the noise ...
     noise_factor: float = 5.0
     #: ... or below this, so that a very quiet device is not disturbed by a footfall
     std_floor: float = radians(0.2)
     accel_std: float = 0.3
-    #: how far the mean of a still window may be from the mean of the last rest
+    #: largest distance of a still window's mean from the mean of the last rest
     mean_tolerance: float = radians(1.5)
-    #: a constant rate that lasts this long is a new rest: no hand turns so evenly
+    #: a constant rate of at least this long is a new rest: no hand turns so evenly
     new_reference_s: float = 20.0
-    #: whatever the noise that was learnt, more than this is movement: a tremor must not teach itself to be rest
+    #: more than this is movement for any learnt noise: a tremor must not be learnt as rest
     std_ceiling: float = radians(1.5)
-    #: a silence this long hides what happened in it: no stillness spans it
+    #: stillness does not span a gap of this length: a movement may hide in it
     gap_s: float = 0.25
     spike: SpikeKnobs = field(default_factory=SpikeKnobs)
 
 
 def too_seldom(rate_hz: float, knobs: StillnessKnobs) -> Sentences:
-    """Why nothing of so many samples a second is ever still: between any two something may have happened; () of more."""
+    """Reason why a stream of this sample rate is never judged still; () if the rate is high enough.
+
+    With a gap of `gap_s` or more between samples, a movement may hide between any two.
+    """
     least = 1 / knobs.gap_s
-    if not 0 < rate_hz < 1.05 * least:  # of just as many one or the other comes late
+    if not 0 < rate_hz < 1.05 * least:  # margin of 5 %: at exactly the least rate some samples come late
         return ()
     return (Code.RATE_TOO_LOW(rate_hz=f"{rate_hz:.1f}", least_hz=f"{least:g}"),)
 
 
 class Window(NamedTuple):
-    """A short run of n samples, rows (n, 9) of `device.samples`; spikes mended, of which there were so many.
+    """A short run of n samples with its judgement: rows (n, 9) of estimator.samples.sample_buffer, spikes mended.
 
-    `end` counts samples since the first one fed. summed (12,): mean of gyro and accel, their standard deviations.
-    aided: whether there was an accelerometer all the time.
+    start, end: numbers of the first sample and of the one after the last, counted from the first sample fed.
+    summed (12,): mean of gyro and accel, then their standard deviations. spikes: how many were mended.
+    aided: whether every sample has an accelerometer reading.
     """
 
     start: int
@@ -84,59 +90,60 @@ class Window(NamedTuple):
 
     @property
     def time(self) -> Floats:
-        """(n,) s."""
+        """Device time (n,), s."""
         return self.rows[:, TIME]
 
     @property
     def gyro(self) -> Floats:
-        """(n, 3) rad/s."""
+        """Gyro readings (n, 3), rad/s."""
         return self.rows[:, GYRO]
 
     @property
     def accel(self) -> Floats | None:
-        """(n, 3) m/s²."""
+        """Accelerometer readings (n, 3), m/s²; None without an accelerometer."""
         return self.rows[:, ACCEL] if self.aided else None
 
     @property
     def clipped(self) -> Flags:
-        """(n,)."""
+        """Flags (n,): whether a reading was clipped or stuck."""
         return np.asarray(self.rows[:, CLIPPED] != 0)
 
     @property
     def mean(self) -> Floats:
-        """(3,) of gyro."""
+        """Mean gyro reading (3,), rad/s."""
         return self.summed[:3]
 
     @property
     def std(self) -> Floats:
-        """(3,) of gyro."""
+        """Standard deviation (3,) of the gyro readings, rad/s."""
         return self.summed[6:9]
 
     @property
     def accel_mean(self) -> Floats | None:
-        """(3,)."""
+        """Mean accelerometer reading (3,), m/s²; None without an accelerometer."""
         return self.summed[3:6] if self.aided else None
 
     @property
     def accel_std(self) -> Floats | None:
-        """(3,)."""
+        """Standard deviation (3,) of the accelerometer readings, m/s²; None without an accelerometer."""
         return self.summed[9:] if self.aided else None
 
     @property
     def samples(self) -> int:
-        """How many samples it has."""
+        """Number of samples in the window."""
         return self.end - self.start
 
     @property
     def rate_hz(self) -> float:
-        """Samples a second."""
+        """Sample rate within the window, Hz."""
         return (self.samples - 1) / (self.end_time - self.start_time)
 
 
 class Windows:
-    """Windows in a row, as kernels/stillness.py has found them (m, 22) in rows (n, 9) of `device.samples`.
+    """Consecutive windows: judgements found (m, 22) by kernels/stillness.py, over rows (n, 9) of estimator.samples.sample_buffer.
 
-    The first of those rows is sample number `first` since the first one fed, the first window begins with rows[begin].
+    first: number of rows[0], counted from the first sample fed. begin: index in rows of the first window's first
+    sample.
     """
 
     __slots__ = ("begin", "first", "found", "rows")
@@ -158,16 +165,16 @@ class Windows:
         return Window(first + begin, first + end, begun, ended, rows, summed, int(spikes), still > 0, aided > 0)
 
     def part(self, index: int, end: int | None = None) -> "Windows":
-        """Some of them."""
+        """The windows from `index` up to but not including `end`."""
         return Windows(self.found[index:end], self.rows, self.first, self._behind(index))
 
     def each(self) -> Iterator["Windows"]:
-        """One after the other."""
+        """Iterate over the windows, each as Windows of length 1."""
         return (self.part(i, i + 1) for i in range(len(self)))
 
     @property
     def heads(self) -> list[tuple[float, float, int, bool]]:
-        """Of each its begin and end, s, the number of its last sample, and whether it is still."""
+        """For each window: begin and end, s, number of its last sample, and whether it is still."""
         first = self.first - 1
         return [
             (begun, ended, first + int(end), still > 0) for begun, ended, end, _, still in self.found[:, :5].tolist()
@@ -175,33 +182,36 @@ class Windows:
 
     @property
     def celsius(self) -> list[float]:
-        """°C at the last sample of each, NaN where it is not known."""
+        """Temperature at the last sample of each window, °C; NaN where unknown."""
         temperatures: list[float] = self.rows[self.found[:, 2].astype(np.intp) - 1, CELSIUS].tolist()
         return temperatures
 
     @property
     def samples(self) -> tuple[int, Floats]:
-        """Their samples (n, 9), and the number of the first of them."""
+        """Number of the first sample, and the rows (n, 9) of all windows."""
         end = int(self.found.item(-1, 2)) if len(self) else self.begin
         return self.first + self.begin, self.rows[self.begin : end]
 
     @property
     def moved(self) -> float | None:
-        """When the last of them did that was not still, s; None where all were."""
+        """End time of the last moving window, s; None where all windows are still."""
         moving = self.found[self.found[:, 4] == 0.0, 1]
         return float(moving[-1]) if len(moving) else None
 
     def noise_std(self, index: int) -> Floats:
-        """(3,) rad/s, white noise of one reading, as it was known when a window closed."""
+        """White noise (3,) of one reading, rad/s, as known when the window closed."""
         return self.found[index, NOISE]
 
     def _behind(self, index: int) -> int:
-        """Where in the rows a window begins."""
+        """Index in rows of a window's first sample."""
         return int(self.found.item(index - 1, 2)) if index else self.begin
 
 
 class StillnessState(StateStruct):
-    """state (5, 4) and recent (16, 7): see kernels/stillness.py. next: number of the first sample of the next window."""
+    """Saved state of the stillness detector.
+
+    state (5, 4) and recent (16, 7): see kernels/stillness.py. next: number of the first sample of the next window.
+    """
 
     state: Floats
     recent: Floats
@@ -211,25 +221,28 @@ class StillnessState(StateStruct):
 
 
 class Stillness:
-    """Samples in, judged windows out; the cut depends on the samples alone, never on how they were batched."""
+    """Stillness detector: samples in, judged windows out.
+
+    Window boundaries depend on the samples alone, never on their batching.
+    """
 
     def __init__(self, knobs: StillnessKnobs | None = None) -> None:
         self.knobs = knobs or StillnessKnobs()
-        #: (3,) rad/s, white noise of one reading, as it was known when the latest window closed
+        #: (3,) rad/s, white noise of one reading, as known when the latest window closed
         self.noise_std: Floats = np.full(3, self.knobs.noise_guess)
         self.noise_known = False
         self._numbers = _numbers(self.knobs)
         self._state, self._recent = nothing_known(self.knobs.noise_guess)
-        self._next = 0  # the number of the first sample of the next window
+        self._next = 0  # number of the first sample of the next window
         self._own = SampleBuffer()
 
     @property
     def saved(self) -> StillnessState:
-        """All that evolves, beside the samples from `next` on."""
+        """State to save. The samples from number `next` on must be saved beside it."""
         return StillnessState(self._state, self._recent, self.noise_std, self.noise_known, self._next)
 
     def resume(self, saved: StillnessState) -> None:
-        """Go on from what was saved. Raises ValueError."""
+        """Continue from a saved state; raises ValueError for a damaged one."""
         state, recent = nothing_known(self.knobs.noise_guess)
         shaped(saved.state, *state.shape)
         shaped(saved.recent, *recent.shape)
@@ -241,11 +254,14 @@ class Stillness:
 
     @property
     def fed(self) -> int:
-        """How many samples were fed."""
+        """Number of samples fed so far."""
         return self._own.end
 
     def feed(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags | None = None) -> Windows:
-        """Take samples (n,), (n, 3), (n, 3), (n,); the windows that close."""
+        """Add samples and return the windows that close.
+
+        time (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, clipped (n,) bool or None for no clipped reading.
+        """
         rows = np.full((len(time), WIDTH), np.nan)
         rows[:, TIME], rows[:, GYRO] = time, gyro
         rows[:, CLIPPED] = 0.0 if clipped is None else clipped
@@ -254,14 +270,17 @@ class Stillness:
         return self.feed_rows(rows)
 
     def feed_rows(self, rows: Floats) -> Windows:
-        """The same of rows (n, 9) of `device.samples`."""
+        """Add rows (n, 9) of estimator.samples.sample_buffer and return the windows that close."""
         self._own.put([(rows, np.zeros((len(rows), 3), np.int64))])
         windows = self.take(self._own, self._own.end)
         self._own.forget(self._next)
         return windows
 
     def take(self, buffer: SampleBuffer, end: int) -> Windows:
-        """The windows that close with the samples of a buffer up to before the one of this number; spikes are mended there."""
+        """Judge the samples of a shared buffer before number `end`; return the windows that close.
+
+        Spikes are mended in the buffer.
+        """
         first = self._next
         waiting = buffer.rows(first, end)
         found = judged(waiting, self._state, self._recent, self._numbers)
@@ -274,7 +293,7 @@ class Stillness:
 
 @cache
 def _numbers(knobs: StillnessKnobs) -> tuple[float, ...]:
-    """The knobs, in the order in which the loop takes them apart; the very same of all devices that have the same."""
+    """Knobs in the order in which the kernel unpacks them; devices with equal knobs share one tuple."""
     spike = knobs.spike
     numbers = (
         *(knobs.window_s, knobs.min_samples, knobs.noise_factor, knobs.std_floor, knobs.accel_std),
