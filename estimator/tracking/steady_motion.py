@@ -60,7 +60,8 @@ class SteadyMotion:
     def heard(self, innovation: Floats, var: float, end: Floats, seconds: float) -> None:
         """Add an innovation (3,) m/s, in axes at the end of its span.
 
-        var: variance of the measurement before `factor`, (m/s)². end (3, 3): attitude of the span's end in axes of its begin. seconds: its length.
+        var: variance of the measurement before `factor`, (m/s)². end (3, 3): attitude of the span's end in axes of its begin.
+        seconds: length of the span.
         """
         state, (a, b, c) = self.state, innovation.tolist()
         if state.before is not None:
