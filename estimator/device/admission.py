@@ -109,7 +109,7 @@ class Admission:
         ruling = self.source.judge(batch, sequence, now)
         if ruling is Ruling.LATE:
             self.outdated = batch.boot, now
-            sequence.fresh(batch)  # which counts it
+            sequence.fresh(batch)  # counts the batch
         elif ruling is Ruling.RANGE:
             sequence.refuse(batch, Reason.RANGE)
         elif ruling is Ruling.JUMP:

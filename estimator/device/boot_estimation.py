@@ -166,8 +166,8 @@ class BootEstimation:
     def go_on(self, saved: BootEstimationState, calibration: Calibration | None, boot: int) -> SampleBuffer:
         """Restore a saved state in a boot without other knowledge; returns the buffer of the samples so far.
 
-        calibration: the one the state names, of this boot or an earlier one. Raises ValueError when the state is damaged
-        or names another calibration.
+        calibration: the calibration that the state names. Raises ValueError when the state is damaged or names another
+        calibration.
         """
         if saved.calibration != ("" if calibration is None else calibration.id):
             raise ValueError(
@@ -390,7 +390,7 @@ class BootEstimation:
         outcome.said.append(f"{before.name} -> {self._life.state.name}: {english(*reason)}")
         return True
 
-    # ---- what is known now ----------------------------------------------------------------------------------------
+    # ---- estimates -------------------------------------------------------------------------------------------------
 
     @property
     def near(self) -> bool:

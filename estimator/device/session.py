@@ -408,7 +408,7 @@ class DeviceSession:
         return None
 
     def silence(self, reason: Sentences, event: Event = Event.SILENT) -> bool:
-        """Mark the device as away, for the event and the reason given; False if it already was, with the reason updated."""
+        """Mark the device as away, by an event and its reason; False if it was away already (the reason may be updated)."""
         if not self.life.on(event, reason):
             unknown = (Event.OUTDATED, Event.UNREACHABLE) if self.life.state is State.UNKNOWN else ()
             if event in unknown or (self.life.state, event) == (State.LOST, Event.SILENT):
@@ -433,7 +433,8 @@ class DeviceSession:
         """Status message for the bus.
 
         time_ns: time of the status. silent_s: seconds since the last sample. more: events counted outside the session.
-        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: copied into the message.
+        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator took
+        the device over; higher is later.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()

@@ -1,7 +1,7 @@
 """Study runner: jobs spread over processes; saves results.json, tables and figures.
 
 An interrupted study continues from the parts it saved. They lie in OUT/.parts, in a folder named after the work and a digest
-of all it depends on, so that changed inputs never use old parts.
+of all it depends on. So changed inputs never use old parts.
 """
 
 import hashlib

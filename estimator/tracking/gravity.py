@@ -5,10 +5,10 @@ velocity v (3) m/s, accelerometer bias (3) m/s², relative change of the gyro's 
 
     g' = C^T g,   v' = C^T (v + push - g T),   bias, accelerometer bias and matrix stay.
 
-Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean over a span is measured as zero, with an
-error that depends on the unrest of the span. A wrong bias tilts g, and a tilted g makes v run away: so the bias becomes
+Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean over a span is measured as zero. The
+error of this depends on the unrest of the span. A wrong bias tilts g, and a tilted g makes v run away: so the bias becomes
 observable. Unrest is how far the velocity strays within the span, not the acceleration: shaking goes nowhere, a slow swing
-does. The mean is used because motion to and fro within a second cancels in it, while v sampled once a second would show it as
+does. The mean is used because motion to and fro within a second cancels in it. v sampled once a second would show that as
 slow motion. A walker's velocity does not cancel: it stays the same for many seconds, which then count as one
 (steady_motion.py). The gyro's scale and misalignment are states, since 0.4 % of 100 °/s is more than any bias: a span
 determines the bias only as well as they are known.
