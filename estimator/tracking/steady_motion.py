@@ -6,7 +6,7 @@ this. The product of neighbouring innovations, in the same axes, relative to the
 
     c = mean over the last minute of (innovation · the one before) / (3 R),
 
-is about 0.2 in a walk while the filter takes the walker's velocity for a tilt and so hides it. Later it is 0.6.
+is about 0.2 in a walk while the filter takes the walker's velocity for a tilt and hides it; 0.6 once the filter no longer does.
 For a wearer who moves about in one place c stays below 0.1, however fast. R grows with the excess of c over that; the more R
 has grown, the more of a walk c shows.
 Source: innovation correlation as a measure of R, R. K. Mehra, "On the identification of variances and adaptive Kalman
