@@ -1,4 +1,4 @@
-"""The demonstration: a whole small ward in about a minute, judged against the simulator's truth.
+"""Demonstration: a small ward of virtual devices, run for about a minute and judged against the simulator's truth.
 
 Begin at `run`.
 """

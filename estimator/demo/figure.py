@@ -1,4 +1,4 @@
-"""The demonstration: what a ward was, and what became of it."""
+"""Figure of the demonstration: heading, bias and scale factor errors of each device."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,10 @@ Floats = NDArray[np.float64]
 
 
 def demo(boots: Sequence[Judgement], path: Path) -> None:
-    """Heading error raw against corrected, tracked bias against truth, and scale factors against truth."""
+    """Draw heading error of raw and corrected rates, tracked bias against truth, and scale factors against truth.
+
+    boots: one judgement per device. path: file to write.
+    """
     figure = Figure(figsize=(11, 8.5), dpi=130)
     grid = figure.subplots(2, 2)
     raw, left = (

@@ -1,4 +1,4 @@
-"""The demonstration's judgement: what the estimator said of each boot, against the simulator's truth."""
+"""Judgement of the demonstration: the estimator's results for each boot, against the simulator's truth."""
 
 from dataclasses import dataclass
 
@@ -12,15 +12,15 @@ from estimator.geometry import rotation
 
 Floats = NDArray[np.float64]
 MIN_SAMPLES = 200
-#: what may be off in any case, and what may where the standard deviation says so: scale factors, bias in °/s
+#: least and largest permitted error of scale factor (relative) and bias, °/s; between them SIGMAS standard deviations
 SCALE, BIAS_DPS, SIGMAS = (0.01, 0.02), (0.05, 0.2), 4.0
-#: of the largest heading error, and of the raw one at its largest
+#: permitted heading error: degrees, or a share of the largest raw one
 HEADING_DEG, HEADING_SHARE = 5.0, 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """One boot of one device. Time (n,) s since power-up, bias and its std (n, 3) °/s; heading errors (n,) degrees.
+    """Errors of one boot of one device: time (n,) s since power-up, bias and its std (n, 3) °/s, heading errors (n,) degrees.
 
     k and bias are compared at the end; heading is integrated from the first GOOD sample on.
     """
@@ -39,7 +39,7 @@ class Judgement:
 
     @property
     def good(self) -> bool:
-        """Scale and bias within what they may be off, the bias at the end; the heading at any time, beside the raw one."""
+        """Whether scale and final bias are within their limits, and heading error is small against the raw one."""
         left, raw = np.abs(self.corrected_heading_deg).max(), np.abs(self.raw_heading_deg).max()
         return bool(
             np.all(np.abs(self.k - self.k_true) < np.clip(SIGMAS * self.k_std, *SCALE))
@@ -49,14 +49,17 @@ class Judgement:
 
     @property
     def bias_off_dps(self) -> Floats:
-        """(3,) °/s by which the bias is off at the end."""
+        """(3,) error of the bias at the end, °/s."""
         return np.asarray(self.bias_dps[-1] - self.bias_true_dps[-1])
 
 
 def judge(
     device: VirtualDevice, boot: int, corrected: list[CorrectedBatch], raw: list[SampleBatch], status: Status
 ) -> Judgement | None:
-    """What became of a boot; None when it was never calibrated for long enough to say."""
+    """Compare a boot's corrected and raw samples with the truth; None with fewer than MIN_SAMPLES GOOD samples.
+
+    Raises LookupError when samples are missing.
+    """
     good = [batch for batch in corrected if batch.quality is Quality.GOOD]
     if sum(map(len, good)) < MIN_SAMPLES:
         return None
@@ -86,7 +89,7 @@ def judge(
 
 
 def _run(first: int, last: int, parts: list[tuple[int, Floats]]) -> Floats:
-    """Rows first to last, from parts that begin at their sequence numbers; LookupError when one is missing."""
+    """Rows of samples first to last, from parts with their sequence numbers. Raises LookupError when one is missing."""
     rows = np.concatenate([values for _, values in parts])
     numbers = np.concatenate([np.arange(begin, begin + len(values)) for begin, values in parts])
     wanted = (numbers >= first) & (numbers <= last)
@@ -96,7 +99,7 @@ def _run(first: int, last: int, parts: list[tuple[int, Floats]]) -> Floats:
 
 
 def _heading_error(rate: Floats, time: Floats, start: Rotation, true: Rotation) -> Floats:
-    """(n,) degrees by which the attitude integrated from the first sample on is turned about the vertical, unwrapped."""
+    """(n,) heading error in degrees, unwrapped: attitude integrated from the first sample against the true one."""
     dt = rotation.intervals(time)
     estimate = start * Rotation.from_matrix(rotation.attitudes(rate[1:], dt[1:]))
     error = (estimate * true.inv()).as_matrix()
@@ -104,7 +107,7 @@ def _heading_error(rate: Floats, time: Floats, start: Rotation, true: Rotation) 
 
 
 def in_words(judgement: Judgement) -> str:
-    """One line on what the correction was worth."""
+    """One line for people: heading error raw and corrected, largest scale and bias errors."""
     raw, corrected = (
         heading[np.argmax(np.abs(heading))] for heading in (judgement.raw_heading_deg, judgement.corrected_heading_deg)
     )

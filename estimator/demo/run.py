@@ -1,4 +1,4 @@
-"""`truerate demo`: the ward boots, is turned, calibrates and tracks; one device reboots; then it is judged."""
+"""`truerate demo`: the ward boots, is turned, calibrates and tracks; one device reboots; then the results are judged."""
 
 import shutil
 import signal
@@ -25,15 +25,15 @@ SUBSCRIBERS = 3
 
 
 def run(console: Console, picture: Path, seed: int) -> bool:
-    """Run the demonstration and leave a picture; whether the ward came out right."""
-    # However it is ended, the processes it has started end with it.
+    """Run the demonstration and save its figure to `picture`; returns whether every check passed."""
+    # A signal must end the started processes too.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda got, _: sys.exit(128 + got))
     folder = Path(tempfile.mkdtemp(prefix="truerate-demo-"))
     console.print(
         f"Starting router, bridge, estimator and dashboard as processes; their logs are in {folder}", soft_wrap=True
     )
-    # A device waits for the bridge, so that its very first sample is counted too.
+    # A device waits for the bridge, so that its first sample counts too.
     devices = {name: demo_device(name, seed + n, spec=DeviceSpec(wait_for_host=True)) for n, name in enumerate(NAMES)}
     with Ward(folder, NAMES) as ward:
         ward.start("router", "estimator", "bridge", "dashboard")
@@ -48,7 +48,7 @@ def run(console: Console, picture: Path, seed: int) -> bool:
             time.sleep(1.0)
             watcher.poll()
         except BaseException:
-            ward.close()  # what was started ends first, whatever ends us
+            ward.close()  # processes first, whatever the reason
             for subscriber in subscribers:
                 subscriber.close(0.0)
             console.print(f"Interrupted; the logs are in {folder}", soft_wrap=True)
@@ -147,7 +147,7 @@ def _worth(judgements: list[Judgement]) -> Columns:
 
 
 def _count(console: Console, devices: dict[str, VirtualDevice], subscribers: list[Subscriber]) -> list[str]:
-    """Samples sent against samples received by each subscriber, boot by boot; what is wrong, in words."""
+    """Print samples sent against samples received by each subscriber, boot by boot; returns failures in words."""
     failures = []
     received_by = (Column(f"subscriber {n + 1}", number=True) for n in range(len(subscribers)))
     columns = [Column("device"), Column("boot", number=True, spare=1), Column("sent", number=True), *received_by]

@@ -1,4 +1,4 @@
-"""The demonstration's subscribers: three that count every corrected sample, one that also follows raw and status."""
+"""Subscribers of the demonstration: three count every corrected sample, a watcher follows raw samples and status."""
 
 import math
 import threading
@@ -14,12 +14,12 @@ from estimator.client.decoder import Decoder
 
 Boot = tuple[str, int]
 DRAIN_S = 2.0
-#: how often it is looked whether it is to end, and what silence then says that all has come: a busy machine takes its time, s
+#: s between checks for the end, and of silence after which all samples have come, on a busy machine too
 _LOOK_S, _QUIET_S = 0.2, 1.0
 
 
 class Subscriber:
-    """Counts samples by device and boot in a thread of its own; `batches` are kept when asked for."""
+    """Counts corrected samples by device and boot in its own thread; with `keep`, also stores them in `batches`."""
 
     def __init__(self, endpoint: str, ward: str, *, keep: bool = False) -> None:
         self._client = Client((endpoint,), ward=ward)
@@ -34,13 +34,13 @@ class Subscriber:
 
     @property
     def troubles(self) -> str:
-        """What went wrong on the way, in words; empty when nothing did."""
+        """Faults on the way, in words: missed messages, repeated samples, refused ones; empty without faults."""
         c = self._corrected
         found = {"missed messages": c.missed, "repeated samples": c.repeated, **c.refused}
         return ", ".join(f"{count} {what}" for what, count in found.items() if count)
 
     def close(self, drain_s: float = DRAIN_S) -> None:
-        """Take what is still on the way, for at most drain_s, and stop."""
+        """Receive what is still on the way, for at most drain_s seconds, and stop."""
         self._until = time.monotonic() + drain_s
         self._thread.join()
         self._client.close()
@@ -61,7 +61,7 @@ class Subscriber:
 
 
 class Watcher:
-    """Follows status and raw samples of the whole ward; `poll` from one thread."""
+    """Follows status and raw samples of the whole ward; call `poll` from one thread."""
 
     def __init__(self, endpoint: str, ward: str) -> None:
         self._bus: Bus = ZenohBus((endpoint,))
@@ -74,7 +74,7 @@ class Watcher:
         self.changes: list[Status] = []
 
     def poll(self) -> None:
-        """Take what has come; `changes` then holds the statuses whose state is new."""
+        """Receive new messages; `changes` then holds the statuses with a new state or boot."""
         self.changes = []
         for message in self._raw.drain(4096, 0.0):
             if (batch := self._raw_door.take(message)) is not None:
@@ -89,9 +89,9 @@ class Watcher:
             self.statuses[status.device] = status
 
     def all_tracking(self, devices: int) -> bool:
-        """Whether that many devices are calibrated and tracked."""
+        """Whether this number of devices is calibrated and tracked."""
         return sum(status.state is State.TRACKING for status in self.statuses.values()) == devices
 
     def close(self) -> None:
-        """End the session."""
+        """Close the connection to the bus."""
         self._bus.close()

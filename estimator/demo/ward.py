@@ -1,4 +1,4 @@
-"""A ward on this machine: virtual devices behind pseudo-terminals; router, bridge and estimator as processes of their own."""
+"""A ward on this machine: virtual devices on pseudo-terminals; router, bridge, estimator and dashboard as processes."""
 
 import contextlib
 import os
@@ -19,9 +19,9 @@ from bridge.sim.virtual_device import VirtualDevice
 from estimator.calibration.method_names import DEFAULT
 
 WARD = "demo"
-#: below what Linux and others give to outgoing connections
+#: below the port range used for outgoing connections
 _LISTENING = range(20_000, 30_000)
-#: how long a process that is to end is waited for, s
+#: s to wait for a process to end
 _PATIENCE_S = 10.0
 _CONFIG = """ward = "{ward}"
 
@@ -51,11 +51,11 @@ port = "{port}"
 
 
 class DemoFailed(Exception):
-    """A part of the ward did not start or stopped: which one, and the end of what it said."""
+    """A process of the ward did not start, or stopped: the message names it and quotes the end of its log."""
 
 
 class Ward:
-    """Devices, ports and processes; all ended by close. The configuration and the logs of the processes are in `folder`."""
+    """Devices, ports and processes of a ward; `close` ends all. Configuration and logs are in `folder`."""
 
     def __init__(self, folder: Path, names: tuple[str, ...], method: str = DEFAULT) -> None:
         self.folder = folder
@@ -63,7 +63,7 @@ class Ward:
         self.page = f"127.0.0.1:{free_port()}"
         self.config = folder / "ward.toml"
         self.ports: dict[str, PtyPort] = {}
-        #: what was wrong with how processes ended
+        #: faults in how processes ended
         self.complaints: list[str] = []
         self._places = {name: folder / "ports" / name for name in names}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
@@ -84,18 +84,18 @@ class Ward:
         self._environment: dict[str, dict[str, str]] = {}
 
     def add(self, name: str, *arguments: str) -> None:
-        """One more process, by what `truerate` is told; to be started as the others are."""
+        """Add a process with these arguments for `truerate`, to be started like the others."""
         self._arguments[name] = arguments
 
     def configure(self, name: str, config: Path, environment: dict[str, str]) -> None:
-        """Start a process from another configuration, with these variables in its environment."""
+        """Set another configuration file and environment variables for a process before its start."""
         self._arguments[name] = tuple(
             str(config) if part == str(self.config) else part for part in self._arguments[name]
         )
         self._environment[name] = environment
 
     def start(self, *names: str) -> None:
-        """Start processes by name: `router`, `estimator`, `bridge`, `dashboard`; in any order, each waits for what it needs."""
+        """Start processes by name: `router`, `estimator`, `bridge`, `dashboard`; in any order, as each waits for the others."""
         for name in names:
             process = self._processes[name] = subprocess.Popen(
                 [sys.executable, "-m", "estimator.cli.main", *self._arguments[name]],
@@ -106,18 +106,18 @@ class Ward:
                 env={**os.environ, **self._environment.get(name, {})},
             )
             (self.folder / f"{name}.log").touch()
-            # We write what it says: it may be one whose disk is full.
+            # This process writes the log: the disk of the other may be full.
             self._logs[name] = threading.Thread(target=self._keep, args=(name, process.stdout), daemon=True)
             self._logs[name].start()
 
     def wait_for_router(self, timeout_s: float = 20.0) -> None:
-        """Until the router listens; raises DemoFailed."""
+        """Wait until the router listens. Raises DemoFailed after timeout_s, or when a process has stopped."""
         if not listens(self.endpoint, timeout_s):
             self.check()
             raise DemoFailed(f"the router does not listen on {self.endpoint} after {timeout_s:.0f} s")
 
     def stop(self, name: str, number: signal.Signals = signal.SIGTERM) -> None:
-        """End one process by a signal."""
+        """Stop one process with a signal; it is killed when it does not end, and faults go to `complaints`."""
         process = self._processes.pop(name)
         if process.poll() is not None:
             self.complaints.append(f"the {name} had stopped by itself with exit code {process.returncode}")
@@ -132,34 +132,34 @@ class Ward:
             self.complaints.append(f"the {name} ended with exit code {process.returncode}")
 
     def pid(self, name: str) -> int | None:
-        """Its process id; None while it does not run."""
+        """Process id, or None when the process is not running."""
         process = self._processes.get(name)
         return None if process is None else process.pid
 
     def send(self, name: str, number: signal.Signals) -> None:
-        """A signal to a process that runs."""
+        """Send a signal to a running process."""
         self._processes[name].send_signal(number)
 
     def plug(self, name: str, device: VirtualDevice, *, speed: float = 1.0, lossless: bool = False) -> PtyPort:
-        """Plug a device into the port of that name."""
+        """Plug a virtual device into the port of this name; speed: times real time; lossless: see `PtyPort`."""
         self.ports[name] = PtyPort(device, self._places[name], speed=speed, lossless=lossless)
         return self.ports[name]
 
     def check(self) -> None:
-        """Raise DemoFailed when a process has stopped by itself."""
+        """Raise DemoFailed if a process has stopped by itself."""
         for name, process in self._processes.items():
             if process.poll() is not None:
                 raise DemoFailed(f"the {name} stopped with exit code {process.returncode}:\n{self.log(name)[-2000:]}")
 
     def log(self, name: str) -> str:
-        """What a process has said."""
+        """Log of a process so far."""
         process = self._processes.get(name)
         if name in self._logs and (process is None or process.poll() is not None):
-            self._logs[name].join(1.0)  # its last words
+            self._logs[name].join(1.0)  # until its last output is written
         return (self.folder / f"{name}.log").read_text(encoding="utf-8", errors="replace")
 
     def close(self) -> None:
-        """End the processes, last first, and unplug everything."""
+        """Stop the processes, last first, and unplug all devices."""
         for name in reversed(list(self._processes)):
             self.stop(name)
         for port in self.ports.values():
@@ -179,19 +179,19 @@ class Ward:
 
 
 def free_port() -> int:
-    """A TCP port on loopback that nobody uses now.
+    """A free TCP port on loopback, outside the range for outgoing connections.
 
-    None of those that outgoing connections are given: else one may have it while who listens there is restarted.
+    A connection could otherwise take the port while the process that listens there is restarted.
     """
     while True:
-        port = secrets.choice(_LISTENING)  # not `random`: tests begin it alike
+        port = secrets.choice(_LISTENING)  # not `random`: tests seed that alike
         with socket.socket() as probe, contextlib.suppress(OSError):
             probe.bind(("127.0.0.1", port))
             return port
 
 
 def listens(endpoint: str, timeout_s: float) -> bool:
-    """Whether something listens at a tcp endpoint within timeout_s."""
+    """Whether something listens at a TCP endpoint within timeout_s seconds."""
     host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:

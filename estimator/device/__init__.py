@@ -1,5 +1,5 @@
-"""One device: samples in; corrected rates, calibrations and a status out. No clock, socket, file or thread.
+"""State of one device: samples in; corrected rates, calibrations and a status out. No clock, socket, file or thread.
 
-Begin at `session`; `lifecycle` is the table of its states, `admission` decides which messages are taken, `correction` what is
-applied.
+Begin at `session`. `lifecycle` is the table of a device's states, `admission` decides which messages are accepted,
+`correction` chooses the parameters that are applied.
 """

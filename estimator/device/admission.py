@@ -1,4 +1,4 @@
-"""Admission of messages: duplicates, boots, leaps, bridges and gaps; in which order messages are taken.
+"""Admission and reordering of messages: duplicates, boots, leaps, bridges and gaps.
 
 Pure; `now` is seconds of a steady clock.
 """
@@ -11,7 +11,7 @@ from estimator.device.bridge_choice import BEGINS, BridgeChoice, Ruling
 from estimator.device.sequence_numbers import SequenceNumbers
 from estimator.samples.sample_buffer import Samples
 
-#: how long a hole is waited for, and how many samples are held meanwhile
+#: s that missing samples are waited for, and how many samples are held meanwhile
 WAIT_S, WINDOW = 0.1, 1024
 
 
@@ -23,17 +23,16 @@ class _Held(NamedTuple):
 
 
 class ReorderBuffer:
-    """Messages of one boot that came before their turn wait until what is missing before them comes, or is late.
+    """Reorder buffer for messages of one boot: early ones wait until the missing samples arrive, or are overdue.
 
-    Repeated samples pass through: `SequenceNumbers` counts them. `held` lies in the order of its numbers; truthy
-    while anything is
-    held. begins: the number to begin with, if known.
+    Repeated samples pass through: `SequenceNumbers` counts them. `held` is sorted by sequence number; the buffer is
+    truthy while it holds anything. begins: first sequence number of the boot, if known.
     """
 
     def __init__(self, begins: int | None = None) -> None:
         self._begins = begins or 0
         self.held: list[_Held] = []
-        #: in all that is held
+        #: number of samples held
         self.samples = 0
         self._came = 0
 
@@ -41,7 +40,7 @@ class ReorderBuffer:
         return bool(self.held)
 
     def feed(self, batch: Samples, awaited: int | None, now: float) -> list[Samples]:
-        """Those whose turn it is, when this one comes and number `awaited` is next; None: the boot's first is not known."""
+        """Add a batch; return the batches now in turn. awaited: next sequence number, None before the boot's first sample."""
         awaited = self._begins if awaited is None else awaited
         if batch.sequence <= awaited:
             return [batch, *self._in_turn(max(awaited, batch.sequence + batch.n))]
@@ -51,16 +50,16 @@ class ReorderBuffer:
         return self._up_to(0) if self.samples > WINDOW else []
 
     def overdue(self, now: float) -> list[Samples]:
-        """What has been held for WAIT_S, all before it, and what follows without a hole."""
+        """Batches held for WAIT_S, all before them, and those that follow without a gap."""
         late = [n for n, held in enumerate(self.held) if now - held.came_s >= WAIT_S]
         return self._up_to(late[-1]) if late else []
 
     def drop(self) -> list[Samples]:
-        """All that is held, whatever is missing before it."""
+        """All held batches, whatever is missing before them; the buffer is empty afterwards."""
         return self._up_to(len(self.held) - 1) if self.held else []
 
     def _up_to(self, last: int) -> list[Samples]:
-        """Wait no longer for what is missing before the held one with this place."""
+        """Release the held batches up to index `last`, and those that follow without a gap."""
         given = [held.batch for held in self.held[: last + 1]]
         del self.held[: last + 1]
         self.samples -= sum(batch.n for batch in given)
@@ -78,31 +77,31 @@ class ReorderBuffer:
 
 
 class Admission:
-    """One device's messages: `judge` each, begin a boot where that says so, then take what is `in_order`.
+    """Admission of one device's messages: `judge` each, begin a boot if the ruling says so, then take those `in_order`.
 
-    sequence: what was taken, counted; the session counts in it, too.
+    sequence: counters of accepted samples, shared with the session.
     """
 
     def __init__(self, silence_s: float) -> None:
         self.source, self.sequence = BridgeChoice(silence_s), SequenceNumbers()
-        #: messages that wait for what is missing before them
+        #: messages that wait for missing samples before them
         self.waiting = ReorderBuffer()
-        #: the boot of samples that were refused as old, and when they came
+        #: boot of the latest samples refused as old, and when they came, s
         self.outdated = 0, float("-inf")
-        #: of a session that failed: boot, the number that follows what it took, and when the last of that was received
+        #: of a failed session: boot, next sequence number, and receive time of its last samples, ns
         self._came_to = 0, 0, 0
 
     def begin_at(self, sequence: int) -> None:
-        """The boot of this device is known to begin with this number here: nothing before it is waited for."""
+        """Set the boot's first sequence number: no sample before it is waited for."""
         self.waiting = ReorderBuffer(sequence)
 
     def go_on(self, sequence: int, heard_ns: int) -> None:
-        """A boot goes on with this number here; what was received before heard_ns of other boots is of earlier ones."""
+        """Continue a boot at this sequence number; other boots' samples received before heard_ns count as earlier boots'."""
         self.begin_at(sequence)
         self.source.go_on(heard_ns)
 
     def judge(self, batch: Samples, now: float) -> tuple[Ruling, list[Samples]]:
-        """What to do with a batch, counted where it is refused; and held batches whose turn it is before it."""
+        """Rule on a batch and count it where refused; also returns the held batches that come before it."""
         sequence = self.sequence
         if sequence.boot is None and self._known(batch):
             sequence.refuse(batch, Reason.DUPLICATE)
@@ -110,7 +109,7 @@ class Admission:
         ruling = self.source.judge(batch, sequence, now)
         if ruling is Ruling.LATE:
             self.outdated = batch.boot, now
-            sequence.fresh(batch)  # which counts it
+            sequence.fresh(batch)  # counts the batch
         elif ruling is Ruling.RANGE:
             sequence.refuse(batch, Reason.RANGE)
         elif ruling is Ruling.JUMP:
@@ -121,22 +120,25 @@ class Admission:
             for late in self.waiting.drop():
                 sequence.refuse(late, Reason.OLD_BOOT)
             if sequence.boot is not None:
-                self.waiting = ReorderBuffer()  # where this one begins is not known
+                self.waiting = ReorderBuffer()  # the first number of the new boot is not known
         return ruling, []
 
     def in_order(self, batch: Samples, now: float) -> list[Samples]:
-        """The batches whose turn it is, once this one has come."""
+        """Batches that are in turn now that this one has come."""
         if not self.waiting.held and batch.sequence == self.sequence.next:
             return [batch]
         return self.waiting.feed(batch, self.sequence.next, now)
 
     def leave(self, reason: str) -> None:
-        """Refuse what waits, for a reason."""
+        """Refuse all waiting batches, counted under `reason`."""
         for late in self.waiting.drop():
             self.sequence.refuse(late, reason)
 
     def restart(self, lost: int, uncounted: int, last_ns: int) -> SequenceNumbers:
-        """The session has failed: the counts of the next one. last_ns: when what it took last was received. See Sequence.anew."""
+        """Counters for a new session after one has failed; see `SequenceNumbers.anew`.
+
+        last_ns: receive time of the last samples the failed session took, ns.
+        """
         before = self.sequence
         self.waiting = ReorderBuffer(before.next or 0)
         if before.boot is not None:
@@ -145,6 +147,6 @@ class Admission:
         return self.sequence
 
     def _known(self, batch: Samples) -> bool:
-        """Whether a session that failed had taken in all of a batch."""
+        """Whether a failed session had already taken all samples of a batch."""
         boot, following, received_ns = self._came_to
         return batch.boot == boot and batch.sequence + batch.n <= following and batch.receive_time_ns <= received_ns

@@ -1,4 +1,4 @@
-"""Corrects readings of any devices, all at once."""
+"""Correction of readings, for any number of devices in one call."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from estimator.samples.sample_buffer import HOST_NS, Samples
 
 
 class Cut(NamedTuple):
-    """Samples first to end of a message, and what corrects them."""
+    """Samples of a message from index `first` to before `end`, and the correction that applies to them."""
 
     samples: Samples
     correction: Correction
@@ -22,12 +22,12 @@ class Cut(NamedTuple):
 
     @property
     def n(self) -> int:
-        """How many samples it has."""
+        """Number of samples."""
         return self.end - self.first
 
     @property
     def sequence(self) -> int:
-        """The number of the first sample."""
+        """Sequence number of the first sample."""
         return self.samples.sequence + self.first
 
     @property
@@ -37,18 +37,18 @@ class Cut(NamedTuple):
 
     @property
     def ticks(self) -> bytes:
-        """Of its samples, as on the wire."""
+        """Time stamps of the samples in ticks, packed as on the wire."""
         return self.samples.ticks[8 * self.first : 8 * self.end]
 
 
-#: corrected rates (n, 3) float32 and flags (n,) uint32, packed as on the wire: no flags where none is set
+#: corrected rates (n, 3) float32 and flags (n,) uint32, packed as on the wire; flags are empty when none is set
 Rates = tuple[bytes, bytes]
 
 
 def correct(cuts: Sequence[Cut]) -> list[Rates]:
-    """The rates of each, the same bits however many are corrected at once.
+    """Corrected rates and flags of each cut; the bits do not depend on how many cuts are corrected together.
 
-    A rate beyond the wire's range stands at its limit, marked as clipped.
+    A rate beyond the wire's range is limited to it and flagged as clipped.
     """
     if not cuts:
         return []
@@ -70,7 +70,7 @@ def correct(cuts: Sequence[Cut]) -> list[Rates]:
 
 
 def batch_of(cut: Cut, rates: Rates) -> CorrectedBatch:
-    """What is published of a cut."""
+    """Message with the corrected samples of a cut."""
     samples, correction, (rate, flags) = cut.samples, cut.correction, rates
     return CorrectedBatch(
         device=samples.device,

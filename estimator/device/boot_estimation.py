@@ -1,4 +1,4 @@
-"""Estimates of one boot: a block of samples in; calibration, bias and the correction to apply out."""
+"""Calibration and bias estimation in one boot: blocks of samples in; calibration, bias and the correction to apply out."""
 
 from collections import deque
 from collections.abc import Callable
@@ -30,9 +30,9 @@ from estimator.tracking.seconds import Second
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import RestBias, Tracker, TrackerState
 
-#: makes of a result what is published and kept, with who asked for it, at a host time
+#: builds the published calibration message from a result, the person who asked for it, and the host time, ns
 AsMessage = Callable[[Result, str, int], Calibration]
-#: for so many seconds it is said that a calibration was cancelled; then again how it is
+#: s for which the status says that a calibration was cancelled, before the normal reason returns
 CANCELLED_S = 60.0
 _GOES_ON = (Code.CALIBRATION_GOES_ON(),)
 _HOLD_STILL = (Code.HOLD_STILL(),)
@@ -41,9 +41,10 @@ _CONFIRMED = (Code.BIAS_CONFIRMED(),)
 
 
 class Taken(StateStruct):
-    """n samples that are still needed, numbered from `first` on, by column; whole numbers as the first and the differences.
+    """Samples still needed, by column, numbered from `first` on; whole numbers are stored as differences.
 
-    time: the bits of device times, s. rows (n, 8): the other columns of estimator/samples/sample_buffer.py.
+    time: bit patterns of device times in s, as integers. rows (n, 8): the other columns of
+    estimator/samples/sample_buffer.py.
     """
 
     first: int
@@ -54,14 +55,14 @@ class Taken(StateStruct):
 
     @classmethod
     def of(cls, buffer: SampleBuffer, end: int) -> "Taken":
-        """What is needed of the samples of a buffer up to before this number."""
+        """Collect the samples of a buffer that are numbered below `end`."""
         rows, places = buffer.rows(buffer.begin, end), buffer.places(buffer.begin, end)
         time = np.ascontiguousarray(rows[:, TIME]).view(np.int64)
         columns = (np.diff(column, prepend=0).tolist() for column in (places[:, SEQUENCE], places[:, HOST_NS]))
         return cls(buffer.begin, np.diff(time, prepend=0).tolist(), np.delete(rows, TIME, axis=1), *columns)
 
     def buffer(self) -> SampleBuffer:
-        """The samples. Raises ValueError."""
+        """Rebuild the sample buffer. Raises ValueError when the columns do not fit together."""
         n = len(self.time)
         shaped(self.rows, n, WIDTH - 1)
         if not n == len(self.sequence) == len(self.host_ns):
@@ -76,10 +77,11 @@ class Taken(StateStruct):
 
 
 class BootEstimationState(StateStruct):
-    """All of what a boot has taught that evolves, but for the samples of a calibration under way, and the smoother's history.
+    """Saved state of a boot's estimation, without the samples of a calibration in progress and the smoother's history.
 
-    calibration: its number; it goes its own way. asked: who asked for a calibration that is under way, and why. turned: axes
-    whose turns were taken. reached: sequence number and host time of the last sample that the bias knows of.
+    calibration: id of the calibration in use, which is stored elsewhere. under_way: whether a calibration is in progress.
+    asked: who asked for it, and why. turned: axes whose turns were taken. reached: sequence number and host time, ns, of
+    the last sample the bias was estimated from.
     """
 
     tracker: TrackerState
@@ -102,7 +104,10 @@ class BootEstimationState(StateStruct):
 
 
 class BootEstimation:
-    """Of a boot that began at a device time, s. What happens is told to `life`, and counted in `events`."""
+    """Estimation in a boot that began at device time `began`, s.
+
+    Reports events to `life` and counts others in `events`; `as_message` turns a result into a calibration message.
+    """
 
     def __init__(
         self,
@@ -114,21 +119,21 @@ class BootEstimation:
         as_message: AsMessage,
     ) -> None:
         self.began = began
-        #: of this boot, and of an earlier one under the same restore key
+        #: calibration of this boot, and of an earlier one under the same restore key
         self.calibration: Calibration | None = None
         self.prior: Calibration | None = None
-        #: why nothing known of earlier holds, said until it is calibrated
+        #: why earlier knowledge is void; part of the status until the next calibration
         self.scratch: Sentences = ()
         self.under_way: CalibrationProgress | None = CalibrationProgress(knobs)
         self._moves: float | None = None
-        self._silent_until = float("-inf")  # device time of the first sample after the latest silence
-        self._silent_c: float | None = None  # and how warm it was then
-        #: device time of the last window that was judged
+        self._silent_until = float("-inf")  # device time of the first sample after the latest silence, s
+        self._silent_c: float | None = None  # the temperature then, °C
+        #: device time of the last window that was judged, s
         self.now = began
-        #: what is said of a calibration that was cancelled, and the device time until which it is
+        #: reason shown after a cancelled calibration, and the device time until which it is shown, s
         self._cancelled: Sentences = ()
         self._cancelled_until = float("inf")
-        self._slope_learnt = False  # under a law, of a calibrated bias
+        self._slope_learnt = False  # whether the slope of a calibrated bias was learnt under a law
         self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
         self._stillness = Stillness(knobs.stillness)
         self._belief = believed(None, None, knobs.prior)
@@ -136,7 +141,7 @@ class BootEstimation:
         self._past = RevisionSequences()
 
     def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
-        """All that evolves: for `encode`, at once. It has learnt from the samples of a buffer up to before this number."""
+        """State to save with `encode` at once; the samples below number `end` of the buffer have been learnt from."""
         used = self.calibration or self.prior
         return BootEstimationState(
             self.tracker.saved(),
@@ -159,9 +164,10 @@ class BootEstimation:
         )
 
     def go_on(self, saved: BootEstimationState, calibration: Calibration | None, boot: int) -> SampleBuffer:
-        """Go on from what was saved, in a boot of which nothing is known yet: the samples so far. Raises ValueError.
+        """Restore a saved state in a boot without other knowledge; returns the buffer of the samples so far.
 
-        calibration: the one it names, of this boot or of an earlier one.
+        calibration: the calibration that the state names. Raises ValueError when the state is damaged or names another
+        calibration.
         """
         if saved.calibration != ("" if calibration is None else calibration.id):
             raise ValueError(
@@ -187,15 +193,15 @@ class BootEstimation:
             self._past.note(self.tracker.time, *saved.reached)
         return buffer
 
-    # ---- what is known of earlier, or by others --------------------------------------------------------------------
+    # ---- earlier knowledge, or another estimator's -----------------------------------------------------------------
 
     def restore(self, remembered: PriorKnowledge, calibration: Calibration, temperature_c: float | None) -> None:
-        """Go on with a calibration of this very boot, and with what is remembered of its bias since."""
+        """Continue with a calibration of this boot, and with the remembered bias."""
         self.calibration, self.prior, self.under_way = calibration, None, None
         self._belief = believed(calibration, None, self._knobs.prior)
         knobs = self._knobs.track
         kept = remembered.bias_at(self.now, knobs.bias_std)
-        if kept is None:  # nor is it known when it was switched on
+        if kept is None:  # nor is the power-up time known
             kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias, self._law), knobs.bias_std)
         self._slope_learnt = remembered.bias is not None or self._law is not None
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
@@ -205,7 +211,7 @@ class BootEstimation:
             self._life.on(Event.DOUBTED, self.tracker.doubt.why)
 
     def resume(self, remembered: PriorKnowledge, temperature_c: float | None) -> bool:
-        """Go on with the bias of a boot that was not calibrated, if one is remembered."""
+        """Continue with the remembered bias of an uncalibrated boot; False if there is none."""
         kept = remembered.bias_at(self.now, self._knobs.track.bias_std)
         if kept is None or self.calibration is not None:
             return False
@@ -215,7 +221,7 @@ class BootEstimation:
         return True
 
     def believe(self, calibration: Calibration) -> None:
-        """Use the scale factors of an earlier boot until this one is calibrated."""
+        """Use the scale factors of an earlier boot's calibration until this boot is calibrated."""
         self.prior = calibration
         self._belief = believed(None, calibration, self._knobs.prior, self._moves)
         if self.tracker.sure:
@@ -224,7 +230,7 @@ class BootEstimation:
             self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
 
     def moves(self, moves: float) -> bool:
-        """How far its scale moves from boot to boot, by earlier ones; whether that tells anything of this one."""
+        """Set how far the scale changes from boot to boot (relative std); returns whether the model changed."""
         self._moves = moves
         if self.prior is None:
             return False
@@ -233,7 +239,7 @@ class BootEstimation:
         return True
 
     def expect(self, law: TemperatureLaw) -> None:
-        """Use what earlier boots taught of temperature, where it was not known when this one began."""
+        """Use a temperature law that became available only after the boot had begun."""
         self._law = law
         if self.calibration is not None and self._slope_learnt:
             self.tracker.follow(law)
@@ -242,19 +248,22 @@ class BootEstimation:
             self._slope_learnt = self.calibration is not None
 
     def resumed(self, time: float, celsius: float | None) -> None:
-        """Go on after a silence: until the tracker comes to this device time, what is known there counts; it is so warm."""
+        """Note the end of a silence: device time, s, and temperature, °C, of the next sample.
+
+        Until the tracker reaches that time, `correction` predicts the bias to it.
+        """
         self._silent_until, self._silent_c = time, celsius
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
     def learn(self, buffer: SampleBuffer, end: int, of: tuple[str, int], outcome: Outcome) -> bool:
-        """Learn from samples of a buffer up to before the one of this number; whether there is anything new to apply.
+        """Learn from the samples of a buffer below number `end`; returns whether the correction has changed.
 
-        of: their device and boot.
+        of: device and boot of the samples. Results and events go to `outcome`.
         """
         tracker, begin, belief = self.tracker, self.tracker.time, self._belief
         tracked, windows = begin, self._stillness.take(buffer, end)
-        seconds: deque[tuple[int, Second]] | None = None  # that these windows complete, and which of them
+        seconds: deque[tuple[int, Second]] | None = None  # seconds that these windows complete, with the window's index
         for i, ((begun, now, last, still), celsius) in enumerate(zip(windows.heads, windows.celsius, strict=True)):
             self.now = now
             if not isnan(celsius):
@@ -286,7 +295,7 @@ class BootEstimation:
         return tracker.time != begin or self._belief is not belief
 
     def _warming(self, windows: Windows, outcome: Outcome) -> None:
-        """A window while the device warms up."""
+        """Process a window while the device warms up."""
         if self.under_way is not None:
             self.under_way.add(windows)
         if self.now - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
@@ -294,7 +303,7 @@ class BootEstimation:
         self.tracker.skip(windows)
 
     def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
-        """What the tracker makes of a second."""
+        """Process the tracker's receipts of a second."""
         for receipt in receipts:
             if not receipt.accepted:
                 self._events.add(f"{receipt.kind}: {receipt.reason}")
@@ -308,24 +317,24 @@ class BootEstimation:
             self._say_beside(why, outcome)
 
     def _confirm(self, outcome: Outcome) -> None:
-        """End a doubt, if what was heard of rests does."""
+        """End a doubt of the bias when the latest rests have resolved it."""
         if self.tracker.trusts() and not self._happens(Event.CONFIRMED, (Code.CALIBRATED(), *_CONFIRMED), outcome):
             self._say_beside(_CONFIRMED, outcome)
 
     def _say_beside(self, news: Sentences, outcome: Outcome) -> None:
-        """What is no event of a device that is being calibrated: its reason is what is to be done now."""
+        """Report news while a calibration is in progress: the device's own reason stays the next step for the operator."""
         outcome.changed = True
         outcome.said.append(english(*news))
 
     @property
     def _doubted(self) -> bool:
-        """Whether there is anything to be confirmed."""
+        """Whether a rest can confirm a doubted bias."""
         return self.tracker.doubt.stands or self._life.state is State.DEGRADED
 
     # ---- calibration ----------------------------------------------------------------------------------------------
 
     def _progress(self, progress: Progress, under_way: CalibrationProgress, outcome: Outcome, now_ns: int) -> None:
-        """What a window completes of a calibration under way; now_ns: host time of the window's last sample."""
+        """Handle a step of a calibration in progress; now_ns: host time of the window's last sample."""
         match progress:
             case RestFound():
                 self._happens(Event.RESTED, (Code.TURN_NOW(axes=under_way.missing),), outcome)
@@ -356,7 +365,7 @@ class BootEstimation:
         self._happens(Event.CALIBRATED, (Code.CALIBRATED(), *result.reason), outcome)
 
     def cancel(self, who: str) -> None:
-        """Stop one that is under way; an old one stays, else it begins anew."""
+        """Cancel a calibration in progress; an old one stays in use, without one the calibration starts over."""
         if self.calibration is None:
             self.under_way = CalibrationProgress(self._knobs)
             self._life.say((Code.CALIBRATION_CANCELLED(who=who), *_HOLD_STILL))
@@ -367,7 +376,7 @@ class BootEstimation:
         self._life.say(self._cancelled)
 
     def _as_it_is(self, outcome: Outcome) -> None:
-        """That one was cancelled was said for long enough, unless something else was said since."""
+        """Replace the notice of a cancelled calibration by the normal reason, unless another reason came since."""
         if self._life.goes_on == self._cancelled:
             self._life.say(self.tracker.doubt.why or _GOES_ON)
             outcome.changed = True
@@ -381,44 +390,44 @@ class BootEstimation:
         outcome.said.append(f"{before.name} -> {self._life.state.name}: {english(*reason)}")
         return True
 
-    # ---- what is known now ----------------------------------------------------------------------------------------
+    # ---- estimates -------------------------------------------------------------------------------------------------
 
     @property
     def near(self) -> bool:
-        """Whether what comes next may end a calibration, which takes as long as hundreds of batches."""
+        """Whether the next samples may complete a calibration, which takes as long as hundreds of batches."""
         return self.under_way is not None and self.under_way.near
 
     @property
     def awaited(self) -> bool:
-        """Whether somebody waits for what the next samples show: a calibration's first rest, or one of its turns."""
+        """Whether a person waits for the next samples' result: a calibration's first rest, or one of its turns."""
         return self.under_way is not None and self.under_way.awaited
 
     @property
     def asked(self) -> tuple[str, str] | None:
-        """Who asked for the recalibration that is under way, and why; None while none is."""
+        """Who asked for the recalibration in progress, and why; None without one."""
         return None if self.under_way is None else self.under_way.asked
 
     @property
     def turned(self) -> tuple[int, ...]:
-        """Axes whose turns are taken, of a calibration under way."""
+        """Axes whose turns are taken, of a calibration in progress."""
         return () if self.under_way is None else self.under_way.turned
 
     @property
     def progress(self) -> float:
-        """How much of a calibration is done, 0 to 1."""
+        """Progress of a calibration, 0 to 1; 1 when none is in progress."""
         return 1.0 if self.under_way is None else min(0.1 * self.tracker.sure + 0.3 * len(self.turned), 1.0)
 
     def bias(self) -> BiasState | None:
-        """As it would be restored; of a calibrated boot, or one that is sure of it."""
+        """Bias to store for a restart; None while the boot is uncalibrated and its bias is not sure."""
         return self.tracker.worth_keeping if self.calibration is not None or self.tracker.sure else None
 
     @property
     def reached(self) -> tuple[int, int] | None:
-        """Sequence number and host time of the last sample that the bias knows of; None before there is one."""
+        """Sequence number and host time, ns, of the last sample the bias was estimated from; None before the first."""
         return self._past.reached
 
     def correction(self) -> Correction:
-        """What all of it says is to be applied."""
+        """Choose the correction to apply, from all that is known."""
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)

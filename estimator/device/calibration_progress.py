@@ -1,4 +1,4 @@
-"""A calibration in progress: who asked for it, which turns are done, and what is left to do."""
+"""A calibration in progress: who asked for it, which turns are done, and which are missing."""
 
 from bridge.reasons.codes import Code, Sentences
 from estimator.calibration.clipping import ClippingKnobs
@@ -11,13 +11,16 @@ from estimator.stillness.detector import Windows
 
 
 def turn_knobs(knobs: SessionKnobs, gyro_range: float = 0.0) -> TurnKnobs:
-    """What counts as a full turn of a device; gyro_range in rad/s as told of this recording, 0 where nothing was."""
+    """Turn recognition settings of a device; gyro_range in rad/s as the device reports it, 0 when unknown."""
     clipping = ClippingKnobs(gyro_range=gyro_range or knobs.gyro_range)
     return TurnKnobs(horizontal=knobs.horizontal_turns, clipping=clipping)
 
 
 class CalibrationProgress:
-    """Windows in, progress out. `who` asked for it and `why`; nobody, where a device has just booted."""
+    """Calibration in progress: windows in, progress out.
+
+    who, why: the person who asked for it and the reason; empty for the calibration after a boot.
+    """
 
     def __init__(self, knobs: SessionKnobs, who: str = "", why: str = "") -> None:
         self._capture = CalibrationSession(knobs.method, turn_knobs=turn_knobs(knobs), scale_limit=knobs.scale_limit)
@@ -25,42 +28,42 @@ class CalibrationProgress:
 
     @property
     def asked(self) -> tuple[str, str] | None:
-        """Who asked for it, and why; None where nobody did."""
+        """Who asked for the calibration, and why; None after a boot."""
         return (self.who, self.why) if self.who else None
 
     @property
     def awaited(self) -> bool:
-        """Whether somebody waits for what the next samples show: its first rest, or a turn after another."""
+        """Whether a person waits for the next samples' result: the first rest, or a turn after another."""
         return bool(self.turned) or not self._capture.rested
 
     @property
     def near(self) -> bool:
-        """Whether what comes next may end it, which takes as long as hundreds of batches."""
+        """Whether the next samples may complete the calibration, which takes as long as hundreds of batches."""
         return self._capture.near
 
     @property
     def turned(self) -> tuple[int, ...]:
-        """Axes whose turns are taken."""
+        """Axes whose turns are taken (0 to 2)."""
         return self._capture.done()
 
     @property
     def missing(self) -> str:
-        """Axes whose turns are still needed."""
+        """Names of the axes whose turns are still needed."""
         return axis_names(self._capture.missing())
 
     def add(self, windows: Windows) -> None:
-        """Take the samples of the next windows, and nothing more."""
+        """Store the samples of the next windows without judging them."""
         _, rows = windows.samples
         self._capture.take(rows)
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Judge what the next window whose samples were taken completes, from when to when, s."""
+        """Judge the next window whose samples were added, from device time `begun` to `ended`, s; returns the progress."""
         old = self._capture.expire(ended)
         progress = self._capture.judge(begun, ended, still=still)
         return [Expired(old), *progress] if old else progress
 
     def said(self, progress: TurnFound | Expired | Ignored) -> Sentences:
-        """What is said of it, and of what is still to be done."""
+        """Message for a step of progress, and for the turns still needed."""
         missing = self._capture.missing()
         match progress:
             case TurnFound(turn, dropped, missing):

@@ -1,4 +1,4 @@
-"""The correction in force and its uncertainty: chosen from all that is known of a device."""
+"""The correction in force and its uncertainty, chosen from calibration, prior and tracked bias."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +16,7 @@ Float32s = NDArray[np.float32]
 
 
 class PublishedCorrection(NamedTuple):
-    """What every CorrectedBatch says of its parameters: (3,) each, of corrected rates but for the bias."""
+    """Parameters published with every CorrectedBatch: (3,) each, referred to corrected rates, except the bias (reading)."""
 
     noise_std: Float32s
     bias_std: Float32s
@@ -28,7 +28,11 @@ class PublishedCorrection(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """One set of parameters: everything a CorrectedBatch carries beside its samples. bias_std (3,) rad/s, flicker rad/s."""
+    """One set of correction parameters: all that a CorrectedBatch carries beside its samples.
+
+    bias_std (3,) rad/s, standard deviation of the bias; flicker rad/s, standard deviation of the bias instability;
+    calibration: id of the calibration in use.
+    """
 
     model: GyroModel
     bias_std: Floats
@@ -38,7 +42,7 @@ class Correction:
 
     @cached_property
     def told(self) -> PublishedCorrection:
-        """As all batches that it corrects say it: the very same arrays."""
+        """Parameters to publish; every batch with this correction shares the same arrays."""
         model, of_reading, rows = self.model, np.empty((3, 3)), np.empty((6, 3), np.float32)
         of_reading[0], of_reading[1], of_reading[2] = model.noise_std, self.bias_std, self.flicker
         rows[0], rows[1], rows[5] = model.corrected_std(of_reading)
@@ -47,11 +51,11 @@ class Correction:
 
     @cached_property
     def parameters(self) -> Floats:
-        """(12,) matrix and bias, one after the other."""
+        """Matrix (row by row) and bias, concatenated to (12,)."""
         return np.concatenate([self.model.matrix.ravel(), self.model.bias])
 
     def check(self) -> None:
-        """Raises ValueError where no reading can be corrected by it."""
+        """Check shapes and values. Raises ValueError when a reading cannot be corrected with them."""
         model = self.model
         shaped(model.matrix, 3, 3, finite=True)
         shaped(model.bias, 3, finite=True)
@@ -59,7 +63,7 @@ class Correction:
             shaped(std, 3)
 
     def same(self, other: "Correction") -> bool:
-        """Whether both correct alike, to the last bit."""
+        """Whether both corrections are equal, to the last bit."""
         mine, theirs = self.model, other.model
         return (
             self.quality is other.quality
@@ -75,13 +79,13 @@ class Correction:
 
 
 def _same(a: Floats, b: Floats) -> bool:
-    """Whether both are the same array, or alike: of so few numbers lists tell it in a tenth of NumPy's time."""
+    """Whether two small arrays are equal; comparing lists takes a tenth of NumPy's time."""
     return a is b or a.tolist() == b.tolist()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """What is known of a gyro before its bias is tracked: the model, bias_std (3,) rad/s of its bias, and how good that is."""
+    """Gyro model before bias tracking: model, bias_std (3,) rad/s of its bias, quality, and id of the calibration."""
 
     model: GyroModel
     bias_std: Floats
@@ -92,10 +96,10 @@ class Belief:
 def believed(
     calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs, moves: float | None = None
 ) -> Belief:
-    """The best there is: this boot's calibration, else an earlier boot's scale, else the datasheet.
+    """Choose the best available model: this boot's calibration, else an earlier boot's scale, else the datasheet.
 
-    moves: how far its scale does from boot to boot (see gyro.repeatability); where that is not known, as far as those of its kind
-    may be off at all. Its bias may.
+    moves: relative std of the scale from boot to boot (see gyro_model.repeatability). When unknown, the scale is as
+    uncertain as `knobs.scale_std` says. The std of the bias is `knobs.bias_std` in every case.
     """
     used = calibration or earlier
     if used is None:
@@ -119,10 +123,10 @@ def choose(
     sure: bool,
     away: bool = False,
 ) -> Correction:
-    """What is believed of a gyro, with the tracked bias (3,), its bias_std (3,), and by how much it flickers, rad/s.
+    """Combine a belief with the tracked bias (3,) rad/s, its std (3,) and the flicker, rad/s, to a correction.
 
-    noise_std (3,) is what the present rest shows, or None. sure: the bias is known well enough to be called known, and nothing
-    speaks against it. away: nothing comes of the device.
+    noise_std (3,): noise of the present rest, or None for the model's. sure: the bias is known well enough and undoubted.
+    away: the device sends nothing.
     """
     quality = belief.quality
     if quality is Quality.GOOD:
@@ -136,7 +140,7 @@ def choose(
 
 
 def _cross_std(used: Calibration, knobs: PriorKnobs) -> Floats:
-    """(3,) of each row of the matrix what is not known beside its diagonal: as calibrated, else as parts are made."""
+    """(3,) std of each matrix row beside its diagonal, relative: as calibrated, else `knobs.misalignment_std`."""
     across = [number for number, name in enumerate(used.parameters) if name.startswith("m_")]
     if not across:
         return np.full(3, knobs.misalignment_std)

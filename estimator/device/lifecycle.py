@@ -1,6 +1,6 @@
-"""The life of a device as one table. An event the table does not name changes nothing and says so.
+"""Life cycle of a device as one state table. An event that the table does not name changes nothing and returns False.
 
-docs/life.md is the same table for people; a test holds the two together.
+docs/life.md shows the same table for people; a test compares the two.
 """
 
 from enum import StrEnum
@@ -8,12 +8,12 @@ from enum import StrEnum
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import State
 
-#: no rest is this long ago: none is known of
+#: s; an evidence age beyond every real one, for a device without a known rest
 NEVER_S = 1e9
 
 
 class Event(StrEnum):
-    """What can happen to a device."""
+    """Events in the life of a device; `CAUSES` says when each occurs."""
 
     BOOTED = "booted"
     WARM = "warm"
@@ -62,15 +62,15 @@ CAUSES: dict[Event, str] = {
 
 
 class Back:
-    """Where a device was before it went away."""
+    """Marks a transition back to the state before the device went away."""
 
 
 S, E = State, Event
 _ALIVE = (S.WARMING, S.AWAITING_STILL, S.BIAS_ONLY, S.TURNING, S.TRACKING, S.DEGRADED)
 _CALIBRATING = (S.AWAITING_STILL, S.BIAS_ONLY, S.TURNING)
-#: where nothing comes from it
+#: states of a device from which nothing arrives
 AWAY = (S.UNKNOWN, S.LOST)
-#: what may happen meanwhile, also by what came before and is learnt from later: it then goes on from elsewhere
+#: events possible while a device is away, also from samples that came before; they change the state it will return to
 _LEARNT = (E.RESTED, E.TURNED, E.CALIBRATED, E.NOT_CALIBRATED, E.DOUBTED, E.CONFIRMED)
 _MEANWHILE = (E.CANCEL_TO_TRACKING, E.CANCEL_TO_START, E.CHANGED, *_LEARNT)
 
@@ -90,7 +90,7 @@ TABLE: dict[tuple[State, Event], State | type[Back]] = {
     (S.AWAITING_STILL, E.RESTED): S.BIAS_ONLY,
     (S.AWAITING_STILL, E.TURNED): S.TURNING,
     (S.BIAS_ONLY, E.TURNED): S.TURNING,
-    (S.BIAS_ONLY, E.CALIBRATED): S.TRACKING,  # a method that needs no full turns
+    (S.BIAS_ONLY, E.CALIBRATED): S.TRACKING,  # by a method without full turns
     (S.TURNING, E.TURNED): S.TURNING,
     (S.TURNING, E.CALIBRATED): S.TRACKING,
     (S.TURNING, E.NOT_CALIBRATED): S.TURNING,
@@ -100,7 +100,7 @@ TABLE: dict[tuple[State, Event], State | type[Back]] = {
 
 
 class Lifecycle:
-    """Where one device is, and why. One that was away goes on where it was."""
+    """Current state of one device and its reason; a device that was away returns to its earlier state."""
 
     def __init__(self) -> None:
         self.state = self._before = State.UNKNOWN
@@ -109,11 +109,11 @@ class Lifecycle:
 
     @property
     def saved(self) -> tuple[str, str, Sentences, Sentences]:
-        """State, the one before it went away, and the reasons of both."""
+        """State, state before the device went away, and the reasons of both."""
         return self.state.name, self._before.name, self.reason, self._reason_before
 
     def resume(self, saved: tuple[str, str, Sentences, Sentences]) -> None:
-        """Go on from what was saved. Raises ValueError."""
+        """Restore what `saved` returned. Raises ValueError when it names an unknown state."""
         state, before, self.reason, self._reason_before = saved
         try:
             self.state, self._before = State[state], State[before]
@@ -122,23 +122,23 @@ class Lifecycle:
 
     @property
     def away(self) -> bool:
-        """Whether nothing comes from it."""
+        """Whether nothing arrives from the device: UNKNOWN or LOST."""
         return self.state in AWAY
 
     @property
     def goes_on(self) -> Sentences:
-        """The reason as it is, or will be when the device is heard again."""
+        """Reason of the state the device is in, or will return to when it is heard again."""
         return self._reason_before if self.away else self.reason
 
     def say(self, reason: Sentences) -> None:
-        """Why it is where it is; of one that is away, where it will go on."""
+        """Set the reason of the state the device is in, or will return to."""
         if self.away:
             self._reason_before = reason
         else:
             self.reason = reason
 
     def on(self, event: Event, reason: Sentences = ()) -> bool:
-        """Apply an event, for a reason; False means it is not possible in this state and nothing changed."""
+        """Apply an event with its reason; False when this state does not allow it and nothing changed."""
         meanwhile = self.away and event in _MEANWHILE
         following = TABLE.get((self._before if meanwhile else self.state, event))
         if following is Back:

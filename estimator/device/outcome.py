@@ -1,4 +1,4 @@
-"""What samples of a device led to."""
+"""Results of processing a device's samples."""
 
 from dataclasses import dataclass, field
 
@@ -8,9 +8,10 @@ from estimator.device.window_summary import Second
 
 @dataclass(slots=True)
 class Outcome:
-    """What samples, which may be of minutes, led to. `said` are things to log, most important last.
+    """Results of processing samples, possibly of minutes.
 
-    corrected: the samples themselves, where that was done at once.
+    corrected: corrected batches, when the samples were corrected at once. calibrations, revisions: messages to publish.
+    seconds: blocks for window summaries. changed: whether the status is news. said: lines to log, most important last.
     """
 
     corrected: list[CorrectedBatch] = field(default_factory=list)
@@ -22,5 +23,5 @@ class Outcome:
 
     @property
     def worded(self) -> bool:
-        """Whether anything but samples is to be published of it."""
+        """Whether a status, calibration or revision is to be published."""
         return self.changed or bool(self.calibrations) or bool(self.revisions)

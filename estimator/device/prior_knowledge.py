@@ -1,4 +1,4 @@
-"""Prior of a device that boots: earlier calibration and temperature law, and how far they still hold."""
+"""Prior knowledge of a booting device: stored calibration, bias and temperature law, and how far they still hold."""
 
 from dataclasses import dataclass, replace
 
@@ -8,35 +8,35 @@ from bridge.wire.messages import Calibration
 from estimator.tracking.bias_filter import BIAS, BiasFilter, BiasKnobs, BiasState, start
 from estimator.tracking.temperature_law import TemperatureLaw
 
-#: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
+#: s; samples older than the checkpoint by less come from the bus's cache, older ones mean that the device clock lost count
 CACHE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class PriorKnowledge:
-    """Its last calibration, and, of this very boot, the bias since."""
+    """Stored calibration of a device, and the bias last tracked in this boot."""
 
     calibration: Calibration | None
     bias: BiasState | None
-    #: host seconds since the bias was kept, and whether it was in doubt then
+    #: host seconds since the bias was stored, and whether it was doubted then
     age_s: float = 0.0
     doubted: bool = False
-    #: who had asked for a recalibration that was under way then, and why
+    #: who had asked for a recalibration in progress at that time, and why; else None
     asked: tuple[str, str] | None = None
 
     def under(self, calibration: Calibration) -> "PriorKnowledge":
-        """The same where it is this one that holds: a bias that was doubted without it is to be told by a rest."""
+        """The same knowledge with another calibration; a bias doubted under the old one is dropped until a rest shows it."""
         bias = None if self.doubted else self.bias
         return replace(self, calibration=calibration, bias=bias, doubted=False)
 
     def bias_at(self, now: float, doubt_std: float) -> BiasState | None:
-        """The bias as it was kept; doubted by doubt_std, rad/s, where nobody knows how long ago: a rest has to confirm it."""
+        """Stored bias at device time `now`, s; wider by doubt_std, rad/s, when its age is unknown and a rest must confirm it."""
         if self.bias is None:
             return None
         return wider(replace(self.bias, time=now), doubt_std) if self.lost_count(now) else self.bias
 
     def lost_count(self, now: float) -> bool:
-        """Whether nobody knows how long before the device time `now` the bias was kept."""
+        """Whether device time has lost count, so that the age of the stored bias at `now` is unknown."""
         if self.bias is None:
             return False
         passed = now - self.bias.time
@@ -46,7 +46,10 @@ class PriorKnowledge:
 def calibrated_bias(
     calibration: Calibration, now: float, powered: float, knobs: BiasKnobs, law: TemperatureLaw | None = None
 ) -> BiasState:
-    """The bias as it was calibrated, at device time `now` of a device switched on at `powered`; its slope as a law has it."""
+    """Bias state from a calibration at device time `now`, for a device powered up at `powered`, both s.
+
+    law: temperature law that gives the slope; without one the slope is zero with a prior variance.
+    """
     bias, cov = calibration.bias, calibration.covariance[:3, :3]
     begun = start(bias, cov, now, knobs, temperature_c=calibration.temperature_c, powered=powered)
     if law is None:
@@ -57,7 +60,7 @@ def calibrated_bias(
 
 
 def wider(state: BiasState, doubt_std: float) -> BiasState:
-    """The same, its bias doubted by so much more, rad/s."""
+    """The state with doubt_std, rad/s, added to the standard deviation of its bias (in squares)."""
     P = state.P.copy()
     P[BIAS, BIAS] += doubt_std**2 * np.eye(3)
     return replace(state, P=P)

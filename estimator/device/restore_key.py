@@ -1,4 +1,4 @@
-"""Restore key: under which hardware, firmware, range and rate a calibration still holds, and why not."""
+"""Restore key: hardware, firmware, range and rate under which a calibration holds; and the reasons why it does not."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,14 +9,14 @@ from estimator.device.same_rate import same_rate
 
 
 def restore_key(of: Calibration | DeviceInfo) -> dict[str, str | float]:
-    """What it was, beside its name."""
+    """Restore key of a calibration or device: model, firmware, gyro range in rad/s, rate in Hz."""
     return {"model": of.model, "firmware": of.firmware, "gyro_range": of.gyro_range, "rate_hz": of.rate_hz}
 
 
 def differing(then: Mapping[str, Any], info: DeviceInfo) -> dict[str, str | float]:
-    """What of a restore key is otherwise now.
+    """Entries of a restore key that differ from the device's, with the present values.
 
-    A device with a clock may be told another rate, as for a calibration; without one its scale hangs on its rate.
+    The rate counts only for a device without a clock, whose scale depends on it; a device with a clock may change rate.
     """
     now = restore_key(info)
     if info.has_clock or same_rate(then["rate_hz"], info.rate_hz):
@@ -25,9 +25,9 @@ def differing(then: Mapping[str, Any], info: DeviceInfo) -> dict[str, str | floa
 
 
 def changed(calibration: Calibration, info: DeviceInfo, *, within_boot: bool = False) -> Sentences:
-    """Why the calibration does not hold for what the device is now; empty when it does.
+    """Reasons why a calibration does not hold for the device as it is now; empty when it holds.
 
-    within_boot: what was not known then, or is not now, has not changed.
+    within_boot: values unknown then or now do not count as changed.
     """
     then = restore_key(calibration)
     other = differing(then, info)
@@ -50,5 +50,5 @@ def _changed(name: str, now: str, then: str) -> Sentence:
 
 
 def _said(value: str | float) -> str:
-    """A value, or a question mark for one that is not known."""
+    """Format a value; a question mark stands for an unknown one."""
     return "?" if not value else value if isinstance(value, str) else f"{value:.5g}"

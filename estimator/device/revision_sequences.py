@@ -1,4 +1,4 @@
-"""Sequence numbers at the ends of the tracker's seconds, for revisions of the past."""
+"""Sequence numbers at the ends of the tracker's seconds, for revisions of past biases."""
 
 from collections import deque
 
@@ -9,23 +9,23 @@ from bridge.reasons.codes import Code
 from bridge.wire.messages import BiasRevision
 from estimator.tracking.smoother import Smoothed
 
-#: seconds whose samples are remembered
+#: number of seconds remembered
 REVISED_S = 2000
 
 
 class RevisionSequences:
-    """Of one boot: device time, sequence number and host time of samples."""
+    """Device time, sequence number and host time of the last sample of each tracked second in one boot."""
 
     def __init__(self) -> None:
         self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
 
     def note(self, end: float, sequence: int, time_ns: int) -> None:
-        """The tracker has come to the end of a second, device time, with this sample."""
+        """Note the last sample of a tracked second: device time, s, sequence number, and host time, ns."""
         self._seconds.append((end, sequence, time_ns))
 
     @property
     def reached(self) -> tuple[int, int] | None:
-        """Sequence number and host time of the last sample that the tracker knows of; None before there is one."""
+        """Sequence number and host time, ns, of the last tracked sample; None before the first."""
         return self._seconds[-1][1:] if self._seconds else None
 
     def revision(
@@ -37,9 +37,10 @@ class RevisionSequences:
         gap_s: float,
         smoothed: Smoothed,
     ) -> BiasRevision | None:
-        """A better past for those who keep it: the seconds of a gap of which the samples are still known, or None.
+        """Build the revision of the bias during a gap, from the smoothed seconds whose samples are still known.
 
-        of: device and boot. time_ns: host time of the sample with which it became known.
+        of: device and boot. time_ns: host time of the sample with which the revision became known. matrix (3, 3): of the
+        model. gap_s: length of the gap. Returns None when no second is known.
         """
         known = {time: (sequence, time_ns) for time, sequence, time_ns in self._seconds}
         kept = [i for i, time in enumerate(smoothed.time) if time in known]

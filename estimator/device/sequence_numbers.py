@@ -1,4 +1,4 @@
-"""Duplicate samples: each sample is taken once, by boot and sequence number; the others are counted."""
+"""Sequence number tracking: accepts every sample of a boot once, and counts duplicates and gaps."""
 
 from collections.abc import Callable, Iterable
 
@@ -9,20 +9,24 @@ _REMEMBERED_BOOTS = 64
 
 
 class SequenceNumbers:
-    """Follows one device. `dropped` counts samples, `events` counts gaps and the samples missing in them."""
+    """Sequence numbers and boots of one device.
+
+    `dropped` counts refused samples by reason; `events` counts gaps and the samples missing in them. `samples_in` counts
+    all samples that came, `samples_out` those accepted.
+    """
 
     def __init__(self) -> None:
         self.boot: int | None = None
         self.samples_in = self.samples_out = 0
         self.dropped, self.events = Tally(), Tally()
-        self._past: dict[int, int] = {}  # earlier boots, latest last, each with the number it had come to
+        self._past: dict[int, int] = {}  # earlier boots, latest last, with the sequence number each had reached
         self._before: Callable[[], Iterable[int] | None] | None = None
-        #: the number that the next sample has; None before the first
+        #: number of the next sample; None before the first of a boot
         self.next: int | None = None
         self._first = 0
 
     def is_new_boot(self, boot: int) -> bool:
-        """Whether samples of this boot mean that the device has started anew."""
+        """Whether samples with this boot id mean that the device has restarted."""
         if boot == self.boot or boot in self._past:
             return False
         before = None if self._before is None else self._before()
@@ -31,7 +35,7 @@ class SequenceNumbers:
         return boot not in self._past
 
     def begin(self, boot: int) -> None:
-        """A new boot, or one of the past that is back: what still comes of the one before it is late."""
+        """Begin a new boot, or resume an earlier one; later samples of the previous boot count as old."""
         if self.boot is not None:
             self._past[self.boot] = self.next or 0
         self._past.pop(boot, None)
@@ -42,49 +46,49 @@ class SequenceNumbers:
 
     @property
     def first(self) -> int:
-        """The number of the first sample of this boot that was heard."""
+        """Sequence number of the first sample heard in this boot."""
         return self._first
 
     def resume(self, boot: int, first: int, next_: int) -> None:
-        """Go on within a boot that was first heard at a sample, from the sample with another number on."""
+        """Continue a boot first heard at sequence number `first`, from number `next_` on."""
         self.begin(boot)
         self._first, self.next = first, next_
 
     def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
-        """Boots, latest last, that were heard before anything is known of here: what comes of them is of the past.
+        """Provide boot ids heard before this estimator knew the device, latest last; their samples count as old.
 
-        Asked for when there is another than the present one, until they are known: who takes over a hundred devices has other
-        things to do.
+        `boots` is called when an unknown boot appears, until it returns the ids instead of None. So a takeover of many
+        devices need not load all boots first.
         """
         self._before = boots
 
     def follows(self, batch: Samples) -> bool:
-        """Whether its numbers go on from where its boot, this one or a past one, had come to."""
+        """Whether a batch reaches beyond the last number of its boot, the present one or an earlier one."""
         came_to = self.next if batch.boot == self.boot else self._past.get(batch.boot)
         return came_to is None or batch.sequence + batch.n > came_to
 
     def jump(self, batch: Samples) -> None:
-        """The numbers go on from here, how many samples were missed is not known."""
+        """Continue at the batch's sequence number after a leap; the skipped numbers do not count as missing samples."""
         if self.next is not None and batch.sequence > self.next:
             self._first += batch.sequence - self.next
             self.next = batch.sequence
         self.events.add("stream jumped")
 
     def refuse(self, batch: Samples, reason: str) -> None:
-        """Count a batch that is not to be used at all."""
+        """Count all samples of a batch as dropped for a reason."""
         self.samples_in += batch.n
         self.dropped.add(reason, batch.n)
 
     def drop(self, reason: str, n: int) -> None:
-        """So many samples that `fresh` had let through are not to be used after all."""
+        """Count n samples that `fresh` had accepted as dropped after all."""
         self.samples_out -= n
         self.dropped.add(reason, n)
 
     def anew(self, lost: int, uncounted: int) -> "SequenceNumbers":
-        """The same counts and past boots, ready to begin.
+        """Counters for a new session after a failed one: the same counts and past boots, no current boot.
 
-        `lost` samples taken from it last came to nothing, or fewer than none, as so many more were published; `uncounted` ones
-        came and did not even get here.
+        lost: samples the failed session took and did not publish; negative when it published more. uncounted: samples that
+        arrived and never reached these counters.
         """
         fresh = SequenceNumbers()
         fresh.samples_in, fresh.samples_out = self.samples_in + uncounted, self.samples_out - lost
@@ -95,7 +99,7 @@ class SequenceNumbers:
         return fresh
 
     def fresh(self, batch: Samples) -> int:
-        """How many samples at the start of the batch are not to be used; all of them when none is."""
+        """Count a batch; return how many of its leading samples to skip: duplicates, or all of an old boot."""
         n = batch.n
         self.samples_in += n
         if batch.sequence == self.next and batch.boot == self.boot:
@@ -119,5 +123,5 @@ class SequenceNumbers:
 
     @property
     def seen(self) -> int:
-        """Samples the device has made in this boot since it was first heard."""
+        """Number of samples the device has made in this boot since its first one heard, missing ones included."""
         return 0 if self.next is None else self.next - self._first

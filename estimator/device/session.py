@@ -1,8 +1,8 @@
-"""One device from its first sample on: readings in; corrected rates, calibrations and a status out.
+"""Session of one device: raw samples in; corrected rates, calibrations and a status out.
 
-A pure core: no clock, no bus, no store. Time is the device's own, in the samples; what was remembered of earlier boots
-is handed in. What a block of device time teaches (`device.blocks`) is used from the end of the next one on: any batching of the
-same samples gives the same corrected rates, and whoever runs it may learn meanwhile, when there is time.
+A pure core without clock, bus or store. Time is device time, from the samples; knowledge of earlier boots is passed in.
+What a block of device time (`estimator.samples.blocks`) teaches is applied from the end of the next block on. So the
+corrected rates do not depend on how the samples are batched, and the caller may run `learn` whenever there is time.
 """
 
 from collections.abc import Iterable
@@ -36,21 +36,21 @@ from estimator.tracking.bias_filter import BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import Tracker
 
-#: of what `state` gives: another is not gone on with
+#: version of the bytes from `state`; any other version is refused
 VERSION = 1
-#: counted under this: turns that did not come along when another estimator took the device over
+#: event name for turns of a calibration lost when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
-#: after a silence this long the bias is less certain from the first sample on, not only once a second was judged
+#: s; after a longer silence the bias is less certain from the first sample on, before the next second is judged
 SILENCE_S = 5.0
 
 
 class SessionState(StateStruct):
-    """A device's session as of the sample with the number `next`, the first that nothing was learnt from.
+    """Saved state of a device session, up to the sample numbered `next`, the first one not yet learnt from.
 
-    begun_s, length_s: device time of that sample, if it is known, and length of its block. latest_s: device time of the sample
-    before. clock: see Blocks.
-    applied, ready: what corrects that block, and the one after it unless more is learnt. life: state, the one before, and both
-    reasons.
+    begun_s: device time of sample `next`, None when unknown. length_s: length of its block. latest_s: device time of the
+    sample before it. clock: see `Blocks`.
+    applied: correction of the block of `next`; ready: of the block after it, unless more is learnt.
+    life: lifecycle state, the state before the device went away, and the reasons of both.
     """
 
     version: int
@@ -70,9 +70,9 @@ class SessionState(StateStruct):
 
 
 class DeviceSession:
-    """The life of one device across its boots; `began`, device s, if it is known when the first of them begins.
+    """Processing of one device across its boots.
 
-    sequence: the counts it goes on with.
+    began: device time at which the first boot begins, s. sequence: sequence counters to continue; new ones by default.
     """
 
     def __init__(
@@ -88,11 +88,11 @@ class DeviceSession:
         self.sequence = sequence or SequenceNumbers()
         self.info: DeviceInfo | None = None
         self.last_heard_ns = 0
-        #: whether somebody looks at windows of it: then what they are made of is kept
+        #: whether summaries per window (`window_summary`) are wanted; only then the samples of a block are kept for them
         self.windowed = False
-        self._away_s = 0.0  # by the host's clock, before what was admitted last
+        self._away_s = 0.0  # s since the previous admitted batch, by the host's clock
         self._begin(began)
-        self._unused = True  # since it was begun
+        self._unused = True  # no boot has begun since `_begin`
 
     # ---- boots ----------------------------------------------------------------------------------------------------
 
@@ -104,18 +104,19 @@ class DeviceSession:
         law: TemperatureLaw | None = None,
         temperature_c: float | None = None,
     ) -> Outcome:
-        """The device has started anew (or we have): forget this boot's calibration, then use what is remembered.
+        """Begin a boot: drop the calibration of the previous one, then restore what is remembered of this one.
 
-        law: what earlier boots taught of temperature. temperature_c: the device's now.
+        device_time: s, begin of the boot. remembered: stored calibration and bias. law: temperature law learnt in earlier
+        boots. temperature_c: the device's temperature now, °C.
         """
-        outcome = self.learn()  # what came of the one before
+        outcome = self.learn()  # the last block of the previous boot
         first, again = self.boot is None, boot == self.boot and self.sequence.next is None
         self.sequence.begin(boot)
         if not self._unused or device_time != self.learnt.began or law is not None:
             self._begin(device_time, law)
         self._unused = False
         why = Code.WARMING_UP() if first else Code.RESTARTED()
-        self.life.on(Event.BOOTED, () if again else (why,))  # again: nothing was taken of it yet
+        self.life.on(Event.BOOTED, () if again else (why,))  # again: no sample of this boot was taken yet
         outcome.changed = True
         outcome.said.append(f"boot {boot:016x}" + ("" if first else ", recalibration needed"))
         calibration = None if remembered is None else remembered.calibration
@@ -130,15 +131,15 @@ class DeviceSession:
         return outcome
 
     def _begin(self, device_time: float, law: TemperatureLaw | None = None) -> None:
-        # What it has learnt would else keep a session that is no more, until Python looks for cycles.
+        # A proxy: a reference cycle would keep an ended session in memory until Python's cycle collector runs.
         made = partial(_as_message, proxy(self))
         self.learnt = BootEstimation(self.knobs, device_time, law, self.life, self.sequence.events, made)
         self._blocks = Blocks(device_time)
-        #: what is applied now, and from the end of this block on
+        #: correction in force now, and from the end of this block on
         self._applied = self._ready = self.learnt.correction()
-        #: the last whole block in the buffer, while nothing is learnt from it yet
+        #: sample numbers of the last whole block, until it is learnt from
         self._lesson: tuple[int, int] | None = None
-        self._lesson_applied = self._applied  # to that block, which was so long, s
+        self._lesson_applied = self._applied  # correction that was applied to that block, and its length, s
         self._lesson_s = self._blocks.length_s
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
@@ -150,7 +151,7 @@ class DeviceSession:
         outcome.said.append(english(lost))
 
     def start_over(self, why: Sentences) -> Outcome:
-        """It is not what it was: nothing known of it holds any more. Its samples go on."""
+        """Void the calibration and bias because the device has changed; its sample stream continues."""
         blocks = self._blocks.anew()
         self._begin(blocks.latest)
         self._blocks = blocks
@@ -165,27 +166,28 @@ class DeviceSession:
         self._apply()
 
     def believe(self, calibration: Calibration) -> None:
-        """Use the scale factors of an earlier boot until this one is calibrated."""
+        """Use the scale factors of an earlier boot's calibration until this boot is calibrated."""
         if self.calibration is None:
             self.learnt.believe(calibration)
             self._apply()
 
     def moves(self, moves: float) -> None:
-        """How far its scale moves from boot to boot (relative), by earlier ones."""
+        """Set how far the scale factors change from boot to boot (relative std), as learnt from earlier boots."""
         if self.learnt.moves(moves):
             self._apply()
 
     def adopt(self, remembered: PriorKnowledge, calibration: Calibration) -> None:
-        """What was known with a calibration of this very boot, by who had the device meanwhile; it ends one that is under way."""
+        """Adopt a calibration that another estimator made in this very boot; a calibration in progress ends."""
         self._restore(remembered, calibration, self.tracker.thermometer.reading)
         self.learnt.scratch = ()
 
-    # ---- whole, as bytes --------------------------------------------------------------------------------------------
+    # ---- saving and restoring -------------------------------------------------------------------------------------
 
     def state(self) -> bytes | None:
-        """All that is known of this boot, but for the turns of a calibration under way; None before any of its samples came.
+        """Serialise the session for `restored`; None before the first sample of a boot.
 
-        For `restored`: with the samples from the number on that it tells, it goes on bit for bit.
+        Fed with the samples from `sequence.next` on, the restored session continues bit for bit. The turns of a
+        calibration in progress are not saved.
         """
         buffer, next_ = self._blocks.buffer, self.sequence.next
         if self.boot is None or next_ is None:
@@ -193,10 +195,10 @@ class DeviceSession:
         if self._lesson is None:
             end, applied, length_s = buffer.end, self._applied, self._blocks.length_s
             begun_s, next_ = self._blocks.begun or (None, next_)
-        else:  # which is before the block that is not over
+        else:  # the block not learnt from yet lies before the current one
             end, applied, length_s = self._lesson[0], self._lesson_applied, self._lesson_s
             begun_s, next_ = buffer.rows(end, end + 1).item(0, TIME), buffer.place(end)[0]
-        clock = self._blocks.clock if end else (None, 0.0)  # nothing came before
+        clock = self._blocks.clock if end else (None, 0.0)  # no sample before the block
         latest_s = buffer.rows(end - 1, end).item(0, TIME) if end > buffer.begin else self.learnt.began
         return encode(
             SessionState(
@@ -226,11 +228,11 @@ class DeviceSession:
         knobs: SessionKnobs | None = None,
         sequence: SequenceNumbers | None = None,
     ) -> "DeviceSession":
-        """The session that goes on from a state of a device, with the calibration that went with the state.
+        """Restore a session from the bytes of `state`, with the calibration that belongs to them.
 
-        It is to be fed from sample number `sequence.next` on, some of which have been corrected before. Turns of a calibration
-        under way are to be taken again, which is said.
-        Raises ValueError: the state is damaged, or of another device, version or calibration.
+        Feed the session from sample number `sequence.next` on, even where samples have been corrected before. The turns
+        of a calibration in progress must be repeated; the status says so.
+        Raises ValueError when the state is damaged, or of another device, version or calibration.
         """
         saved = decode(state, SessionState)
         if (saved.version, saved.device) != (VERSION, device):
@@ -260,35 +262,35 @@ class DeviceSession:
 
     @property
     def boot(self) -> int | None:
-        """The boot whose samples are taken."""
+        """Boot id whose samples are accepted; None before the first boot."""
         return self.sequence.boot
 
     @property
     def calibration(self) -> Calibration | None:
-        """Of this boot."""
+        """Calibration of the current boot, or None."""
         return self.learnt.calibration
 
     @property
     def prior(self) -> Calibration | None:
-        """Of an earlier boot, under the same restore key."""
+        """Calibration of an earlier boot under the same restore key, or None."""
         return self.learnt.prior
 
     @property
     def tracker(self) -> Tracker:
-        """Of this boot's bias."""
+        """Bias tracker of the current boot."""
         return self.learnt.tracker
 
     @property
     def applied(self) -> Correction:
-        """What is applied to the samples that come next."""
+        """Correction applied to the next samples."""
         return self._applied
 
     def begins_earlier(self, samples: Samples) -> bool:
-        """Whether these are of the time before this boot was taken to begin, and nothing of it was taken yet."""
+        """Whether the samples precede the assumed begin of this boot, while none of the boot was taken yet."""
         return self.sequence.next is None and samples.first_s < self.learnt.began
 
     def handle(self, batch: SampleBatch) -> Outcome:
-        """Take a batch of the current boot, as of a recording, correct it and learn from it; what is not finite is counted."""
+        """Correct a batch of the current boot and learn from it at once; samples that are not finite are counted and dropped."""
         samples, cuts = Samples.of(batch), list[Cut]()
         first, outcome = self._admit(samples)
         finite = runs(batch, first) if first < samples.n else []
@@ -301,26 +303,29 @@ class DeviceSession:
         return outcome
 
     def take(self, samples: Samples, cuts: list[Cut]) -> Outcome | None:
-        """Take samples of the current boot (see Sequence.is_new_boot), all finite; late or repeated ones are counted.
+        """Accept samples of the current boot (see `SequenceNumbers.is_new_boot`), all finite; late or repeated ones are counted.
 
-        What is to be corrected by what is added to `cuts`; what came of earlier samples is returned, if anything did.
+        Appends to `cuts` which samples each correction applies to. Returns what earlier samples led to, or None.
         """
         first, outcome = self._admit(samples)
         return outcome if first == samples.n else self._put(samples, first, cuts, outcome)
 
     @property
     def to_learn(self) -> bool:
-        """Whether there is a whole block that nothing was learnt from yet."""
+        """Whether a whole block waits to be learnt from."""
         return self._lesson is not None
 
     def learn(self) -> Outcome:
-        """What the last whole block teaches; by itself at the end of the next one, from which on it is applied."""
+        """Learn from the last whole block now.
+
+        Otherwise this happens at the end of the next block, from which on the result is applied in either case.
+        """
         outcome = Outcome()
         self._learn(outcome)
         return outcome
 
     def _admit(self, samples: Samples) -> tuple[int, Outcome | None]:
-        """Count samples that came; how many at their start are not to be used, and what comes of it that they do."""
+        """Count incoming samples; return how many leading ones to skip, and an outcome if the device was away."""
         first = self.sequence.fresh(samples)
         if first == samples.n:
             return first, None
@@ -332,7 +337,7 @@ class DeviceSession:
         return first, Outcome(changed=True, said=["heard again"])
 
     def _put(self, samples: Samples, first: int, cuts: list[Cut], outcome: Outcome | None) -> Outcome | None:
-        """Take samples but the first few, and tell what is to be corrected by what."""
+        """Cut samples from index `first` on where the correction changes, and append the cuts."""
         blocks, start = self._blocks, first
         if blocks.went_back(samples.rows.item(first, TIME) if first else samples.first_s, self._away_s):
             self.sequence.events.add("device clock went back")
@@ -349,9 +354,9 @@ class DeviceSession:
         return outcome
 
     def _end_block(self, outcome: Outcome, resumed: tuple[float, float | None] | None = None) -> None:
-        """A block ends, which is the next lesson: from here on all is applied that was learnt from those before.
+        """End a block: it becomes the next to learn from, and the correction learnt from earlier blocks takes effect.
 
-        resumed: device time of the next sample, and how warm it is then, where a silence is before it.
+        resumed: device time, s, and temperature, °C, of the next sample when a silence lies before it.
         """
         self._learn(outcome)
         self._lesson_s = self._blocks.length_s
@@ -370,20 +375,20 @@ class DeviceSession:
         if self.windowed:
             block = buffer.rows(begin, end).copy(), buffer.places(begin, end).copy()
             outcome.seconds.append(Second(*of, *block, self._lesson_applied))
-        if self.learnt.learn(buffer, end, of, outcome):  # where nothing is learnt batches stay whole
+        if self.learnt.learn(buffer, end, of, outcome):  # an unchanged correction does not cut a batch
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:
-        """The stream is over: what its last blocks teach, without any more samples."""
+        """Finish the stream: learn from its last blocks without waiting for more samples."""
         outcome = Outcome()
         self._end_block(outcome)
         self._learn(outcome)
         return outcome
 
-    # ---- people and time ------------------------------------------------------------------------------------------
+    # ---- requests and silence -------------------------------------------------------------------------------------
 
     def recalibrate(self, who: str, reason: str) -> Sentence | None:
-        """Ask for three new turns; the present calibration stays in use until they are taken. None, or why not."""
+        """Request three new turns; the present calibration stays in use until then. Returns None, or why it is refused."""
         if not self.life.on(Event.RECALIBRATE):
             code = Code.ALREADY_DUE if self.life.state is State.WARMING else Code.NOT_HEARD
             return code(device=self.device)
@@ -393,7 +398,7 @@ class DeviceSession:
         return None
 
     def cancel(self, who: str) -> Sentence | None:
-        """Stop a calibration under way; the old one stays. None, or why not."""
+        """Cancel a calibration in progress; the old one stays in use. Returns None, or why it is refused."""
         event = Event.CANCEL_TO_START if self.calibration is None else Event.CANCEL_TO_TRACKING
         if not self.life.on(event):
             return Code.NOTHING_TO_CANCEL(device=self.device)
@@ -403,7 +408,7 @@ class DeviceSession:
         return None
 
     def silence(self, reason: Sentences, event: Event = Event.SILENT) -> bool:
-        """No samples come any more that can be used, as the event says, for this reason as it is now; True when that is news."""
+        """Mark the device as away, by an event and its reason; False if it was away already (the reason may be updated)."""
         if not self.life.on(event, reason):
             unknown = (Event.OUTDATED, Event.UNREACHABLE) if self.life.state is State.UNKNOWN else ()
             if event in unknown or (self.life.state, event) == (State.LOST, Event.SILENT):
@@ -413,7 +418,7 @@ class DeviceSession:
         self._apply()
         return True
 
-    # ---- what is known --------------------------------------------------------------------------------------------
+    # ---- status ---------------------------------------------------------------------------------------------------
 
     def status(
         self,
@@ -425,11 +430,16 @@ class DeviceSession:
         silent_s: float = 0.0,
         more: Iterable[tuple[str, int]] = (),
     ) -> Status:
-        """All of it, for the bus, with what is known of it outside the core: since when nothing came, events counted there."""
+        """Status message for the bus.
+
+        time_ns: time of the status. silent_s: seconds since the last sample. more: events counted outside the session.
+        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator took
+        the device over; higher is later.
+        """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()
         reason = seldom or self.life.reason
-        if not self.life.away:  # whatever else is said of it
+        if not self.life.away:  # a doubted bias is mentioned beside any other reason
             reason += tuple(one for one in self.tracker.doubt.why if one not in reason)
         events = self.sequence.events.as_dict() | self.tracker.events
         events.update(more)
@@ -460,15 +470,15 @@ class DeviceSession:
         )
 
     def count_event(self, name: str) -> int:
-        """Count something that happened to this device outside the core."""
+        """Count an event of this device that happened outside the session; returns its count."""
         return self.sequence.events.add(name)
 
     def checkpoint(self) -> BiasState | None:
-        """The bias as it would be restored; of a calibrated boot, or one that is sure of it, of which anything came."""
+        """Bias to store for a restart; None without samples, or while the boot is uncalibrated and its bias is not sure."""
         return None if self.sequence.next is None else self.learnt.bias()
 
     def _apply(self) -> None:
-        """Use all that is known at once: it does not come from samples."""
+        """Apply the latest correction at once: the change did not come from samples."""
         self._applied = self._ready = self.learnt.correction()
 
     def _too_seldom(self) -> Sentences:
@@ -484,7 +494,7 @@ class DeviceSession:
 def _as_message(session: DeviceSession, result: Result, who: str, now_ns: int) -> Calibration:
     info = session.info
     boot = session.boot or 0
-    # The wire takes no infinity: what was not estimated is not named.
+    # The wire takes no infinity: parameters that were not estimated are left out.
     known = bool(np.all(np.isfinite(result.covariance)))
     return Calibration(
         device=session.device,

@@ -1,4 +1,4 @@
-"""How a device is treated, all of it."""
+"""Settings of a device session."""
 
 from dataclasses import dataclass, field
 from math import inf
@@ -12,19 +12,19 @@ from estimator.tracking.tracker import TrackKnobs
 
 @dataclass(frozen=True, slots=True)
 class SessionKnobs:
-    """Seconds of device time."""
+    """Settings of a device session; times in device seconds."""
 
     method: str = DEFAULT
-    #: after power-up, before anything is believed
+    #: s after power-up before any reading is used
     warming_s: float = 1.0
-    #: rad/s, full scale of a reading; infinite: not known
+    #: rad/s, full-scale range; infinite when unknown
     gyro_range: float = inf
-    #: whether only turns about a horizontal axis count, where there is an accelerometer: gravity checks their angle
+    #: accept only turns about a horizontal axis where there is an accelerometer: gravity checks their angle
     horizontal_turns: bool = False
-    #: farther from 1, and from the other axes', no scale factor of such a device is (relative): the turn was no full one
+    #: relative; a scale factor farther from 1, or from the other axes', means that a turn was not a full one
     scale_limit: float = inf
     prior: PriorKnobs = field(default_factory=PriorKnobs)
-    #: how the bias wanders on a turntable or a servo
+    #: bias wander during calibration on a turntable or a servo
     wander: WanderKnobs = field(default_factory=WanderKnobs)
     stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
     track: TrackKnobs = field(default_factory=TrackKnobs)

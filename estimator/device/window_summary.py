@@ -1,6 +1,6 @@
-"""Summaries of samples per tenth of a second of device time, for views of many devices. Pure.
+"""Summaries of samples over windows of 0.1 s device time, for views of many devices. Pure.
 
-The mean over a window is the moving average that keeps what is faster than the windows from showing as something slow.
+The mean over a window is a moving average: it keeps fast motion from showing as slow motion (aliasing).
 """
 
 from collections.abc import Sequence
@@ -19,12 +19,15 @@ Floats = NDArray[np.float64]
 Wholes = NDArray[np.int64]
 
 WINDOWS_HZ = 10
-#: of a block, which one message tells of
+#: windows in one block, which one message covers
 _WINDOWS = round(BLOCK_S * WINDOWS_HZ)
 
 
 class Second(NamedTuple):
-    """Samples of a block that is over, rows (n, 9) and places (n, 3) of `device.samples`, and how they were corrected."""
+    """Samples of a finished block and their correction.
+
+    rows (n, 9) and places (n, 3): columns of estimator/samples/sample_buffer.py.
+    """
 
     device: str
     boot: int
@@ -34,7 +37,7 @@ class Second(NamedTuple):
 
 
 def windows(seconds: Sequence[Second]) -> list[WindowBatch]:
-    """A message of each second, of one device or of many: all of them in one go."""
+    """One message of window summaries for each block, of one device or many, computed together."""
     lengths = np.array([len(second.rows) for second in seconds])
     of_second = np.repeat(np.arange(len(seconds)), lengths)
     rows, places = (np.concatenate([getattr(second, name) for second in seconds]) for name in ("rows", "places"))
@@ -78,7 +81,10 @@ def windows(seconds: Sequence[Second]) -> list[WindowBatch]:
 
 
 def _spread(values: Floats, begins: Wholes, n: Wholes) -> NDArray[np.float32]:
-    """(4, m, 3) mean, deviation from it, least and most of windows of n (m,) values (…, 3) that begin there."""
+    """(4, m, 3) mean, standard deviation, least and most of windows.
+
+    values (…, 3): samples; begins (m,): index of each window's first; n (m,): its number of samples.
+    """
     mean = np.add.reduceat(values, begins) / n[:, None]
     off = values - mean.repeat(n, axis=0)
     std = np.sqrt(np.add.reduceat(off * off, begins) / n[:, None])
@@ -87,7 +93,7 @@ def _spread(values: Floats, begins: Wholes, n: Wholes) -> NDArray[np.float32]:
 
 
 def _values(seconds: Sequence[Second], rows: Floats, lengths: Wholes) -> tuple[Floats, Floats]:
-    """Readings (n, 3), and their corrected rates (n, 3) as they are published."""
+    """Readings (n, 3), and their corrected rates (n, 3) as published."""
     reading = rows[:, GYRO]
     matrix = np.array([second.applied.model.matrix for second in seconds]).repeat(lengths, axis=0)
     bias = np.array([second.applied.model.bias for second in seconds]).repeat(lengths, axis=0)

@@ -1,4 +1,4 @@
-"""Pictures of devices, noise, recordings and trackers. Only this room and `study.figures`, `demo.figure` import matplotlib.
+"""Figures of devices, noise and recordings. Only this room, `study.figures` and `demo.figure` import matplotlib.
 
 Begin at `style`.
 """

@@ -1,4 +1,4 @@
-"""A device over days: its bias, and what happened to it."""
+"""Figure of a device's history over days: bias, temperature, boots and calibrations."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta, tzinfo
@@ -16,21 +16,21 @@ from estimator.figures.style import AXES, COLOURS
 from estimator.geometry.gyro_model import SIGMAS
 from estimator.service.history import Biases, History
 
-#: of a device that was just switched on
+#: least time span of the figure, for a device just switched on
 _LEAST = timedelta(minutes=2)
-#: a band so many times as wide as is usual is cut off by the picture's edge; and its bias, too, of which no more is known than
-#: this, °/s, as of that with which a boot begins
+#: a band this many times the usual width is cut off by the edge of the figure; a bias whose band is also wider than
+#: _UNKNOWN, °/s, as at the begin of a boot, does not affect the range
 _WIDE, _UNKNOWN = 5.0, 1.0
-#: dates without the name of a month: of years, months, days, hours, minutes, seconds
+#: date formats without month names: for years, months, days, hours, minutes, seconds
 _NUMBERS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S.%f"]
 _NUMBERED = ["", "%Y", "%Y-%m", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d %H:%M"]
 
 
 def history(of: History, path: Path | BinaryIO, zone: tzinfo = UTC, *, words: bool = True) -> None:
-    """The bias of each axis with its 95 % interval, boot by boot, boots and calibrations across it; temperature below.
+    """Draw the bias of each axis with its 95 % interval, boots and calibrations as vertical lines, and the temperature.
 
-    A band that is far wider than usual, as of a boot's first point, is cut off by the picture's edge, and that is said.
-    words: else it is numbers, units and axes alone, for a page that says in its own language what is seen.
+    A band far wider than usual, as at a boot's first point, is cut off by the edge of the figure; the label says so.
+    words: False leaves only numbers, units and axes, for a page that explains the figure in its own language.
     """
     figure = Figure(figsize=(12, 7), dpi=130)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
@@ -51,7 +51,7 @@ def history(of: History, path: Path | BinaryIO, zone: tzinfo = UTC, *, words: bo
     made = _dates([c.time_ns for c in of.calibrations], zone)
     _across(above, made, "calibration" if words else "", "black", "--")
     all_of_it = sorted([*begun, *made, *(when for boot in of.biases for when in _dates(boot.time_ns[[0, -1]], zone))])
-    if all_of_it:  # lines across are no data to matplotlib
+    if all_of_it:  # matplotlib ignores vertical lines when it chooses the range
         margin = max(_LEAST / 2, (all_of_it[-1] - all_of_it[0]) / 20)
         below.set_xlim(all_of_it[0] - margin, all_of_it[-1] + margin)
     cut = _fit(above, of.biases)
@@ -72,12 +72,12 @@ def history(of: History, path: Path | BinaryIO, zone: tzinfo = UTC, *, words: bo
 
 
 def _band(of: Biases) -> tuple[Floats, Floats]:
-    """(m, 3) bias and half the width of its interval, °/s."""
+    """(m, 3) bias and half width of its interval, °/s."""
     return np.degrees(of.bias), SIGMAS * np.degrees(of.std)
 
 
 def _fit(axes: Any, biases: Sequence[Biases]) -> bool:
-    """Make room for every bias that is known and the usual bands; whether some band goes beyond."""
+    """Set the range to show every known bias and usual band; returns whether some band is cut off."""
     if not biases:
         return False
     bias, wide = map(np.concatenate, zip(*map(_band, biases), strict=True))

@@ -1,4 +1,4 @@
-"""A device's noise."""
+"""Figure of a device's noise."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 def allan(rest: AtRest, title: str, path: Path) -> None:
-    """A panel an axis: Allan deviation with its 95 % interval, the fitted model, and each noise or its upper limit."""
+    """Draw one panel per axis: Allan deviation with its 95 % interval, fitted model, and each noise or its upper limit."""
     figure = Figure(figsize=(13, 6), dpi=130)
     figure.suptitle(f"{title}: {rest.duration_s:.0f} s at rest, {rest.rate_hz:.4g} Hz", fontsize=12)
     rooms = figure.subplots(1, 3, sharey=True)

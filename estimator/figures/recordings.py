@@ -1,4 +1,4 @@
-"""A recording corrected."""
+"""Figure of a corrected recording."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,15 +17,15 @@ Floats = NDArray[np.float64]
 
 
 _BINS = 1500
-#: a gap is seen if it is this share of the recording, and so many times as long as from one sample to the next
+#: least share of the recording, and least number of sample steps, of a gap that is shown
 _SEEN, _STEPS = 1 / 300, 2.5
 _SHADES = {"NONE": "#b0b0b0", "PRIOR": "#d9c7a0", "BIAS_ONLY": "#cdc6e6", "GOOD": "#ffffff", "DEGRADED": "#f0b7a8"}
 
 
 class Bins(NamedTuple):
-    """What is drawn of n samples: bins of them, from edges (m,) on; points (k,) at time_s, each of the bin `shown` (k,).
+    """Binned samples for a plot: first sample of each bin (m,), and points (k,) at time_s, each with its bin `shown` (k,).
 
-    At a gap there is one more point at the last sample before it, and one at NaN: nothing is drawn across.
+    Each gap adds a point at the last sample before it, and one at NaN, so no line crosses the gap.
     """
 
     edges: NDArray[np.int64]
@@ -34,7 +34,7 @@ class Bins(NamedTuple):
 
 
 def binned(time_s: Floats, rate_hz: float) -> Bins:
-    """The samples at time_s (n,) in at most so many bins, and one more for each gap."""
+    """Bin samples at time_s (n,) into at most _BINS even bins, with a new one after each gap."""
     gaps = np.flatnonzero(np.diff(time_s) > max(_SEEN * time_s[-1], _STEPS / rate_hz)) + 1
     even = np.linspace(0, len(time_s), min(_BINS, len(time_s)) + 1).astype(int)[:-1]
     edges = np.unique(np.concatenate([even, gaps]))
@@ -47,7 +47,7 @@ def binned(time_s: Floats, rate_hz: float) -> Bins:
 
 
 def corrected(recording: Recording, found: CorrectedRecording, path: Path) -> None:
-    """A row an axis: raw and corrected rate, and bias with ± 2 σ; the background is the quality; temperature below."""
+    """Draw raw and corrected rate and bias ± 2 σ, one row per axis, with quality as background; temperature below."""
     warm = recording.temperature_c
     rows = 3 if warm is None else 4
     figure = Figure(figsize=(12, 2.5 * rows + 1.0), dpi=130)
@@ -84,7 +84,7 @@ def _qualities(found: CorrectedRecording) -> str:
 
 
 def _rates(axes: Any, time: Floats, bins: Bins, raw: Floats, rate: NDArray[np.float32], axis: int) -> None:
-    # From least to most in each bin: a movement shorter than a pixel is still seen.
+    # Least to greatest value in each bin: a movement shorter than a pixel stays visible.
     for values, colour, label in ((raw, "#9a9a9a", "raw"), (rate, COLOURS[axis], "corrected")):
         low, high = (np.degrees(of.reduceat(values, bins.edges))[bins.shown] for of in (np.minimum, np.maximum))
         axes.fill_between(time, low, high, color=colour, linewidth=0.6, alpha=0.8, label=f"{AXES[axis]} {label}")
@@ -96,7 +96,7 @@ def _rates(axes: Any, time: Floats, bins: Bins, raw: Floats, rate: NDArray[np.fl
 def _tracked(axes: Any, time: Floats, bias: Floats, std: Floats, axis: int) -> None:
     axes.fill_between(time, bias - 2 * std, bias + 2 * std, color=COLOURS[axis], alpha=0.25, linewidth=0, label="± 2 σ")
     axes.plot(time, bias, color=COLOURS[axis], label=f"bias {AXES[axis]}")
-    # Seen from what is known in the end: the first seconds know nothing.
+    # The range comes from the known bias: in the first seconds nothing is known.
     near = std < 20 * max(float(np.median(std)), 1e-4)
     low, high = (bias - 3 * std)[near].min(), (bias + 3 * std)[near].max()
     room = 0.25 * (high - low)  # for the legend
@@ -107,7 +107,7 @@ def _tracked(axes: Any, time: Floats, bias: Floats, std: Floats, axis: int) -> N
 def _shade(axes: Any, time: Floats, quality: NDArray[np.uint8], end: float) -> None:
     gap = np.isnan(time)
     begins = np.concatenate([[0], np.flatnonzero((np.diff(quality.astype(int)) != 0) | np.diff(gap)) + 1])
-    until = np.where(gap, np.roll(time, 1), time)  # a gap is of no quality
+    until = np.where(gap, np.roll(time, 1), time)  # a gap has no quality
     ends = [*until[begins[1:]], end]
     for begin, stop in zip(begins, ends, strict=True):
         name = Quality(int(quality[begin])).name

@@ -1,4 +1,4 @@
-"""How every picture of truerate looks: axes, colours; and how one for a publication is saved."""
+"""Style of all figures of truerate: axes and colours; and saving for publication."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ mpl.rcParams.update(
         "axes.titlesize": 11,
         "legend.frameon": False,
         "figure.constrained_layout.use": True,
-        "svg.hashsalt": "truerate",  # the same figure, the same file
+        "svg.hashsalt": "truerate",  # equal figures give equal files
     }
 )
 
@@ -25,8 +25,8 @@ PAPER = "#b3261e"
 
 
 def save(figure: Figure, stem: Path) -> None:
-    """As SVG, PDF and PNG, named after `stem`."""
+    """Save a figure as SVG, PDF and PNG, named after `stem`."""
     figure.savefig(stem.with_name(f"{stem.name}.png"), dpi=150)
-    figure.set_layout_engine("none")  # the layout stays as it is now: to find it takes longest
+    figure.set_layout_engine("none")  # keep the layout: computing it takes longest
     figure.savefig(stem.with_name(f"{stem.name}.svg"), metadata={"Date": None})
     figure.savefig(stem.with_name(f"{stem.name}.pdf"), metadata={"CreationDate": None})

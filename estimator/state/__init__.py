@@ -1,4 +1,4 @@
-"""State as bytes: typed structs by msgspec, arrays as shape and float64 values, all of it deflated; checked when it is read."""
+"""State as bytes: typed msgspec structs, arrays as shape and float64 values, deflated; checked when decoded."""
 
 import zlib
 from typing import Any, TypeVar
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 T = TypeVar("T")
 
-#: bytes that a state may have when it is inflated, and values in one array
+#: most bytes of an inflated state, and most values in one array
 _MOST_BYTES, _MOST_VALUES = 1 << 22, 1 << 18
 
 
 class StateStruct(msgspec.Struct, array_like=True):
-    """What evolves of something."""
+    """Base class of saved state."""
 
 
 def encode(state: StateStruct) -> bytes:
-    """The bytes of a state: the same of the same state, so sets are put in order."""
+    """Encode a state; equal states give equal bytes, so sets are sorted."""
     return zlib.compress(msgspec.msgpack.encode(state, enc_hook=_packed, order="deterministic"), 1)
 
 
 def decode(data: bytes, kind: type[T]) -> T:
-    """The state of a kind from its bytes. Raises ValueError: not such a state; its arrays are of any shape."""
+    """Decode a state of type `kind`; the shapes of its arrays are not checked. Raises ValueError when damaged."""
     inflating = zlib.decompressobj()
     try:
         return msgspec.msgpack.decode(inflating.decompress(data, _MOST_BYTES), type=kind, dec_hook=_unpacked)
@@ -33,7 +33,7 @@ def decode(data: bytes, kind: type[T]) -> T:
 
 
 def shaped(array: Floats, *shape: int, finite: bool = False) -> None:
-    """Raises ValueError where an array has another shape (-1: any length), or where it is to be finite and is not."""
+    """Check an array's shape (-1: any length) and, with `finite`, its values. Raises ValueError."""
     if array.ndim != len(shape) or any(want not in (-1, n) for want, n in zip(shape, array.shape, strict=True)):
         raise ValueError(f"damaged state: an array is {array.shape}, expected {shape}")
     if finite and not np.isfinite(array).all():
@@ -41,7 +41,7 @@ def shaped(array: Floats, *shape: int, finite: bool = False) -> None:
 
 
 def _packed(array: Floats) -> tuple[str, tuple[int, ...], bytes]:
-    """Shape and values: float32 where that is exact, one triangle of a symmetric matrix."""
+    """Pack an array: float32 where exact, only the upper triangle of a symmetric matrix."""
     values = array.tobytes()
     with np.errstate(over="ignore"):
         short = array.astype(np.float32)

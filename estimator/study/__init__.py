@@ -1,4 +1,4 @@
-"""Studies of the paper: scenario → table → figure, seeded and resumable.
+"""Studies that reproduce the paper: scenario → table → figure, seeded and resumable.
 
-Begin at `study` (what a study is) and `runner`; `paper` lists what the paper claims.
+Begin at `study` (what a study is) and `runner`; `paper` lists the paper's claims.
 """

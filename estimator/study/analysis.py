@@ -1,6 +1,6 @@
-"""The paper's error analysis, made measurable: what each cause does to the scale factor, and the best that is possible.
+"""Error analysis of the paper in numbers: effect of each cause on the scale factor, compared with the best possible.
 
-One cause at a time is varied about the paper's simulation; of each value Algorithm 1, closure and the Cramér-Rao bound.
+The causes are varied one at a time about the paper's simulation, for Algorithm 1, closure and the Cramér-Rao bound.
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,9 @@ Key = Literal["noise_dps", "rate_hz", "wobble_deg", "replacement_deg", "turn_s",
 
 
 class Factor(Struct, frozen=True, forbid_unknown_fields=True):
-    """A cause: the key that takes the values, its axis' words, and what else differs from the base.
+    """A varied cause: key that takes the values, axis label, and other differences from the base.
 
-    rate_hz: the noise of a sample follows the rate, its density constant. session_s: rests and turns together.
+    rate_hz: the noise of a sample follows the rate, at constant noise density. session_s: scales rests and turns together.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Factor(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Base(Struct, frozen=True, forbid_unknown_fields=True):
-    """What does not vary: see bridge.sim.paper_sessions.PaperPlan."""
+    """Values that are not varied: see bridge.sim.paper_sessions.PaperPlan."""
 
     noise_dps: float
     rate_hz: float
@@ -47,7 +47,7 @@ class Base(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AnalysisScenario(Scenario, frozen=True, kw_only=True):
-    """`runs` sessions for each value, of `sets` parameter sets."""
+    """Scenario: `runs` sessions for each value, over `sets` parameter sets."""
 
     sets: int
     base: Base
@@ -55,9 +55,9 @@ class AnalysisScenario(Scenario, frozen=True, kw_only=True):
 
 
 class Row(Struct, frozen=True):
-    """Of one value: rms of the errors of k and of b (°/s), all axes; mean error of k, its 95 % interval ±; the bounds, rms.
+    """Results for one value and method: rms errors of k and b (°/s), mean error of k ± 95 % interval, rms bounds.
 
-    nees: closure's, per degree of freedom; None of Algorithm 1.
+    nees: of closure, per degree of freedom; None for Algorithm 1.
     """
 
     factor: str
@@ -74,7 +74,7 @@ class Row(Struct, frozen=True):
 
 
 class Analysis(Struct, frozen=True):
-    """All rows, the factors' words, and how many sessions each value had."""
+    """Results of the study: all rows, the factors, and the number of sessions for each value."""
 
     runs: int
     factors: tuple[Factor, ...]
@@ -82,19 +82,19 @@ class Analysis(Struct, frozen=True):
     rows: list[Row]
 
     def of(self, factor: str, method: str, sampling: str = "mean") -> list[Row]:
-        """In the order of the values."""
+        """Rows of a factor by one method and sampling, in the order of the values."""
         return [r for r in self.rows if (r.factor, r.method, r.sampling) == (factor, method, sampling)]
 
 
 def jobs(of: AnalysisScenario) -> Sequence[Job]:
-    """(factor, value, sampling), the highest rates first: they take longest."""
+    """Jobs: (factor, value, sampling), highest rates first, as they take longest."""
     found: list[Job] = [(f.name, value, how) for f in of.factors for value in f.values for how in f.sampling]
     keys = {f.name: f.key for f in of.factors}
     return sorted(found, key=lambda job: -float(job[1]) if keys[str(job[0])] == "rate_hz" else 0.0)
 
 
 def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
-    """The sessions of one job."""
+    """Plan of the sessions of one job."""
     factor = next(f for f in of.factors if f.name == job[0])
     base, value = of.base, float(job[1])
     varied = msgspec.structs.asdict(base) | {"wobble_deg": factor.wobble_deg, "replacement_deg": 0.0}
@@ -111,10 +111,10 @@ def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
 
 
 def work(of: AnalysisScenario, job: Job) -> Arrays:
-    """As simulation.run, for all parameter sets."""
+    """Run one job for all parameter sets; arrays as from `simulation.run`."""
     plan = plan_of(of, job)
     counts = [of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)]
-    # The same sessions, as far as they can be, for each value of a factor: it alone makes the difference.
+    # Equal random numbers for each value of a factor, as far as possible: only the factor makes the difference.
     return simulation.joined(
         [
             simulation.run(simulation.gyro_of(of.seed, number), plan, count, generator(of.seed, str(job[0]), number))
@@ -125,7 +125,7 @@ def work(of: AnalysisScenario, job: Job) -> Arrays:
 
 
 def results(of: AnalysisScenario, parts: Parts) -> Analysis:
-    """Rms errors by value."""
+    """Compute rms errors by value."""
     rows = []
     for factor in of.factors:
         for how in factor.sampling:
@@ -158,7 +158,7 @@ def _rows(factor: str, value: float, how: Sampling, part: Arrays) -> list[Row]:
 
 
 def tables(found: Analysis) -> Sequence[RenderableType]:
-    """One table, a row a value."""
+    """Table with one row per value."""
     names = {"cause": 0, "value": 0, "samples": 3, "Algorithm 1": 0, "closure": 0, "bound": 0, "NEES": 2}
     table = Columns(
         [Column(name, number=name not in ("cause", "samples"), spare=spare) for name, spare in names.items()],
@@ -176,7 +176,7 @@ def tables(found: Analysis) -> Sequence[RenderableType]:
 
 
 def draw(found: Analysis, folder: Path) -> Sequence[str]:
-    """A panel a cause."""
+    """Draw one panel per cause."""
     from estimator.study.figures.sweeps import analysis  # noqa: PLC0415 - matplotlib takes a second to load
 
     analysis(found, folder / "analysis")
@@ -184,7 +184,7 @@ def draw(found: Analysis, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Analysis) -> Sequence[Finding]:
-    """Noise, discretization, hand; of the factors that come with truerate, by their names."""
+    """Judge noise, discretization and hand motion, from the factors of the scenario that comes with truerate."""
     return _of_noise(found.of("noise", "algorithm1")), _of_rate(found), _of_hand(found)
 
 

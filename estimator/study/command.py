@@ -1,4 +1,4 @@
-"""What `truerate study NAME` and `truerate study all` do."""
+"""Commands `truerate study NAME` and `truerate study all`."""
 
 from pathlib import Path
 
@@ -24,7 +24,10 @@ def run_one(
     workers: int | None = None,
     recording: Path | None = None,
 ) -> None:
-    """One study of the paper, by its own scenario or another; raises ConfigError where that cannot be used."""
+    """Run one study with its own scenario or another. Raises ConfigError when the scenario cannot be used.
+
+    config: name or file of another scenario. runs: overrides its number of runs; quick: few runs. recording: for `real`.
+    """
     scenario = _scenario(name, config, runs, quick=quick)
     if isinstance(scenario, RealScenario):
         scenario = structs.replace(scenario, recording=str(recording or scenario.recording))
@@ -44,7 +47,7 @@ def run_all(
     recording: Path | None = None,
     runs: int | None = None,
 ) -> None:
-    """All studies of the paper, and OUT/report.html; without a recording `real` is left out. runs: of each, for a test."""
+    """Run all studies and write OUT/report.html; `real` only with a recording. runs: overrides those of each study."""
     runner = Runner(console, out, workers)
     done = []
     for name, study in STUDIES.items():

@@ -1,4 +1,4 @@
-"""The paper's two sensors, simulated: their truth is the paper's turntable column, their noise that of configs/devices."""
+"""Simulated sensors of the paper: truth from the paper's turntable column, noise from configs/devices."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _USUAL_ACCEL_NOISE = 0.02
 
 
 class PaperColumn(Struct, frozen=True, forbid_unknown_fields=True):
-    """A column of the paper's tables 2 and 3: k, b in the paper's sign (°/s), and the time it took."""
+    """One column of the paper's tables 2 and 3: k, b with the paper's sign (°/s), and duration, s."""
 
     k: Axes
     b_dps: Axes
@@ -40,9 +40,9 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Device(Struct, frozen=True, kw_only=True):
-    """A sensor as it is simulated. noise_dps: of a sample; bias_instability_dps, step_dps, range_dps; accel in m/s².
+    """A simulated sensor. noise_dps: of a sample; rates in °/s, accelerometer in m/s².
 
-    paper: the columns by method; `turntable` is the truth.
+    paper: columns of the paper's table by method; `turntable` is the truth.
     """
 
     name: str
@@ -64,12 +64,12 @@ class Device(Struct, frozen=True, kw_only=True):
 
     @property
     def b_dps(self) -> Floats:
-        """(3,) true b, in the paper's sign, °/s."""
+        """(3,) true b with the paper's sign, °/s."""
         return np.array(self.paper["turntable"].b_dps)
 
 
 def load_device(name: str) -> Device:
-    """One of configs/study/sensors, or of a file that ends in .toml; raises ConfigError."""
+    """Load a sensor of configs/study/sensors by name, or from a .toml file. Raises ConfigError."""
     file = load(file_of(name, "sensor", [folder / "sensors" for folder in FOLDERS]), _File)
     model = load_model(file.model)
     white = (file.rate_hz / 2) ** 0.5
@@ -89,7 +89,7 @@ def load_device(name: str) -> Device:
 
 
 class Hand(Struct, frozen=True, forbid_unknown_fields=True):
-    """How the device is turned by hand: see bridge.sim.motion_scripts.SessionPlan."""
+    """Motion of a calibration by hand; keys as in bridge.sim.motion_scripts.SessionPlan."""
 
     rest_s: float
     turn_s: tuple[float, float]
@@ -98,7 +98,7 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     replacement_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """The paper's session: rest, 360° clockwise about x, rest, y, rest, z, rest."""
+        """Motion of the paper's session: rest, 360° clockwise about x, rest, y, rest, z, rest."""
         turns = tuple(TurnPlan(axis, -360.0) for axis in range(3))
         plan = SessionPlan(self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg)
         return session(rng, plan)
@@ -106,14 +106,14 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorded:
-    """What the device read, with the true rates (n, 3) rad/s, and the times (m,) s at which the pieces of motion ended."""
+    """Simulated recording, with true rates (n, 3) rad/s, and end times (m,) s of the pieces of motion."""
 
     recording: Recording
     rate: Floats
     ends_s: Floats
 
     def until(self, time_s: float, *, accel: bool = False) -> Recording:
-        """The part up to a time; with or without its accelerometer."""
+        """Part of the recording up to a time, s, with or without the accelerometer."""
         r = self.recording
         n = int(np.searchsorted(r.time_s, time_s + 1e-9))
         return Recording(
@@ -125,7 +125,10 @@ class Recorded:
 def record(
     device: Device, pieces: Sequence[Piece], rng: np.random.Generator, *, zero_g: float | None = None
 ) -> Recorded:
-    """One boot of the device, moved by the pieces; zero_g: ± m/s², its accelerometer's offset, where not the device's own."""
+    """Simulate one boot of the device moved by the pieces.
+
+    zero_g: ± limit of the accelerometer's offset, m/s², in place of the device's.
+    """
     ends_s = np.cumsum([piece.duration_s for piece in pieces])
     time_s = np.arange(1, int(ends_s[-1] * device.rate_hz) + 1) / device.rate_hz
     motion = Motion(pieces, flat(rng)).advance(time_s)
@@ -156,5 +159,5 @@ def record(
 
 
 def milli_g(value: float) -> float:
-    """Thousandths of standard gravity in m/s²."""
+    """Convert thousandths of standard gravity to m/s²."""
     return value * GRAVITY / 1e3

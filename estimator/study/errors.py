@@ -1,4 +1,4 @@
-"""The paper's figure 7: errors of bias and scale over thousands of simulated sessions, signed, parameter by parameter."""
+"""Figure 7 of the paper: signed errors of bias and scale over thousands of simulated sessions, by parameter."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from estimator.study.study import Finding, Parts, Study
 
 
 class ErrorsScenario(Simulation, frozen=True, kw_only=True):
-    """paper_band: at each noise, what the paper says most errors are within, k and °/s."""
+    """Scenario of the study; paper_band: at each noise, the limit the paper gives for most errors of k and b (°/s)."""
 
     paper_band: tuple[float, ...]
 
@@ -26,7 +26,10 @@ class ErrorsScenario(Simulation, frozen=True, kw_only=True):
 
 
 class Row(Struct, frozen=True):
-    """One parameter by one method at one noise. bound: Cramér-Rao, rms; inside: the share within the paper's band."""
+    """Errors of one parameter by one method at one noise.
+
+    bound: Cramér-Rao bound, rms. inside: share of errors within the paper's band.
+    """
 
     noise_dps: float
     method: str
@@ -38,7 +41,7 @@ class Row(Struct, frozen=True):
 
 
 class Honesty(Struct, frozen=True):
-    """Mean NEES of closure's k and b together, over its 6 degrees of freedom; 95 % of honest ones are within 1 ± band."""
+    """Consistency of closure's covariance: mean NEES of k and b per degree of freedom (6), honest within 1 ± band (95 %)."""
 
     noise_dps: float
     nees: float
@@ -46,18 +49,18 @@ class Honesty(Struct, frozen=True):
 
 
 class Errors(Struct, frozen=True):
-    """All rows, and how honest closure's covariance is."""
+    """Results of the study: errors by row, and consistency of closure's covariance by noise."""
 
     rows: list[Row]
     honesty: list[Honesty]
 
     def of(self, noise: float, method: str) -> list[Row]:
-        """The six parameters of one method at one noise."""
+        """Rows of the six parameters by one method at one noise."""
         return [row for row in self.rows if (row.noise_dps, row.method) == (noise, method)]
 
 
 def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
-    """Spreads of the errors of all runs."""
+    """Compute spreads of the errors, and the NEES, from all runs."""
     rows, honesty = [], []
     for noise, band in zip(scenario.noise_dps, scenario.paper_band, strict=True):
         found = simulation.joined(list(simulation.at_noise(parts, noise).values()))
@@ -73,7 +76,7 @@ def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
 
 
 def tables(found: Errors) -> Sequence[RenderableType]:
-    """One row a parameter."""
+    """Table of errors, one row per parameter, and a line with the NEES."""
     headings = {
         "°/s": 0,
         "method": 0,
@@ -105,7 +108,7 @@ def tables(found: Errors) -> Sequence[RenderableType]:
 
 
 def draw(found: Errors, folder: Path) -> Sequence[str]:
-    """Box plots."""
+    """Draw box plots of the errors."""
     from estimator.study.figures.simulations import errors  # noqa: PLC0415 - matplotlib takes a second to load
 
     errors(found, folder / "errors")
@@ -113,13 +116,13 @@ def draw(found: Errors, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Errors) -> Sequence[Finding]:
-    """Whether the errors are unbiased, and in the band."""
+    """Judge whether the errors are unbiased and within the paper's band."""
     rows = [row for row in found.rows if row.method == "algorithm1"]
     zero = sum(holds(row.error.median_ci, 0.0) for row in rows)
     least = min(row.inside for row in rows)
     odd = max(abs(row.error.median) / row.error.rms for row in rows)
     ours = f"{zero} of {len(rows)} medians hold zero in their 95 % interval; {100 * least:.1f} % or more in the band"
-    # Of twelve honest intervals of 95 %, ten or more hold the truth in 98 of 100 studies.
+    # Of twelve honest 95 % intervals ten or more contain the truth in 98 of 100 studies.
     unbiased = zero >= 0.8 * len(rows) or odd < 0.05
     k = max(abs(row.error.band[1]) for row in rows if row.parameter.startswith("k"))
     return (

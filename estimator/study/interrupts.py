@@ -1,4 +1,4 @@
-"""Ctrl-C is for who waits: it goes to every process of a terminal, and workers would each print a traceback."""
+"""Protects worker processes from Ctrl-C: a terminal sends it to every process, and each would print a traceback."""
 
 import signal
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def ignore_interrupts() -> Iterator[None]:
-    """Processes that are started meanwhile never hear of it."""
+    """Context in which started processes ignore SIGINT; the present process handles it again afterwards."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield

@@ -1,4 +1,4 @@
-"""The paper's figure 9: the magnitude of a known rate about x, y, z, both ways, before and after calibration by hand."""
+"""Figure 9 of the paper: magnitude of a known rate about x, y, z, both ways, before and after calibration by hand."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,12 +14,12 @@ from estimator.study.verification import WORDS, Inputs, Verification, Verificati
 
 _SPINS = ("x cw", "x ccw", "y cw", "y ccw", "z cw", "z ccw")
 _RAMP_S = 0.75
-#: every so many samples are drawn
+#: one of this many samples is drawn
 _DRAWN = 4
 
 
 class Row(Struct, frozen=True):
-    """The mean magnitude, °/s, in one turn of a sensor, of readings or of rates corrected by one of WORDS."""
+    """Mean magnitude, °/s, in one turn of a sensor; rates: key of WORDS."""
 
     sensor: str
     spin: str
@@ -28,7 +28,7 @@ class Row(Struct, frozen=True):
 
 
 class Trace(Struct, frozen=True):
-    """The first session: time, s, ramps left out, and magnitudes, °/s, by WORDS; where each spin begins, s."""
+    """First session without ramps: time, s, magnitudes, °/s, by key of WORDS, and begin of each turn, s."""
 
     sensor: str
     time_s: list[float]
@@ -37,7 +37,7 @@ class Trace(Struct, frozen=True):
 
 
 class Magnitude(Struct, frozen=True):
-    """All rows, the first session of each sensor, and the true rate, °/s."""
+    """Results of the study: all rows, the first session of each sensor, and the true rate, °/s."""
 
     labels: dict[str, str]
     rate_dps: float
@@ -45,14 +45,14 @@ class Magnitude(Struct, frozen=True):
     traces: list[Trace]
 
     def error(self, sensor: str, rates: str) -> float:
-        """Rms over sessions and turns, °/s."""
+        """Rms error over sessions and turns, °/s."""
         off = [r.mean.rms**2 - 2 * r.mean.mean * self.rate_dps + self.rate_dps**2 for r in self.rows
                if (r.sensor, r.rates) == (sensor, rates)]  # fmt: skip
         return float(np.sqrt(np.mean(off)))
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Mean (6 turns, 4 rates) °/s; of the first run also time (n,), dps (4, n), begins (6,)."""
+    """Run one job: mean (6 turns, 4 rates) °/s; the first run also returns time (n,), dps (4, n), begins (6,)."""
     found = verify(of, job)
     size = {name: np.degrees(np.linalg.norm(rate, axis=1)) for name, rate in found.rates.items()}
     steady = [_steady(found, spin) for spin in found.spins]
@@ -72,7 +72,7 @@ def _steady(found: Verification, spin: tuple[float, float]) -> slice:
 
 
 def results(scenario: VerificationScenario, parts: Parts) -> Magnitude:
-    """Spreads over sessions, and the first of them."""
+    """Compute spreads over the sessions, and collect the first one of each sensor."""
     devices = inputs(scenario).devices
     rows, traces = [], []
     for sensor in devices:
@@ -91,7 +91,7 @@ def results(scenario: VerificationScenario, parts: Parts) -> Magnitude:
 
 
 def tables(found: Magnitude) -> Sequence[RenderableType]:
-    """Means of the magnitude by turn."""
+    """Table of mean magnitudes by turn."""
     n = found.rows[0].mean.n
     table = Columns(
         [
@@ -109,7 +109,7 @@ def tables(found: Magnitude) -> Sequence[RenderableType]:
 
 
 def draw(found: Magnitude, folder: Path) -> Sequence[str]:
-    """Magnitudes over time."""
+    """Draw magnitudes over time."""
     from estimator.study.figures.traces import magnitude  # noqa: PLC0415 - matplotlib takes a second to load
 
     magnitude(found, folder / "magnitude")
@@ -117,7 +117,7 @@ def draw(found: Magnitude, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Magnitude) -> Sequence[Finding]:
-    """Whether the magnitude is closer to the truth after."""
+    """Judge whether the magnitude is closer to the truth after calibration."""
     said, closer = [], True
     for sensor, label in found.labels.items():
         before, after = (found.error(sensor, name) for name in ("raw", "turn360"))

@@ -1,4 +1,4 @@
-"""Both calibrations on many simulated sessions at once: arrays of sessions in, arrays of estimates out."""
+"""Algorithm 1 and closure on many simulated sessions at once: arrays of sessions in, arrays of estimates out."""
 
 from dataclasses import dataclass
 
@@ -14,16 +14,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Many:
-    """Estimates of s sessions: theta (s, 6) bias rad/s and k; covariance (s, 6, 6) where the method gives one."""
+    """Estimates of s sessions: theta (s, 6), bias in rad/s then k; covariance (s, 6, 6), NaN if the method gives none."""
 
     theta: Floats
     covariance: Floats
 
 
 def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = False) -> Evidence:
-    """What the sessions show, stages known, the bias constant, a hand that misses by replacement_std rad per axis.
+    """Evidence of the sessions for closure, with known stages and a constant bias.
 
-    coning: whether changes of direction within a sample are made good, as `closure` does at low rates.
+    replacement_std: rad per axis by which the hand misses the first attitude. coning: whether to correct for changes of
+    direction within a sample, as `closure` does at low rates.
     """
     s, r, m, _ = sessions.rests.shape
     rest_noise = sessions.rests.var(axis=2, ddof=1)
@@ -43,7 +44,7 @@ def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = 
 
 
 def closure(seen: Evidence) -> Many:
-    """The maximum-likelihood calibration. ArithmeticError when one does not converge."""
+    """Calibrate by maximum likelihood. Raises ArithmeticError when a session does not converge."""
     found = fit(seen)
     if not found.converged.all():
         raise ArithmeticError(f"{np.sum(~found.converged)} of {len(found.b)} sessions did not converge")
@@ -51,7 +52,10 @@ def closure(seen: Evidence) -> Many:
 
 
 def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> Floats:
-    """(s, 6) Cramér-Rao bound of bias and k as variances: the inverse information at the truth, without noise in it."""
+    """Cramér-Rao bound (s, 6) of bias and k as variances: inverse information at the truth, from noise-free readings.
+
+    noise_std: rad/s of a reading. replacement_std: as in `evidence`.
+    """
     gyro, clean = sessions.gyro, sessions.rates / sessions.gyro.k + sessions.gyro.bias
     still = np.broadcast_to(gyro.bias, sessions.rests.shape)
     known = evidence(PaperSessions(gyro, still, clean, sessions.rates, sessions.dt), replacement_std)
@@ -67,7 +71,7 @@ def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> 
 
 
 def algorithm1(sessions: PaperSessions, tolerance: float = 1e-5, max_iterations: int = 50) -> Many:
-    """The paper's Algorithm 1, equal to turn360.estimate on each session; bias from the first rest, no covariance."""
+    """Algorithm 1 of the paper, as turn360.estimate on each session; bias from the first rest, covariance NaN."""
     bias = sessions.rests[:, 0].mean(axis=1)
     K = np.ones_like(bias)
     open_ = np.arange(len(K))
@@ -86,7 +90,7 @@ def algorithm1(sessions: PaperSessions, tolerance: float = 1e-5, max_iterations:
 
 
 def _criteria(S: Floats) -> Floats:
-    """(s, 3) the factors dK with |S_i dK| = 360° in each of the three turns, by Newton's steps."""
+    """(s, 3) factors dK with |S_i dK| = 360° in each of the three turns, by Newton steps."""
     dK = 2 * np.pi / np.linalg.norm(S.sum(axis=-1), axis=-1)
     for _ in range(20):
         v = np.einsum("sij,sj->si", S.reshape(-1, 3, 3), np.repeat(dK, 3, axis=0)).reshape(*dK.shape, 3)

@@ -1,4 +1,4 @@
-"""The studies of the paper and what each does, for those who must not wait for mathematics to be loaded to know."""
+"""Names and descriptions of the studies, apart from them: a command's help need not load their numerical libraries."""
 
 STUDIES = {
     "typical": "one simulated session with the stages that are found in it (figure 6)",

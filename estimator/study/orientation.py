@@ -1,6 +1,6 @@
-"""The paper's figures 2 and 10: the orientation over 360° one way and back, by readings and by calibrated rates.
+"""Figures 2 and 10 of the paper: orientation over 360° one way and back, from readings and from calibrated rates.
 
-The angle is that of the paper's equations 5 and 6: rates taken to the initial frame and added up, about the axis of the turn.
+The angle follows the paper's equations 5 and 6: rates transformed to the initial frame and summed, about the turn's axis.
 """
 
 from collections.abc import Sequence
@@ -19,13 +19,13 @@ from estimator.study.verification import WORDS, Inputs, VerificationScenario, in
 
 AXES = ("x", "y", "z")
 IDEAL = "ideal"
-#: s of rest before and after the turns about an axis
+#: s of rest used before and after the turns about an axis
 _MARGIN_S = 1.0
 _DRAWN = 8
 
 
 class Row(Struct, frozen=True):
-    """Of a sensor, an axis and one of WORDS: the largest and the final error of the angle, degrees, by its size."""
+    """Largest and final error of the angle, degrees, for a sensor, an axis and a kind of rates (key of WORDS)."""
 
     sensor: str
     axis: str
@@ -35,7 +35,7 @@ class Row(Struct, frozen=True):
 
 
 class Trace(Struct, frozen=True):
-    """The first session, about one axis: time, s, and angle, degrees, by WORDS and IDEAL."""
+    """Angles of the first session about one axis: time, s, and angle, degrees, by key of WORDS and IDEAL."""
 
     sensor: str
     axis: str
@@ -44,7 +44,7 @@ class Trace(Struct, frozen=True):
 
 
 class Orientation(Struct, frozen=True):
-    """All rows, and the first session of each sensor."""
+    """Results of the study: all rows, and the first session of each sensor."""
 
     labels: dict[str, str]
     rate_dps: float
@@ -52,20 +52,23 @@ class Orientation(Struct, frozen=True):
     traces: list[Trace]
 
     def largest(self, sensor: str, rates: str) -> Spread:
-        """Of the worst axis, the largest error."""
+        """Largest error on the worst axis, by median."""
         rows = [row for row in self.rows if (row.sensor, row.rates) == (sensor, rates)]
         return max((row.largest for row in rows), key=lambda of: of.median)
 
 
 def angle_deg(rate: NDArray[np.float64], dt: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """(n,) degrees turned about an axis of the initial frame by rates (n, 3) rad/s that hold for dt (n,) s."""
+    """(n,) angle in degrees about an axis of the initial frame, from rates (n, 3) rad/s held for dt (n,) s."""
     attitude = rotation.attitudes(rate, dt)[1:]
     initial = np.einsum("tij,tj->ti", attitude, rate)
     return np.asarray(np.degrees(np.cumsum(initial[:, axis] * dt)))
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Errors (3 axes, 4 rates, 2) largest and final, degrees; of the first run time_x (n,) and deg_x (5, n), and so on."""
+    """Run one job: errors (3 axes, 4 rates, 2), largest and final, degrees.
+
+    The first run also returns time_x (n,) and deg_x (5, n), and the same for y and z.
+    """
     found = verify(of, job)
     dt = np.full(len(found.time_s), float(np.median(np.diff(found.time_s))))
     errors, arrays = np.empty((3, len(WORDS), 2)), {}
@@ -83,7 +86,7 @@ def work(of: Inputs, job: Job) -> Arrays:
 
 
 def results(scenario: VerificationScenario, parts: Parts) -> Orientation:
-    """Spreads over sessions, and the first of them."""
+    """Compute spreads over the sessions, and collect the first one of each sensor."""
     devices = inputs(scenario).devices
     rows, traces = [], []
     for sensor in devices:
@@ -103,7 +106,7 @@ def results(scenario: VerificationScenario, parts: Parts) -> Orientation:
 
 
 def tables(found: Orientation) -> Sequence[RenderableType]:
-    """Largest errors by axis."""
+    """Table of the largest errors by axis."""
     n = found.rows[0].largest.n
     table = Columns(
         [
@@ -120,7 +123,7 @@ def tables(found: Orientation) -> Sequence[RenderableType]:
 
 
 def draw(found: Orientation, folder: Path) -> Sequence[str]:
-    """Angles over time, before and after."""
+    """Draw angles over time, before and after calibration."""
     from estimator.study.figures.traces import orientation  # noqa: PLC0415 - matplotlib takes a second to load
 
     orientation(found, folder / "orientation")
@@ -128,7 +131,7 @@ def draw(found: Orientation, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Orientation) -> Sequence[Finding]:
-    """How far off the angle is, before and after."""
+    """Judge the errors of the angle before and after calibration."""
     before, after, good = [], [], True
     for sensor, label in found.labels.items():
         raw, ours = (found.largest(sensor, name).median for name in ("raw", "turn360"))

@@ -1,4 +1,4 @@
-"""What the paper shows and claims: each table, figure and claim that can be computed, and its value.
+"""Tables, figures and claims of the paper that can be computed, with the paper's values.
 
 Source: L. Wang et al., "In-field gyroscope autocalibration with iterative attitude estimation", Mechatronics 102 (2024)
 103232. Figures 1, 3, 4 and 5 are photographs and drawings; table 1 is the sensors' settings, as in configs/study/sensors.
@@ -9,7 +9,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One table, figure or claim. study: the one that computes it."""
+    """One table, figure or claim of the paper.
+
+    where: place in the paper. says, value: the claim and its value. study: name of the study that computes it.
+    """
 
     key: str
     where: str

@@ -1,4 +1,4 @@
-"""Good and bad sessions at random, by the thousand: how many good ones are refused, and is a wrong one accepted."""
+"""Random good and bad calibration sessions by the thousand: how many good ones are refused, and wrong ones accepted."""
 
 import multiprocessing
 from collections import Counter
@@ -26,15 +26,15 @@ Floats = NDArray[np.float64]
 Rng = np.random.Generator
 ODD = ImuSpec(scale=(0.95, 1.05), bias_limit_dps=5.0)
 SPOILT = ImuSpec(scale=(0.9, 1.1), bias_limit_dps=2.0)
-#: axes that are not the sensor's own; a mirrored z, about which these sessions turn vertically, hardly shows
+#: axis mappings other than the sensor's own; without mirrored z, which hardly shows in these sessions
 FOREIGN = [m for m in MAPPINGS[1:] if not np.array_equal(m, np.diag([1.0, 1.0, -1.0]))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A recording of a session, and its true scale factors (3,); None when every acceptance is wrong.
+    """A recording of a session, and its true scale factors (3,); k None: every acceptance is wrong.
 
-    knobs: what is known of the device, and how it is to be turned; None: nothing.
+    knobs: what is known of the device and its turns; None: nothing.
     """
 
     recording: Recording
@@ -43,7 +43,7 @@ class Trial:
 
 
 def good(seed: int) -> Trial:
-    """Any order, direction, number of goes, rate, bias, scale, hand and resolution; every other one with an accelerometer."""
+    """A good session: random order, direction, goes, rate, bias, scale, hand and resolution; odd seeds with accelerometer."""
     rng = np.random.default_rng(seed)
     turns = tuple(
         TurnPlan(int(axis), 360.0 * rng.choice([-1, 1]), goes=int(rng.integers(1, 5))) for axis in rng.permutation(3)
@@ -78,7 +78,7 @@ def _missing(rng: Rng) -> tuple[TurnPlan, ...]:
 
 
 def _horizontal(rng: Rng) -> tuple[TurnPlan, ...]:
-    # A horizontal axis of a device that lies flat; the wrong turn last, for afterwards it lies on its side.
+    # A horizontal axis of a device lying flat; the wrong turn comes last, since after it the device lies on its side.
     odd = int(rng.integers(0, 2))
     angle = float(rng.choice([180.0, 270.0, 330.0, 345.0, 390.0, 540.0, 720.0]) * rng.choice([-1, 1]))
     return (*(TurnPlan(axis) for axis in (1 - odd, 2)), TurnPlan(odd, angle))
@@ -126,7 +126,7 @@ def _bias_jump(session: Session, rng: Rng) -> Recording:
 
 
 def _pushed(seed: int) -> Trial:
-    """Turns in several quick pushes, cut off at a range that nobody told."""
+    """Turns in several quick pushes, clipped at a range that is not declared."""
     rng = np.random.default_rng(seed)
     turns = tuple(TurnPlan(int(axis), 360.0, goes=int(rng.integers(2, 6))) for axis in rng.permutation(3))
     session = simulate_session(
@@ -157,7 +157,7 @@ def _all_wrong(rng: Rng) -> tuple[TurnPlan, ...]:
 
 
 def _level(seed: int) -> Trial:
-    """A vertical turn of a wrong angle, where only turns about a level axis count."""
+    """A vertical turn of a wrong angle, where only turns about a horizontal axis count."""
     trial = _odd(_vertical_wrong, accel=True)(seed)
     return replace(trial, knobs=SessionKnobs(horizontal_turns=True))
 
@@ -199,7 +199,7 @@ BAD: dict[str, Callable[[int], Trial]] = {
 }
 
 
-#: what nothing, or hardly anything, in a recording shows: the result says on which condition it is right
+#: faults that hardly show in a recording, or not at all: the result states the condition under which it is right
 UNDETECTABLE: dict[str, Callable[[int], Trial]] = {
     "a wrong angle about the vertical": _odd(_vertical_wrong, accel=True),
     "the axis of the vertical turn mirrored": _never(lambda s, _: _with(s, s.gyro * (1.0, 1.0, -1.0))),
@@ -208,12 +208,12 @@ UNDETECTABLE: dict[str, Callable[[int], Trial]] = {
 
 
 def is_wrong(result: Result, k: Floats | None) -> bool:
-    """Accepted, although nothing can be right, or with a scale off by more than 1 % and four of its own deviations."""
+    """Whether a result is accepted though it cannot be right, or its scale is off by more than 1 % and 4 std."""
     return result.verdict is Verdict.ACCEPTED and (k is None or _is_off(result, k, 0.01, 4.0))
 
 
 def is_too_sure(result: Result, k: Floats | None) -> bool:
-    """Accepted with a scale off by more than 0.2 % and five of its own deviations."""
+    """Whether a result is accepted with a scale off by more than 0.2 % and 5 std."""
     return result.verdict is Verdict.ACCEPTED and k is not None and _is_off(result, k, 0.002, 5.0)
 
 
@@ -223,7 +223,7 @@ def _is_off(result: Result, k: Floats, by: float, deviations: float) -> bool:
 
 
 def try_one(job: tuple[str, int, str]) -> tuple[str, bool, bool, bool]:
-    """(kind, accepted, wrong, too sure) of one kind, seed and method."""
+    """Simulate and calibrate one session of a kind, seed and method; returns (kind, accepted, wrong, too sure)."""
     kind, seed, method = job
     trial = (good if kind == GOOD else {**BAD, **UNDETECTABLE}[kind])(seed)
     result, _ = recordings.calibrate(trial.recording, method, knobs=trial.knobs)
@@ -234,9 +234,9 @@ GOOD = "good"
 
 
 def run(console: Console, runs: int, method: str, workers: int | None) -> None:
-    """So many good and so many bad sessions, on all processors; prints a table.
+    """Calibrate `runs` good and `runs` bad sessions on all processors, and print a table.
 
-    Beside them come sessions whose fault nothing shows, a fifth as many; they are not counted among the wrong ones.
+    A fifth as many sessions with undetectable faults are added; they do not count as wrong ones.
     """
     kinds, undetectable = list(BAD), list(UNDETECTABLE)
     jobs = [(GOOD, seed, method) for seed in range(runs)]

@@ -1,4 +1,4 @@
-"""A real session through every method that applies to it, beside the numbers of imucal, whose session it is."""
+"""A real session calibrated by every applicable method, compared with the results of imucal, its source."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,21 +26,21 @@ _AXES = ("x", "y", "z")
 
 
 class Theirs(Struct, frozen=True, forbid_unknown_fields=True):
-    """imucal's result: its diagonal K_g, a reading over a rate, and by how many degrees the three turns do not close."""
+    """Result of imucal: diagonal of its K_g (reading over rate), and closure errors of the three turns, degrees."""
 
     reading_per_rate: tuple[float, float, float]
     closure_deg: tuple[float, float, float]
 
 
 class RealScenario(Scenario, frozen=True, kw_only=True):
-    """recording: the file; imucal: what it finds in it."""
+    """Scenario; recording: path of the session's file; imucal: its result for that session."""
 
     recording: str = ""
     imucal: Theirs
 
 
 class Row(Struct, frozen=True):
-    """A method: k (3,) and its standard deviations; closure of the three turns, degrees; None where it gave nothing."""
+    """Result of one method: k (3,) with standard deviations, closure errors of the three turns, degrees; None without."""
 
     method: str
     verdict: str
@@ -51,21 +51,21 @@ class Row(Struct, frozen=True):
 
 
 class Real(Struct, frozen=True):
-    """All methods, imucal among them."""
+    """Results of the study: one row per method, imucal included."""
 
     recording: str
     rows: list[Row]
 
 
 def work(of: RealScenario, _: Job) -> Arrays:
-    """The samples: time (n,), gyro and accel (n, 3), rate_hz."""
+    """Load the recording: time (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s² or empty, rate in Hz."""
     recording = load(of.recording)
     accel = recording.accel if recording.accel is not None else np.empty((0, 3))
     return {"time": recording.time_s, "gyro": recording.gyro, "accel": accel, "rate": np.array(recording.rate_hz)}
 
 
 def results(of: RealScenario, parts: Parts) -> Real:
-    """Each method on the whole of it."""
+    """Calibrate the whole recording by each method."""
     (part,) = parts.values()
     accel = part["accel"] if len(part["accel"]) else None
     recording = Recording(part["time"], part["gyro"], accel, None, float(part["rate"]), Path(of.recording).name)
@@ -93,7 +93,7 @@ def results(of: RealScenario, parts: Parts) -> Real:
 
 
 def tables(found: Real) -> Sequence[RenderableType]:
-    """A row a method."""
+    """Table with one row per method, and the reasons of failed methods."""
     table = Columns(
         [Column("method", least=11), *(Column(f"k_{a}", number=True) for a in _AXES), Column("std", number=True, spare=1),
          *(Column(f"{a} open °", number=True) for a in _AXES), Column("verdict")],
@@ -109,7 +109,7 @@ def tables(found: Real) -> Sequence[RenderableType]:
 
 
 def draw(found: Real, folder: Path) -> Sequence[str]:
-    """Scale factors and closures, method by method."""
+    """Draw scale factors and closure errors by method."""
     from estimator.study.figures.real import real  # noqa: PLC0415 - matplotlib takes a second to load
 
     real(found, folder / "real")

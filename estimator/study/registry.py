@@ -1,4 +1,4 @@
-"""The studies of the paper by name, in the order of the report."""
+"""Registry of the studies by name, in the order of the report."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""One self-contained page of all studies: a row for each table, figure and claim of the paper, then figures and tables."""
+"""Self-contained HTML report of all studies: a row for each table, figure and claim of the paper, figures and tables."""
 
 import base64
 from collections.abc import Sequence
@@ -20,20 +20,20 @@ _HERE = Path(__file__).parent
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """An item of the paper, and what was found of it; None where its study was not run."""
+    """One item of the paper and its finding; None when its study was not run."""
 
     item: Item
     finding: Finding | None
 
 
 def rows(done: Sequence[Done]) -> list[Row]:
-    """All items in the order of the paper."""
+    """All items of the paper with the findings of the studies run."""
     found = {finding.item: finding for one in done for finding in one.study.findings(one.results)}
     return [Row(item, found.get(item.key)) for item in ITEMS]
 
 
 def summary(of: Sequence[Row]) -> Columns:
-    """The rows for a terminal."""
+    """Table of the rows for a terminal."""
     table = Columns(
         [Column("paper"), Column("what it says", least=16), Column("ours", least=24), Column("verdict", least=8)],
         title=f"{sum(row.finding is not None for row in of)} of {len(of)} tables, figures and claims computed",
@@ -45,7 +45,7 @@ def summary(of: Sequence[Row]) -> Columns:
 
 
 def write(path: Path, done: Sequence[Done], *, quick: bool) -> None:
-    """The page, its figures within."""
+    """Write the report to `path`, with the figures embedded; quick: note that the runs were few."""
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(_HERE), autoescape=True)
     of = rows(done)
     verdicts = [row.finding.verdict for row in of if row.finding]

@@ -1,7 +1,7 @@
-"""Runs a study: jobs spread over processes, parts kept until the study is done, results.json, tables and figures.
+"""Study runner: jobs spread over processes; saves results.json, tables and figures.
 
-A study that was interrupted goes on from the parts it left. They lie in OUT/.parts, in a folder named after the work and a
-digest of all that it depends on, so that no part is used where anything differs.
+An interrupted study continues from the parts it saved. They lie in OUT/.parts, in a folder named after the work and a digest
+of all it depends on. So changed inputs never use old parts.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ AnyStudy = Study[Any, Any, Any]
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A study that was run: its results, and where its figures are (without suffix)."""
+    """A finished study: its results, and the paths of its figures without suffix."""
 
     study: AnyStudy
     results: Any
@@ -35,14 +35,14 @@ class Done:
 
 
 class Runner:
-    """Runs studies into a folder; `workers` processes (None: one a processor), 1: in this process."""
+    """Runs studies into a folder, on `workers` processes (None: one per processor; 1: in this process)."""
 
     def __init__(self, console: Console, out: Path, workers: int | None) -> None:
         self._console, self._out, self._workers = console, out, workers
         self._parts = out / ".parts"
 
     def run(self, study: AnyStudy, scenario: Scenario) -> Done:
-        """Compute what is missing, leave results.json and figures in OUT/NAME, print the tables."""
+        """Compute missing parts, save results.json and figures in OUT/NAME, and print the tables."""
         inputs = study.inputs(scenario)
         parts = self._computed(study, inputs)
         results = study.results(scenario, parts)
@@ -57,7 +57,7 @@ class Runner:
         return Done(study, results, tuple(folder / name for name in names))
 
     def forget_parts(self) -> None:
-        """Nothing is to go on from here."""
+        """Delete the saved parts: nothing remains to continue."""
         shutil.rmtree(self._parts, ignore_errors=True)
 
     def _computed(self, study: AnyStudy, inputs: Any) -> Parts:
@@ -87,11 +87,11 @@ class Runner:
 
 @contextmanager
 def _spread(workers: int | None, tasks: Sequence[Any]) -> Iterator[Iterator[tuple[Job, Arrays]]]:
-    """What tasks leave, in any order."""
+    """Results of the tasks, in any order, from worker processes."""
     if workers == 1 or len(tasks) < 2:
         yield map(_do, tasks)
         return
-    # Started anew and not copied: a copy of a process with threads may hang.
+    # Spawned, not forked: a copy of a process with threads may hang.
     with ignore_interrupts():
         started = multiprocessing.get_context("spawn").Pool(workers)
     with started as pool:

@@ -1,4 +1,4 @@
-"""The paper's tables 2 and 3: its two sensors calibrated by its four methods and by closure, many times over."""
+"""Tables 2 and 3 of the paper: its two sensors, calibrated many times by its four methods and by closure."""
 
 from collections.abc import Sequence
 from math import inf
@@ -20,9 +20,10 @@ Floats = NDArray[np.float64]
 
 
 class Row(Struct, frozen=True):
-    """A parameter of a sensor by a method. value: what was found; error: from the truth; std: said of it, median.
+    """Result for one parameter of a sensor by one method.
 
-    paper: the paper's value, None where it has none; inside: whether that lies where 95 % of ours do.
+    value: estimates; error: their differences from the truth; size_95: 95 % quantile of the error's magnitude; std: median
+    of the claimed standard deviations. paper: the paper's value or None; inside: whether it lies in the middle 95 % of ours.
     """
 
     sensor: str
@@ -38,7 +39,7 @@ class Row(Struct, frozen=True):
 
 
 class Session(Struct, frozen=True):
-    """Of a sensor and a method: how many sessions, the share that was accepted, their time, and the paper's, s."""
+    """Sessions of one sensor by one method: number, accepted share, duration, and the paper's duration, s."""
 
     sensor: str
     method: str
@@ -49,7 +50,7 @@ class Session(Struct, frozen=True):
 
 
 class Sensors(Struct, frozen=True):
-    """All rows and sessions; machine: median computing time in ms of a method, which depends on the computer."""
+    """Results of the study; machine: median computing time of each method, ms, which depends on the computer."""
 
     labels: dict[str, str]
     paper_limit: dict[str, float]
@@ -58,16 +59,16 @@ class Sensors(Struct, frozen=True):
     machine: dict[str, float]
 
     def of(self, sensor: str, method: str) -> list[Row]:
-        """The six parameters."""
+        """Rows of the six parameters of a sensor by one method."""
         return [row for row in self.rows if (row.sensor, row.method) == (sensor, method)]
 
     def worst_k(self, sensor: str, method: str) -> float:
-        """Within what 95 % of the errors of the worst axis are; infinite where no session gave an estimate."""
+        """95 % quantile of the error of k on the worst axis; infinite when no session gave an estimate."""
         return max((row.size_95 for row in self.of(sensor, method) if row.parameter.startswith("k")), default=inf)
 
 
 def results(scenario: SensorsScenario, parts: Parts) -> Sensors:
-    """Spreads by sensor, method and parameter; a session without an estimate counts as not accepted and in no spread."""
+    """Compute spreads by sensor, method and parameter; sessions without an estimate count as not accepted, in no spread."""
     rows, sessions, machine = [], [], {}
     devices = inputs(scenario).devices
     for method in METHODS:
@@ -98,7 +99,7 @@ def _rows(name: str, method: str, found: Floats, std: Floats, truth: Floats, col
         value, error = spread(found[:, i]), spread(found[:, i] - truth[i])
         size = float(np.quantile(np.abs(found[:, i] - truth[i]), 0.95))
         theirs = paper[i]
-        # The turntable's column is the truth of the simulation: there is nothing to compare.
+        # The paper's turntable column is the truth of the simulation: no comparison.
         inside = None if theirs is None or method == "turntable" else holds(value.band, theirs)
         rows.append(
             Row(
@@ -118,7 +119,7 @@ def _rows(name: str, method: str, found: Floats, std: Floats, truth: Floats, col
 
 
 def tables(found: Sensors) -> Sequence[RenderableType]:
-    """One table a sensor, and the times."""
+    """One table per sensor, and a table of the sessions."""
     shown: list[RenderableType] = []
     for sensor, label in found.labels.items():
         n = next(one.sessions for one in found.sessions if one.sensor == sensor)
@@ -158,7 +159,7 @@ def tables(found: Sensors) -> Sequence[RenderableType]:
 
 
 def draw(found: Sensors, folder: Path) -> Sequence[str]:
-    """Differences from the turntable's truth, a figure a sensor."""
+    """Draw one figure per sensor: differences from the turntable's truth."""
     from estimator.study.figures.sensors import sensor  # noqa: PLC0415 - matplotlib takes a second to load
 
     for name in found.labels:
@@ -167,7 +168,7 @@ def draw(found: Sensors, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Sensors) -> Sequence[Finding]:
-    """Tables, limits, times."""
+    """Judge the paper's tables, its limits and its times."""
     told = [_table(found, name) for name in found.labels]
     return *told, _limits(found), _time(found)
 

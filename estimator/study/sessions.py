@@ -1,4 +1,4 @@
-"""The sessions of the paper's four methods, as pieces of motion: by hand, on a turntable, tilted on a desk, on a servo."""
+"""Machine and desk sessions of the paper's methods as pieces of motion: turntable, servo, tilted poses on a desk."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,10 @@ _WOBBLE_HARMONICS = 4
 
 
 class Turntable(Struct, frozen=True, forbid_unknown_fields=True):
-    """Six rates about each axis: each of rates_dps both ways. fixture_deg: how squarely it is fixed, std per axis."""
+    """Turntable session: each of rates_dps (°/s) both ways about each axis.
+
+    rest_s, spin_s: length of rests and spins, s. fixture_deg: std of the mounting angle per axis, degrees.
+    """
 
     rates_dps: tuple[float, ...]
     rest_s: float
@@ -22,13 +25,17 @@ class Turntable(Struct, frozen=True, forbid_unknown_fields=True):
     fixture_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Fixed with x, y and z up in turn."""
+        """Motion of the session: mounted with x, y and z up in turn."""
         both = tuple(sign * rate for rate in self.rates_dps for sign in (1.0, -1.0))
         return machine(askew(np.eye(3), self.fixture_deg, rng), both, rest_s=self.rest_s, spin_s=self.spin_s)
 
 
 class Servomotor(Struct, frozen=True, forbid_unknown_fields=True):
-    """One rate both ways about each axis. accel_offset_mg: of an accelerometer calibrated beforehand, ±."""
+    """Servo session: one rate (°/s) both ways about each axis.
+
+    rest_s, spin_s: s. fixture_deg: std of the mounting angle per axis, degrees. accel_offset_mg: ± limit of the offset of the
+    calibrated accelerometer, milli-g.
+    """
 
     rate_dps: float
     rest_s: float
@@ -37,13 +44,16 @@ class Servomotor(Struct, frozen=True, forbid_unknown_fields=True):
     accel_offset_mg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Fixed with x, y and z up in turn."""
+        """Motion of the session: mounted with x, y and z up in turn."""
         mounts = askew(np.eye(3), self.fixture_deg, rng)
         return machine(mounts, (self.rate_dps, -self.rate_dps), rest_s=self.rest_s, spin_s=self.spin_s)
 
 
 class AccelAided(Struct, frozen=True, forbid_unknown_fields=True):
-    """On each of its six sides on a desk, and on planes that are inclined; turned by hand from one pose to the next."""
+    """Accelerometer-aided session: each of the six sides up on a desk and on inclined planes, turned by hand in between.
+
+    inclinations_deg: degrees. rest_s, move_s: s per pose and movement. wobble_deg: of the hand, degrees.
+    """
 
     inclinations_deg: tuple[float, ...]
     rest_s: float
@@ -51,7 +61,7 @@ class AccelAided(Struct, frozen=True, forbid_unknown_fields=True):
     wobble_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Six poses for each inclination."""
+        """Motion of the session: six poses for each inclination."""
         ups = [
             np.cos(tilt) * sign * np.eye(3)[axis] + np.sin(tilt) * np.eye(3)[(axis + 1) % 3]
             for tilt in np.radians(self.inclinations_deg)
@@ -67,7 +77,7 @@ def _through(ups: Sequence[Floats], how: AccelAided, rng: np.random.Generator) -
     for then in ups[1:]:
         across = np.cross(then, up)
         angle = float(np.arctan2(np.linalg.norm(across), then @ up))
-        if np.pi - angle < 1e-9:  # upside down: about any axis across
+        if np.pi - angle < 1e-9:  # upside down: any axis across will do
             across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
         wobble = np.radians(how.wobble_deg) * rng.normal(size=(_WOBBLE_HARMONICS, 3)) / np.sqrt(_WOBBLE_HARMONICS)
         goes = np.array([[0.0, how.move_s, 1.0]])
@@ -77,11 +87,11 @@ def _through(ups: Sequence[Floats], how: AccelAided, rng: np.random.Generator) -
 
 
 def askew(mounts: Floats, std_deg: float, rng: np.random.Generator) -> Floats:
-    """(m, 3) unit vectors up in the sensor, each off by std_deg per axis across it."""
+    """Unit vectors (m, 3) with errors: the mounts in sensor axes, each tilted by std_deg per axis across it."""
     off = mounts + np.radians(std_deg) * rng.normal(size=mounts.shape)
     return np.asarray(off / np.linalg.norm(off, axis=1)[:, None])
 
 
 def turn_s(rate_dps: float, ramp_s: float = 0.5) -> float:
-    """How long a machine turns 360°, its ramps up and down among it."""
+    """Duration of a machine's 360° turn, s, including its ramps."""
     return 360.0 / abs(rate_dps) + ramp_s

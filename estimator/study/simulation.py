@@ -1,7 +1,7 @@
-"""Runs of the paper's simulation: Algorithm 1 and closure on the same sessions, against the truth and the best possible.
+"""Runs of the paper's simulation: Algorithm 1 and closure on the same sessions, compared with truth and Cramér-Rao bound.
 
-The paper's gyro has a constant bias and its hand puts the device back exactly, so closure is told so; where a hand misses,
-closure is told by how much.
+The paper's gyro has a constant bias, and its hand puts the device back exactly; closure is told so. Where the simulated hand
+misses, closure is told by how much.
 """
 
 from collections.abc import Sequence
@@ -18,18 +18,19 @@ from estimator.study.study import Arrays, Job, Parts, Scenario, generator
 METHODS = ("algorithm1", "closure")
 WORDS = {"algorithm1": "Algorithm 1", "closure": "closure"}
 PARAMETERS = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z")
-#: sessions computed together: more of them leave the processor's cache
+#: sessions computed together: more would not fit into the processor's cache
 CHUNK = 10
-#: sessions in one job
+#: number of sessions in one job
 TASK = 10 * CHUNK
 _TO_PAPER = [3, 4, 5, 0, 1, 2]
 
 
 def run(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generator) -> Arrays:
-    """Of n sessions of one gyro: error (2 methods, n, 6) in PARAMETERS, k and bias °/s; nees (n,) of closure; bound (m, 6).
+    """Simulate and calibrate n sessions of one gyro.
 
-    The bound, variances, is of the first few of them: it hardly differs from session to session. A bias here is the reading
-    at rest, the paper's is minus that.
+    Returns error (2 methods, n, 6) in the order of PARAMETERS, k and bias in °/s; nees (n,) of closure; bound (m, 6), the
+    Cramér-Rao variances of the first m sessions, as it hardly differs between sessions. Bias here is the reading at rest; the
+    paper's is minus that.
     """
     truth = np.concatenate([gyro.bias, gyro.k])
     unit = np.concatenate([np.full(3, 180 / np.pi), np.ones(3)])
@@ -53,7 +54,7 @@ def run(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generato
 
 
 def joined(parts: list[Arrays]) -> Arrays:
-    """What several runs left, together."""
+    """Join the arrays of several runs."""
     return {
         "error": np.concatenate([part["error"] for part in parts], axis=1),
         "bound": np.concatenate([part["bound"] for part in parts]),
@@ -62,7 +63,7 @@ def joined(parts: list[Arrays]) -> Arrays:
 
 
 class Simulation(Scenario, frozen=True, kw_only=True):
-    """The paper's: `runs` sessions at each noise, of `sets` parameter sets. Rates in Hz and °/s, times in s."""
+    """Scenario of the paper's simulation: `runs` sessions at each noise, over `sets` parameter sets. Hz, °/s, s."""
 
     sets: int
     noise_dps: tuple[float, ...]
@@ -72,7 +73,7 @@ class Simulation(Scenario, frozen=True, kw_only=True):
 
 
 class Inputs(Struct, frozen=True):
-    """What the runs depend on."""
+    """Values that the runs depend on."""
 
     runs: int
     seed: int
@@ -84,13 +85,13 @@ class Inputs(Struct, frozen=True):
 
 
 def inputs(scenario: Simulation) -> Inputs:
-    """The same for every study of the same runs, so that they share what was computed."""
+    """Inputs of a scenario; equal for all studies of the same runs, so that they share the computed parts."""
     s = scenario
     return Inputs(s.runs, s.seed, s.sets, s.noise_dps, s.rate_hz, s.rest_s, s.turn_s)
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
-    """(noise, number of the parameter set, first run, last + 1)."""
+    """Jobs: (noise, number of the parameter set, first run, last run + 1)."""
     runs = {number: of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)}
     return [
         (noise, number, first, min(first + TASK, runs[number]))
@@ -101,17 +102,17 @@ def jobs(of: Inputs) -> Sequence[Job]:
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Runs of one parameter set at one noise."""
+    """Run one job: sessions of one parameter set at one noise."""
     noise, number, first, last = (float(word) for word in job)
     plan = PaperPlan(noise, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)
     return run(gyro_of(of.seed, int(number)), plan, int(last - first), generator(of.seed, noise, number, first))
 
 
 def gyro_of(seed: int, number: int) -> PaperGyro:
-    """A parameter set, the same at every noise."""
+    """Gyro of a parameter set; the same at every noise."""
     return draw_gyro(np.random.default_rng((seed, number)))
 
 
 def at_noise(parts: Parts, noise: float) -> dict[Job, Arrays]:
-    """The parts of one noise."""
+    """Parts computed at one noise."""
     return {job: part for job, part in parts.items() if job[0] == noise}

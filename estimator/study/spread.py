@@ -1,4 +1,4 @@
-"""How numbers of many runs spread: quantiles, and median and mean with their 95 % intervals."""
+"""Spread of a sample: quantiles, and median and mean with their 95 % intervals."""
 
 from math import sqrt
 
@@ -10,9 +10,9 @@ _Z = 1.959964
 
 
 class Spread(Struct, frozen=True, kw_only=True):
-    """Of n numbers. median_ci: by order statistics; mean_ci: by the normal distribution; both 95 %.
+    """Spread of n numbers.
 
-    quantiles: 2.5, 25, 75 and 97.5 %.
+    median_ci: 95 % interval by order statistics; mean_ci: by the normal distribution. quantiles: 2.5, 25, 75 and 97.5 %.
     """
 
     n: int
@@ -27,17 +27,17 @@ class Spread(Struct, frozen=True, kw_only=True):
 
     @property
     def band(self) -> tuple[float, float]:
-        """In which 95 % are."""
+        """Interval of the middle 95 %."""
         return self.quantiles[0], self.quantiles[3]
 
     @property
     def quartiles(self) -> tuple[float, float]:
-        """In which half of them are."""
+        """Interval of the middle half."""
         return self.quantiles[1], self.quantiles[2]
 
 
 def spread(values: NDArray[np.float64]) -> Spread:
-    """The spread of values (n,)."""
+    """Compute the spread of values (n,)."""
     x = np.sort(np.asarray(values, dtype=np.float64))
     n, mean = len(x), float(x.mean())
     half = _Z * float(x.std(ddof=1)) / sqrt(n) if n > 1 else float("inf")
@@ -57,5 +57,5 @@ def spread(values: NDArray[np.float64]) -> Spread:
 
 
 def holds(interval: tuple[float, float], value: float) -> bool:
-    """Whether an interval holds a value."""
+    """Whether an interval contains a value, its ends included."""
     return interval[0] <= value <= interval[1]

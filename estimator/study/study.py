@@ -1,4 +1,4 @@
-"""What a study is: a scenario from a TOML file, jobs whose parts become results, tables, figures and findings."""
+"""Definition of a study: a scenario from a TOML file, jobs whose parts become results, tables, figures and findings."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,19 +17,22 @@ from estimator.study.names import STUDIES
 S = TypeVar("S", bound="Scenario")
 In = TypeVar("In", bound=Struct)
 R = TypeVar("R", bound=Struct)
-#: one piece of work, the same for everybody who is given it: numbers and words
+#: arguments of one job, numbers and words; equal arguments mean equal work
 Job = tuple[str | int | float, ...]
-#: what a job leaves, by name
+#: arrays computed by a job, by name
 Arrays = dict[str, NDArray[Any]]
 Parts = Mapping[Job, Arrays]
 Verdict = Literal["agrees", "agrees in part", "differs"]
 
 _HERE = Path(__file__).parent
-FOLDERS = (_HERE / "scenarios", _HERE.parents[1] / "configs" / "study")  # of an installed package; of a checkout
+FOLDERS = (_HERE / "scenarios", _HERE.parents[1] / "configs" / "study")  # in an installed package; in a checkout
 
 
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What every study's file says. runs: how often; quick_runs: the same of a first look; seed: of all that is random."""
+    """Keys of every study's file: runs, quick_runs (for a first look), and seed of all random numbers.
+
+    Raises ValueError when runs or quick_runs is below 1.
+    """
 
     runs: int
     quick_runs: int
@@ -43,9 +46,9 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a study says of one item of the paper: ours in words, and whether it agrees.
+    """Result of a study for one item of the paper: our result in words, and whether it agrees.
 
-    item: its key in paper.ITEMS. why: in which part it does not agree, or what limits the comparison.
+    item: its key in paper.ITEMS. why: which part disagrees, or what limits the comparison.
     """
 
     item: str
@@ -56,12 +59,14 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Study(Generic[S, In, R]):
-    """Compute, then draw.
+    """A study: compute, then draw.
 
-    name: of the verb and of configs/study/NAME.toml, which is read as `scenario`. inputs: all that a job depends on; parts of
-    equal work and inputs are equal. work(inputs, job) runs in another process. results(scenario, parts) is what
-    results.json holds and all that tables, figures and findings are made of. draw(results, folder) leaves the figures and
-    returns their names without suffix. findings(results): of the scenario that comes with truerate, for the report.
+    name: of the command and of configs/study/NAME.toml, which is read as `scenario`.
+    inputs(scenario): all that a job depends on; equal work and inputs give equal parts. jobs(inputs): list of jobs.
+    work(inputs, job): computes the arrays of one job, in another process.
+    results(scenario, parts): content of results.json, from which tables, figures and findings are made.
+    draw(results, folder): saves the figures, returns their names without suffix.
+    findings(results): findings for the report, for the scenario that comes with truerate.
     """
 
     name: str
@@ -76,15 +81,15 @@ class Study(Generic[S, In, R]):
 
     @property
     def does(self) -> str:
-        """In words."""
+        """Description of the study in a few words."""
         return STUDIES[self.name]
 
     def read(self, config: str = "") -> S:
-        """The scenario of this study's own file, or of another one; raises ConfigError."""
+        """Read the scenario from the study's own file, or from `config`. Raises ConfigError."""
         return load(file_of(config or self.name, "study", FOLDERS), self.scenario)
 
 
 def generator(seed: int, *words: str | float) -> np.random.Generator:
-    """A stream of random numbers of its own for each job."""
+    """Random number generator for one job, independent of the other jobs'."""
     numbers = [int.from_bytes(repr(word).encode(), "little") for word in words]
     return np.random.default_rng([seed, *numbers])

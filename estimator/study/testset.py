@@ -1,4 +1,4 @@
-"""The paper's figure 8: the mean error of the rate on a test set, before and after calibration (its equation 12)."""
+"""Figure 8 of the paper: mean error of the rate on a test set, before and after calibration (equation 12)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,9 +19,9 @@ AXES = ("x", "y", "z")
 
 
 class TestsetScenario(Simulation, frozen=True, kw_only=True):
-    """The test set: a constant rate, °/s, its projection on the three axes equal, of so many samples.
+    """Scenario: the test set has test_samples samples of a constant rate, °/s, with equal projections on the three axes.
 
-    paper_left: the share of the error that the paper has left, at paper_left_noise_dps.
+    paper_left: share of the error left according to the paper, at paper_left_noise_dps.
     """
 
     __test__ = False
@@ -33,7 +33,7 @@ class TestsetScenario(Simulation, frozen=True, kw_only=True):
 
 
 class Row(Struct, frozen=True):
-    """Mean errors e (eq. 12) of one axis, °/s, before calibration or after one by a method."""
+    """Mean errors e (equation 12) of one axis, °/s; stage: before calibration, or the method."""
 
     noise_dps: float
     stage: str
@@ -42,7 +42,7 @@ class Row(Struct, frozen=True):
 
 
 class Left(Struct, frozen=True):
-    """What is left of the error: rms over rms of all runs and axes; the median run's; that of 97.5 % of runs or less."""
+    """Share of the error left after calibration: rms over rms of all runs and axes, median and 97.5 % quantile of runs."""
 
     noise_dps: float
     method: str
@@ -52,7 +52,7 @@ class Left(Struct, frozen=True):
 
 
 class Testset(Struct, frozen=True):
-    """All rows, what is left of the error, and the paper's."""
+    """Results of the study: all rows, shares left, and the paper's share."""
 
     __test__ = False
 
@@ -62,12 +62,12 @@ class Testset(Struct, frozen=True):
     paper_left_noise_dps: float
 
     def of(self, noise: float, stage: str) -> list[Row]:
-        """The three axes."""
+        """Rows of the three axes at one noise and stage."""
         return [row for row in self.rows if (row.noise_dps, row.stage) == (noise, stage)]
 
 
 def results(scenario: TestsetScenario, parts: Parts) -> Testset:
-    """Mean errors on each run's test set, its noise drawn anew."""
+    """Compute mean errors on each run's test set, with new noise."""
     rows, left = [], []
     for noise in scenario.noise_dps:
         before, after = [], []
@@ -89,7 +89,10 @@ def results(scenario: TestsetScenario, parts: Parts) -> Testset:
 def mean_errors(
     scenario: TestsetScenario, noise: float, number: int, error: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """E (n, 3) of the readings and (2, n, 3) of the rates corrected by parameters with `error` (2, n, 6), °/s."""
+    """Mean errors e of readings (n, 3), and of corrected rates (2, n, 3), °/s.
+
+    error (2, n, 6): errors of the parameters by method. number: of the parameter set. noise: °/s of a sample.
+    """
     gyro = simulation.gyro_of(scenario.seed, number)
     rate = scenario.test_rate_dps / np.sqrt(3)
     mean_noise = noise / np.sqrt(scenario.test_samples) * rng.standard_normal((error.shape[1], 3))
@@ -99,7 +102,7 @@ def mean_errors(
 
 
 def tables(found: Testset) -> Sequence[RenderableType]:
-    """One row an axis; what is left."""
+    """Table of mean errors, one row per axis, and table of the shares left."""
     names = {BEFORE: "before", **WORDS}
     n = found.rows[0].error.n
     table = Columns(
@@ -122,7 +125,7 @@ def tables(found: Testset) -> Sequence[RenderableType]:
 
 
 def draw(found: Testset, folder: Path) -> Sequence[str]:
-    """Box plots."""
+    """Draw box plots of the mean errors."""
     from estimator.study.figures.simulations import testset  # noqa: PLC0415 - matplotlib takes a second to load
 
     testset(found, folder / "testset")
@@ -130,7 +133,7 @@ def draw(found: Testset, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Testset) -> Sequence[Finding]:
-    """Whether the error is down to 3 %, or less."""
+    """Judge whether the error is reduced to the paper's 3 %, or less."""
     left = next(one for one in found.left if one.method == "algorithm1" and one.noise_dps == found.paper_left_noise_dps)
     return (
         Finding(

@@ -1,7 +1,7 @@
-"""The paper's two sensors through its four methods and closure: sessions simulated one by one, and calibrated.
+"""Trials of study `sensors`: sessions of the paper's two sensors, simulated one by one and calibrated by each method.
 
-The device is simulated with the paper's turntable column for its truth, its bias wandering as its model says; so the errors
-of b hold what a bias wanders between two calibrations, as those in the paper do.
+The paper's turntable column is the truth, and the bias wanders as the device's noise model says. So the errors of b include
+the wander between two calibrations, as the paper's do.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ _TASK = 5
 
 
 class SensorsScenario(Scenario, frozen=True, kw_only=True):
-    """sensors: names in configs/study/sensors. The sessions of each method; the paper's limits of k and b by sensor."""
+    """Scenario of study `sensors`: sensors, by name in configs/study/sensors; motion of each method; paper_limit by sensor."""
 
     sensors: tuple[str, ...]
     hand: Hand
@@ -40,7 +40,7 @@ class SensorsScenario(Scenario, frozen=True, kw_only=True):
 
 
 class Inputs(Struct, frozen=True):
-    """What the runs depend on."""
+    """Values that the runs depend on."""
 
     runs: int
     seed: int
@@ -52,13 +52,13 @@ class Inputs(Struct, frozen=True):
 
 
 def inputs(s: SensorsScenario) -> Inputs:
-    """With the sensors read."""
+    """Inputs of a scenario, with the sensors' files read."""
     devices = {name: load_device(name) for name in s.sensors}
     return Inputs(s.runs, s.seed, devices, s.hand, s.turntable, s.accel_aided, s.servomotor)
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
-    """(sensor, method, first run, last + 1), the longest first."""
+    """Jobs: (sensor, method, first run, last run + 1), the longest first."""
     methods = sorted(METHODS, key=lambda method: method not in ("turntable", "accel_aided"))
     return [
         (name, method, first, min(first + _TASK, of.runs))
@@ -69,11 +69,15 @@ def jobs(of: Inputs) -> Sequence[Job]:
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Of n sessions: found (n, 6) and std (n, 6) in PARAMETERS, b in the paper's sign; accepted (n,); times (n,) s."""
+    """Simulate and calibrate n sessions.
+
+    Returns found (n, 6) and std (n, 6) in the order of PARAMETERS, b in °/s with the paper's sign; accepted (n,); lasts (n,),
+    duration of the session, s; took (n,), computing time, s.
+    """
     name, method, first, last = str(job[0]), str(job[1]), int(job[2]), int(job[3])
     found, std, accepted, lasts, took = [], [], [], [], []
     for number in range(first, last):
-        # The same device and hand for both methods by hand.
+        # Both methods by hand get the same device and motion.
         rng = generator(of.seed, name, "hand" if method in ("turn360", "closure") else method, number)
         pieces, rates, accel, zero_g = session_of(of, method, rng)
         recorded = record(of.devices[name], pieces, rng, zero_g=zero_g)
@@ -98,7 +102,10 @@ def work(of: Inputs, job: Job) -> Arrays:
 def session_of(
     of: Inputs, method: str, rng: np.random.Generator
 ) -> tuple[Sequence[Piece], tuple[float, ...], bool, float | None]:
-    """Pieces, known rates in °/s, whether the accelerometer is used, its offset in m/s² where not the device's."""
+    """Session of a method: pieces of motion, known rates, °/s, whether the accelerometer is used, its offset limit, m/s².
+
+    The offset limit is None for the device's own.
+    """
     if method == "turntable":
         return of.turntable.pieces(rng), of.turntable.rates_dps, False, None
     if method == "servomotor":

@@ -1,4 +1,4 @@
-"""The paper's figure 6: one simulated session, with the stages that are found in the stream alone."""
+"""Figure 6 of the paper: one simulated session, with the stages found from its readings alone."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ _AXES = ("x", "y", "z")
 
 
 class TypicalScenario(Scenario, frozen=True, kw_only=True):
-    """One session of a parameter set of the paper's simulation. Noise in °/s, times in s."""
+    """Scenario: one session of parameter set `set_number` of the paper's simulation. Noise in °/s, times in s."""
 
     set_number: int
     noise_dps: float
@@ -32,7 +32,7 @@ class TypicalScenario(Scenario, frozen=True, kw_only=True):
 
 
 class Stage(Struct, frozen=True):
-    """Where a turn is, s, and about which axis; as simulated, or as found."""
+    """Begin and end of a turn, s, and its axis; simulated or found."""
 
     axis: str
     begin_s: float
@@ -40,7 +40,7 @@ class Stage(Struct, frozen=True):
 
 
 class Parameter(Struct, frozen=True):
-    """Truth, what Algorithm 1 found, and the standard deviation said of it; b in °/s, the paper's sign."""
+    """One parameter: truth, estimate of Algorithm 1, and its standard deviation; b in °/s with the paper's sign."""
 
     name: str
     truth: float
@@ -49,7 +49,7 @@ class Parameter(Struct, frozen=True):
 
 
 class Typical(Struct, frozen=True):
-    """Readings of one session, °/s, what of it are turns, and what comes out."""
+    """Results of the study: readings of one session, °/s, its turns as simulated and found, and the calibration."""
 
     noise_dps: float
     time_s: list[float]
@@ -61,7 +61,7 @@ class Typical(Struct, frozen=True):
 
 
 def work(of: TypicalScenario, _: Job) -> Arrays:
-    """The session's readings (n, 3) rad/s, and where its turns begin and end (3, 2) s."""
+    """Simulate the session: readings gyro (n, 3) rad/s, and begin and end of its turns (3, 2) s."""
     gyro = gyro_of(of.seed, of.set_number)
     plan = PaperPlan(of.noise_dps, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)
     session = simulate(gyro, plan, 1, generator(of.seed, "typical"))
@@ -75,7 +75,7 @@ def work(of: TypicalScenario, _: Job) -> Arrays:
 
 
 def results(of: TypicalScenario, parts: Parts) -> Typical:
-    """What is found in the stream."""
+    """Find the turns in the readings, and calibrate."""
     (part,) = parts.values()
     gyro = part["gyro"]
     time_s = np.arange(1, len(gyro) + 1) / of.rate_hz
@@ -102,7 +102,7 @@ def results(of: TypicalScenario, parts: Parts) -> Typical:
 
 
 def _stages(recording: Recording) -> list[Stage]:
-    """The turns that a calibration session takes, between the rests before and after."""
+    """Turns that a calibration session recognises, from the rest before to the rest after."""
     n = len(recording)
     session = CalibrationSession("turn360")
     windows = list(Stillness().feed(recording.time_s, recording.gyro, None))
@@ -113,7 +113,7 @@ def _stages(recording: Recording) -> list[Stage]:
 
 
 def tables(found: Typical) -> Sequence[RenderableType]:
-    """Stages, parameters."""
+    """Tables of stages and parameters."""
     stages = Columns(
         [Column(name, number=True) for name in ("turn about", "simulated s", "found s")],
         title=f"One simulated session, noise {found.noise_dps:g} °/s: {found.verdict}",
@@ -128,7 +128,7 @@ def tables(found: Typical) -> Sequence[RenderableType]:
 
 
 def draw(found: Typical, folder: Path) -> Sequence[str]:
-    """The readings, stages shaded."""
+    """Draw the readings with shaded stages."""
     from estimator.study.figures.traces import typical  # noqa: PLC0415 - matplotlib takes a second to load
 
     typical(found, folder / "typical")
@@ -136,10 +136,10 @@ def draw(found: Typical, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Typical) -> Sequence[Finding]:
-    """Whether all stages are found, and found right."""
+    """Judge whether all turns are found at the right times."""
     pairs = [(a, b) for a in found.simulated for b in found.found if a.axis == b.axis]
     off = max((abs(x - y) for a, b in pairs for x, y in ((a.begin_s, b.begin_s), (a.end_s, b.end_s))), default=0.0)
-    # A hand starts and ends slowly: the first and last few tenths of a second of a turn are below the noise.
+    # A hand starts and ends slowly: the first and last tenths of a second of a turn are hidden by noise.
     right = len(found.found) == 3 and off < 0.5
     return (
         Finding(

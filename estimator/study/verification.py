@@ -1,4 +1,4 @@
-"""Calibrate one of the paper's sensors by hand, then turn it by a machine: the sessions of figures 2, 9 and 10."""
+"""Calibrate a sensor of the paper by hand, then turn it by a machine: the sessions of figures 2, 9 and 10."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,11 @@ WORDS = {"raw": "readings", "turn360": "Algorithm 1", "closure": "closure", "pap
 
 
 class VerificationScenario(Scenario, frozen=True, kw_only=True):
-    """sensors: names in configs/study/sensors; hand: of the calibration; rate_dps: of the machine; rest_s between."""
+    """Scenario of figures 2, 9 and 10.
+
+    sensors: names in configs/study/sensors. hand: motion of the calibration. rate_dps: of the machine, °/s. rest_s: between
+    its turns, s.
+    """
 
     sensors: tuple[str, ...]
     hand: Hand
@@ -30,7 +34,7 @@ class VerificationScenario(Scenario, frozen=True, kw_only=True):
 
 
 class Inputs(Struct, frozen=True):
-    """What the runs depend on."""
+    """Values that the runs depend on."""
 
     runs: int
     seed: int
@@ -41,20 +45,20 @@ class Inputs(Struct, frozen=True):
 
 
 def inputs(s: VerificationScenario) -> Inputs:
-    """With the sensors read."""
+    """Inputs of a scenario, with the sensors' files read."""
     return Inputs(s.runs, s.seed, {name: load_device(name) for name in s.sensors}, s.hand, s.rate_dps, s.rest_s)
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
-    """(sensor, run)."""
+    """Jobs: (sensor, run)."""
     return [(name, run) for name in of.devices for run in range(of.runs)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """Samples of the machine's part: time_s (n,) from its beginning, true rate (n, 3) and rates (n, 3) by WORDS, rad/s.
+    """Machine part of a session: time_s (n,) from its begin, true rate (n, 3), and rates (n, 3) by key of WORDS, rad/s.
 
-    spins: for each, (begin, end) s, its ramps among it. accepted: what was accepted.
+    spins: (begin, end) of each turn with its ramps, s. accepted: by method, whether the calibration was accepted.
     """
 
     time_s: Floats
@@ -65,7 +69,7 @@ class Verification:
 
 
 def verify(of: Inputs, job: Job) -> Verification:
-    """One calibration by hand, then each axis 360° one way and back; both in one boot of the device."""
+    """Calibrate by hand, then turn each axis 360° one way and back, in one boot of the device."""
     device = of.devices[str(job[0])]
     rng = generator(of.seed, *job)
     by_hand = of.hand.pieces(rng)
@@ -91,7 +95,7 @@ def verify(of: Inputs, job: Job) -> Verification:
 
 
 def _spins(pieces: Sequence[Piece], recorded: Recorded, first: int) -> list[tuple[float, float]]:
-    """Where the machine turns: its pieces that last as long as a turn."""
+    """Begin and end of the machine's turns, s: its moving pieces longer than 2 s."""
     begins = np.concatenate([[0.0], recorded.ends_s[:-1]]) - recorded.ends_s[first - 1]
     ends = recorded.ends_s - recorded.ends_s[first - 1]
     return [

@@ -1,4 +1,4 @@
-"""The bias of one boot from its first sample on, with an honest uncertainty: a Kalman filter, and one kind of evidence a file.
+"""Bias tracking in one boot, with an honest uncertainty: a Kalman filter, and one file for each kind of evidence.
 
 Begin at `tracker`, then `bias_filter` and `evidence`. Every update leaves a receipt.
 """

@@ -1,6 +1,6 @@
-"""Whether the accelerometer is to be believed: not dead, frozen or wrongly scaled.
+"""Accelerometer check: whether its readings can be used, or it is dead, frozen or wrongly scaled.
 
-One that is mirrored or swapped looks well by itself; but then gravity carried by the gyro contradicts it, again and again.
+A mirrored or swapped accelerometer looks right by itself, but repeatedly contradicts gravity carried by the gyro.
 """
 
 from dataclasses import dataclass
@@ -9,27 +9,30 @@ from estimator.state import StateStruct
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.seconds import Second
 
-#: m/s², readings that are all the same deviate less from their mean, which is rounded
+#: m/s²; identical readings deviate less than this from their mean, by rounding
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerKnobs:
-    """When it is not believed."""
+    """Limits for a usable accelerometer."""
 
-    #: m/s², strength of the mean reading of a second; a wearer's movement stays within
+    #: m/s², limits of a second's mean reading; a wearer's movement stays within them
     weakest: float = 5.0
     strongest: float = 20.0
-    #: so many seconds that contradict gravity, more than those that agree, and it is not believed again in this boot
+    #: contradicting minus agreeing seconds after which it is given up for this boot
     patience: int = 30
-    #: so many in a row, and something is wrong, with it or with the bias
+    #: contradicting seconds in a row that mean a fault, of the accelerometer or the bias
     in_a_row: int = 5
-    #: relative; a scale less certain than this takes gravity farther in a turn than a wrong bias does
+    #: relative; a less certain scale moves gravity more in a turn than a wrong bias does
     scale_std: float = 0.05
 
 
 class AccelerometerState(StateStruct):
-    """disbelieved: given up for the rest of this boot. alive: whether its readings have ever changed."""
+    """balance: contradicting minus agreeing seconds. row: contradictions in a row. disbelieved: given up for this boot.
+
+    alive: whether the readings have ever changed.
+    """
 
     disbelieved: bool = False
     balance: int = 0
@@ -38,17 +41,17 @@ class AccelerometerState(StateStruct):
 
 
 class AccelerometerCheck:
-    """Seconds, and receipts of gravity, in; whether to go on with it out."""
+    """Accelerometer check: seconds and receipts of gravity in; whether to use the accelerometer out."""
 
     def __init__(self, knobs: AccelerometerKnobs | None = None) -> None:
         self.knobs = knobs or AccelerometerKnobs()
         self.state = AccelerometerState()
 
     def fit(self, second: Second) -> bool:
-        """Whether the readings of the next second can be gravity and a wearer's movement."""
+        """Whether the next second's readings can be gravity and a wearer's movement."""
         fit = self._fit(second)
         if not fit:
-            self.state.row = 0  # one that is silent, or frozen, is against nothing any more
+            self.state.row = 0  # a silent or frozen accelerometer contradicts nothing
         return fit
 
     def _fit(self, second: Second) -> bool:
@@ -59,7 +62,7 @@ class AccelerometerCheck:
         return (changing or not self.state.alive) and self.knobs.weakest < second.accel_strength < self.knobs.strongest
 
     def heard(self, receipt: Receipt) -> None:
-        """Note what gravity said of a second."""
+        """Count the receipt of gravity's evidence for a second."""
         against = receipt.test_ratio > 1
         state = self.state
         state.row = state.row + 1 if against else 0
@@ -67,10 +70,10 @@ class AccelerometerCheck:
         state.disbelieved |= state.balance >= self.knobs.patience
 
     def anew(self) -> None:
-        """What was believed so far is no more: nothing speaks against what is believed now."""
+        """Forget the contradictions, as the bias was begun anew."""
         self.state.balance = self.state.row = 0
 
     @property
     def contradicts(self) -> bool:
-        """Whether it has been against what is believed for some seconds now."""
+        """Whether the accelerometer has contradicted the bias for several seconds in a row."""
         return self.state.row >= self.knobs.in_a_row and not self.state.disbelieved

@@ -1,9 +1,9 @@
-"""A Kalman filter of the gyro's bias (the reading at zero rate), on filterpy.
+"""Kalman filter of the gyro's bias (the reading at zero rate), built on filterpy.
 
-Letters of the equations: x the state, P its covariance, z a measurement with covariance R, H what it sees of the state, F how
-the state goes on, Q what the walk adds. The state begins with the bias now, rad/s, and its slope by temperature, rad/s/K; an
-evidence that needs more of its own (gravity.py) appends it. Knobs, state and receipts are apart: a filter built from saved state
-goes on as if it had never stopped.
+Letters of the equations: x the state, P its covariance, z a measurement with covariance R, H its observation matrix, F the
+transition matrix, Q the process noise. The state begins with the present bias, rad/s, and its slope by temperature, rad/s/K;
+evidence that needs more states (gravity.py) appends them. Knobs, state and receipts are separate: a filter built from a saved
+state continues as if it had never stopped.
 """
 
 from dataclasses import dataclass
@@ -24,40 +24,40 @@ from estimator.tracking.temperature_law import TemperatureLaw
 Floats = NDArray[np.float64]
 
 BIAS, SLOPE = slice(0, 3), slice(3, 6)
-#: states of the filter itself
+#: number of the filter's own states
 OWN = 6
 _NOTHING = np.zeros(3)
-#: what the noise of a measurement of now has in common with the error of the state
+#: cross-covariance of a present measurement's noise with the state error: none
 _UNCORRELATED = np.zeros((OWN, 0))
-#: K, a slope changes by steps of temperature this long: in a second's own, squared and added up, next to nothing is left of
-#: what it changes over hours, and a thermometer's noise would add up too
+#: K; the slope may change only after temperature has moved this far. Per second the changes, squared and added, would sum to
+#: next to nothing over hours, and a thermometer's noise would add up too.
 _BEND_K = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class BiasKnobs:
-    """How the bias wanders. Rates in rad/s."""
+    """Process noise of the bias. Rates in rad/s."""
 
     #: rate random walk at a constant temperature, rad/s per root second
     rate_random_walk: float = radians(8e-4)
-    #: the same just after power-up, where no temperature tells of the warming, and how fast that fades, s: its own heat
-    #: takes minutes, the skin of who wears it ten (tests/bench/warming.py)
+    #: additional walk at power-up, rad/s per root second, while no temperature reading explains the warming; and its time
+    #: constant, s: the device's own heat takes minutes, a wearer's skin ten (tests/bench/warming.py)
     warm_up_walk: float = radians(3e-3)
     warm_up_s: float = 600.0
-    #: how much the bias may move per kelvin, before that is learnt
+    #: prior standard deviation of the slope, rad/s/K
     per_kelvin: float = radians(0.03)
-    #: how much the slope itself may change per kelvin, rad/s/K²
+    #: change of the slope per kelvin, rad/s/K²
     curvature: float = radians(0.001)
-    #: standard deviation of what flickers about a mean of minutes. It is no state of the filter: a faster walk, to follow it,
-    #: makes the bias better by 7 % at most, for the worst of the kinds that come with truerate
+    #: rad/s, standard deviation of the bias instability about a mean over minutes. Not a state of the filter: a faster walk
+    #: that follows it improves the bias by 7 % at most, for the worst of the device kinds that come with truerate
     flicker: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasState:
-    """All that evolves: x (n,), P (n, n), device time and temperature now, and when the device was powered up.
+    """State of the bias filter: x (n,), P (n, n), device time, s, temperature, °C, and power-up time, s.
 
-    The temperature is an average over the last while; the device is lag_k warmer than that.
+    The temperature is an average over the last seconds; the latest reading is lag_k kelvin above it.
     """
 
     x: Floats
@@ -65,23 +65,23 @@ class BiasState:
     time: float
     temperature_c: float = np.nan
     powered: float = -np.inf
-    #: where the slope was last given way to change
+    #: temperature at which the slope was last allowed to change, °C
     bent_c: float = np.nan
     lag_k: float = 0.0
 
     @property
     def bias(self) -> Floats:
-        """(3,) the reading at zero rate, rad/s."""
+        """(3,) estimated bias (reading at zero rate), rad/s."""
         return self.x[BIAS]
 
     @property
     def bias_cov(self) -> Floats:
-        """(3, 3) its covariance."""
+        """(3, 3) covariance of the bias."""
         return self.P[BIAS, BIAS]
 
     @property
     def std(self) -> Floats:
-        """(3,) standard deviation of the bias."""
+        """(3,) standard deviation of the bias, rad/s."""
         return np.asarray(np.sqrt(np.diag(self.P)[BIAS]))
 
 
@@ -94,14 +94,17 @@ def start(
     temperature_c: float = np.nan,
     powered: float = -np.inf,
 ) -> BiasState:
-    """A state of the filter's own six from a bias (3,) with covariance (3, 3); the slope as parts are made."""
+    """Initial filter state (six states) from a bias (3,) with covariance (3, 3); the slope is zero with a prior variance.
+
+    time, powered: device time now and at power-up, s. temperature_c: °C, NaN when unknown.
+    """
     P = np.zeros((OWN, OWN))
     P[BIAS, BIAS], P[SLOPE, SLOPE] = cov, knobs.per_kelvin**2 * np.eye(3)
     return BiasState(np.concatenate([bias, np.zeros(3)]), P, time, temperature_c, powered)
 
 
 class FilterState(StateStruct):
-    """now; unsure (3,): variance of the slope as the law had it; walks since what waits to be taken was measured."""
+    """Saved filter: its state; unsure (3,): slope variance under the law; walks: of measurements that wait."""
 
     now: BiasState
     unsure: Floats
@@ -109,7 +112,7 @@ class FilterState(StateStruct):
 
 
 class Step(NamedTuple):
-    """A step of the state x (n,) by F (n, n), with Q (n, n) added to its covariance."""
+    """Prediction step: predicted state x (n,), transition F (n, n), process noise Q (n, n)."""
 
     x: Floats
     F: Floats
@@ -117,38 +120,41 @@ class Step(NamedTuple):
 
 
 class BiasFilter:
-    """The filter at work; `state` may be copied at any time."""
+    """Kalman filter of bias and slope; `state` may be copied at any time.
+
+    law: temperature law from earlier boots, or None.
+    """
 
     def __init__(self, state: BiasState, knobs: BiasKnobs | None = None, law: TemperatureLaw | None = None) -> None:
         self.knobs = knobs or BiasKnobs()
-        #: what earlier boots say of temperature; the slope of the state is believed as it is
+        #: temperature law of earlier boots; the slope in the state is used as it is
         self.law = law
-        #: (6,) what the law's curvature moved the state by in the last step, None without a law
+        #: (6,) change of the state by the law's curvature in the last step; None without a law
         self.bent: Floats | None = None
         self.restart(state)
 
     def _take(self, state: BiasState) -> None:
         self._x, self._P = np.array(state.x, float), np.array(state.P, float)
-        #: (3, 3) by how much the bias was doubted since the last step, if it was
+        #: (3, 3) covariance added by `widen` since the last step, or None
         self.widened: Floats | None = None
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
         self._bent_c = state.bent_c
-        #: variance (3,) of the walk in the last step, and gain and H of what was taken in since
+        #: variance (3,) of the walk in the last step, and gain and H of the updates since
         self._walked, self._taken = _NOTHING, list[tuple[Floats, Floats]]()
         self._walks = RandomWalks.none(len(state.x))
 
     def restart(self, state: BiasState) -> None:
-        """Forget all that came since, and go on from a state."""
+        """Discard the present state and continue from another."""
         self._take(state)
         self._unsure = self._law_var(self.temperature_c)
 
     @property
     def saved(self) -> FilterState:
-        """All that evolves from second to second."""
+        """All that evolves from second to second, to be saved."""
         return FilterState(self.state, self._unsure, self._walks)
 
     def resume(self, saved: FilterState, law: TemperatureLaw | None) -> None:
-        """Go on from what was saved, under a law. Raises ValueError."""
+        """Restore a saved filter under a law. Raises ValueError when it is damaged."""
         n = len(saved.now.x)
         shaped(saved.now.x, n, finite=True)
         shaped(saved.now.P, n, n, finite=True)
@@ -161,30 +167,31 @@ class BiasFilter:
         self._unsure, self._walks = saved.unsure, saved.walks
 
     def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
-        """What a state tells of the bias at a time before its own: a walk is as long backward as it is forward."""
+        """Estimate the bias at a time before a given state: the random walk is as long backward as forward."""
         self.restart(state)
         self.predict(2 * state.time - time, temperature_c)
         self.time = time
 
     @property
     def x(self) -> Floats:
-        """(n,) the state; not to be written to."""
+        """(n,) current state; read only."""
         return self._x
 
     @property
     def cov(self) -> Floats:
-        """(n, n) its covariance; not to be written to."""
+        """(n, n) covariance of the state; read only."""
         return self._P
 
     @property
     def state(self) -> BiasState:
-        """The estimate as it is now."""
+        """Copy of the current state."""
         return BiasState(self._x.copy(), self._P.copy(), self.time, self.temperature_c, self._powered, self._bent_c)
 
     def predict(self, time: float, temperature_c: float = np.nan, carried: Step | None = None) -> Step | None:
-        """Let the bias walk to a device time, and all else go on as it is carried, which moves neither bias nor slope.
+        """Predict the state to a device time, s: the bias walks, other states move by `carried`.
 
-        carried: is written to, and returned with the walk. Time that goes backward is no time for a walk: None.
+        carried: step of the appended states, which moves neither bias nor slope; it is modified and returned with the walk
+        added. Returns None when time does not advance.
         """
         dt, known = time - self.time, isfinite(temperature_c)
         step = _stays(self._x) if carried is None else carried
@@ -211,7 +218,7 @@ class BiasFilter:
         return step
 
     def settle(self) -> None:
-        """A second is over: leave nothing of rounding between both triangles of the covariance."""
+        """End a second: make the covariance symmetric again after rounding."""
         P = self._P + self._P.T
         P *= 0.5
         self._P = P
@@ -219,12 +226,12 @@ class BiasFilter:
     def _step(self, step: Step) -> None:
         kf = self._filterpy()
         kf.predict(F=step.F, Q=step.Q)
-        self._x, self._P = step.x.copy(), kf.P  # F is only the derivative of x
+        self._x, self._P = step.x.copy(), kf.P  # x itself from step.x: F is only its derivative
         if len(self._walks):
             self._walks.step(step.F, self._walked)
 
     def expect(self, law: TemperatureLaw) -> None:
-        """From now on believe the slope of a law in place of what was known of it."""
+        """Use a temperature law from now on; its slope and variance replace the tracked ones."""
         self.law = law
         if np.isfinite(self.temperature_c):
             self._x[SLOPE] = law.slope(self.temperature_c)
@@ -235,12 +242,12 @@ class BiasFilter:
             self._walks.cross[:, SLOPE] = 0.0
 
     def follow(self, law: TemperatureLaw) -> None:
-        """From now on go on by a law that the slope, as it is known, was learnt under."""
+        """Use a temperature law from now on; the slope, learnt under it, is kept."""
         self.law = law
         self._unsure = self._law_var(self.temperature_c)
 
     def unlearn(self) -> Floats:
-        """Give the law up: the slope is doubted as much as that of any part; by how much, (3, 3)."""
+        """Give the temperature law up; returns the covariance (3, 3) added to the slope, that of an unknown part."""
         self.law = None
         doubt = self.knobs.per_kelvin**2 * np.eye(3)
         self._P[SLOPE, SLOPE] += doubt
@@ -248,11 +255,11 @@ class BiasFilter:
 
     @property
     def against_law(self) -> float:
-        """How many standard deviations the evidence has moved the slope from where the law has it; the most of three axes."""
+        """Distance of the slope from the law in standard deviations of what the evidence told; largest of three axes."""
         if self.law is None or not np.isfinite(self.temperature_c):
             return 0.0
         moved = self._x[SLOPE] - self.law.slope(self.temperature_c)
-        # Evidence leaves var - P of the law's own variance behind.
+        # Evidence has reduced the law's variance to P: the difference is what the evidence told.
         told = np.maximum(self._unsure - np.diag(self._P)[SLOPE], self._unsure / 4)
         return float(np.max(np.abs(moved) / np.sqrt(told)))
 
@@ -260,7 +267,7 @@ class BiasFilter:
         return np.zeros(3) if self.law is None or not np.isfinite(celsius) else self.law.slope_var(celsius)
 
     def _bend(self, warmer: float, temperature_c: float) -> tuple[Floats, float, Floats | None]:
-        """(3,) by how much the slope may change, over how many kelvin; (6,) what the law knows of that."""
+        """(3,) how much the slope may change, over how many kelvin; (6,) the change that the law predicts, or None."""
         if self.law is None:
             over = temperature_c - (self._bent_c if isfinite(self._bent_c) else self.temperature_c)
             if abs(over) < _BEND_K:
@@ -274,7 +281,7 @@ class BiasFilter:
         return np.sqrt(self._unsure - before), warmer, np.concatenate([by * warmer, 2 * by])
 
     def walked(self, dt: float, *, known: bool | None = None) -> float:
-        """Variance that some seconds about now add to the bias; known: temperature tells of the warming, by default if one is."""
+        """Variance the walk adds to the bias in dt seconds; known: whether a temperature explains warming (default: if read)."""
         known, knobs = isfinite(self.temperature_c) if known is None else known, self.knobs
         var = knobs.rate_random_walk**2 * dt
         if not known and isfinite(self._powered):
@@ -283,33 +290,33 @@ class BiasFilter:
         return var
 
     def widen(self, cov: Floats) -> None:
-        """Doubt the bias by so much more, (3, 3)."""
+        """Add a covariance (3, 3) to that of the bias."""
         self._P[BIAS, BIAS] += cov
         self.widened = cov if self.widened is None else self.widened + cov
 
     def wait(self) -> None:
-        """What was measured in the last step is to be taken later, by `take_first`."""
+        """Keep the measurement of the last step for later, for `take_first`."""
         self._walks.begin(self._walked, self._taken)
 
     @property
     def waiting(self) -> int:
-        """How many measurements wait; none of what was measured before the state was begun anew does."""
+        """Number of waiting measurements; restarting the state discards them."""
         return len(self._walks)
 
     def forget(self) -> None:
-        """What was measured before now and has not been taken will not be."""
+        """Discard all waiting measurements."""
         self._walks = RandomWalks.none(len(self._x))
 
     def extend(self, own: BiasState) -> None:
-        """Go on with a state that has other parts behind the filter's own six."""
+        """Replace the state by one with other states appended to the filter's own six."""
         self._take(own)
 
     def weigh(self, evidence: Evidence) -> Receipt:
-        """What `update` would say of a measurement, which is not taken."""
+        """Receipt of a measurement as `update` would give it, without the update."""
         return self._receipt(evidence, evidence.H, evidence.R, _UNCORRELATED)
 
     def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt]:
-        """Take two measurements of now one after the other: in one step where both are believable."""
+        """Update with two simultaneous measurements, in one step when both pass their gates; returns both receipts."""
         m = len(first.z)
         z, H = np.concatenate([first.z, then.z]), np.concatenate([first.H, then.H])
         R = np.zeros((len(z), len(z)))
@@ -323,12 +330,12 @@ class BiasFilter:
         return said
 
     def update(self, evidence: Evidence) -> Receipt:
-        """Take a measurement of now by filterpy, where it is believable."""
+        """Update with a present measurement if it passes its gate; returns the receipt."""
         receipt = self.weigh(evidence)
         if receipt.accepted or (evidence.soft and isfinite(receipt.nis)):
             R = evidence.R
             if not receipt.accepted:
-                # What is seen is then just within the gate, whatever makes it unlikely: the state may be the wrong one.
+                # Soft evidence is weighted to just pass its gate, whatever makes it unlikely: the state may be wrong.
                 R = R + (receipt.test_ratio - 1) * receipt.innovation_cov
                 receipt = receipt._replace(accepted=True, reason="")
             self._take_now(evidence.z, evidence.H, R)
@@ -344,7 +351,7 @@ class BiasFilter:
             self._walks.taken(kf.K, H)
 
     def take_first(self, evidence: Evidence) -> Receipt:
-        """Take the measurement that has waited longest, where it is believable; the bias has walked on since."""
+        """Update with the measurement that has waited longest, if it passes its gate; corrects for the walk since then."""
         H, noise, M = self._walks.sight(evidence.H)
         R, K = evidence.R + noise, np.zeros(M.shape)
         receipt = self._receipt(evidence, H, R, M)
@@ -363,7 +370,7 @@ class BiasFilter:
         return kf
 
     def _doubt_common(self, evidence: Evidence) -> None:
-        """In doubt stays what is the same error in all measurements of a kind: no number of them tells of it."""
+        """Keep the variance of an error common to all measurements: no number of them can reduce it."""
         if evidence.common_var is not None and any(evidence.common_var.tolist()):
             H, P = evidence.H, self._P
             seen = ((H @ P) * H).sum(axis=1)
@@ -374,7 +381,7 @@ class BiasFilter:
         return self._said(evidence, innovation, cov, nis)
 
     def _said(self, evidence: Evidence, innovation: Floats, cov: Floats, nis: float) -> Receipt:
-        """What is not finite, or claims to be without noise, never gets to filterpy: x would be NaN for ever, P look perfect."""
+        """Build a receipt. Values that are not finite never reach filterpy: x would be NaN for ever, P look perfect."""
         ratio = nis / evidence.gate
         reason = "not finite" if not isfinite(nis) else "outside the gate" if ratio > 1 else ""
         return Receipt(self.time, evidence.kind, innovation, cov, ratio, not reason, reason, nis)
@@ -382,7 +389,7 @@ class BiasFilter:
 
 @lru_cache(maxsize=16)
 def _filter(n: int, thread: int) -> Any:  # noqa: ARG001 - no two threads use one at the same time
-    """One of n states, for all devices: what filterpy keeps beside x and P would push a thousand of them out of a CPU's cache."""
+    """Shared filterpy filter of n states: one for each of a thousand devices would not fit into a CPU's cache."""
     from filterpy.kalman import KalmanFilter  # noqa: PLC0415 - it brings SciPy and Matplotlib: a second for every command
 
     kf = KalmanFilter(dim_x=n, dim_z=3)

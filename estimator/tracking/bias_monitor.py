@@ -1,4 +1,4 @@
-"""Bias monitor: what rests, gravity and time say against the tracked bias."""
+"""Bias monitor: doubts the tracked bias when rests, gravity or lack of evidence speak against it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,26 +12,27 @@ from estimator.tracking.evidence import Receipt
 from estimator.tracking.innovation_consistency import ConsistencyState, InnovationConsistency
 from estimator.tracking.zaru import INSISTED, JUMPED, UNPROVEN
 
-#: parts of the bias, across gravity and along it, of which either may be off while rests agree with the other
+#: parts of the bias, horizontal and vertical: one may be wrong while rests agree with the other
 _PARTS = "level", "vertical"
 
 
 @dataclass(frozen=True, slots=True)
 class BiasMonitorKnobs:
-    """When a bias is doubted."""
+    """Thresholds for a doubt of the bias."""
 
-    #: without accepted evidence of rest for this long, s
+    #: s without an accepted rest
     evidence_age_s: float = 1800.0
-    #: after so many seconds of rest in a row that contradict it
+    #: seconds of rest in a row that contradict the bias
     contradictions: int = 5
-    #: or when innovations are so many times larger than they may be
+    #: factor of `InnovationConsistency.inflation`
     inflation: float = 3.0
 
 
 class BiasMonitorState(StateStruct):
-    """By part: contradictions since a rest last agreed, and how far off the latest was, rad/s, and its kind.
+    """State of the bias monitor.
 
-    agreed: parts that rests have agreed with since the bias was doubted.
+    contradictions: by part, since a rest last agreed. refused: by part, error of the latest contradiction, rad/s, and its
+    kind. agreed: parts that rests have agreed with since the doubt began.
     """
 
     why: Sentences
@@ -42,11 +43,11 @@ class BiasMonitorState(StateStruct):
 
 
 class BiasMonitor:
-    """Receipts in; a reason to doubt, or to trust again, out."""
+    """Bias monitor: receipts in; reasons to doubt the bias, or the end of a doubt, out."""
 
     def __init__(self, knobs: BiasMonitorKnobs | None = None) -> None:
         self.knobs = knobs or BiasMonitorKnobs()
-        #: the reason as long as the bias is doubted, else none
+        #: reasons while the bias is doubted, else empty
         self.why: Sentences = ()
         self.last_receipt: Receipt | None = None
         self.consistency = InnovationConsistency()
@@ -55,11 +56,11 @@ class BiasMonitor:
 
     @property
     def state(self) -> BiasMonitorState:
-        """All that evolves."""
+        """State to save."""
         return BiasMonitorState(self.why, self._contradictions, self._refused, self._agreed, self.consistency.state)
 
     def restore(self, state: BiasMonitorState) -> None:
-        """Go on from a state. Raises ValueError."""
+        """Restore a state. Raises ValueError when it names unknown parts."""
         if not set(state.contradictions) == set(_PARTS) >= {*state.refused, *state.agreed}:
             raise ValueError("damaged state: parts of a bias that there are not")
         self.why, self._contradictions, self._refused = state.why, state.contradictions, state.refused
@@ -68,21 +69,21 @@ class BiasMonitor:
 
     @property
     def stands(self) -> bool:
-        """Whether it is doubted; beside the state of life: a device that is being recalibrated is no better than before."""
+        """Whether the bias is doubted; independent of the life cycle state, so a recalibration does not hide it."""
         return bool(self.why)
 
     def anew(self) -> None:
-        """Nothing speaks against what is believed from now on."""
+        """Begin anew without doubts, for a new bias."""
         self._contradictions = dict.fromkeys(_PARTS, 0)
         self.why = ()
         self._agreed.clear()
         self.consistency.forget()
 
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt], *, rested: bool = True) -> None:
-        """Note receipts of rests; surprises: what the filter was told to expect before it took any of them.
+        """Add receipts of rests; surprises: receipts from before the filter widened the bias.
 
-        rested: whether there was a rest that is one since a restart: the first quiet second after it may well be a breath, and
-        would be enough by itself to doubt everything.
+        rested: whether a rest was proven since a restart. Before that ZARU receipts do not count for consistency: the first
+        quiet second may be a breath, and could cause a doubt by itself.
         """
         for receipt in (*surprises, *receipts):
             if rested or not receipt.kind.startswith("zaru"):
@@ -90,14 +91,14 @@ class BiasMonitor:
         for receipt in receipts:
             self.last_receipt = receipt
             if receipt.reason in {INSISTED, JUMPED}:
-                self.consistency.forget()  # what was against the old bias speaks for the new
+                self.consistency.forget()  # evidence against the old bias supports the new one
             for part in _parts(receipt.kind):
                 self._heard(part, receipt)
 
     def _heard(self, part: str, receipt: Receipt) -> None:
-        """What a rest said of a part; a few quiet seconds would agree with much that is wrong."""
+        """Count agreement or contradiction for one part; unproven rests cannot confirm: they agree with much that is wrong."""
         if not receipt.accepted:
-            # A stretch is as good as many seconds.
+            # One stretch of bounded motion counts as many seconds.
             self._contradictions[part] += self.knobs.contradictions if receipt.kind.startswith("bounded") else 1
             self._refused[part] = float(np.max(np.abs(receipt.innovation))), receipt.kind
             self._agreed.discard(part)
@@ -107,9 +108,10 @@ class BiasMonitor:
                 self._agreed.add(part)
 
     def news(self, age_s: float, *, gravity: bool) -> Sentences:
-        """Why it is doubted from now on; none when that is no news, or there is no reason.
+        """Reasons for a new doubt; empty when there is none or the bias is already doubted.
 
-        age_s: since the last evidence of rest, or since one was waited for. gravity: whether the accelerometer is against it.
+        age_s: seconds since the last accepted rest, or since one was waited for. gravity: whether the accelerometer
+        contradicts the bias.
         """
         reason: Sentence | None = None
         against = [self._refused[part] for part in _PARTS if self._contradictions[part] >= self.knobs.contradictions]
@@ -130,9 +132,9 @@ class BiasMonitor:
         return self.why
 
     def settled(self, age_s: float, *, sure: bool, gravity: bool) -> bool:
-        """Whether rests have made all of a bias certain again that is sure in itself, and would not be doubted at once."""
+        """End the doubt if rests have confirmed every part, the bias is sure, and nothing speaks against it."""
         against = gravity or self.consistency.inflation > self.knobs.inflation
-        against = against or age_s > self.knobs.evidence_age_s  # a rest that proved none does not end the wait for one
+        against = against or age_s > self.knobs.evidence_age_s  # unproven rests do not end the wait
         if against or not sure or not self._agreed.issuperset(_PARTS):
             return False
         self.why = ()
@@ -140,5 +142,5 @@ class BiasMonitor:
 
 
 def _parts(kind: str) -> list[str]:
-    """Those that a kind of evidence tells of: all, where it is of no one."""
+    """Parts of the bias that a kind of evidence measures; all unless its name ends with one."""
     return [part for part in _PARTS if kind.endswith(part)] or list(_PARTS)

@@ -1,7 +1,8 @@
 """Bounded-motion evidence: a wearer who breathes, sways or dozes turns to and fro, but not away.
 
-Over a long stretch the mean of the true rate is the way from its first attitude to its last, over its time. How far the way
-swings is seen in the stretch itself. The bias of that mean is an older one than that of now: warmth and the walk lie between.
+Over a long stretch the mean true rate is the rotation from the first attitude to the last, divided by the time. How far the
+body swings is measured in the stretch itself. The measured bias is that of the stretch's mean time: temperature change and
+random walk lie between it and the present one.
 """
 
 from dataclasses import dataclass, replace
@@ -20,31 +21,31 @@ from estimator.tracking.zaru import INSISTED
 
 Floats = NDArray[np.float64]
 VERTICAL = "bounded vertical"
-#: start, end, mean, its variance, the part of that which all share, temperature
+#: start, end, mean, its variance, the part of the variance common to all, temperature
 _Kept = tuple[float, float, Floats, Floats, Floats, float]
 
 
 @dataclass(frozen=True, slots=True)
 class BoundedMotionKnobs:
-    """What a bounded stretch is."""
+    """Limits of a stretch of bounded motion."""
 
     stretch_s: float = 30.0
-    #: a body that swings farther is moving
+    #: rad; a body that swings farther is moving
     swing: float = radians(10.0)
-    #: and one that seems to end nearer to where it began does not: no reading shows it
+    #: rad, least standard deviation between the ends: smaller motion does not show in the readings
     least_way: float = radians(0.2)
-    #: who crosses the mean of the way no more often than this in a stretch may as well be leaving as coming back
+    #: crossings of the mean per stretch; with fewer the body may be leaving as well as coming back
     returns: float = 7.0
-    #: so many stretches in a row that contradict the bias are believed, if they say the same: a bed turns now so, now so
+    #: number of agreeing stretches in a row that overrule the bias: a bed's turns change from stretch to stretch
     insist: int = 4
-    #: about the vertical, which no accelerometer checks: a bed may turn for minutes. Normalised innovation squared, and stretches
+    #: about the vertical, where no accelerometer helps and a bed may turn for minutes: NIS gate, and number of stretches
     vertical_gate: float = 16.0
     vertical_insist: int = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Refused:
-    """So many stretches in a row said that the bias was another: `said` with covariance cov, at a time and a temperature."""
+    """Refused stretches in a row that agree: number, bias `said` (3,) with covariance cov, time, s, and temperature, °C."""
 
     count: int
     said: Floats
@@ -54,21 +55,21 @@ class _Refused:
 
 
 class BoundedMotionState(StateStruct):
-    """The seconds of the stretch so far, and what stretches before it said against the bias, by kind of evidence."""
+    """Seconds of the present stretch, and refused stretches before it by kind of evidence."""
 
     seconds: list[_Kept] = msgspec.field(default_factory=list)
     refused: dict[str, _Refused] = msgspec.field(default_factory=dict)
 
 
 class BoundedMotion:
-    """Quiet seconds in, a receipt for each whole stretch out."""
+    """Bounded-motion evidence: quiet seconds in, receipts for each whole stretch out."""
 
     def __init__(self, knobs: BoundedMotionKnobs | None = None) -> None:
         self.knobs = knobs or BoundedMotionKnobs()
         self.state = BoundedMotionState()
 
     def restore(self, state: BoundedMotionState) -> None:
-        """Go on from a state. Raises ValueError."""
+        """Restore a state. Raises ValueError when its arrays have wrong shapes."""
         for _, _, *means, _ in state.seconds:
             for mean in means:
                 shaped(mean, 3)
@@ -78,13 +79,13 @@ class BoundedMotion:
         self.state = state
 
     def broken(self) -> None:
-        """The stretch is over."""
+        """End the present stretch without evidence."""
         self.state.seconds.clear()
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
-        """Take the next second, to the end of which the filter has gone on; receipts when it completes a stretch.
+        """Add the next second, to whose end the filter has been predicted; returns receipts when a stretch is complete.
 
-        up (3,) points as gravity's reading does, None without an accelerometer.
+        up (3,): direction of gravity's reading, None without an accelerometer.
         """
         self.state.seconds.append(
             (second.start, second.end, second.mean, second.mean_var, second.common_var, bias.temperature_c)
@@ -106,7 +107,7 @@ class BoundedMotion:
         common = commons.max(axis=0)
         noise = ((variances - commons) * lasted**2).sum(axis=0) / seconds**2 + common
         bend = bias.knobs.curvature / 2 * float((colder**2 * lasted).sum()) / seconds
-        # The mean over a walk strays from its end by a third of what the end strays from its begin.
+        # The mean of a random walk differs from its end by a third of the variance from begin to end.
         walk = bias.walked(seconds) / 3 + bend**2
         H = np.zeros((3, len(bias.x)))
         H[:, BIAS], H[:, SLOPE] = np.eye(3), float((colder * lasted).sum()) / seconds * np.eye(3)
@@ -118,14 +119,14 @@ class BoundedMotion:
         return receipts
 
     def _ends_var(self, way: Floats) -> Floats:
-        """(m,) variance of how far a way (n, m) ends from where it began: two moments of its swing, if it swings often."""
+        """(m,) variance of the distance between begin and end of a way (n, m): twice its swing, more if it swings rarely."""
         swing = way - way.mean(axis=0)
         crossed = np.count_nonzero(np.diff(swing > 0, axis=0), axis=0)
         doubt = 1 + (self.knobs.returns / np.maximum(crossed, 1)) ** 2
         return np.asarray(np.maximum(2 * doubt * np.mean(swing**2, axis=0), self.knobs.least_way**2))
 
     def _judged(self, evidence: Evidence, bias: BiasFilter) -> Receipt:
-        """Take it, or refuse it as long as it does not insist."""
+        """Update with the evidence, or refuse it until enough stretches agree."""
         kind, receipt = evidence.kind, bias.update(evidence)
         before = self.state.refused.pop(kind, None)
         if receipt.accepted:
@@ -140,7 +141,7 @@ class BoundedMotion:
 
 
 def _against(before: _Refused | None, evidence: Evidence, innovation: Floats, bias: BiasFilter) -> _Refused:
-    """One more of those that say the same as the first of them, else the first of others."""
+    """Count a refused stretch: one more if it agrees with the earlier ones, else the first of a new series."""
     axes = evidence.H[:, BIAS]
     said, cov = bias.x[BIAS] + axes.T @ innovation, axes.T @ evidence.R @ axes
     if before is not None:

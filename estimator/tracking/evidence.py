@@ -1,4 +1,4 @@
-"""What a filter is given, and what it says of it: the letters are those of bias_filter.py."""
+"""Evidence given to the filter, and the receipt of each update; letters as in bias_filter.py."""
 
 from typing import NamedTuple
 
@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-#: the largest believable NIS by degrees of freedom: false alarm 1e-6
+#: largest accepted NIS by degrees of freedom: false alarm 1e-6
 GATES = {1: 23.93, 2: 27.63, 3: 30.66}
 
 
 class Evidence(NamedTuple):
-    """A measurement z (m,) = H (m, n) x, with covariance R (m, m).
+    """A measurement z (m,) = H (m, n) x + noise of covariance R (m, m).
 
-    common_var (m,): the part of R that is the same error in every measurement; no number of them gets below it.
-    gate: the largest NIS believed. soft: beyond it R grows until it is not, and nothing is refused.
+    common_var (m,): the part of R that is the same error in every measurement; averaging cannot reduce it.
+    gate: the largest accepted NIS. soft: beyond the gate R is enlarged until the NIS fits, instead of a refusal.
     """
 
     kind: str
@@ -28,7 +28,7 @@ class Evidence(NamedTuple):
 
 
 class Receipt(NamedTuple):
-    """What one piece of evidence did: innovation (m,) = measured - predicted, its covariance, test ratio = NIS / gate."""
+    """Result of one update: innovation (m,) = measured - predicted, its covariance, test ratio = NIS / gate."""
 
     time: float
     kind: str

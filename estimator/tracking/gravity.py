@@ -1,17 +1,17 @@
-"""Gravity, carried through any motion by the gyro, against the accelerometer: what the bias must be for the two to agree.
+"""Gravity evidence: gravity, carried through any motion by the gyro, compared with the accelerometer.
 
-Appended to the filter's state, all in the device's axes now: gravity g (3) m/s² as an accelerometer at rest would read it,
+Appended to the filter's state, all in the present device axes: gravity g (3) m/s² as a resting accelerometer would read it,
 velocity v (3) m/s, accelerometer bias (3) m/s², relative change of the gyro's matrix (9, row by row). Over a span
 
     g' = C^T g,   v' = C^T (v + push - g T),   bias, accelerometer bias and matrix stay.
 
-Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean over a span is measured as zero, give or take
-what the unrest of the stretch allows; all else follows: a wrong bias tilts g, and a tilted g makes v run away. Unrest is how far
-the velocity strays within the span, not how hard it is pushed: what shakes goes nowhere, a slow swing does. The mean, for what
-goes to and fro within a second cancels in it, while v itself, looked at once a second, shows it as something slow. A walker's
-does not: it is the same for many seconds, and so many are believed no more than one (steady_motion.py). The gyro's scale and
-misalignment are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as they are
-known.
+Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean over a span is measured as zero. The
+error of this depends on the unrest of the span. A wrong bias tilts g, and a tilted g makes v run away: so the bias becomes
+observable. Unrest is how far the velocity strays within the span, not the acceleration: shaking goes nowhere, a slow swing
+does. The mean is used because motion to and fro within a second cancels in it. v sampled once a second would show that as
+slow motion. A walker's velocity does not cancel: it stays the same for many seconds, which then count as one
+(steady_motion.py). The gyro's scale and misalignment are states, since 0.4 % of 100 °/s is more than any bias: a span
+determines the bias only as well as they are known.
 Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Principles of GNSS, Inertial, and Multisensor
 Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
 """
@@ -41,54 +41,54 @@ _VELOCITY_SEEN = np.eye(SIZE)[VELOCITY]
 
 @dataclass(frozen=True, slots=True)
 class GravityKnobs:
-    """How far gravity is believed. m/s², m/s."""
+    """Noise of gravity's evidence. m/s², m/s."""
 
-    #: m/s, mean speed over a span of a wearer that shows no unrest, what each m/s of unrest adds to it, and the most: a limb
-    #: that is shaken harder gets no further, a walker goes so fast
+    #: m/s, standard deviation of a wearer's mean speed over a span: without unrest, added for each m/s of unrest, and at most.
+    #: A limb shaken harder gets no farther; a walker reaches the limit
     speed: float = 0.07
     speed_per_unrest: float = 2.0
     fastest: float = 0.7
-    #: and of a wearer whose velocity lasts
+    #: for a wearer whose velocity lasts
     lasting: SteadyMotionKnobs = field(default_factory=SteadyMotionKnobs)
-    #: of a resting device
+    #: m/s, for a resting device
     resting_speed: float = 0.01
-    #: a velocity this unlikely (NIS, 3 degrees of freedom) is believed less
+    #: NIS (3 degrees of freedom) above which a measured velocity gets less weight
     doubt: float = 12.0
-    #: of the gyro, per rad turned within a span: non-linearity, sensitivity to acceleration
+    #: rad per rad turned within a span, gyro errors: non-linearity, sensitivity to acceleration
     way_share: float = 1.4e-3
-    #: of the accelerometer, m/s² per root Hz, and the walk of its bias, m/s² per root s
+    #: accelerometer noise, m/s² per root Hz; its bias, m/s²; random walk of the bias, m/s² per root s
     accel_noise: float = 0.03
     accel_bias: float = 0.05
     accel_walk: float = 1e-3
-    #: and what turning it changes in its error, m/s² per rad and at the most: scale, misalignment and curvature read otherwise
-    #: in each pose
+    #: m/s² per rad, and at most: change of the accelerometer's error by turning it, since scale, misalignment and curvature act
+    #: differently in each pose
     accel_pose: float = 0.05
-    #: m/s², how far the strength of gravity at the begin may be off: from then on it is what it is known to be
+    #: m/s², uncertainty of gravity's magnitude at the begin
     strength: float = 0.005
-    #: greatest error of gravity's first direction, m/s²
+    #: m/s², largest error of gravity's first direction
     first: float = 4.0
 
 
 class GravityState(StateStruct):
-    """known: whether g and v in the filter's state are of now."""
+    """known: whether g and v in the filter's state are current. lasting: of the steady motion detector."""
 
     known: bool
     lasting: SteadyMotionState
 
 
 class Gravity:
-    """Carries gravity along in one filter."""
+    """Carries gravity in one bias filter, and makes evidence of it."""
 
     def __init__(self, knobs: GravityKnobs) -> None:
         self.knobs = knobs
-        #: whether g and v in the state are of now
+        #: whether g and v in the filter's state are current
         self.known = False
         self._lasting = SteadyMotion(knobs.lasting)
         stays = knobs.resting_speed**2 * _ONE
         self._resting = Evidence("gravity", _NONE, _VELOCITY_SEEN, stays, knobs.doubt, soft=True)
 
     def extend(self, state: BiasState, scale_std: Floats, cross_std: Floats) -> BiasState:
-        """A state with this evidence's parts behind its own; relative deviations (3,) of the matrix's diagonal and rows."""
+        """Append this evidence's states to a bias state; scale_std, cross_std (3,): relative std of the gyro's matrix."""
         x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
         x[:OWN], P[:OWN, :OWN] = state.x[:OWN], state.P[:OWN, :OWN]
         P[ACCEL_BIAS, ACCEL_BIAS] = self.knobs.accel_bias**2 * np.eye(3)
@@ -100,24 +100,24 @@ class Gravity:
 
     @property
     def state(self) -> GravityState:
-        """All that evolves, beside what is in the filter's state."""
+        """State to save, beside the filter's state."""
         return GravityState(self.known, self._lasting.state)
 
     def restore(self, state: GravityState) -> None:
-        """Go on from a state."""
+        """Restore a state."""
         self.known, self._lasting.state = state.known, state.lasting
 
     def lose(self) -> None:
-        """The way gravity went is not known."""
+        """Mark gravity as unknown, because the motion was not measured."""
         self.known = False
         self._lasting.broken()
 
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
     ) -> Step:
-        """How the filter goes on (BiasFilter.predict) over a span summed up with its own bias, matrix and accelerometer bias.
+        """Prediction step for `BiasFilter.predict` over a span, summed up with the filter's own bias and matrix.
 
-        gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn rad, unseen_push m/s: see Second.
+        gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn, rad, unseen_push, m/s: see `Second`.
         """
         if not self.known:
             self._begin(span, bias)
@@ -131,17 +131,17 @@ class Gravity:
         return Step(*carried(bias.x, bias.cov, span.rows, kept, G, noise))
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
-        """The velocity of a span just carried over, measured as zero: on the mean, and at the end of one at rest."""
+        """Zero-velocity evidence for the span just carried: of its mean, or at its end for a resting device."""
         if resting:
             return self._resting
-        # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. What a wrong bias does within the span is little.
+        # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. The effect of a wrong bias within the span is small.
         H = _VELOCITY_SEEN.copy()
         H[0, GRAVITY.start] = H[1, GRAVITY.start + 1] = H[2, GRAVITY.start + 2] = span.seconds / 2
         R = self._lasting.factor * self._speed(span) ** 2 * _ONE
         return Evidence("gravity", span.rows[DRIFT], H, R, self.knobs.doubt, soft=True)
 
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
-        """Note what came of this evidence of a span; what is that unlikely is no walk: a mirrored accelerometer, say."""
+        """Add the receipt of this evidence to the steady motion detector; an unlikely one is no walk (mirrored axes, say)."""
         if resting or receipt.test_ratio > 1:
             self._lasting.broken()
         else:
@@ -151,7 +151,7 @@ class Gravity:
         return min(self.knobs.fastest, self.knobs.speed + self.knobs.speed_per_unrest * span.unrest)
 
     def _accel_kept(self, span: Span) -> float:
-        """What turning leaves of the accelerometer's error: it wanders with the pose, and never beyond what it may be at all."""
+        """Share of the accelerometer's error kept in a turn: the error changes with the pose, within its limits."""
         return exp(-((self.knobs.accel_pose * min(span.way, 1.0)) ** 2) / (2 * self._accel_var))
 
     @property
@@ -159,7 +159,7 @@ class Gravity:
         return self.knobs.accel_bias**2 + self.knobs.accel_pose**2
 
     def _begin(self, span: Span, bias: BiasFilter) -> None:
-        """Gravity is where the accelerometer points on the mean; nothing ties it to what was before."""
+        """Begin gravity along the mean accelerometer reading, independent of earlier states."""
         speed = self._speed(span)
         x, P = bias.x.copy(), bias.cov.copy()
         mean = span.rows[PUSH] / span.seconds

@@ -1,7 +1,7 @@
-"""Uncertainty of a second with lost samples.
+"""Integration error of a second with lost samples.
 
-The first reading after a hole is held for all of it, where the lost ones would have gone their own way: the two readings around
-it differ by so much, and one reading from the next, elsewhere in the second, by so much for each that is missing.
+The integral holds the first reading after a hole over all of it. The lost readings would have differed: by the step between
+the readings around the hole, and by a usual step between neighbours for each lost sample.
 """
 
 import numpy as np
@@ -9,16 +9,17 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-#: longer than so many of the usual steps from sample to sample, a step is a hole
+#: ratio of a time step to the usual one beyond which it is a hole
 HOLE = 1.5
-#: s from reading to reading; no gyro is faster, and a clock that counts too coarsely shows none
+#: s, least usual time step: no gyro is faster, and a coarse clock may show zero
 _LEAST = 5e-5
 
 
 def unseen(dt: Floats, reading: Floats, before: Floats) -> float:
-    """By how much the integral of readings (n, k), each held for dt (n,) s, may be off for what was lost, rms.
+    """Rms error of the integral of readings (n, k), each held for dt (n,) s, caused by lost samples.
 
-    before (k,): the reading before the first. No hole is longer than a gap, in which nothing is known of the way.
+    before (k,): the reading before the first. Units: those of the readings times s. Holes longer than `SecondKnobs.gap_s`
+    make the second unusable instead.
     """
     if float(dt.max()) * len(dt) <= HOLE * float(dt.sum()):
         return 0.0

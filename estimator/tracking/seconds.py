@@ -1,6 +1,6 @@
-"""A stream cut into seconds, each judged fit or not; what is no measurement never gets behind this door.
+"""Cuts a stream into seconds and marks those unfit for tracking.
 
-A second with clipped or stuck readings, or with a hole in it, tells nothing of rotation.
+A second with clipped or stuck readings, or with a gap, tells nothing of rotation.
 """
 
 from dataclasses import dataclass
@@ -19,34 +19,34 @@ from estimator.stillness.detector import Windows
 from estimator.tracking.sample_gaps import HOLE, unseen
 
 Floats = NDArray[np.float64]
-#: a flaw that shows movement
+#: flaw of a second that shows movement
 CLIPPED = "clipped"
-#: rad/s, no gyro rounds its readings so coarsely that more noise than this does not show
+#: rad/s, the coarsest resolution of a gyro; noise above it always shows in the readings
 _COARSEST = radians(2.0)
 
 
 @dataclass(frozen=True, slots=True)
 class SecondKnobs:
-    """How a stream is cut. Seconds, rad/s."""
+    """Settings for cutting a stream. Seconds, rad/s."""
 
     length_s: float = 1.0
-    #: a change between still and moving ends a second early, if it has lasted this long
+    #: least length of a second that ends early at a change between still and moving
     least_s: float = 0.5
-    #: what is still is so only if it was so, and stays so, for this long
+    #: time for which the device must have been, and stay, still
     settle_s: float = 0.4
-    #: a silence this long hides what happened in it
+    #: a longer silence hides what happened in it
     gap_s: float = 0.25
 
 
 class Second(NamedTuple):
-    """A second of n samples from `start` (the time of the one before) to `end`: dt (n,) s, gyro and accel (n, 3).
+    """One second of n samples, from `start` (time of the sample before) to `end`; dt (n,) s, gyro and accel (n, 3).
 
-    still: all of it was judged so. flaw: why it tells nothing of rotation, or nothing.
-    mean, std (3,) of the readings; mean_var (3,) of the mean, if it rests, and what of that rounding leaves in all means alike.
-    noise_std (3,) of a reading, as it was known then.
-    accel_mean, accel_std (3,) or None; accel_strength: the mean of its length, m/s², NaN without.
-    last: the number of its last sample, from the first one fed.
-    unseen_turn rad, unseen_push m/s: what lost samples leave unknown of the way turned and of the speed gained, rms.
+    still: whether all of it was judged still. flaw: why it tells nothing of rotation, or empty.
+    mean, std (3,): of the readings. mean_var (3,): variance of the mean at rest; common_var (3,): its part from rounding, the
+    same error in all means. noise_std (3,): noise of a reading as known then.
+    accel_mean, accel_std (3,): None without accelerometer. accel_strength: mean magnitude, m/s², NaN without.
+    last: number of the last sample, counted from the first one fed.
+    unseen_turn, rad, unseen_push, m/s: rms uncertainty of angle and velocity change from lost samples.
     """
 
     start: float
@@ -70,14 +70,15 @@ class Second(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """How many samples it has."""
+        """Number of samples."""
         return len(self.dt)
 
 
 class SecondsState(StateStruct):
-    """gathered (9,) and waiting (k, 6): see second_cuts.py. before (9,): the last sample ahead of the second that is gathered.
+    """State of the cutter.
 
-    step (3,): the least difference of readings ever seen. noisy: axes that never repeat themselves at rest.
+    gathered (9,) and waiting (k, 6): see second_cuts.py. before (9,): last sample before the second being gathered.
+    step (3,): least difference of readings ever seen. noisy: axes whose readings never repeat at rest.
     """
 
     gathered: Floats
@@ -88,29 +89,29 @@ class SecondsState(StateStruct):
 
 
 class Seconds:
-    """Windows in, seconds out; the cut depends on the samples alone."""
+    """Cutter: stillness windows in, seconds out; the cuts depend on the samples alone, not on their batching."""
 
     def __init__(self, knobs: SecondKnobs | None = None) -> None:
         self.knobs = knobs or SecondKnobs()
         self._numbers = (self.knobs.length_s, self.knobs.least_s, self.knobs.settle_s)
         self._state, self._waiting = nothing_gathered()
-        self._parts: list[tuple[int, Floats]] = []  # samples of windows, and the number of the first of them
-        self._before: Floats | None = None  # the last sample before the second that is gathered, (9,)
-        self._step = np.full(3, np.inf)  # the least ever seen
-        self._noisy = np.zeros(3, bool)  # axes that never repeat themselves at rest
+        self._parts: list[tuple[int, Floats]] = []  # samples of windows, with the number of each first one
+        self._before: Floats | None = None  # the last sample before the second being gathered, (9,)
+        self._step = np.full(3, np.inf)  # least difference ever seen
+        self._noisy = np.zeros(3, bool)  # axes whose readings never repeat at rest
         self._all_noisy = False
 
     @property
     def state(self) -> SecondsState:
-        """All that evolves, beside the samples of what is gathered and of what waits."""
+        """State to save, without the samples being gathered or waiting."""
         x, y, z = self._noisy.tolist()
         waiting = self._waiting[: int(self._state[1])]
         return SecondsState(self._state, waiting, self._before, self._step, (x, y, z))
 
     def restore(self, state: SecondsState, first: int, samples: Floats) -> None:
-        """Go on from a state, with the samples (n, 9) of the windows so far, numbered from `first` on.
+        """Restore a state, with the samples (n, 9) of the windows so far, numbered from `first` on.
 
-        Raises ValueError, also where the state tells of other samples.
+        Raises ValueError when the state is damaged or needs other samples.
         """
         shaped(state.gathered, 9)
         shaped(state.waiting, int(state.gathered[1]), 6)
@@ -128,11 +129,11 @@ class Seconds:
 
     @property
     def spikes(self) -> int:
-        """How many there were."""
+        """Number of spikes so far."""
         return int(self._state.item(-1))
 
     def take(self, windows: Windows) -> list[tuple[int, Second]]:
-        """The seconds that are known whole with the next windows, and with which of them."""
+        """Add the next windows; returns the completed seconds, each with the index of the window that completes it."""
         if not len(windows):
             return []
         whole = cut(windows.found, windows.first, windows.begin, self._waiting, self._state, self._numbers)
@@ -145,12 +146,12 @@ class Seconds:
         return found
 
     def skip(self, windows: Windows) -> None:
-        """Let the next windows go by, and those that wait."""
+        """Discard the next windows and all samples that wait."""
         let_go(self._state, windows.moved)
         self._parts, self._before = [], windows.samples[1][-1]
 
     def _between(self, begin: int, end: int) -> Floats:
-        """(n, 9) samples by their numbers; those before are forgotten."""
+        """(n, 9) samples by number; earlier ones are discarded."""
         parts = self._parts
         first, rows = parts[0]
         while first + len(rows) <= begin:
@@ -168,7 +169,7 @@ class Seconds:
         dt, rows, clips = loop.measured(samples, first, _COARSEST, COARSE_STEP, self._step)
         least_std, longest, strength = rows[loop.SCALARS].tolist()
         if still and not self._all_noisy:
-            # From one reading to the next: a slow sway is no noise.
+            # Differences between neighbouring readings: slow sway must not count as noise.
             self._noisy |= rows[loop.JITTER] > np.sqrt(2) * self._step
             self._all_noisy = bool(self._noisy.all())
         flaw = CLIPPED if clips else "gap" if longest > self.knobs.gap_s else ""
@@ -202,6 +203,6 @@ class Seconds:
         )
 
     def _stuck(self, held: NDArray[np.bool_], noise_std: Floats) -> bool:
-        """Whether one of the axes that repeat themselves, held (3,), may not."""
-        # A gyro coarser than its noise may well do so at rest; one that showed noise before may not.
+        """Whether an axis repeats its readings that must not: held (3,) marks the axes that do."""
+        # A gyro coarser than its noise may repeat readings at rest; an axis that showed noise before may not.
         return bool((held & (self._noisy | (noise_std > self._step / 2) & (noise_std > 1e-6))).any())

@@ -1,6 +1,6 @@
-"""Rauch-Tung-Striebel smoothing, by filterpy: what is learnt later improves what was believed before.
+"""Rauch-Tung-Striebel smoother, by filterpy: later evidence improves earlier biases.
 
-Kept for each second: the filter's own six states after all evidence, and how they went on from the second before.
+Stored for each second: the filter's own six states after all evidence, and the step from the second before.
 """
 
 from bisect import bisect_right
@@ -18,7 +18,7 @@ _P, _F, _Q = slice(1, 1 + OWN), slice(1 + OWN, 1 + 2 * OWN), slice(1 + 2 * OWN, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
-    """m points: time (m,) s, bias (m, 3) rad/s with its standard deviation std (m, 3)."""
+    """Smoothed bias at m times: time (m,) s, bias (m, 3) rad/s, standard deviation std (m, 3) rad/s."""
 
     time: Floats
     bias: Floats
@@ -27,15 +27,15 @@ class Smoothed:
 
 @dataclass(slots=True, eq=False)
 class _Step:
-    """A second: rows (19, 6) of x, P, and F and Q from the step before to this one, one above the other."""
+    """One second: rows (19, 6) of x, P, and F and Q of the step that led to it, stacked."""
 
     time: float
     rows: Floats
-    known: Floats  # what of x is none of the filter's doing: the smoother has no input
+    known: Floats  # deterministic part of x: the smoother has no control input
 
 
 class History:
-    """The latest steps of one filter; beyond `most` of them every second one is left out."""
+    """Stored filter steps; when there are more than `most`, every second one is merged into the next."""
 
     def __init__(self, most: int | None = None) -> None:
         self._most = most
@@ -45,9 +45,9 @@ class History:
         return len(self._steps)
 
     def add(self, time: float, x: Floats, P: Floats, step: Step, bent: Floats | None = None) -> None:
-        """Note the state x (n,), P (n, n) at a time, and the step of BiasFilter.predict that led there.
+        """Store the state x (n,), P (n, n) at a time, s, and the step of BiasFilter.predict that led to it.
 
-        bent (6,) was added for certain.
+        bent (6,): deterministic change that was added to the state.
         """
         known = self._steps[-1].known if self._steps else _NOTHING
         F = step.F[:OWN, :OWN]
@@ -60,9 +60,9 @@ class History:
             self._thin()
 
     def doubt(self, cov: Floats, since: float, now: float) -> None:
-        """Between two times the bias walked by so much more, (3, 3), than the steps there say; evenly, as far as one knows.
+        """Add a covariance (3, 3) to the bias's walk between two times, spread evenly over the steps.
 
-        since -inf: it was so much less known from the first step on.
+        since -inf: the covariance is added to every stored state instead.
         """
         if np.isneginf(since):
             for step in self._steps:
@@ -75,7 +75,7 @@ class History:
             before = step.time
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
-        """The bias at every step after `since`, by all that is known now; None before there is any."""
+        """Smoothed bias at every step after `since`, s; None without steps."""
         steps = self._after(since)
         if not steps:
             return None
@@ -84,7 +84,7 @@ class History:
         if len(steps) > 1:
             from filterpy.kalman import rts_smoother  # noqa: PLC0415 - as in bias_filter.py
 
-            # A slope that is known exactly, where there is no temperature, would make P singular.
+            # Without temperature the slope is known exactly, which would make P singular.
             P = P + 1e-24 * np.eye(OWN)
             onward = steps[1:]
             x, P, _, _ = rts_smoother(x, P, [s.rows[_F] for s in onward], [s.rows[_Q] for s in onward])

@@ -1,14 +1,14 @@
-"""Steady motion: a walker goes on alike from second to second, and his velocity then says little.
+"""Steady motion: detects a walker, whose velocity stays the same from second to second and then says little.
 
-Gravity measures the mean velocity of each second as zero with an error of its own. A walker's is that of the second before, and
-of many before that: n of them tell no more than one, until a corner changes it and all of them were wrong by the same. It shows
-in the innovations: what two neighbours share, in the same axes, as a part of what the measurement's variance R lets each be,
+Gravity's evidence takes the mean velocity of each second as zero, with an error. A walker's velocity is that of many seconds
+before: n of them tell no more than one, until a corner changes it and shows that all were wrong alike. The innovations show
+this. The product of neighbouring innovations, in the same axes, relative to the measurement's variance R,
 
     c = mean over the last minute of (innovation · the one before) / (3 R),
 
-is some 0.2 in a walk already while the filter takes the walker's velocity for a tilt and hides it, 0.6 when it no longer does.
-Who moves about in one place stays below 0.1, as fast as he may be. R grows with what c is above that; the more it has grown, the
-more of a walk c shows.
+is about 0.2 in a walk while the filter takes the walker's velocity for a tilt and hides it; 0.6 once the filter no longer does.
+For a wearer who moves about in one place c stays below 0.1, however fast. R grows with the excess of c over that; the more R
+has grown, the more of a walk c shows.
 Source: innovation correlation as a measure of R, R. K. Mehra, "On the identification of variances and adaptive Kalman
 filtering", IEEE Trans. Automatic Control 15 (1970); the coefficients from tests/bench/honesty.py and tests/bench/tracking.py.
 """
@@ -25,27 +25,27 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SteadyMotionKnobs:
-    """What neighbours share, c, and what follows from it."""
+    """Averaging of the innovation correlation c, and how R grows with it."""
 
-    #: s of movement that c is the mean of
+    #: s of movement over which c is averaged
     memory_s: float = 60.0
-    #: c of who moves about in one place, and how far R grows for each 1 of c above it, at the most so many times
+    #: c of motion in one place; growth of R for each 1 of c above it; largest factor of R
     bounded: float = 0.1
     growth: float = 200.0
     most: float = 160.0
-    #: what one second counts for at the most: a fall is no walk
+    #: limit of one second's contribution to c: a fall is no walk
     one: float = 2.0
 
 
 class SteadyMotionState(StateStruct):
-    """shared: c. before: the innovation before, m/s."""
+    """shared: c. before: the previous innovation, m/s, or None."""
 
     shared: float = 0.0
     before: tuple[float, float, float] | None = None
 
 
 class SteadyMotion:
-    """Innovations in, one a second of movement; how much larger R is to be out."""
+    """Steady motion detector: one innovation per second of movement in; factor for R out."""
 
     def __init__(self, knobs: SteadyMotionKnobs | None = None) -> None:
         self.knobs = knobs or SteadyMotionKnobs()
@@ -53,15 +53,19 @@ class SteadyMotion:
 
     @property
     def factor(self) -> float:
-        """How many times R is what it would be of a velocity that is another each second."""
+        """Factor by which R exceeds that of a velocity independent from second to second."""
         knobs = self.knobs
         return min(knobs.most, 1.0 + knobs.growth * max(0.0, self.state.shared - knobs.bounded))
 
     def heard(self, innovation: Floats, var: float, end: Floats, seconds: float) -> None:
-        """Take the next innovation (3,) m/s, in axes of its span's end (3, 3), of a measurement of variance var unmultiplied."""
+        """Add an innovation (3,) m/s, in axes at the end of its span.
+
+        var: variance of the measurement before `factor`, (m/s)². end (3, 3): attitude of the span's end in axes of its begin.
+        seconds: length of the span.
+        """
         state, (a, b, c) = self.state, innovation.tolist()
         if state.before is not None:
-            # end' before · now: of three numbers Python is quicker than NumPy.
+            # end' before · now: for three numbers plain Python is faster than NumPy.
             (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = end.tolist()
             x, y, z = state.before
             along = a * (x * xx + y * yx + z * zx) + b * (x * xy + y * yy + z * zy) + c * (x * xz + y * yz + z * zz)
@@ -71,5 +75,5 @@ class SteadyMotion:
         state.before = a, b, c
 
     def broken(self) -> None:
-        """The next innovation has no neighbour."""
+        """Forget the previous innovation: the next one does not follow it directly."""
         self.state.before = None

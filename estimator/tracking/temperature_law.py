@@ -1,4 +1,4 @@
-"""What temperature does to a bias: bias(T) = offset of the boot + linear (T - T0) + quadratic (T - T0)² + a random walk."""
+"""Temperature law of a bias: bias(T) = offset of the boot + linear (T - T0) + quadratic (T - T0)² + random walk."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TemperatureLaw:
-    """Of one device: linear (3,) rad/s/K and quadratic (3,) rad/s/K² about reference_c, T0; cov (3, 2, 2) of the two, by axis."""
+    """Temperature law of one device.
+
+    linear (3,) rad/s/K and quadratic (3,) rad/s/K² about reference_c, T0 in °C; cov (3, 2, 2): covariance of the two by axis.
+    Raises ValueError for other shapes.
+    """
 
     reference_c: float
     linear: Floats
@@ -23,7 +27,7 @@ class TemperatureLaw:
                 raise ValueError(f"a temperature law has {array.shape}, expected {shape}")
 
     def slope(self, celsius: float) -> Floats:
-        """(3,) rad/s/K at a temperature."""
+        """(3,) slope of the bias at a temperature, rad/s/K."""
         return self.linear + 2 * (celsius - self.reference_c) * self.quadratic
 
     def slope_var(self, celsius: float) -> Floats:
@@ -32,5 +36,5 @@ class TemperatureLaw:
         return np.asarray(self.cov @ by @ by)
 
     def change(self, from_c: float, to_c: float) -> Floats:
-        """(3,) rad/s, what the bias does between two temperatures."""
+        """(3,) change of the bias from one temperature to another, rad/s."""
         return (to_c - from_c) * self.slope((from_c + to_c) / 2)

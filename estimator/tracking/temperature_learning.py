@@ -1,8 +1,8 @@
-"""A device's temperature law, learnt over its boots by generalised least squares, axis by axis.
+"""Learns a device's temperature law over its boots by generalised least squares, axis by axis.
 
-The offset of each boot is unknown, the walk is part of the covariance, and a prior says what parts are like. A boot whose own
-points scatter counts for less, and boots that disagree with one another widen the covariance (R. T. Birge, Phys. Rev. 40 (1932)
-207).
+The offset of each boot is unknown, the random walk is part of the covariance, and a prior gives the usual size of the
+coefficients. A boot whose points scatter gets less weight, and boots that disagree widen the covariance (R. T. Birge,
+Phys. Rev. 40 (1932) 207).
 """
 
 from collections.abc import Sequence
@@ -17,19 +17,22 @@ from estimator.tracking.temperature_law import TemperatureLaw
 
 Floats = NDArray[np.float64]
 
-#: K, a boot that saw no more than this teaches nothing
+#: K, least temperature span of a boot used
 LEAST_SPAN_K = 2.0
-#: a tracked bias that owes more than this share to the one before it is no news
+#: variance ratio; a tracked bias is used only if its variance is less than this share of the one before plus the walk
 _SHARE = 0.25
-#: relative, what is taken for no information in some direction
+#: relative, limit of singular values that count as no information
 _NOTHING = 1e-9
-#: rad/s, no bias is known better
+#: rad/s, least standard deviation of a bias
 _LEAST_STD = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """m tracked biases of one boot in order: time (m,) s, bias (m, 3) rad/s and its std (m, 3), temperature_c (m,)."""
+    """m tracked biases of one boot in time order.
+
+    time (m,) s, bias (m, 3) rad/s, its standard deviation std (m, 3), temperature_c (m,).
+    """
 
     time: Floats
     bias: Floats
@@ -38,7 +41,7 @@ class Points:
 
 
 def learn(boots: Sequence[Points], knobs: BiasKnobs) -> TemperatureLaw | None:
-    """The law of a device from some of its boots; None while they have not seen enough of temperature."""
+    """Fit the temperature law of a device to some of its boots; None without a boot that spans LEAST_SPAN_K."""
     walk = knobs.rate_random_walk
     boots = [_apart(boot, walk) for boot in boots if len(boot.time)]
     boots = [boot for boot in boots if np.ptp(boot.temperature_c) >= LEAST_SPAN_K]
@@ -52,7 +55,7 @@ def learn(boots: Sequence[Points], knobs: BiasKnobs) -> TemperatureLaw | None:
 
 
 def _apart(boot: Points, walk: float) -> Points:
-    """Those points that owe little to the ones before: the bias has walked since, or new evidence has told more of it."""
+    """Select nearly independent points: the bias has walked since the one before, or new evidence has come."""
     kept = [0]
     for i, var in enumerate(boot.std**2):
         before = boot.std[kept[-1]] ** 2 + walk**2 * (boot.time[i] - boot.time[kept[-1]])
@@ -63,7 +66,7 @@ def _apart(boot: Points, walk: float) -> Points:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Told:
-    """What one boot says of one axis: information (2, 2), information times value (2,), and how many directions it knows."""
+    """Information of one boot on one axis: matrix (2, 2), vector (2,) = matrix times value, and rank."""
 
     info: Floats
     vector: Floats
@@ -77,7 +80,7 @@ def _told(boot: Points, axis: int, reference_c: float, walk: float) -> _Told:
     all_of_it = np.column_stack([np.ones(m), warmer, warmer**2, boot.bias[:, axis]])
     white, _ = scipy.linalg.lapack.dtrtrs(np.linalg.cholesky(C), all_of_it, lower=1)
     one = white[:, :1] / np.linalg.norm(white[:, 0])
-    rest = white[:, 1:] - one @ (one.T @ white[:, 1:])  # whatever the offset is
+    rest = white[:, 1:] - one @ (one.T @ white[:, 1:])  # independent of the boot's offset
     A, y = rest[:, :2], rest[:, 2]
     best, _, rank, _ = np.linalg.lstsq(A, y, rcond=_NOTHING)
     scatter = max(1.0, float(np.sum((y - A @ best) ** 2)) / max(1, m - 1 - int(rank)))
@@ -85,7 +88,7 @@ def _told(boot: Points, axis: int, reference_c: float, walk: float) -> _Told:
 
 
 def _fit(told: list[_Told], prior: Floats) -> tuple[Floats, Floats]:
-    """Value (2,) and covariance (2, 2) of one axis from all its boots and a prior about zero."""
+    """Value (2,) and covariance (2, 2) of one axis, from all boots and a zero-mean prior."""
     info, vector = sum((one.info for one in told), np.zeros((2, 2))), sum((one.vector for one in told), np.zeros(2))
     freedom = sum(one.rank for one in told) - max(one.rank for one in told)
     disagree = sum(_explained(one.info, one.vector) for one in told) - _explained(info, vector)

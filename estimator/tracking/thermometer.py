@@ -1,6 +1,6 @@
-"""The temperatures of a device, without their noise: those that leap are believed only when they stay.
+"""Filtered temperature of a device: averaged, and leaps accepted only when they persist.
 
-A filter that takes noise for warmth learns from it, surer by every second, that warmth moves nothing.
+From noise taken for warmth the bias filter would learn, surer every second, that temperature does not move the bias.
 """
 
 from dataclasses import dataclass
@@ -10,24 +10,24 @@ import msgspec
 
 from estimator.state import StateStruct
 
-#: averages kept, for bringing a rest's bias from then to now, and how far they are apart, s
+#: number of averages kept, to relate an earlier rest's bias to the present, and their distance, s
 _KEPT, _APART_S = 100, 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class ThermometerKnobs:
-    """A temperature that leaps by so many kelvin must stay for so long, s; over a longer silence it may go so much farther."""
+    """Limits of the filter. A leap of leap_k kelvin must last leap_s; after a longer silence the limit grows in proportion."""
 
     leap_k: float = 2.0
     leap_s: float = 10.0
-    #: readings are averaged over about so long, s, which low-cost parts need (0.05 K) and in which warmth moves little
+    #: s, averaging time: low-cost thermometers need it (0.05 K noise), and temperature changes little within it
     average_s: float = 10.0
-    #: what was read longer ago tells nothing of now, s
+    #: s; older readings say nothing of the present
     stale_s: float = 60.0
 
 
 class ThermometerState(StateStruct):
-    """Averages by time; since when readings are beyond a leap; the latest that is believed, noise and all."""
+    """averages: (time, °C); leapt: time since which readings exceed a leap; reading: latest accepted, unfiltered."""
 
     averages: list[tuple[float, float]] = msgspec.field(default_factory=list)
     leapt: float | None = None
@@ -35,7 +35,7 @@ class ThermometerState(StateStruct):
 
 
 class Thermometer:
-    """Readings in; what they say of now, and of a while ago, out. °C, device s; NaN when unknown."""
+    """Temperature filter: readings in; present and recent averages out. °C, device s; NaN when unknown."""
 
     def __init__(self, knobs: ThermometerKnobs | None = None) -> None:
         self.knobs = knobs or ThermometerKnobs()
@@ -43,21 +43,21 @@ class Thermometer:
 
     @property
     def reading(self) -> float:
-        """The latest that is believed, noise and all."""
+        """Latest accepted reading, unfiltered, °C."""
         return self.state.reading
 
     @property
     def now(self) -> float:
-        """The average."""
+        """Present average, °C."""
         return self.state.averages[-1][1] if self.state.averages else float("nan")
 
     @property
     def lag(self) -> float:
-        """By how many kelvin the latest reading is above the average; 0 where there is none."""
+        """Latest reading minus the average, K; 0 without readings."""
         return self.reading - self.now if self.state.averages else 0.0
 
     def read(self, time: float, celsius: float) -> None:
-        """Note a reading; one that says nothing is none."""
+        """Add a reading at a device time, s; a reading that is not finite is ignored."""
         if not isfinite(celsius):
             return
         if self.state.averages and abs(celsius - self.now) > self._believable(time):
@@ -74,7 +74,7 @@ class Thermometer:
         del kept[:-_KEPT]
 
     def ahead(self, time: float, celsius: float) -> float:
-        """The average that a reading will make; the present one where it is not to be believed yet."""
+        """The average that a reading would give; the present one when the reading leaps too far."""
         if not self.state.averages:
             return celsius
         if not abs(celsius - self.now) <= self._believable(time):
@@ -83,28 +83,28 @@ class Thermometer:
         return self.now + share * (celsius - self.now)
 
     def _believable(self, time: float) -> float:
-        """How many kelvin it may be from the average: what was silent for minutes has cooled or warmed meanwhile."""
+        """Largest accepted distance from the average, K; it grows with silence, as the device cools or warms."""
         return self.knobs.leap_k * max(1.0, (time - self.state.averages[-1][0]) / self.knobs.leap_s)
 
     def go_on(self, time: float, celsius: float) -> None:
-        """From an average that was kept; what was read since then is forgotten."""
+        """Continue from a stored average; later readings are discarded."""
         if isfinite(celsius):
             self.state.averages.clear()
             self.state.averages.append((time, celsius))
 
     def go_on_with(self, time: float, celsius: float, lag: float) -> None:
-        """Note a reading; where it is the first, of a device whose average is `lag` K behind it."""
+        """Add a reading; if it is the first, the average begins `lag` K below it."""
         first = not self.state.averages
         self.read(time, celsius)
         if first:
             self.go_on(time, celsius - lag)
 
     def at(self, time: float) -> float:
-        """As it was at a time; NaN where it has not been told for long."""
+        """Average at a time, s, by interpolation; NaN when readings ended long before it."""
         if self.state.averages and time - self.state.averages[-1][0] > self.knobs.stale_s:
             return float("nan")
         later, warmer = float("inf"), float("nan")
-        for then, celsius in reversed(self.state.averages):  # it is asked for what was a moment ago
+        for then, celsius in reversed(self.state.averages):  # most requests are for a moment ago
             if then <= time:
                 share = (time - then) / (later - then)
                 return celsius + share * (warmer - celsius) if share else celsius

@@ -1,4 +1,4 @@
-"""Whether gravity turns while the gyro seems to rest: a slow turn about a horizontal axis."""
+"""Tilt check: whether gravity turns while the gyro seems to rest, as in a slow turn about a horizontal axis."""
 
 from dataclasses import dataclass
 from math import atan2, hypot, sqrt
@@ -13,37 +13,37 @@ G = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class TiltKnobs:
-    """When a device tilts."""
+    """Thresholds of the tilt check."""
 
-    #: judged over this long, s, and noticed beyond so many standard deviations
+    #: s, longest comparison time; standard deviations of the angle beyond which the device tilts
     over_s: float = 10.0
     sigmas: float = 4.0
-    #: m/s², what moves a resting accelerometer's mean without any tilt
+    #: m/s², standard deviation of a resting accelerometer's mean without tilt
     accel_floor: float = 0.01
-    #: after a tilt nothing is believed until gravity has stayed for this long
+    #: s for which gravity must stay constant after a tilt before rests are believed again
     settled_s: float = 5.0
 
 
 class TiltState(StateStruct):
-    """seen: whether gravity turns. means: of the last while, time, mean of gravity's reading, variance of it along an axis."""
+    """seen: whether gravity turns. means: recent times, s, mean readings of gravity, and their variance along an axis."""
 
     seen: bool = False
     means: list[tuple[float, tuple[float, float, float], float]] = msgspec.field(default_factory=list)
 
 
 class TiltCheck:
-    """Quiet seconds in; whether they tilt out."""
+    """Tilt check: quiet seconds in; whether the device tilts out."""
 
     def __init__(self, knobs: TiltKnobs | None = None) -> None:
         self.knobs = knobs or TiltKnobs()
         self.state = TiltState()
 
     def over(self) -> None:
-        """The device moves."""
+        """Begin anew because the device moves."""
         self.state = TiltState()
 
     def watch(self, second: Second) -> bool:
-        """Take the next second; whether gravity has turned since the device became quiet, or within over_s."""
+        """Add the next second; returns whether gravity has turned since the device became quiet, or within over_s."""
         if second.accel_mean is None or second.accel_std is None:
             return False
         state, knobs, now = self.state, self.knobs, (second.start + second.end) / 2
@@ -67,7 +67,7 @@ class TiltCheck:
         return turned
 
     def would_show(self, rate: float, second: Second) -> bool:
-        """Whether a turn at such a rate, rad/s, would by the latest second have been seen."""
+        """Whether a turn at this rate, rad/s, would have been noticed by the end of this second."""
         means = self.state.means
         seen_s = (second.start + second.end) / 2 - (means[0][0] if means else 0.0)
         least = (self.knobs.sigmas + 1) * sqrt(2) * self.knobs.accel_floor / G

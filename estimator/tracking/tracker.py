@@ -1,4 +1,4 @@
-"""The bias of one boot, from its first sample on: the filter, the evidence that feeds it, and whether it is to be doubted."""
+"""Bias tracker of one boot: the Kalman filter, the evidence that feeds it, and whether the bias is doubted."""
 
 from dataclasses import dataclass, field, replace
 from math import sqrt
@@ -25,25 +25,25 @@ from estimator.tracking.zaru import UNPROVEN, Zaru, ZaruKnobs, ZaruState
 
 Floats = NDArray[np.float64]
 
-#: seconds begin and end at the same moments of the device, whoever counts them
+#: s, tolerance when the end of a restored state is compared with the start of a second
 _SAME_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class TrackKnobs:
-    """How a bias is tracked. Device seconds, rad/s, m/s²."""
+    """Settings of the bias tracker. Device seconds, rad/s, m/s²."""
 
-    #: a bias less certain than this is not known
+    #: rad/s; a bias with a greater standard deviation counts as unknown
     bias_std: float = np.radians(0.2)
-    #: a slope by temperature so many standard deviations from what earlier boots taught refutes them
+    #: standard deviations between the slope by temperature and the law at which the law is given up
     refuted_sigmas: float = 4.0
-    #: a device that moves no more than this is quiet: asleep, say
+    #: rad/s and m/s²; a device whose readings vary less is quiet, for example on a sleeping wearer
     quiet_gyro: float = np.radians(5.0)
     quiet_accel: float = 1.0
-    #: evidence after so long a gap improves the past, s, once this much of it has come, s
+    #: s; after a gap in the evidence this long the past is smoothed, once evidence has come for settled_s
     gap_s: float = 10.0
     settled_s: float = 5.0
-    #: seconds kept for smoothing; None keeps all
+    #: number of seconds kept for smoothing; None keeps all
     history: int | None = 256
     bias: BiasKnobs = field(default_factory=BiasKnobs)
     seconds: SecondKnobs = field(default_factory=SecondKnobs)
@@ -57,7 +57,7 @@ class TrackKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestBias:
-    """A rest as a measurement of the bias: mean (3,) rad/s, its covariance (3, 3), the variance (3,) its readings share.
+    """A rest as a measurement of the bias: mean (3,) rad/s, covariance (3, 3), and variance (3,) common to all readings.
 
     middle and end in device seconds.
     """
@@ -70,7 +70,7 @@ class RestBias:
 
 
 class TrackerState(StateStruct):
-    """All of a tracker that evolves, but for the smoother's history: what is smoothed later begins here."""
+    """Saved state of a tracker without the smoother's history, which begins anew after a restore."""
 
     filter: FilterState
     law: TemperatureLaw | None
@@ -89,10 +89,10 @@ class TrackerState(StateStruct):
 
 
 class Tracker:
-    """Windows in; the bias, and a reason to doubt or to trust it, out.
+    """Bias tracker: stillness windows in; the bias and its uncertainty, and reasons to doubt or trust them, out.
 
-    model: what is believed of the gyro at `began`, device seconds, its bias with standard deviation bias_std (3,) rad/s.
-    law: what earlier boots taught of temperature; given up for the rest of the boot when the present one disagrees.
+    model: gyro model at device time `began`, s; its bias has standard deviation bias_std (3,) rad/s. law: temperature law
+    from earlier boots, given up for the rest of the boot when the evidence disagrees with it.
     """
 
     def __init__(
@@ -104,25 +104,25 @@ class Tracker:
         self.doubt = BiasMonitor(knobs.doubt)
         self._history = History(knobs.history)
         self._accelerometer = AccelerometerCheck(knobs.accelerometer)
-        self._evidenced = False  # whether a rest has ever been seen in this boot, as far as is known
+        self._evidenced = False  # whether a rest of this boot is known
         self._began = self._evidence_time = began
-        self._gap: tuple[float, float] | None = None  # without evidence from, to
+        self._gap: tuple[float, float] | None = None  # begin and end of the gap in the evidence, s
         self._law = law
-        #: whether this boot goes otherwise with temperature than earlier ones did
+        #: whether this boot's bias contradicts the temperature law of earlier boots
         self.law_refuted = False
         self.supposed(model, bias_std, began)
 
     def _believe(self, model: GyroModel, state: BiasState) -> None:
-        """Go on from a state, with this model's matrix."""
+        """Begin anew from a bias state, with this model's matrix."""
         self._model = model
         self._gravity = Gravity(self.knobs.gravity)
         self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self._law)
         known = bool((state.std < self.knobs.bias_std).all())
         self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), BoundedMotion(self.knobs.bounded)
-        self._kept: BiasState | None = None  # what was restored, while seconds come that it knows of
+        self._kept: BiasState | None = None  # restored state, until the stream reaches the time it was saved at
 
     def saved(self) -> TrackerState:
-        """All that evolves: for `encode`, at once, as it goes on to evolve."""
+        """State to save with `encode` at once: its parts are shared with the running tracker."""
         return TrackerState(
             self._filter.saved,
             self._law,
@@ -141,7 +141,10 @@ class Tracker:
         )
 
     def go_on(self, saved: TrackerState, model: GyroModel, first: int, samples: Floats) -> None:
-        """Go on from what was saved, bit for bit; samples: see Seconds.restore. Raises ValueError, and is then of no use."""
+        """Restore a saved state, bit for bit; first, samples: see `Seconds.restore`.
+
+        Raises ValueError when the state is damaged; the tracker is then unusable.
+        """
         self._model, self._law, self.law_refuted = model, saved.law, saved.law_refuted
         self._filter.resume(saved.filter, saved.law)
         if len(self._filter.x) not in (OWN, SIZE):
@@ -155,35 +158,35 @@ class Tracker:
         self._evidenced, self._evidence_time, self._gap = saved.evidenced, saved.evidence_time, saved.gap
         self._kept = saved.kept
 
-    # ---- what is known --------------------------------------------------------------------------------------------
+    # ---- the estimate ---------------------------------------------------------------------------------------------
 
     @property
     def state(self) -> BiasState:
-        """The estimate as it is now."""
+        """Current state of the bias filter."""
         return self._filter.state
 
     @property
     def worth_keeping(self) -> BiasState:
-        """The estimate with all of its evidence: now's, or what was restored until it is reached."""
+        """State to store for a restart: the current one, or the restored one until the stream reaches its time."""
         return replace(self.state, lag_k=self.thermometer.lag) if self._kept is None else self._kept
 
     @property
     def time(self) -> float:
-        """The end of the last second, device s."""
+        """End of the last tracked second, device time, s."""
         return self._filter.time
 
     @property
     def bias(self) -> Floats:
-        """(3,) the reading at zero rate as it is believed now."""
+        """(3,) estimated bias (reading at zero rate), rad/s."""
         return self._filter.x[BIAS].copy()
 
     @property
     def std(self) -> Floats:
-        """(3,) its standard deviation: the filter's own, more where its innovations show that it is too sure of itself."""
+        """(3,) standard deviation of the bias, rad/s; enlarged when innovations show that the filter is overconfident."""
         return np.asarray(np.sqrt(self._filter.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation)
 
     def ahead(self, time: float, celsius: float | None = None) -> tuple[Floats, Floats]:
-        """Bias and its deviation, (3,) each, at a device time that the tracker may not have come to yet, where it is so warm."""
+        """Predict bias and standard deviation, (3,) rad/s each, to a later device time, s, at a temperature, °C."""
         if not time > self.time:
             return self.bias, self.std
         now = self._filter
@@ -195,48 +198,48 @@ class Tracker:
 
     @property
     def sure(self) -> bool:
-        """Whether anything worth telling is known of this boot's bias."""
+        """Whether the bias is known better than `TrackKnobs.bias_std` on all axes."""
         most = self.knobs.bias_std / self.doubt.consistency.inflation
         return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
 
     def evidence_age(self, now: float) -> float:
-        """Seconds since a rest was last accepted; infinite where none is known of: what was restored does not tell."""
+        """Seconds since a rest was last accepted; infinite when none of this boot is known, as after a restore."""
         return now - self._evidence_time if self._evidenced else np.inf
 
     @property
     def events(self) -> dict[str, int]:
-        """What was found wrong with the readings, counted."""
+        """Faults found in the readings, counted by name."""
         disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.state.disbelieved else {}
         spikes = {"spike": self.seconds.spikes} if self.seconds.spikes else {}
         return {**spikes, **disbelieved}
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
-        """The bias of each second after `since` by all that is known now; no surer than innovations allow."""
+        """Smoothed bias of each second after `since`; its std is enlarged like `std`. None without data."""
         found = self._history.smoothed(since)
         return None if found is None else replace(found, std=found.std * self.doubt.consistency.inflation)
 
     def improved(self) -> tuple[float, Smoothed] | None:
-        """Once after each gap, when evidence has come back: how long it was, s, and the bias of each second since its begin."""
+        """Length of the last gap in the evidence, s, and the smoothed bias since its begin; None except once after a gap."""
         if self._gap is None or self._evidence_time - self._gap[1] < self.knobs.settled_s:
             return None
         (begin, end), self._gap = self._gap, None
         smoothed = self.smoothed(begin)
         return None if smoothed is None else (end - begin, smoothed)
 
-    # ---- what comes in --------------------------------------------------------------------------------------------
+    # ---- input ----------------------------------------------------------------------------------------------------
 
     def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
-        """Begin anew from what is believed of the gyro at a time before anything of this boot is known."""
+        """Begin anew from a gyro model with bias_std (3,) rad/s at a time, s, while nothing of this boot is known."""
         self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
 
     def rescaled(self, model: GyroModel) -> None:
-        """The matrix is another one than was said, or known otherwise; the bias is what it was."""
+        """Replace the gyro model's matrix and its uncertainty; the bias is kept."""
         self._model = model
         if len(self._filter.x) > OWN:
             self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
-        """Begin anew from a calibration: its bias with covariance (3, 3) at a time, and the rest after the last turn."""
+        """Begin anew from a calibration: its bias, covariance (3, 3), at a time, s, and the rest after the last turn."""
         before = self._filter.state
         begun = start(
             model.bias, cov, time, self.knobs.bias, temperature_c=self.thermometer.at(time), powered=before.powered
@@ -246,7 +249,7 @@ class Tracker:
         if self._law is not None:
             self._filter.expect(self._law)
         if time < rest.middle:
-            # That rest is newer than the one the bias came from.
+            # The rest is newer than the calibrated bias.
             self._filter.predict(rest.middle, self.thermometer.at(rest.middle))
             H = np.eye(3, OWN)
             R = rest.cov + self.knobs.zaru.quasi_static**2 * np.eye(3)
@@ -257,7 +260,7 @@ class Tracker:
         self.doubt.anew()
 
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
-        """Go on from a state that was kept, at a temperature; what comes of the time before it teaches nothing of the bias."""
+        """Continue from a stored bias state at device time `now`, s; samples from before the state teach nothing."""
         self._believe(model, state)
         self._zaru.state.rested = False
         self.doubt.anew()
@@ -270,32 +273,32 @@ class Tracker:
         celsius = np.nan if temperature_c is None else self.thermometer.now
         if self._kept is None:
             self._filter.predict(now, celsius)
-        else:  # a bus's cache
+        else:  # the stream begins with older samples, from a bus's cache
             self._filter.look_back(self._kept, now, celsius)
 
     def expect(self, law: TemperatureLaw) -> None:
-        """Use what earlier boots taught of temperature from now on."""
+        """Use a temperature law from now on; its slope replaces the tracked one."""
         self._law = law
         self._filter.expect(law)
 
     def follow(self, law: TemperatureLaw) -> None:
-        """The same, of a bias whose slope was learnt under such a law already."""
+        """Use a temperature law from now on, for a bias whose slope was learnt under it; the slope is kept."""
         self._law = law
         self._filter.follow(law)
 
     def skip(self, windows: Windows) -> None:
-        """Take no notice of the next windows."""
+        """Leave out the next windows."""
         self.seconds.skip(windows)
 
     def take(self, windows: Windows) -> list[Receipt]:
-        """Take the next windows; receipts of what rest there was in seconds they complete."""
+        """Learn from the next windows; returns receipts of the rests in the seconds they complete."""
         receipts = []
         for _, second in self.seconds.take(windows):
             receipts += self.learn(second)
         return receipts
 
     def learn(self, second: Second) -> list[Receipt]:
-        """Learn from the next of its seconds; receipts of what rest there was."""
+        """Learn from the next second; returns receipts of rests."""
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:
             self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.state.rested)
@@ -304,7 +307,7 @@ class Tracker:
     def _second(self, second: Second) -> list[Receipt]:
         if self._kept is not None:
             if second.start <= self._kept.time - _SAME_S:
-                # Its evidence is in what was kept: none may count twice, not even for a while.
+                # The evidence of this second is already in the restored state: it must not count twice.
                 self._filter.look_back(self._kept, second.end, self.thermometer.at(second.end))
                 return []
             self._filter.restart(self._kept)
@@ -315,10 +318,10 @@ class Tracker:
             second = second._replace(accel=None, accel_mean=None, accel_std=None)
         span, carried = self._carried(second)
         if second.flaw:
-            # A reading that is stuck is marked as one at its end is, and shows no movement.
+            # A reading stuck at the end of its range is marked as clipped too, but shows no movement.
             off = np.abs(second.gyro - self._filter.x[BIAS]).max() if second.flaw == CLIPPED else 0.0
             self._lost_way(second.end - second.start, turned=bool(off > self.knobs.quiet_gyro))
-        # Known whole only later, over a gap much later: it was as warm as it was then.
+        # A second is complete only later, after a gap much later: take the temperature at its end.
         step = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
         receipts = [] if second.flaw else self._evidence(second, span)
         if step is not None:
@@ -341,28 +344,31 @@ class Tracker:
         return receipts
 
     def _lost_way(self, seconds: float, *, turned: bool = False) -> None:
-        """Before time goes on over what nobody saw for so long: what waits to be judged was measured before that."""
+        """Drop what waits to be judged, before predicting over a time without usable samples.
+
+        turned: whether the device is known to have moved in that time.
+        """
         self._gravity.lose()
-        if turned:  # so much is known of it
+        if turned:  # movement is certain
             self._zaru.moved(self._filter)
         else:
             self._zaru.unseen(self._filter, max(0.0, seconds))
         self._bounded.broken()
 
     def _without_accelerometer(self) -> None:
-        """Go on with the gyro alone; one that was given up has misled the bias by nobody knows how much."""
+        """Continue with the gyro alone; a disbelieved accelerometer may have misled the bias by an unknown amount."""
         self._gravity.lose()
         if self._accelerometer.state.disbelieved and len(self._filter.x) > OWN:
             state, doubt = self._filter.state, self.knobs.bias_std**2 * np.eye(3)
             self._believe(self._model, state)
             self._filter.widen(doubt)
-            # What is smoothed has been misled, too, since a rest told last.
+            # The smoothed past is misled too, back to the last accepted rest.
             now = self._filter.time
             since = min(self._evidence_time, now - self.knobs.seconds.length_s)
             self._history.doubt(doubt, since if self._evidenced else -np.inf, now)
 
     def _carried(self, second: Second) -> tuple[Span | None, Step | None]:
-        """The way of a second, and where it takes gravity; None where the way it went is not known."""
+        """Sum up a second, and carry gravity over it; (None, None) when the motion in it is unknown."""
         if second.flaw or second.accel is None:
             self._gravity.lose()
             return None, None
@@ -375,7 +381,7 @@ class Tracker:
         return span, self._gravity.carry(span, bias, noise, second.unseen_turn, second.unseen_push)
 
     def _evidence(self, second: Second, span: Span | None) -> list[Receipt]:
-        """All that a whole second says of the bias; receipts of rest."""
+        """Apply all evidence of a whole second; returns receipts of rest."""
         quiet = max(second.std.tolist()) < self.knobs.quiet_gyro and (
             second.accel_std is None or max(second.accel_std.tolist()) < self.knobs.quiet_accel
         )
@@ -402,11 +408,11 @@ class Tracker:
     # ---- doubt and trust ------------------------------------------------------------------------------------------
 
     def doubts(self, now: float) -> Sentences:
-        """Why the bias is doubted from now on; none when that is no news, or there is no reason."""
+        """Reasons why the bias is doubted from now on; empty when there is none or the doubt is not new."""
         return self.doubt.news(now - self._evidence_time, gravity=self._gravity_disagrees)
 
     def trusts(self) -> bool:
-        """Whether the last rest has made the bias certain again."""
+        """Whether the last rest has ended the doubt of the bias."""
         age_s = self.time - self._evidence_time
         return self.doubt.settled(age_s, sure=self.sure, gravity=self._gravity_disagrees)
 

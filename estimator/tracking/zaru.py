@@ -1,8 +1,9 @@
-"""Zero angular rate update: while the device rests, its reading is its bias.
+"""Zero angular rate update (ZARU): while the device rests, its reading is its bias.
 
-Split by gravity where there is an accelerometer. A turn about a horizontal axis would tilt gravity: that part of a rest is
-checked and always usable. A turn about the vertical is invisible, and a bed or a chair turns slowly and evenly: that part must
-lie inside its gate. When it stays outside but constant for long, it is believed; in another pose it becomes horizontal by itself.
+With an accelerometer the rest is split by gravity. A turn about a horizontal axis would tilt gravity: the horizontal part of
+a rest is checked and always usable. A turn about the vertical is invisible, and a bed or chair turns slowly and evenly: the
+vertical part must lie inside its gate. When it stays outside but constant for long, it is believed. In another pose the same
+axis becomes horizontal.
 """
 
 from collections.abc import Iterable
@@ -23,12 +24,12 @@ from estimator.tracking.tilt_check import TiltCheck, TiltKnobs, TiltState
 
 Floats = NDArray[np.float64]
 
-#: seconds whose means are compared
+#: number of latest seconds whose means are compared
 _RECENT = 8
-#: an NIS, by degrees of freedom, that one measurement in a thousand has
+#: NIS by degrees of freedom that one measurement in a thousand exceeds
 _SURPRISE = {1: 10.83, 2: 13.82, 3: 16.27}
 _AXES = np.eye(3)
-#: what is to be judged with what follows; from, to
+#: a measurement to be judged with the following ones; its begin and end, s
 _Waiting = tuple[Evidence, float, float]
 REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
 INSISTED, JUMPED = "insisted", "jumped"
@@ -36,45 +37,47 @@ INSISTED, JUMPED = "insisted", "jumped"
 
 @dataclass(frozen=True, slots=True)
 class ZaruKnobs:
-    """When a rest speaks for the bias."""
+    """When a rest is evidence of the bias."""
 
-    #: motion of a resting body that no reading shows, rad/s
+    #: rad/s, motion of a resting body that no reading shows
     quasi_static: float = radians(0.003)
-    #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
+    #: rad/s, the same while quiet for less than proven_after seconds: too short to tell rest from a slow breath or sway
     unproven: float = radians(0.1)
-    #: the same without an accelerometer: so much sways who stands for a moment in a walk (tests/bench/honesty.py); and before any
-    #: rest was proven, of a bias that is not known: one half-breath at power-up shut out the truth for minutes
+    #: rad/s, the same without an accelerometer: so much a person sways who stands for a moment (tests/bench/honesty.py); and
+    #: before any proven rest of an unknown bias: half a breath at power-up shut out the truth for minutes
     #: (tests/bench/warming.py: seed 16, begun late)
     unproven_at_most: float = radians(0.19)
     proven_after: int = 4
-    #: and in the last second of a rest: a movement begins too gently for a gyro alone to see
+    #: rad/s, the same in the last second of a rest: a movement may begin too gently for a gyro alone
     edge: float = radians(0.015)
-    #: means that scatter by more than this many times their noise variance show a body that moves a little
+    #: ratio of scatter to noise variance of the means above which a body moves a little
     scatter: float = 3.0
-    #: a jump of the bias is believed after so many seconds of rest in a row
+    #: a jump of the bias is believed after this many seconds of rest in a row
     sure_rests: int = 5
-    #: the vertical part of a rest is believed within this (normalised innovation squared): 4 standard deviations
+    #: NIS gate of the vertical part of a rest: 4 standard deviations
     vertical_gate: float = 16.0
-    #: a contradiction that stays the same for this long is believed
+    #: s; a contradiction that stays the same for this long is believed
     insist_s: float = 120.0
-    #: in a gap between rests the bias may have walked so many times faster than the knobs of the filter say
+    #: factor by which the bias may have walked faster than BiasKnobs say, in a gap between rests
     hurry: float = 5.0
-    #: a gap is at least this long, s
+    #: s, least length of a gap
     gap_s: float = 5.0
-    #: what is gated waits, and is judged together with what follows, until their mean is this good, rad/s; s at most
+    #: rad/s; gated measurements wait and are judged together until their mean is this good; longest wait, s
     certain: float = radians(0.006)
     longest_wait_s: int = 8
     tilt: TiltKnobs = field(default_factory=TiltKnobs)
 
 
 class ZaruState(StateStruct):
-    """What rests have shown. means (k, 2, 3): of the latest quiet seconds, with their variance; quiet: how many in a row.
+    """State of ZARU.
 
-    rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether the latest second of rest
-    is one. rested: whether a rest has been one since a restart. blind: whether it was not seen, and has not been seen to rest
-    since. surprised: kinds of evidence that the gap has been held against. in_question: variance of what was believed for its
-    insistence alone. waiting: what is to be judged with what follows, from and to when. contradiction: since when, and what was
-    measured then, z and R. surprises, judged: what became of what waited, until somebody asks.
+    means (k, 2, 3): mean and its variance of the latest quiet seconds. quiet: quiet seconds in a row; quiet_until: end of the
+    last, s. rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether the latest
+    second belongs to a proven rest. ever_proven: whether any did, or the bias was known at the start. rested: whether a rest
+    was proven since a restart. blind: whether samples were missing, and no rest was seen since. surprised: kinds of evidence
+    already checked against the gap. in_question: variance, (rad/s)², of a bias believed only for its insistence. waiting:
+    measurements to be judged with the following ones, with begin and end. contradiction: its begin, s, and z and R measured
+    then. surprises, judged: receipts not yet fetched.
     """
 
     tilt: TiltState
@@ -96,22 +99,22 @@ class ZaruState(StateStruct):
 
 
 class Zaru:
-    """Seconds in, receipts out; feeds one BiasFilter."""
+    """ZARU evidence: seconds in, receipts out; updates one BiasFilter."""
 
     def __init__(self, knobs: ZaruKnobs | None = None, *, known: bool = False) -> None:
-        """known: whether the bias is known well enough to hold a rest against."""
+        """known: whether the bias is known well enough to check a rest against it."""
         self.knobs = knobs or ZaruKnobs()
         self.tilt = TiltCheck(self.knobs.tilt)
         self.state = ZaruState(self.tilt.state, ever_proven=known)
 
     def saved(self, bias: BiasFilter) -> ZaruState:
-        """All that evolves, beside what the filter has forgotten already."""
+        """State to save, without measurements that the filter has discarded."""
         self.state.tilt = self.tilt.state
         self._drop_forgotten(bias)
         return self.state
 
     def restore(self, state: ZaruState, bias: BiasFilter) -> None:
-        """Go on from a state, with a filter that goes on from its own. Raises ValueError."""
+        """Restore a state, beside a filter restored to the same moment. Raises ValueError when it is damaged."""
         n = len(bias.x)
         shaped(state.means, -1, 2, 3)
         for evidence, _, _ in state.waiting:
@@ -130,19 +133,19 @@ class Zaru:
         self.state, self.tilt.state = state, state.tilt
 
     def moved(self, bias: BiasFilter) -> None:
-        """What was seen of a rest is over."""
+        """End a rest because the device moves."""
         self.state.in_question, self.state.contradiction, self.state.blind = 0.0, None, False
         self._over(bias)
 
     def unseen(self, bias: BiasFilter, seconds: float) -> None:
-        """For so long nobody saw it: it may rest still. What is in question stays so, and what contradicts waits no less."""
+        """Note seconds without usable samples: the device may still rest, so questions and contradictions stay open."""
         self._lengthen(seconds)
         self.state.blind = True
         self._over(bias)
 
     def interrupted(self, bias: BiasFilter, seconds: float) -> None:
-        """The device was quiet still for so long, but not at rest."""
-        if self.state.blind:  # what is still shows only some time after a hole
+        """Note seconds in which the device was quiet but not at rest."""
+        if self.state.blind:  # stillness is recognised only some time after a hole
             self._lengthen(seconds)
         else:
             self.state.contradiction = None
@@ -160,7 +163,7 @@ class Zaru:
         self._judge(bias)
 
     def _judge(self, bias: BiasFilter) -> None:
-        """What waits, without what would have followed."""
+        """Judge the waiting measurements now, without the ones that would have followed."""
         if self.state.waiting:
             evidence, begun, ended = self.state.waiting.pop()
             self.state.waiting.append((self._at_edge(evidence), begun, ended))
@@ -170,21 +173,21 @@ class Zaru:
         bias.forget()
 
     def judged(self) -> list[Receipt]:
-        """What became, since this was asked last, of what waited as its rest ended."""
+        """Receipts of measurements that waited when their rest ended, since the last call."""
         judged, self.state.judged = self.state.judged, []
         return judged
 
     def _drop_forgotten(self, bias: BiasFilter) -> None:
-        """What was measured before the filter was begun anew is in what it was begun from."""
+        """Discard what was measured before the filter was restarted: its new state contains that evidence."""
         del self.state.waiting[: len(self.state.waiting) - bias.waiting]
 
     def surprises(self) -> list[Receipt]:
-        """What surprised since this was asked last, as it was before the filter was told to expect it."""
+        """Receipts of surprising measurements since the last call, as they were before the bias was widened."""
         surprises, self.state.surprises = self.state.surprises, []
         return surprises
 
     def at_rest(self, second: Second, bias: BiasFilter) -> bool:
-        """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
+        """Note a quiet second; returns whether it belongs to a rest, rather than breathing or swaying."""
         knobs = self.knobs
         self.state.quiet += 1
         latest = np.array([[second.mean, second.mean_var]])
@@ -204,12 +207,12 @@ class Zaru:
     def take(
         self, second: Second, bias: BiasFilter, up: Floats | None, gravity: Evidence | None = None
     ) -> tuple[list[Receipt], Receipt | None]:
-        """Take a second of rest, and what gravity says of it: receipts of the rest, and what became of gravity.
+        """Update the filter with a second of rest and, within the rest, with gravity's evidence.
 
-        up (3,) points as gravity's reading does, None without an accelerometer. Where gravity's evidence is given it is in the
-        state; within a rest it is taken together with the parts across what was known of it, in one step.
+        up (3,): direction of gravity's reading, None without an accelerometer. gravity: its evidence, to be taken in one step
+        with the horizontal parts of the rest. Returns receipts of the rest, and gravity's receipt if it was given.
         """
-        # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
+        # For a gyro alone a rest may be a slow passage of a movement, until it continues.
         proven = self.state.proven = self.state.quiet >= self.knobs.proven_after and (
             up is not None or self.state.rests > 1
         )
@@ -237,11 +240,11 @@ class Zaru:
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
 
     def _begins(self, *, proven: bool) -> bool:
-        """Whether gravity may have more to say than within a rest, and is to be heard before anything is held against it."""
+        """Whether gravity's evidence is to be taken first: at the begin of a rest it may tell more than within it."""
         return self.state.rests == 1 or (proven and "zaru level" not in self.state.surprised)
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
-        """(3,) of the motion there may be; who slows down or turns back within the second is no nearer to rest than that."""
+        """(3,) variance of possible motion in an unproven rest; a rate changing within the second adds to it."""
         if not checked:
             return self.knobs.unproven_at_most**2
         half = second.samples // 2
@@ -251,9 +254,9 @@ class Zaru:
     def _level(
         self, evidence: Evidence, gravity: Evidence | None, second: Second, bias: BiasFilter
     ) -> tuple[Receipt, Receipt | None]:
-        """The two parts across gravity, after what gravity says.
+        """Update with the two horizontal parts of a rest, after or together with gravity.
 
-        A bias that surprises there has moved, along the vertical as far as anyone knows.
+        If the bias there is surprising, it has moved; the vertical part is then doubted by as much.
         """
         self._adapt(evidence, bias)
         said, receipt = (None, bias.update(evidence)) if gravity is None else bias.update_both(gravity, evidence)
@@ -262,11 +265,11 @@ class Zaru:
         return receipt, said
 
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
-        """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""
+        """Update with unchecked parts: they must pass the gate, averaged over seconds if noisy, or insist."""
         self._adapt(evidence, bias)
         self._drop_forgotten(bias)
         if self.state.waiting and self.state.waiting[0][0].H.shape != evidence.H.shape:
-            self.state.waiting.clear()  # the accelerometer came or went
+            self.state.waiting.clear()  # the accelerometer appeared or vanished
             bias.forget()
         evidence = self._questioned(evidence)
         bias.wait()
@@ -282,13 +285,13 @@ class Zaru:
         if not self._insisted(weighed.time, begun, evidence.z, evidence.R, bias):
             return [weighed]
         self.state.contradiction = None
-        # It may still turn: how sure that can be stays in question until it has moved and rests again.
+        # The device may still turn: this variance remains until it has moved and rests again.
         self.state.in_question = float(np.mean(weighed.innovation**2)) / 4
         return [self._believed(weighed, self._questioned(evidence), bias, INSISTED)]
 
     def _at_edge(self, evidence: Evidence) -> Evidence:
         if evidence.kind != "zaru":
-            return evidence  # an accelerometer was there
+            return evidence  # measured with an accelerometer
         return evidence._replace(R=evidence.R + self.knobs.edge**2 * np.eye(len(evidence.R)))
 
     def _questioned(self, evidence: Evidence) -> Evidence:
@@ -298,16 +301,16 @@ class Zaru:
         return evidence._replace(common_var=np.maximum(common, self.state.in_question))
 
     def _late(self, bias: BiasFilter) -> Receipt:
-        """Take what has waited longest; the bias has walked on since."""
+        """Update with the measurement that has waited longest, corrected for the walk since then."""
         evidence, _, _ = self.state.waiting.pop(0)
         receipt = bias.take_first(evidence)
         unproven = min(evidence.R.diagonal().tolist()) >= self.knobs.unproven**2
         return receipt._replace(reason=receipt.reason or UNPROVEN) if unproven else receipt
 
     def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
-        """How many seconds are judged together: none wait where the bias is known worse than one second tells it.
+        """Number of seconds to judge together: 1, so none wait, while the bias is less certain than one second's mean.
 
-        Else the latest always does: it may be the last of its rest.
+        Otherwise at least 2: the latest second always waits, it may be the last of its rest.
         """
         own, seen = evidence.R.diagonal().tolist(), weighed.innovation_cov.diagonal().tolist()
         most, waiting = float(max(own)), len(self.state.waiting)
@@ -317,13 +320,13 @@ class Zaru:
         return min(self.knobs.longest_wait_s, max(2.0, most / self.knobs.certain**2))
 
     def _believed(self, refused: Receipt, evidence: Evidence, bias: BiasFilter, reason: str) -> Receipt:
-        """The bias has moved by what was refused: doubt all of it by that much, then take it."""
+        """Accept a refused measurement: widen the bias by its innovation, then update."""
         bias.widen(float(np.mean(refused.innovation**2)) * np.eye(3))
         bias.update(evidence)
         return refused._replace(accepted=True, reason=reason)
 
     def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
-        """A first rest after a gap that surprises shows a walk faster than was thought, within reason: in all axes alike."""
+        """Widen all axes when the first rest after a gap is surprising: the bias walked faster than expected, in bounds."""
         if evidence.kind in self.state.surprised or not self.state.proven:
             return
         self.state.surprised.add(evidence.kind)
@@ -334,7 +337,7 @@ class Zaru:
             bias.widen(min(float(np.mean(weighed.innovation**2)), most) * np.eye(3))
 
     def _checked(self, second: Second, innovation: Floats) -> bool:
-        """Whether a turn at such a rate would by now have been seen to tilt gravity."""
+        """Whether a turn at the rate of the innovation would have tilted gravity visibly by now."""
         if self.state.rests < self.knobs.sure_rests:
             return False
         return self.tilt.would_show(float(np.linalg.norm(innovation)), second)
@@ -353,13 +356,13 @@ class Zaru:
 
 
 def _along(kind: str, axes: Floats, second: Second, var: Floats, gate: float, bias: BiasFilter) -> Evidence:
-    """The mean of a second, of variance var (3,), as a measurement of the bias along axes (m, 3)."""
+    """Mean of a second, with variance var (3,), as a measurement of the bias along axes (m, 3)."""
     z, H, R, common_var = along(axes, second.mean, var, second.common_var, len(bias.x))
     return Evidence(kind, z, H, R, gate, common_var)
 
 
 def _split(whole: Evidence, vertical_gate: float) -> tuple[Evidence, Evidence]:
-    """The two parts of a measurement across gravity, and the one along it."""
+    """Split a measurement into its two horizontal parts and the vertical one."""
     kind, z, H, R, gate, common_var, _ = whole
     assert common_var is not None
     level = Evidence(f"{kind} level", z[:2], H[:2], R[:2, :2], gate, common_var[:2])
@@ -367,7 +370,7 @@ def _split(whole: Evidence, vertical_gate: float) -> tuple[Evidence, Evidence]:
 
 
 def _mean(latest: Evidence, waiting: Iterable[_Waiting]) -> Evidence:
-    """All that wait, the latest among them, as one: what is common to them does not average out."""
+    """Mean of all waiting measurements, the latest included; their common error does not average out."""
     common = np.zeros(len(latest.z)) if latest.common_var is None else latest.common_var
     z, R = together(np.array([e.z for e, _, _ in waiting]), np.array([e.R for e, _, _ in waiting]), common)
     return latest._replace(z=z, R=R)

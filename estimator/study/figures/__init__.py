@@ -1,1 +1,1 @@
-"""The figures of the studies; each draws the results of one or more of them."""
+"""Figures of the studies; each module draws the results of one or more studies."""

@@ -1,4 +1,4 @@
-"""What each method finds in a real session, beside imucal's numbers."""
+"""Figure of study `real`: what each method finds in a real session, beside imucal's numbers."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from estimator.study.real import WORDS, Real
 
 
 def real(found: Real, stem: Path) -> None:
-    """Three panels of scale factors, one of closures."""
+    """Draw three panels of scale factors and one of closure errors."""
     rows = [row for row in found.rows if row.k is not None]
     figure = Figure(figsize=(12, 4.8))
     figure.suptitle(f"A real session ({found.recording}) through every method that applies", fontsize=13)

@@ -1,4 +1,4 @@
-"""The paper's tables 2 and 3 as a figure: what each method finds of a sensor, beside what the paper found."""
+"""Figure of the paper's tables 2 and 3: what each method finds for a sensor, beside the paper's values."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from estimator.study.trials import METHODS, WORDS
 
 
 def sensor(found: Sensors, name: str, stem: Path) -> None:
-    """A column an axis; k, k enlarged, and b: each method's median and 95 % of its sessions, as differences from the truth."""
+    """Draw one column per axis with k, k enlarged, and b: median and 95 % of each method's differences from the truth."""
     figure = Figure(figsize=(11, 9.2))
     n = max(one.sessions for one in found.sessions)
     figure.suptitle(

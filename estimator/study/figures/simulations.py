@@ -18,7 +18,7 @@ _SYMBOLS = {name: f"${name[0]}_{name[-1]}$" for name in PARAMETERS}
 
 
 def errors(found: Errors, stem: Path) -> None:
-    """A row for each noise: all parameters on the paper's scale with its band; the scale factors enlarged."""
+    """Draw one row per noise: all parameters on the scale of the paper's band, and the scale factors enlarged."""
     noises = [one.noise_dps for one in found.honesty]
     figure = Figure(figsize=(11, 3.6 * len(noises) + 0.9))
     runs = found.rows[0].error.n
@@ -57,7 +57,7 @@ def errors(found: Errors, stem: Path) -> None:
 
 
 def testset(found: Testset, stem: Path) -> None:
-    """A row for each noise; before, after."""
+    """Draw one row per noise: mean errors before and after calibration."""
     noises = list(dict.fromkeys(row.noise_dps for row in found.rows))
     figure = Figure(figsize=(9.5, 3.4 * len(noises) + 0.9))
     runs = found.rows[0].error.n
@@ -91,7 +91,7 @@ def testset(found: Testset, stem: Path) -> None:
 
 
 def _boxes(axes: Axes, at: Mapping[float, Spread], colour: str, width: float = 0.3) -> None:
-    """Boxes with half, whiskers with 95 % of the errors, at positions across."""
+    """Draw boxes (half of the errors) with whiskers (95 %) at the given positions."""
     drawn = axes.bxp(
         [
             {"med": s.median, "q1": s.quartiles[0], "q3": s.quartiles[1], "whislo": s.band[0], "whishi": s.band[1]}

@@ -1,4 +1,4 @@
-"""What each cause does to the scale factor: a panel a cause, error over value."""
+"""Figure of study `analysis`: error of the scale factor over the value of each cause."""
 
 from pathlib import Path
 from typing import Literal
@@ -15,7 +15,7 @@ _MARKS = {"mean": "o", "point": "^"}
 
 
 def analysis(found: Analysis, stem: Path) -> None:
-    """Two rows of panels."""
+    """Draw two rows of panels, one panel per cause."""
     columns = -(-len(found.factors) // 2)
     figure = Figure(figsize=(3.7 * columns, 7.6))
     base = found.base

@@ -18,7 +18,7 @@ _AFTER = {"turn360": (COLOURS[0], "by Algorithm 1"), "closure": (COLOURS[1], "by
 
 
 def typical(found: Typical, stem: Path) -> None:
-    """Readings of the three axes; found turns shaded, simulated ends dashed."""
+    """Draw the readings of the three axes; found turns are shaded, simulated ends dashed."""
     figure = Figure(figsize=(10, 4.6))
     axes = figure.subplots()
     for axis, reading in zip(AXES, found.reading_dps, strict=True):
@@ -47,7 +47,7 @@ def typical(found: Typical, stem: Path) -> None:
 
 
 def magnitude(found: Magnitude, stem: Path) -> None:
-    """A panel for each sensor, the six turns one after the other."""
+    """Draw one panel per sensor, with its six turns one after the other."""
     figure = Figure(figsize=(10, 3.5 * len(found.traces) + 0.8))
     figure.suptitle(
         f"Simulated sensors: magnitude of {found.rate_dps:g} °/s before and after calibration by hand (ramps left out)",
@@ -75,7 +75,7 @@ def magnitude(found: Magnitude, stem: Path) -> None:
 
 
 def orientation(found: Orientation, stem: Path) -> None:
-    """A column for each sensor: angles by readings, by calibrated rates, and what the latter err by."""
+    """Draw one column per sensor: angles from readings, from calibrated rates, and the errors of the latter."""
     figure = Figure(figsize=(5.6 * len(found.labels), 9.4))
     figure.suptitle(
         "Simulated sensors: orientation while turned 360° clockwise and back about x, y and z in turn", fontsize=13
