@@ -66,7 +66,7 @@ class Client:
         queue: int = QUEUE,
         quiet: bool = False,
     ) -> Corrected:
-        """Stream of corrected batches: each sample exactly once and in order. With `history` the last seconds come first.
+        """Stream of corrected batches, each sample exactly once and in order. With `history` the last seconds come first.
 
         Iteration ends after idle_s seconds without a batch, or when the stream is closed. Missing samples are waited
         for wait_s seconds, or at least 3 s where another estimator publishes the samples after the hole. Then the hole
@@ -162,7 +162,7 @@ class Client:
         return sorted(name for name, there in found.copy().items() if there)
 
     def watch_alive(self, what: str, on_change: Callable[[str, bool], None]) -> Declared:
-        """Call on_change(id, alive) for every live `bridge` or `estimator` and each later change, on a thread of the bus."""
+        """Call on_change(id, alive) for each live `bridge` or `estimator` and each change, on a thread of the bus."""
 
         def tell(key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
             if name := _id(key, what):

@@ -25,7 +25,7 @@ HANDOVER_S = 3.0
 WINDOW, FASTEST_HZ = 4096, 1000.0
 #: most boots remembered; beyond that the boot heard longest ago is forgotten
 BOOTS = 16384
-#: a bridge that just started or was paused may stamp samples late by this much
+#: a bridge that just started or was paused may date samples later than they were, by up to this much
 MISTAKEN_NS = 30_000_000_000
 
 

@@ -14,7 +14,7 @@ SAME_TIME_NS = 1_000_000_000
 
 
 def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
-    """Correct a published batch with the revised bias, for the samples the revision covers; other batches stay unchanged.
+    """Correct a published batch with the revised bias, for the samples the revision covers; others stay unchanged.
 
     A batch has one `bias` and one `bias_std`: the mean bias subtracted from its samples, and the largest std.
     """

@@ -147,7 +147,7 @@ class Stream(AsyncIterator[T], Generic[T]):
 
 
 class Corrected(Stream[CorrectedBatch]):
-    """Iterator over corrected batches: each sample of a boot once and in order, across restarts of estimator and router.
+    """Iterator over corrected batches: each sample once and in order, across restarts of estimator and router.
 
     on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
     """

@@ -43,7 +43,7 @@ def last_before(calibration: Calibration, known: Iterable[Calibration]) -> Calib
 
 
 def compared(calibration: Calibration, before: Calibration | None) -> tuple[AxisCompared, ...]:
-    """Compare each axis with the calibration before. Only scale factors compare: the biases belong to different boots."""
+    """Compare each axis with the calibration before: scale factors only, as the biases are of different boots."""
     std = stds(calibration)
     then = {} if before is None else stds(before)
     return tuple(

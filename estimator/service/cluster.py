@@ -117,7 +117,7 @@ class Cluster:
         return list(lost)
 
     def look_round(self, now: float, devices: Collection[str]) -> None:
-        """Once a second: drop ownership of devices not in `devices`, and schedule a search for devices without an owner."""
+        """Once a second: drop ownership of devices not in `devices`, and schedule a search for unowned devices."""
         self.membership.keep(devices)
         if self.company and not self._bus.connected:  # alone, no other estimator takes what this one leaves
             self.membership.hold_off(now)

@@ -7,7 +7,7 @@ EVENT = "conservation law broken"
 
 
 class SampleAccount(NamedTuple):
-    """Sample counts of one device: taken in (`came`), corrected (`out`), `dropped`, and published or due for it (`said`).
+    """Sample counts of one device: `came` in, corrected (`out`), `dropped`, and published or still to be (`said`).
 
     `refused` samples came from another bridge and were never admitted. `held` samples wait for their turn to be
     admitted.

@@ -18,7 +18,7 @@ from bridge.wire.validation import MAX_TIME_NS
 from estimator.kernels.samples import unpacked
 from estimator.samples.sample_buffer import UNFIT, WIDTH, Samples
 
-#: limits of gyro, accel, °C and host time; all known flags, flags that make a reading unfit, and the temperature step flag
+#: limits of gyro, accel, °C and host time; all flags, flags that make a reading unfit, and the temperature step flag
 _LIMITS = np.array(
     [MAX_RATE, MAX_ACCEL, MAX_CELSIUS, MAX_TIME_NS, sum(SampleFlag), UNFIT, SampleFlag.TEMPERATURE_STEP], float
 )

@@ -145,7 +145,7 @@ class Device:
             self._say("calibration", payload)
 
     def hold(self, calibration: str, payload: bytes) -> None:
-        """Hold back rates corrected by this calibration until it is stored: nobody could look the calibration up before."""
+        """Hold back rates corrected by this calibration until it is stored: nobody could look it up before."""
         self._unsaid[calibration] = payload
         self._put = self._held.append
 
@@ -207,14 +207,15 @@ class Device:
         return output.status(said)
 
     def delay(self) -> float:
-        """Seconds from receipt of a sample to its publication, the first since the last call; NaN when none was published."""
+        """Seconds from receipt to publication of the first sample published since the last call; NaN without one."""
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
 
     def restart(self, lost: int, uncounted: int) -> None:
-        """Start a new session without a boot; the next batch in sequence, or a later one, begins it. See Sequence.anew.
+        """Start a new session without a boot; the next batch in sequence, or a later one, begins it.
 
-        lost: samples corrected and not published. uncounted: samples not yet counted as taken in.
+        lost: samples corrected and not published. uncounted: samples not yet counted as taken in. See
+        SequenceNumbers.anew.
         """
         sequence = self.admission.restart(lost, uncounted, self.session.last_heard_ns)
         self.session = DeviceSession(self.name, self._knobs, sequence=sequence)

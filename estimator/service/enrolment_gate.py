@@ -1,7 +1,7 @@
 """Enrolment gate: only messages of enrolled devices, from their own bridge, are decoded.
 
-Keys are sorted before anything is decoded, so that a flood of invented names delays no device. Some refused names are
-remembered, so that a person can see which devices ask to be admitted.
+Keys are checked before anything is decoded, so that a flood of invented names delays no device and costs next to
+nothing. Some refused names are remembered, so that a person can see which devices ask to be admitted.
 """
 
 import logging

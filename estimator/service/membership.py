@@ -108,7 +108,7 @@ class Membership:
         return self._owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
-        """Whether to take a device now: it belongs to us, and no other estimator is calibrating it and would lose turns."""
+        """Whether to take a device now: it is ours, and no other estimator is in a calibration that would lose turns."""
         if device in self.held or not self.ready(now) or not self.owns(device):
             return False
         until_s, taker = self._lost.get(device, (now, ""))

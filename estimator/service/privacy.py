@@ -1,4 +1,4 @@
-"""Find a ward's files that other users of the machine can read: they show patients' motion and password hashes."""
+"""Find a ward's files that other users of the machine can read: they show how patients move, and who may command."""
 
 import stat
 from collections.abc import Iterable, Iterator

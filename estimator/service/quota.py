@@ -65,7 +65,7 @@ class Quotas:
         return key in self._queues
 
     def typical_wait_s(self, devices: int) -> float:
-        """Waiting time of the oldest message of the median device, s. The median, as one flooding device is no overload."""
+        """Waiting time of the median device's oldest message, s. The median, as one flooding device is no overload."""
         waits = sorted((self._clock() - queue.waiting[0][0] for queue in self._queues.values()), reverse=True)
         return waits[devices // 2] if len(waits) > devices // 2 else 0.0
 

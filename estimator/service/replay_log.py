@@ -91,7 +91,7 @@ class Resumed:
 
 
 def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:
-    """Messages that a device's session at sequence number `following` of a boot still needs, merged into few large ones."""
+    """Messages that a session at number `following` of a boot still needs, merged into few large ones."""
     left = [(message, _read(message)) for message in messages]
     ends = {n: _end(raw) for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot}
     last = max((n for n, end in ends.items() if end <= following), default=-1)

@@ -57,7 +57,7 @@ WORK_S = 0.01
 SLOW_S = 0.5
 #: how long the last samples are still corrected after a stop request, s
 DRAIN_S = 2.0
-#: past messages per device requested from bridges beside other estimators: 10 s of 50 ms, longer than a checkpoint's age
+#: past messages per device requested from bridges beside other estimators: 10 s of 50 ms, more than a checkpoint's age
 PAST_IN_COMPANY = 200
 #: how long publishers of a device lost to another estimator stay open for late queries, s
 LINGER_S = 40.0
@@ -200,7 +200,7 @@ class Service:
         return len(messages) + len(self._quotas)
 
     def work(self, until: float = math.inf) -> None:
-        """Learn from blocks and do the devices' once-a-second work until a monotonic time; the rest waits for the next round."""
+        """Learn from blocks and do the devices' once-a-second work until a monotonic time; the rest waits."""
         for waiting, do in ((self._to_learn, self._learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:
@@ -212,7 +212,7 @@ class Service:
     # ---- several estimators ---------------------------------------------------------------------------------------
 
     def _ours(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
-        """Give up and take over devices; returns the messages of our devices, with the backlog of devices taken over."""
+        """Give up and take over devices; returns the messages of our devices, with the backlog of new ones."""
         if lost := self._cluster.look(now, heard=bool(messages)):
             self._give_away(lost, now)
         if self._cluster.newcomer():
@@ -316,8 +316,8 @@ class Service:
     def _newcomer(self, batch: Samples, now: float) -> Device | None:
         """Create a device from its first batch; None where there is no room.
 
-        The bridge known to another estimator, or from before a restart, becomes the owner. A boot stopped in order is
-        resumed.
+        The bridge known to another estimator, or from before a restart, becomes the owner. Beside other estimators no
+        sample before this batch is waited for. A boot stopped in order is resumed.
         """
         if not self._devices.room(now, batch.n):
             return None

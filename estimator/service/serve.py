@@ -94,7 +94,7 @@ def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
 
 
 def _load() -> Future[None]:
-    """Load the compiled kernels on a thread, then the modules needed for learning; returns the future of the kernels."""
+    """Load the compiled kernels on a thread, then the modules for learning; returns the kernels' future."""
     loader = ThreadPoolExecutor(1, "load")
     kernels = loader.submit(ready)
     for part in _LEARNING:

@@ -42,7 +42,7 @@ _ONE_OF_BOOT = "ON CONFLICT (device, boot) DO UPDATE SET"
 
 
 class Before(NamedTuple):
-    """Calibrations of an earlier power-up under the same boot number: their ids, and when the repeat was seen, or None."""
+    """Calibrations of an earlier power-up under the same boot number: their ids, and when that was seen, or None."""
 
     ids: frozenset[str]
     seen_ns: int | None
@@ -75,7 +75,7 @@ class _Kept(msgspec.Struct):
 
 
 class Store:
-    """Open store. The writing thread alone calls `add_…`, `save_…`, `repeat` and `thin`; any thread may call the rest."""
+    """Open store. Only the writing thread calls `add_…`, `save_…`, `repeat` and `thin`; any thread may call the rest."""
 
     def __init__(self, path: Path | str | Database, *, patient: bool = False) -> None:
         self.database = path if isinstance(path, Database) else Database(path, patient=patient)
@@ -234,7 +234,7 @@ class Store:
         return None
 
     def recall(self, device: str, boot: int, now_ns: int) -> PriorKnowledge | None:
-        """Calibration of this boot, if any, with the bias since then and its age at now_ns; None if nothing is stored."""
+        """Calibration of this boot, if any, with the bias since then and its age at now_ns; None if neither is stored."""
         calibration = self.calibrated(device, boot)
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
             if (kept := _kept(row)) is not None:
@@ -271,10 +271,10 @@ class Store:
         return Before(ids, max((row["time_ns"] for row in repeats), default=None))
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
-        """Last corrected sample by device: boot, sequence number, host time in ns, and bridge (empty where unknown).
+        """Last sample known to the latest stored bias, by device: boot, sequence number, host time in ns, and bridge.
 
-        Only biases stored since since_ns count. Devices with a running calibration are left out: the bridges' caches
-        may hold its turns.
+        The bridge is empty where unknown. Only biases stored since since_ns count. Devices with a running calibration
+        are left out: the bridges' caches may hold its turns.
         """
         found: dict[str, tuple[int, int, int, str]] = {}
         for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
@@ -289,7 +289,10 @@ class Store:
         return max((int(row["epoch"]) for row in self.database.rows("epochs")), default=0)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
-        """Latest calibration of an earlier boot with the same restore key: device, model, firmware, range, and mostly rate."""
+        """Latest calibration of an earlier boot with the same restore key, or None.
+
+        The key is device, model, firmware, range, and mostly rate.
+        """
         this = keys.boot_id(info.boot)
         return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
 

@@ -204,7 +204,7 @@ class StoreAccess:
         return [c for c in self._pending.values() if c.device == name]
 
     def _later(self, said: Calibration) -> Calibration | None:
-        """Calibration made here that superseded the one another, cut-off estimator still uses; by order, not by clocks."""
+        """Calibration made here that superseded the one a cut-off estimator still uses; by order, not by clocks."""
         made = self._store.of_boot(said.device, said.boot)
         return made[-1] if any(c.id == said.id for c in made[:-1]) else None
 

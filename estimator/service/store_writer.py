@@ -67,7 +67,7 @@ class StoreWriter:
             self.collect()
 
     def look_up(self, read: Write, done: Done = lambda _: None) -> None:
-        """Queue a read or a backup on the store's thread; `done` is called in `collect`. After close nothing is read."""
+        """Queue a read or backup on the store's thread; `done` is called in `collect`. After close nothing is read."""
         if self._thread is None:
             done(_looked_up(read))
             return

@@ -89,7 +89,10 @@ class TraceTopic:
                 stream.close()
 
     def _frame(self, points: Points) -> bytes:
-        """Binary frame: float64 (n,) host time in s, then float32 (n, 3) raw, corrected and std, °/s; n fills the frame."""
+        """Binary frame: float64 (n,) host time in s, then float32 (n, 3) raw, corrected and std, °/s.
+
+        n follows from the length of the frame.
+        """
         rates = np.degrees(np.concatenate([points.raw, points.corrected, points.std])).astype("<f4")
         return topics.binary(self._topic, points.time_s.astype("<f8").tobytes() + rates.tobytes())
 

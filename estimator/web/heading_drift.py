@@ -128,7 +128,7 @@ class Heading:
         self._up = felt / size if size > 0 else None
 
     def _apart(self, which: int, before: float) -> float:
-        """Angle about the vertical from the corrected attitude to another one, unwrapped from its previous value; rad."""
+        """Angle about the vertical from the corrected attitude to another, unwrapped from its previous value; rad."""
         vector = rotation.log(self._attitudes[which] @ self._attitudes[0].T)
         angle = float(np.linalg.norm(vector))
         if self._up is None or angle == 0:

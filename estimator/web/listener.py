@@ -84,7 +84,7 @@ class _Bounded(H11Protocol):
         self._stop()
 
     def _look(self) -> None:
-        """Start or stop the timer: it runs while we wait for the client. Between requests uvicorn's own limit applies."""
+        """Start or stop the timer, which runs while we wait for the client; between requests uvicorn's limit applies."""
         if self.transport.get_protocol() is not self or not self._client_is_waited_for():
             self._stop()
         elif self._waits is None:
@@ -119,7 +119,10 @@ class _Bounded(H11Protocol):
 
 
 class Listener(uvicorn.Server):
-    """Server for an ASGI application, until told to stop. Signals are left to us: uvicorn would end the process too early."""
+    """Server for an ASGI application, until told to stop.
+
+    Signal handlers stay ours, since uvicorn's would end the process too early.
+    """
 
     def __init__(self, app: ASGIApp, *, behind_proxy: bool, connections: int) -> None:
         #: refused or aborted connections, by reason

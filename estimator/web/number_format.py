@@ -19,7 +19,7 @@ def signed(value: float, digits: int) -> str:
 
 
 def bias(bias: Sequence[float], std: Sequence[float]) -> str:
-    """`+0.12 −0.40 +0.03 ± 0.004 °/s`: bias of each axis from rad/s, and the 95 % interval of the least known axis."""
+    """`+0.12 −0.40 +0.03 ± 0.004 °/s`: bias of each axis from rad/s, with 95 % of the least known axis."""
     wide = SIGMAS * degrees(max(std))
     digits = 3 if wide < 0.1 else 2
     return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {wide:.{digits}f} °/s"

@@ -12,7 +12,10 @@ class Strips:
     """Combines the batches of many devices into one frame, all at once."""
 
     def take(self, batches: Sequence[Rates], numbers: Mapping[str, int]) -> Floats:
-        """(n, 2) minimum and maximum in °/s by device number; NaN for silent devices. Devices without a number are left out."""
+        """(n, 2) minimum and maximum in °/s by device number; NaN for silent devices.
+
+        Devices without a number are left out.
+        """
         found = np.full((max(numbers.values(), default=-1) + 1, 2), np.nan)
         known = [batch for batch in batches if batch.device in numbers]
         if not known:

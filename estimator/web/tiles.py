@@ -64,7 +64,10 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class WardPage:
-    """Everything the ward page shows. `troubles` concern the ward itself; `counts` has tone, number and word per state."""
+    """Everything the ward page shows.
+
+    `troubles` concern the ward itself; `counts` holds name, tone, number and word of each state.
+    """
 
     ward: str
     count: str

@@ -59,7 +59,7 @@ class Traces:
         self._kept: deque[Points] = deque(maxlen=_WAITING)
 
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
-        """Pair the batches received by `now`, in order of the readings; several corrected batches may cover one raw batch."""
+        """Pair the batches received by `now`, in order of the readings; a raw batch may match several corrected ones."""
         self._raw += [(now, batch) for batch in raw]
         self._corrected += corrected
         found = []

@@ -93,7 +93,7 @@ class Turn(Struct, frozen=True):
 
 
 class OneCalibration(Struct, frozen=True):
-    """A calibration: corrected = matrix (reading - bias). Saved to a file, `truerate correct --calibration` accepts it."""
+    """A calibration: corrected = matrix (reading - bias). As a file, `truerate correct --calibration` accepts it."""
 
     device: str
     boot: str
@@ -206,7 +206,7 @@ def device(row: DeviceRow, story: Story) -> Device:
 
 
 def calibrations(name: str, story: Story, found: Sequence[Calibration], limit: int) -> Calibrations:
-    """Response with the last `limit` of the calibrations found. `found` is oldest first; the response is latest first."""
+    """Response with the last `limit` of `found`, which is oldest first; the response is latest first."""
     in_use = story.status.calibration if story.status else ""
     page = found[-limit:]
     return Calibrations(
