@@ -1,6 +1,6 @@
-"""The Python way to subscribe: corrected rates, revisions, status and calibrations of a ward, and commands to its estimator.
+"""Python client of a ward: subscribe to corrected rates, revisions, status and calibrations; command the estimator.
 
-Public door: `Client`.
+Entry point: `Client`.
 """
 
 from bridge.bus.contract import BusError

@@ -1,4 +1,4 @@
-"""A subscriber's session on the bus of a ward: streams, what is known now, and commands."""
+"""Subscriber session on a ward's bus: message streams, current state, and commands to the estimator."""
 
 import time
 import uuid
@@ -26,19 +26,20 @@ from estimator.client.decoder import Decoder
 from estimator.client.reorder_buffer import HANDOVER_S, WAIT_S, Miss
 from estimator.client.stream import Corrected, Stream
 
-#: one device, a few, or (None) all of the ward
+#: one device, several devices, or None for every device of the ward
 Devices = str | Iterable[str] | None
 #: unread messages kept for a slow program: half a minute of a hundred devices
 QUEUE = 65536
-#: nobody is said to be there who may only be slow to show it, s
+#: shortest search before `alive` reports that nobody is there, s
 NONE_S = 2.0
 T = TypeVar("T")
 
 
 class Client:
-    """One subscriber's session on the bus of a ward; of more wards, open one each. Raises BusError when no router answers.
+    """Subscriber session on the bus of one ward; open one client for each ward.
 
-    Routers deny silently: what ours does not let us do stands in `denied`, in words, and in the log.
+    Raises BusError when no router answers. Routers reject denied subscriptions silently. `denied` and the log state
+    what this client's certificate does not permit.
     """
 
     def __init__(self, endpoints: str | Sequence[str] = (LOCAL,), *, ward: str, bus: Bus | None = None) -> None:
@@ -46,12 +47,12 @@ class Client:
         self.ward = keys.check_id(ward, "ward")
         self._own = bus is None
         self._bus: Bus = connected(endpoints) if bus is None else bus
-        #: why nothing may come although a router is there; empty where nothing is known to be wrong
+        #: reasons why no message may arrive although a router is connected; empty if no fault is known
         self.denied = denied(self._bus, endpoints, ward) if self._own else ()
 
     @property
     def connected(self) -> bool:
-        """Whether a router is there now. While none is, nothing comes; it is looked for again for ever."""
+        """Whether a router is connected now. While disconnected no message arrives, and the client retries for ever."""
         return self._bus.connected
 
     def corrected(
@@ -65,12 +66,12 @@ class Client:
         queue: int = QUEUE,
         quiet: bool = False,
     ) -> Corrected:
-        """Corrected batches: each sample exactly once and in order; with history the last seconds come first.
+        """Stream of corrected batches, each sample exactly once and in order. With `history` the last seconds come first.
 
-        Iterating ends after idle_s seconds without a batch, or when the stream is closed. A hole is waited for wait_s seconds
-        (3 s at least where another estimator goes on behind it), then given up, counted in `missing` and told to on_miss. Of
-        more than `queue` unread messages the oldest are dropped. Where nothing comes of devices that were named the log says so
-        after five seconds, unless `quiet`.
+        Iteration ends after idle_s seconds without a batch, or when the stream is closed. Missing samples are waited
+        for wait_s seconds, or at least 3 s where another estimator publishes the samples after the hole. Then the hole
+        is given up, counted in `missing` and reported to on_miss. Beyond `queue` unread messages the oldest are
+        dropped. If the named devices send nothing for five seconds, the log says so, unless `quiet`.
         """
         device = device if device is None or isinstance(device, str) else tuple(device)
         named = device if isinstance(device, str) else ", ".join(device or ())
@@ -82,75 +83,86 @@ class Client:
         return Corrected(subscription, idle_s, wait_s, on_miss, nothing if named and not quiet else "")
 
     def rates(self, device: Devices = None) -> Stream[codec.Rates]:
-        """How fast devices turn, as it comes from now on and nothing more: for a program that shows many of them.
+        """Stream of live corrected rates without history, reordering or waiting, for a program that shows many devices.
 
-        A sample may come twice where two estimators say it, and none is waited for.
+        A sample may arrive twice when two estimators publish it.
         """
         return self._stream("corrected", codec.decode_rates, device, history=False)
 
     def revisions(
         self, device: Devices = None, *, history: bool = True, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[BiasRevision]:
-        """What the bias of the past was, as it becomes known; with history the last few come first.
+        """Stream of bias revisions: better estimates of the past bias. With `history` the last few come first.
 
-        Iterating ends as that of `corrected` does. `revised` applies a revision to a batch.
+        Iteration ends as for `corrected`. `revised` applies a revision to a batch.
         """
         return self._stream("revision", codec.decode_revision, device, idle_s, history=history, queue=queue)
 
     def windows(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[WindowBatch]:
-        """Mean, deviation, least and most of readings and corrected rates ten times a second: to show many devices.
+        """Stream of window statistics at 10 Hz, for readings and corrected rates.
 
-        They come about once a second from now on, and are made only while somebody asks. Iterating ends as that of `corrected`.
+        Each window has mean, standard deviation, minimum and maximum. For programs that show many devices. Messages
+        arrive about once a second, without history, and are made only while somebody subscribes. Iteration ends as for
+        `corrected`.
         """
         return self._stream("@windowed", codec.decode_windows, device, idle_s, history=False, queue=queue)
 
     def raw(self, device: Devices = None, *, history: bool = True, queue: int = QUEUE) -> Stream[SampleBatch]:
-        """What devices say, as their bridges publish it; with history the last seconds come first."""
+        """Stream of raw readings as the bridges publish them. With `history` the last seconds come first."""
         return self._stream("raw", codec.decode_samples, device, history=history, queue=queue)
 
     def follow(self, device: Devices = None) -> Stream[Status]:
-        """Statuses as they come; the latest known comes first. Those of an estimator that has lost the device are left out."""
+        """Stream of device statuses; the latest known status comes first.
+
+        Statuses of an estimator that has lost the device are left out.
+        """
         return self._stream("status", codec.decode_status, device, wanted=_current())
 
     def follow_infos(self, device: Devices = None) -> Stream[DeviceInfo]:
-        """Device infos as they come, of every bridge that lists a device; the latest known comes first."""
+        """Stream of device infos from every bridge that lists a device; the latest known info comes first."""
         return self._stream("info", codec.decode_info, device)
 
     def follow_calibrations(self, device: Devices = None) -> Stream[Calibration]:
-        """Calibrations as they come, accepted or not; the last few come first."""
+        """Stream of calibrations, accepted or rejected; the last few come first."""
         return self._stream("calibration", codec.decode_calibration, device)
 
     def follow_notes(self, device: Devices = None) -> Stream[Note]:
-        """Notes as they are taken down; the last few come first."""
+        """Stream of notes that people attach to devices; the last few come first."""
         return self._stream("note", codec.decode_note, device)
 
     def statuses(self, wait_s: float = 1.5, device: str | None = None) -> dict[str, Status]:
-        """The latest status of every device, or of one: what comes within wait_s (all say it once a second)."""
+        """Latest status by device id, of all devices or of one, from the messages of wait_s seconds.
+
+        Every estimator publishes each status once a second.
+        """
         return {status.device: status for status in self.follow(device).collect(wait_s)}
 
     def calibrations(self, device: str | None = None, wait_s: float = 0.5) -> list[Calibration]:
-        """Calibrations the estimator has published lately, accepted or not."""
+        """Recently published calibrations, accepted or rejected."""
         return self.follow_calibrations(device).collect(wait_s)
 
     def owned(self, wait_s: float = 1.3) -> list[Owned]:
-        """What estimators say to have, as it came within wait_s (all say it once a second, or more often)."""
+        """Ownership messages of estimators received within wait_s. Each estimator sends one at least once a second."""
         return self._stream("owned", codec.decode_owned).collect(wait_s)
 
     def alive(self, what: str, wait_s: float = 0.3) -> list[str]:
-        """The ids of every `bridge` or `estimator` there is now; that there is none is said after a second look of NONE_S."""
+        """Sorted ids of the live processes of one kind: `what` is `bridge` or `estimator`.
+
+        An empty list is returned only after a search of at least NONE_S seconds.
+        """
         found: dict[str, bool] = {}
         watch = self.watch_alive(what, found.__setitem__)
         time.sleep(wait_s)
         deadline = time.monotonic() + NONE_S
         while not any(found.copy().values()) and time.monotonic() < deadline:
-            time.sleep(0.05)  # on a busy machine the answer takes its time, and that nobody is there alarms people
+            time.sleep(0.05)  # a busy machine answers late, and a false "nobody is there" alarms people
         watch.close()
         return sorted(name for name, there in found.copy().items() if there)
 
     def watch_alive(self, what: str, on_change: Callable[[str, bool], None]) -> Declared:
-        """Tell of every `bridge` or `estimator` there is, on_change(id, alive), and of each change; on a thread of the bus."""
+        """Call on_change(id, alive) for each live `bridge` or `estimator` and each change, on a thread of the bus."""
 
         def tell(key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
             if name := _id(key, what):
@@ -159,19 +171,19 @@ class Client:
         return self._bus.watch_alive(keys.pattern(self.ward, f"alive/{what}"), tell)
 
     def recalibrate(self, device: str, who: str, reason: str = "") -> CommandReply:
-        """Ask for a new calibration; raises BusError when no estimator answers."""
+        """Request a new calibration of a device. Raises BusError when no estimator answers."""
         return self._command(device, "recalibrate", who, reason)
 
     def cancel(self, device: str, who: str, reason: str = "") -> CommandReply:
-        """Stop a calibration under way; the old one stays."""
+        """Cancel a running calibration; the previous one stays in force. Raises BusError when no estimator answers."""
         return self._command(device, "cancel", who, reason)
 
     def note(self, device: str, who: str, text: str) -> CommandReply:
-        """Mark this moment of a device: kept in the audit, and published, so that it is in recordings."""
+        """Attach a text to this moment of a device, in the audit table and published for recordings."""
         return self._command(device, "note", who, text)
 
     def close(self) -> None:
-        """End the session."""
+        """Close the session; a bus that was passed in stays open."""
         if self._own:
             self._bus.close()
 
@@ -220,7 +232,7 @@ class Client:
 
 
 def _current() -> Callable[[Status], bool]:
-    """Whether a status is from the estimator that has the device now: none of a newer epoch came lately."""
+    """Filter for statuses that drops former owners: a newer epoch was heard in the last HANDOVER_S."""
     newest: dict[str, tuple[int, float]] = {}
 
     def current(status: Status) -> bool:

@@ -1,4 +1,4 @@
-"""Connects a subscriber to a ward's router, and tells what its certificate does not let it hear."""
+"""Connect a subscriber to a ward's router and report what its certificate does not permit it to receive."""
 
 import logging
 import threading
@@ -10,16 +10,16 @@ from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.pki.member import Role
 
-#: a router that does not answer for so long is said to be looked for, s
+#: log "looking for a router" when no router has answered for this long, s
 LOOKED_S = 1.0
-#: whose certificates let them hear what a ward says
+#: certificate roles that may receive a ward's messages
 SUBSCRIBERS = (Role.VIEWER, Role.COMMANDER, Role.RECORDER)
 
 log = logging.getLogger(__name__)
 
 
 def connected(endpoints: Sequence[str]) -> ZenohBus:
-    """A session with a router; the log says that it is looked for where that takes its time."""
+    """Open a session with a router; logs a warning when the connection takes longer than LOOKED_S."""
     told = threading.Timer(LOOKED_S, log.warning, ("looking for a router at %s", ", ".join(endpoints)))
     told.daemon = True
     told.start()
@@ -30,13 +30,13 @@ def connected(endpoints: Sequence[str]) -> ZenohBus:
 
 
 def denied(bus: Bus, endpoints: Sequence[str], ward: str) -> tuple[str, ...]:
-    """Why nothing may come although a router is there, also in the log; empty where nothing is known to be wrong."""
+    """Reasons why no message may arrive although a router is connected, also logged; empty if no fault is known."""
     routers = Routers.of(endpoints)
     if routers.identity is None:
         return ()
     for words in routers.soon():
         log.warning("%s", words)
-    from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - only who has certificates waits until they can be read
+    from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - slow import, needed only with certificates
 
     member = member_of(routers.identity)
     fit = ", ".join(role.value for role in SUBSCRIBERS)

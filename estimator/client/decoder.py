@@ -1,4 +1,4 @@
-"""Decodes messages off the bus; counts those that are refused, by reason, and logs the first of each reason."""
+"""Decode bus messages; count refused messages by reason and log the first of each reason."""
 
 import logging
 from collections.abc import Callable
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 class Decoder(Generic[T]):
-    """Messages of one kind; `refused` counts by reason. on_refusal(key, refusal) is called for each refused message."""
+    """Decoder for one kind of message. `refused` counts by reason; on_refusal(key, refusal) is called for each."""
 
     def __init__(
         self, name: str, decode: Callable[[str, bytes], T], on_refusal: Callable[[str, Refusal], None] | None = None
@@ -22,7 +22,7 @@ class Decoder(Generic[T]):
         self._decode, self._on_refusal = decode, on_refusal
 
     def take(self, message: Message) -> T | None:
-        """The message, or None when it was refused and counted."""
+        """Decode a message; returns None if the message was refused, which is counted."""
         try:
             return self._decode(message.key, message.payload)
         except Refusal as refusal:

@@ -1,9 +1,10 @@
 """Reorder buffer of a subscriber: each sample once and in order, by device, boot and sequence number. Pure.
 
-A batch that comes before its turn is held until the samples before it have come, or for a bounded time; then they are told as
-missing. Where several estimators publish a sample, that of the highest epoch is given. A sample of an older epoch than the
-last one given waits for HANDOVER_S: the present owner may publish it. So an estimator that hung and wakes up is not listened
-to while another one has its device, and nothing is lost where nobody else has it.
+A batch that arrives early is held until the samples before it arrive, or for a bounded time. After that time the absent
+samples are reported as missing. Where several estimators publish a sample, the one with the highest epoch is delivered.
+A sample with an older epoch than the last delivered sample waits for HANDOVER_S, since the present owner may still
+publish it. So an estimator that hung and wakes up is ignored while another owns its device, and no sample is lost where
+no other estimator owns the device.
 """
 
 from bisect import bisect_left
@@ -15,22 +16,25 @@ from typing import NamedTuple
 from bridge.wire.messages import CorrectedBatch, SampleFlag
 from estimator.client.revision import SAME_TIME_NS
 
-#: how long a hole is waited for: two publishers may overtake each other by some batches, s
+#: how long to wait for a hole: two publishers may overtake each other by some batches, s
 WAIT_S = 0.1
-#: how long at least where the epoch changes: a former owner is heard again within 2 s after a line is mended, and another
-#: estimator takes a device of one that hangs within 3 s
+#: shortest wait where the epoch changes, s: a former owner is heard again within 2 s after a network cut ends, and
+#: another estimator takes over a hung estimator's device within 3 s
 HANDOVER_S = 3.0
-#: samples of a boot that are held at most, or those of the fastest device in the time waited
+#: most samples held per boot; a longer wait raises the limit to what the fastest device sends in that time
 WINDOW, FASTEST_HZ = 4096, 1000.0
-#: boots that are remembered; of more the one heard longest ago is forgotten
+#: most boots remembered; beyond that the boot heard longest ago is forgotten
 BOOTS = 16384
-#: a bridge that had just begun, or stood still, may take samples for later than they were by as much
+#: a bridge that just started or was paused may date samples later than they were, by up to this much
 MISTAKEN_NS = 30_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Miss:
-    """Samples `first` to `first + count - 1` did not come. `told`: the sample after them says itself that some were missing."""
+    """Report of a hole: samples `first` to `first + count - 1` did not arrive.
+
+    told: the sample after the hole is itself flagged AFTER_GAP.
+    """
 
     device: str
     boot: int
@@ -40,24 +44,24 @@ class Miss:
 
 
 class _Held(NamedTuple):
-    first: int  # its number
+    first: int  # its sequence number
     batch: CorrectedBatch
-    due_s: float  # when it is given at the latest
+    due_s: float  # latest delivery time
 
 
 @dataclass(slots=True, eq=False)
 class _Boot:
-    next: int | None  # the number to be given next; None: the lowest that comes within the time waited
-    latest: CorrectedBatch  # given last
-    held: list[_Held] = field(default_factory=list)  # by number, disjoint
-    samples: int = 0  # in them
+    next: int | None  # sequence number to deliver next; None: the lowest that arrives within the wait
+    latest: CorrectedBatch  # last delivered
+    held: list[_Held] = field(default_factory=list)  # sorted by sequence number, disjoint
+    samples: int = 0  # total in `held`
 
 
 class ReorderBuffer:
-    """Batches in; batches and misses out, in the order in which they are to be given, in `ready`.
+    """Buffer that takes batches in any order and puts batches and misses into `ready` in delivery order.
 
-    `repeated` counts samples that were left out: they came again, or after they had been told as missing. `missing` counts, by
-    device, samples that were told as missing. `now` is seconds of a steady clock.
+    `repeated` counts samples left out because they were duplicates, or came after being reported as missing. `missing`
+    counts samples reported as missing, by device. `now` is seconds of a steady clock.
     """
 
     def __init__(self, wait_s: float = WAIT_S, boots: int = BOOTS) -> None:
@@ -69,7 +73,7 @@ class ReorderBuffer:
         self._waiting: set[_Boot] = set()
 
     def feed(self, batch: CorrectedBatch, now: float) -> None:
-        """Take a batch that came at `now`."""
+        """Add a batch received at `now`."""
         boot, n = self._boot(batch), len(batch)
         if batch.sequence == boot.next and not boot.held and batch.epoch >= boot.latest.epoch:
             boot.next, boot.latest = batch.sequence + n, batch
@@ -90,18 +94,18 @@ class ReorderBuffer:
             self._advance(boot, 1)
 
     def due(self) -> float:
-        """When something held has waited for long enough; never (inf), when nothing is held."""
+        """Earliest deadline of a held batch, in seconds of the steady clock; inf when nothing is held."""
         return min((held.due_s for boot in self._waiting for held in boot.held), default=inf)
 
     def overdue(self, now: float) -> None:
-        """Give what has waited for long enough, and tell what is missing before it; for ever, where nothing more is to come."""
+        """Deliver batches whose deadline has passed and report samples missing before them; `now=inf` flushes all."""
         for boot in list(self._waiting):
             waited = [n for n, held in enumerate(boot.held, 1) if held.due_s <= now]
             if waited:
                 self._advance(boot, waited[-1])
 
     def _boot(self, batch: CorrectedBatch) -> _Boot:
-        """The boot of a batch, remembered from now on."""
+        """Find or create the record of a batch's boot, and mark it as most recently heard."""
         which = batch.device, batch.boot
         boot = self._boots.get(which)
         if boot is None:
@@ -114,7 +118,7 @@ class ReorderBuffer:
         return boot
 
     def _hold(self, boot: _Boot, batch: CorrectedBatch, due_s: float) -> None:
-        """Put a batch among what is held; of samples that are there twice keep those of the higher epoch."""
+        """Insert a batch among the held ones; of duplicate samples keep those with the higher epoch."""
         at, to = (bisect_left(boot.held, (number,)) for number in (batch.sequence, batch.sequence + len(batch)))
         if at and boot.held[at - 1].first + len(boot.held[at - 1].batch) > batch.sequence:
             at -= 1
@@ -132,7 +136,7 @@ class ReorderBuffer:
         self.repeated += len(batch) - more
 
     def _advance(self, boot: _Boot, through: int = 0) -> None:
-        """Give the first `through` held batches, whatever is missing before them, and what is in its turn after those."""
+        """Deliver the first `through` held batches with reports of holes, then every batch that follows in sequence."""
         n = 0
         for _, batch, _ in boot.held:
             in_turn = batch.sequence == boot.next and batch.epoch >= boot.latest.epoch
@@ -151,9 +155,10 @@ class ReorderBuffer:
 
 
 def _begins_anew(batch: CorrectedBatch, newest: CorrectedBatch) -> bool:
-    """Whether low numbers are no repeats, but of a device that was started anew under its old boot number.
+    """Whether low sequence numbers mean a device restarted under its old boot number, rather than repeated samples.
 
-    They are later then. Each estimator says its samples in order; what another one repeats may have a mistaken time.
+    Samples after a restart are later in time. Each estimator publishes its samples in order; a repeat by another
+    estimator may carry a mistaken time.
     """
     by_ns = SAME_TIME_NS if batch.epoch == newest.epoch else MISTAKEN_NS
     if (
@@ -165,14 +170,14 @@ def _begins_anew(batch: CorrectedBatch, newest: CorrectedBatch) -> bool:
 
 
 def _outside(batch: CorrectedBatch, other: CorrectedBatch) -> list[CorrectedBatch]:
-    """What of a batch lies before the first and after the last sample of another one."""
+    """The parts of a batch before the first and after the last sample of another batch."""
     first, last = batch.sequence, batch.sequence + len(batch)
     start, end = other.sequence, other.sequence + len(other)
     return [_cut(batch, a - first, b - first) for a, b in ((first, min(last, start)), (max(first, end), last)) if a < b]
 
 
 def _cut(batch: CorrectedBatch, start: int, end: int) -> CorrectedBatch:
-    """Samples start to end of a batch."""
+    """Samples `start` to `end` (exclusive) of a batch."""
     rest = batch.after(start) if start else batch
     n = end - start
     return rest if n == len(rest) else replace(rest, ticks=rest.ticks[:n], rate=rest.rate[:n], flags=rest.flags[:n])

@@ -1,4 +1,4 @@
-"""Rates of the past, corrected anew: what a BiasRevision does to the batches it covers (docs/wire.md)."""
+"""Apply a BiasRevision to past corrected batches (docs/wire.md)."""
 
 from dataclasses import replace
 
@@ -9,14 +9,14 @@ from bridge.wire.messages import BiasRevision, CorrectedBatch
 
 Floats = NDArray[np.float64]
 
-#: clock fits of one sample's time differ by less; a device started anew under its old boot number uses its numbers later
+#: clock fits agree on a sample's time within this span; a device restarted under its old boot number is later
 SAME_TIME_NS = 1_000_000_000
 
 
 def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
-    """A batch as it was published, with the revised bias taken from each sample the revision covers; else the batch itself.
+    """Correct a published batch with the revised bias, for the samples the revision covers; others stay unchanged.
 
-    A batch has one `bias` and one `bias_std`: the mean of what is subtracted from its samples, and the largest.
+    A batch has one `bias` and one `bias_std`: the mean bias subtracted from its samples, and the largest std.
     """
     covered = covers(revision, batch)
     if not covered.any():
@@ -34,7 +34,7 @@ def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
 
 
 def covers(revision: BiasRevision, batch: CorrectedBatch) -> NDArray[np.bool_]:
-    """(n,) which samples of a batch a revision speaks of: by device, boot, calibration, sequence number and time."""
+    """(n,) mask of the samples a revision covers, by device, boot, calibration, sequence number and time."""
     if (batch.device, batch.boot, batch.calibration) != (revision.device, revision.boot, revision.calibration):
         return np.zeros(len(batch), np.bool_)
     number, time_ns = np.uint64(batch.sequence) + np.arange(len(batch), dtype=np.uint64), batch.sample_time_ns
@@ -48,6 +48,6 @@ def covers(revision: BiasRevision, batch: CorrectedBatch) -> NDArray[np.bool_]:
 
 
 def _at(since_ns: NDArray[np.int64], revision: BiasRevision, values: NDArray[np.float32]) -> Floats:
-    """(n, 3) the points' values at times since the first point: linear between points, beyond the ends as at the ends."""
+    """(n, 3) values interpolated linearly between the revision's points; constant beyond the first and last point."""
     points_ns = revision.times_ns - revision.times_ns[0]
     return np.column_stack([np.interp(since_ns, points_ns, values[:, axis]) for axis in range(3)])

@@ -1,4 +1,4 @@
-"""What a subscriber iterates over, with `for` or `async for`: one queue of bounded length between the bus and the program."""
+"""Iterators over bus messages, for `for` and `async for`, with one bounded queue between the bus and the program."""
 
 import asyncio
 import logging
@@ -17,18 +17,18 @@ from estimator.client.reorder_buffer import WAIT_S, Miss, ReorderBuffer
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
-_CHUNK = 4096  # messages taken from the queue at a time
-#: a stream is waited for no longer at a time: a program that ends waits for the thread of an event loop
+_CHUNK = 4096  # most messages taken from the queue at a time
+#: longest single wait, s: a program that exits waits for its event loop's thread
 _WAIT_S = 1.0
-#: named devices of which nothing has come for so long are told in the log, s
+#: log a warning when the named devices have sent nothing for this long, s
 NOTHING_S = 5.0
 
 
 class Stream(AsyncIterator[T], Generic[T]):
-    """An iterator over messages of one kind, for one thread, or for tasks of one event loop.
+    """Iterator over messages of one kind, for one thread or for the tasks of one event loop.
 
-    Iterating ends after idle_s seconds without a message, or when the stream or its client is closed. A program that reads too
-    slowly hurts only itself: the oldest unread messages are dropped, counted in `dropped` and, the first time, told in the log.
+    Iteration ends after idle_s seconds without a message, or when the stream or its client is closed. A program that
+    reads too slowly affects only itself: the oldest unread messages are dropped, counted in `dropped` and logged once.
     """
 
     def __init__(
@@ -39,42 +39,42 @@ class Stream(AsyncIterator[T], Generic[T]):
         wanted: Callable[[T], bool] = lambda _: True,
         nothing: str = "",
     ) -> None:
-        """nothing: what the log says, once, where nothing comes at first."""
+        """nothing: the warning logged once if no message has arrived within NOTHING_S."""
         self._subscription, self._decoder, self._idle_s, self._wanted = subscription, decoder, idle_s, wanted
         self._nothing, self._begun_s, self._slow = nothing, time.monotonic(), False
         self._ready: deque[Any] = deque()
-        self._thread = ThreadPoolExecutor(1, "subscriber")  # begun by the first `async for`
+        self._thread = ThreadPoolExecutor(1, "subscriber")  # started by the first `async for`
 
     @property
     def refused(self) -> dict[str, int]:
-        """Messages that were not understood, by reason."""
+        """Number of messages that could not be decoded, by reason."""
         return self._decoder.refused.as_dict()
 
     @property
     def missed(self) -> int:
-        """Messages known to be lost, on the way or because this program was too slow."""
+        """Number of messages known to be lost, in transit or because this program was too slow."""
         return self._subscription.missed
 
     @property
     def dropped(self) -> int:
-        """Messages lost because this program was too slow."""
+        """Number of messages lost because this program was too slow."""
         return self._subscription.overflowed
 
     def receive(self, timeout_s: float) -> T | None:
-        """The next message, or None when none came in time."""
+        """Wait for the next message; None when no message arrives within timeout_s."""
         return self.pop() if self.wait(timeout_s) else None
 
     def drain(self, timeout_s: float = 0.0) -> list[T]:
-        """All messages that have come, waiting at most timeout_s for the first."""
+        """Take all messages that have arrived, waiting at most timeout_s for the first."""
         self.wait(timeout_s)
         return list(iter(self.pop, None))
 
     def latest(self) -> T | None:
-        """The last message that has come since the last call, or None."""
+        """The newest message since the last call, or None; older ones are discarded."""
         return next(reversed(self.drain()), None)
 
     def collect(self, for_s: float) -> list[T]:
-        """All messages that come within for_s; the stream is closed then."""
+        """Collect all messages of the next for_s seconds, then close the stream."""
         deadline, found = time.monotonic() + for_s, list[T]()
         while (left_s := deadline - time.monotonic()) > 0.0:
             found += self.drain(left_s)
@@ -82,18 +82,18 @@ class Stream(AsyncIterator[T], Generic[T]):
         return found
 
     def wait(self, timeout_s: float) -> bool:
-        """Whether there is something to pop, within timeout_s."""
+        """Wait up to timeout_s for a message; returns whether `pop` has one."""
         deadline = time.monotonic() + timeout_s
         while not self._ready and self._take(max(0.0, deadline - time.monotonic())):
             pass
         return bool(self._ready)
 
     def pop(self) -> T | None:
-        """The next message that is ready, or None."""
+        """Take the next message without waiting, or None."""
         return self._ready.popleft() if self._ready else None
 
     def close(self) -> None:
-        """Stop receiving; iterating ends at once."""
+        """Stop receiving; iteration ends at once."""
         self._subscription.close()
         self._ready.clear()
 
@@ -106,7 +106,7 @@ class Stream(AsyncIterator[T], Generic[T]):
             yield one
 
     async def __anext__(self) -> T:
-        # A thread waits, and the loop reads what it has taken: a read that is cancelled loses nothing.
+        # A thread waits and the loop reads what the thread took, so a cancelled read loses no message.
         since_s = time.monotonic()
         while (one := self.pop()) is None:
             if await asyncio.get_running_loop().run_in_executor(self._thread, self._over, since_s):
@@ -114,18 +114,18 @@ class Stream(AsyncIterator[T], Generic[T]):
         return one
 
     def _over(self, since_s: float) -> bool:
-        """Wait a while; whether nothing more is to come of a stream of which nothing has come since then."""
+        """Wait a while; whether the stream, silent since `since_s`, has ended."""
         left_s = inf if self._idle_s is None else since_s + self._idle_s - time.monotonic()
         if self.wait(min(_WAIT_S, left_s)):
             return False
         return self._subscription.closed or (left_s <= _WAIT_S and not self._flush())
 
     def _flush(self) -> bool:
-        """Whether something was held back that is ready now."""
+        """Release messages held back, if any; whether one is ready now."""
         return False
 
     def _take(self, timeout_s: float) -> int:
-        """Take messages from the queue, waiting for a first one; how many there were: 0 if none came in all that time."""
+        """Take messages from the queue, waiting up to timeout_s for the first; returns their number."""
         messages = self._subscription.drain(_CHUNK, timeout_s)
         if self._nothing and (messages or time.monotonic() - self._begun_s > NOTHING_S):
             if not messages:
@@ -147,7 +147,7 @@ class Stream(AsyncIterator[T], Generic[T]):
 
 
 class Corrected(Stream[CorrectedBatch]):
-    """An iterator over corrected batches: each sample of a boot once and in order, over restarts of estimator and router.
+    """Iterator over corrected batches: each sample once and in order, across restarts of estimator and router.
 
     on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
     """
@@ -166,16 +166,16 @@ class Corrected(Stream[CorrectedBatch]):
 
     @property
     def repeated(self) -> int:
-        """Samples that were left out: they came again, or after they had been told as missing."""
+        """Number of samples left out because they were duplicates, or came after being reported as missing."""
         return self._buffer.repeated
 
     @property
     def missing(self) -> dict[str, int]:
-        """Samples that did not come, by device."""
+        """Number of samples that did not arrive, by device."""
         return dict(self._buffer.missing)
 
     def pop(self) -> CorrectedBatch | None:
-        """The next batch that is ready, or None."""
+        """Take the next ordered batch without waiting, or None; reports holes to on_miss on the way."""
         while self._buffer.ready:
             event = self._buffer.ready.popleft()
             if isinstance(event, CorrectedBatch):
@@ -194,7 +194,7 @@ class Corrected(Stream[CorrectedBatch]):
         if not came and due_s <= now + timeout_s and not self._subscription.closed:
             self._buffer.overdue(max(now, due_s))
             return 1
-        if came < _CHUNK:  # all that had come by `now` is in the buffer, however slow the program is
+        if came < _CHUNK:  # every message received by `now` is in the buffer, however slow the program is
             self._buffer.overdue(now)
         return came
 

@@ -1,4 +1,4 @@
-"""What a person who calibrates a device by hand is told, step by step. Pure: it follows the stream and needs no click.
+"""Step-by-step instructions for a person who calibrates a device by hand. Pure: follows the stream and needs no click.
 
 Begin at `guide`.
 """

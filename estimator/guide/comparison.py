@@ -1,4 +1,4 @@
-"""A calibration beside the one before it: is it the same device? Pure."""
+"""Compare a calibration with the one before it, to tell whether both are of the same device. Pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,13 +9,16 @@ import numpy as np
 from bridge.wire.messages import Calibration, Verdict
 from estimator.geometry.gyro_model import AXES
 
-#: standard deviations of their difference beyond which two are not the same
+#: scale factors differ when they are more than this many standard deviations apart
 APART = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class AxisCompared:
-    """One axis: scale factor and bias (rad/s) with their standard deviations, NaN when not known; and the scale before."""
+    """Comparison of one axis: scale factor and bias (rad/s) with standard deviations, and the scale factor before.
+
+    Unknown values are NaN.
+    """
 
     axis: int
     scale: float
@@ -27,20 +30,20 @@ class AxisCompared:
 
     @property
     def apart(self) -> float:
-        """How many standard deviations the two scales differ by; NaN when there was none before."""
+        """Difference of the two scale factors in its standard deviations; NaN without an earlier calibration."""
         std = hypot(self.scale_std, self.before_std)
         difference = abs(self.scale - self.before)
         return difference / std if std else inf if difference else 0.0
 
 
 def last_before(calibration: Calibration, known: Iterable[Calibration]) -> Calibration | None:
-    """The newest accepted one of the device that is older."""
+    """Newest accepted calibration older than `calibration`, or None. `known` holds calibrations of the same device."""
     older = [c for c in known if c.verdict is Verdict.ACCEPTED and c.time_ns < calibration.time_ns]
     return max(older, key=lambda c: c.time_ns, default=None)
 
 
 def compared(calibration: Calibration, before: Calibration | None) -> tuple[AxisCompared, ...]:
-    """Each axis of it; its bias is of another boot than the one before, so that only the scales are compared."""
+    """Compare each axis with the calibration before: scale factors only, as the biases are of different boots."""
     std = stds(calibration)
     then = {} if before is None else stds(before)
     return tuple(
@@ -58,10 +61,10 @@ def compared(calibration: Calibration, before: Calibration | None) -> tuple[Axis
 
 
 def differing(axes: Iterable[AxisCompared]) -> tuple[int, ...]:
-    """The axes whose scale is not what it was."""
+    """Axes whose scale factor has changed by more than APART standard deviations."""
     return tuple(one.axis for one in axes if one.apart > APART)
 
 
 def stds(calibration: Calibration) -> dict[str, float]:
-    """Standard deviation of each parameter by its name."""
+    """Standard deviation of each parameter, by parameter name."""
     return dict(zip(calibration.parameters, np.sqrt(np.diag(calibration.covariance)).tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""From what is said of a device and what it reads to what a person is told now. Pure: messages in, Told out."""
+"""Turn a device's status and readings into instructions for a person. Pure: messages in, Instruction out."""
 
 from dataclasses import replace
 from math import pi
@@ -14,9 +14,9 @@ from estimator.stillness.detector import StillnessKnobs
 
 CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 _CALIBRATED = (State.TRACKING, State.DEGRADED)
-#: said of a device that the estimator hears and does not take
+#: reasons given for a device that the estimator hears but does not accept
 _UNUSED = frozenset({Code.NOT_ENROLLED, Code.ENROLLED_ELSEWHERE})
-#: said when nothing is wrong: the steps themselves tell as much
+#: reasons that report no fault: the steps themselves say as much
 _USUAL = frozenset(
     {
         Code.NEVER_HEARD,
@@ -45,11 +45,11 @@ _USUAL = frozenset(
         Code.MOVEMENTS_LEFT_OUT,
     }
 )
-#: seconds of rest after which the estimator has judged a turn, or never will
+#: after this much rest the estimator has judged a turn or will not judge it at all, s
 _JUDGED_S = 3.0
 _FULL = 2 * pi
 _IGNORED = "movement ignored"
-#: what is wrong with a turn, and not with a movement between two poses
+#: faults of a turn, which do not apply to a movement between two poses
 _OF_TURNS = frozenset(
     {
         Code.TURN_TOO_SHORT,
@@ -64,16 +64,17 @@ _OF_TURNS = frozenset(
         Code.TURNS_OPEN,
     }
 )
-#: degrees: a shorter movement only stands a device on its side
+#: a movement below this angle only stood the device on its side, degrees
 _QUARTER = 120.0
-#: sides of a device
+#: number of sides of a device
 SIDES = 6
 
 
 class Guide:
-    """One device, for as long as somebody looks: calibrated by `method`, and judged still by the estimator's own knobs.
+    """Instructions for one device while somebody watches. Stillness is judged with the estimator's own knobs.
 
-    horizontal: each turn must be about a horizontal axis; the device is stood on its side for the one that is upright.
+    method: the calibration method. horizontal: each turn must be about a horizontal axis, so the device is stood on its
+    side for the turn about its upright axis.
     """
 
     def __init__(
@@ -84,13 +85,13 @@ class Guide:
         self._status: Status | None = None
         self._boot = 0
         self._rebooted = self._began = False
-        self._turned = False  # turns are done of a calibration that goes on, as far as was heard
-        self._before = ""  # the calibration in force when this one began
-        #: what was said of the last turn when this one began
+        self._turned = False  # whether the running calibration has completed turns, as far as was heard
+        self._before = ""  # id of the calibration in force when this one began
+        #: verdict on the previous turn when the present turn began
         self._verdict: tuple[object, ...] = ()
 
     def take_samples(self, batch: SampleBatch) -> None:
-        """The device's next readings."""
+        """Take the device's next raw readings."""
         was_settled = self.hand.settled
         self.hand.take(batch)
         if was_settled and not self.hand.settled:
@@ -99,7 +100,7 @@ class Guide:
             self._sides = tuple(dict.fromkeys((*self._sides, 2 * self.hand.upright + self.hand.upside_down)))
 
     def take_status(self, status: Status) -> None:
-        """The estimator's word on it; the same again changes nothing."""
+        """Take the estimator's latest status of the device; a repeated status changes nothing."""
         before, self._status = self._status, status
         if status.boot and status.boot != self._boot:
             self._rebooted |= self._turned
@@ -117,10 +118,10 @@ class Guide:
             self._began, self._before = True, status.calibration
         if begins:
             self._sides = ()
-            self.hand.begin_rest()  # what it rested before does not count
+            self.hand.begin_rest()  # rest before the calibration began does not count
 
     def told(self) -> Instruction:
-        """What is to be told now."""
+        """The instruction for the present moment."""
         sides = self._sides if self.method in BY_MOVEMENTS else None
         ways = self._way(0), self._way(1), self._way(2)
         return replace(self._now(), rebooted=self._rebooted, ways=ways, sides=sides)
@@ -176,13 +177,13 @@ class Guide:
         return Instruction(Step.TURN, way, words, 0.0, 0.0, axis, done, needed, wrong)
 
     def _is_standing_up(self, one: Sentence) -> bool:
-        """Whether a movement that was no turn only stood the device on its side, or the device has been stood so since."""
+        """Whether a rejected movement only stood the device on its side, or the device was so stood afterwards."""
         if one.code == Code.TURN_TOO_SHORT:
             return float(one.params["angle_deg"]) < _QUARTER
         return one.code == Code.VERTICAL_TURN and self._way(AXES.index(one.params["axis"])) is not Picture.SIDE
 
     def _between_poses(self, status: Status) -> Instruction:
-        """A rest on each side, movements between them; the estimator says when they show the whole matrix."""
+        """Instruction for methods by movements: a rest on each side, until the estimator has the whole matrix."""
         hand = self.hand
         wrong = tuple(one for one in wrong_in(status.reason) if one.code not in _OF_TURNS)
         if hand.still_s > 0 and not hand.settled:
@@ -192,7 +193,7 @@ class Guide:
 
     @property
     def _sure(self) -> bool:
-        """Whether rests count now: a calibration is under way, and they are of this boot."""
+        """Whether rests count now: a calibration is running, and readings and status are of the same boot."""
         return self._status is not None and self._status.state in CALIBRATING and self.hand.boot == self._status.boot
 
     def _turning(self, status: Status, done: tuple[int, ...], needed: tuple[int, ...]) -> Instruction:
@@ -211,7 +212,7 @@ class Guide:
         return Instruction(Step.TURNING, picture, words, ring, angle, axis, done, needed)
 
     def _judging(self, status: Status) -> bool:
-        """Whether a turn goes on, or is over and nothing was said of it yet."""
+        """Whether a turn is in progress, or has ended and awaits the estimator's verdict."""
         if not self.hand.settled:
             return True
         waited = self.hand.still_s > self.hand.rest_s + _JUDGED_S
@@ -222,22 +223,22 @@ class Guide:
         return () if status is None else (status.axes_done, status.reason, status.events.get(_IGNORED, 0))
 
     def _order(self, done: tuple[int, ...]) -> tuple[int, ...]:
-        """Axes that are still needed; the one that stands upright first, that turn is the easiest, or last if it may not be."""
+        """Axes still needed, easiest turn first: the upright axis first, or last if turns must be horizontal."""
         needed = (axis for axis in range(3) if axis not in done)
         return tuple(sorted(needed, key=lambda axis: ((axis == self._upright) == self._horizontal, axis)))
 
     def _way(self, axis: int) -> Picture:
-        """How it is turned about an axis."""
+        """Picture of how to turn the device about an axis."""
         if axis == self._upright:
             return Picture.SIDE if self._horizontal and self.hand.upright is not None else Picture.FLAT
         return Picture.ALONG if axis == min({0, 1, 2} - {self._upright}) else Picture.ACROSS
 
     @property
     def _upright(self) -> int:
-        """The axis that stands upright; where nothing tells, that is z."""
+        """The axis that stands upright; z while unknown."""
         return 2 if self.hand.upright is None else self.hand.upright
 
 
 def wrong_in(reason: Sentences) -> Sentences:
-    """What is wrong, of a status's reason; nothing when it is the usual."""
+    """The faults among a status's reasons, without the usual messages."""
     return tuple(one for one in reason if one.code not in _USUAL)

@@ -1,4 +1,4 @@
-"""Motion of the hand from a device's readings: how long it rests, how far it has turned about which axis."""
+"""Track hand motion from a device's readings: how long it rests, and how far it has turned about which axis."""
 
 import numpy as np
 
@@ -7,14 +7,14 @@ from estimator.calibration.stages import StageKnobs
 from estimator.calibration.turn_recognition import TurnKnobs
 from estimator.stillness.detector import Stillness, StillnessKnobs, Window
 
-#: part of the rotation about one axis from which on it can be named while it is being turned
+#: smallest part of the rotation about one axis for that axis to be named during the turn
 SHARE = 0.8
-#: part of gravity along an axis that stands upright
+#: smallest part of gravity along an axis for it to count as upright
 UPRIGHT = 0.8
 
 
 class Hand:
-    """One device. Batches in; a boot that is another begins anew. Angles in rad, as read: no scale factor is applied."""
+    """Motion of one device. A new boot number resets it. Angles in rad, as read: no scale factor is applied."""
 
     def __init__(self, stillness: StillnessKnobs | None = None) -> None:
         self._knobs = stillness or StillnessKnobs()
@@ -27,19 +27,19 @@ class Hand:
         self._latest = self._until = -np.inf
         self._since: float | None = None
         self._sum, self._n, self._bias = np.zeros(3), 0, np.zeros(3)
-        #: seconds of stillness, until now
+        #: seconds of stillness up to now
         self.still_s = 0.0
-        #: whether it rests for long enough
+        #: whether the device has rested long enough
         self.settled = False
-        #: (3,) rad turned about each axis since the last rest that was long enough began to end
+        #: (3,) rad turned about each axis since the last sufficient rest
         self.turned: Floats = np.zeros(3)
-        #: the axis that stands upright where it rests, or None when that is not known
+        #: the axis that stands upright at rest; None while unknown
         self.upright: int | None = None
-        #: whether that axis points down
+        #: whether the upright axis points down
         self.upside_down = False
 
     def take(self, batch: SampleBatch) -> None:
-        """The next batch; what was there already, or is no number, is left out."""
+        """Take the next batch of readings; repeated and non-finite samples are left out."""
         if batch.boot != self.boot:
             self._begin(batch.boot)
         time = batch.device_time
@@ -54,24 +54,24 @@ class Hand:
             self._window(window)
 
     def begin_rest(self) -> None:
-        """A calibration begins: the rest it needs is counted from now on."""
+        """Reset the rest timer and the angles: a calibration begins, and only rest from now on counts."""
         self._since, self.still_s, self.settled, self.turned = None, 0.0, False, np.zeros(3)
 
     @property
     def rested(self) -> float:
-        """How much of the rest it needs is over, 0 to 1."""
+        """Completed part of the required rest, 0 to 1."""
         return min(1.0, self.still_s / self.rest_s)
 
     @property
     def axis(self) -> int | None:
-        """The axis it has been turned about by more than a nudge; None while that is none, or cannot be told."""
+        """The axis of the present turn; None while the rotation is below a nudge or spread over several axes."""
         angle = float(np.linalg.norm(self.turned))
         axis = int(np.argmax(np.abs(self.turned)))
         return axis if angle > self._nudge and abs(float(self.turned[axis])) > SHARE * angle else None
 
     @property
     def moved(self) -> bool:
-        """Whether it was turned by more than a nudge since the last rest."""
+        """Whether the device has turned by more than a nudge since the last rest."""
         return float(np.linalg.norm(self.turned)) > self._nudge
 
     def _window(self, window: Window) -> None:

@@ -1,4 +1,4 @@
-"""What a person is told at one moment: the step, the picture, the ring, and what was wrong."""
+"""Instruction data for a person at one moment: step, picture, progress ring and faults."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -8,34 +8,34 @@ from bridge.reasons.codes import Sentences
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """A text of the guide: its key, and what is filled in."""
+    """A text of the guide: its key, and the values filled in."""
 
     key: str
     values: dict[str, str] = field(default_factory=dict)
 
 
 class Step(StrEnum):
-    """Where somebody is in a calibration by hand."""
+    """Step of a calibration by hand."""
 
-    AWAY = "away"  # nothing comes from it
-    BROKEN = "broken"  # who would hear it does not answer: that is not the device's fault
-    REFUSED = "refused"  # the estimator does not take what it sends, and says why
-    IDLE = "idle"  # it is calibrated, and nobody asks for anything
-    WARM = "warm"  # it was just switched on
-    PLACE = "place"  # put it against the edge, and let it rest
-    TURN = "turn"  # turn it about an axis that is still needed
+    AWAY = "away"  # the device sends nothing
+    BROKEN = "broken"  # the router does not answer; the device is not at fault
+    REFUSED = "refused"  # the estimator rejects the device's messages and says why
+    IDLE = "idle"  # calibrated, and no calibration is requested
+    WARM = "warm"  # just switched on and warming up
+    PLACE = "place"  # put the device against the edge and let it rest
+    TURN = "turn"  # turn the device about an axis still needed
     TURNING = "turning"
-    STAND = "stand"  # stand it on its side, so that the axis that is still needed is level
-    POSE = "pose"  # of a method by movements: lay it on another side
-    SETTLE = "settle"  # put down again: let it rest until the turn is judged
+    STAND = "stand"  # stand the device on its side, so that the axis still needed is level
+    POSE = "pose"  # for methods by movements: lay the device on another side
+    SETTLE = "settle"  # device put down again: let it rest until the turn is judged
     DONE = "done"
-    CANCELLED = "cancelled"  # an earlier calibration stays
+    CANCELLED = "cancelled"  # an earlier calibration stays in force
 
 
 class Picture(StrEnum):
-    """What is drawn. The way to turn is named by the table: its top, along its edge, or over its edge.
+    """Picture to draw. Turns are named by the table: on its top (FLAT), along its edge, over its edge (ACROSS).
 
-    SIDE: it is to be stood on its side first.
+    SIDE: stand the device on its side first.
     """
 
     EDGE = "edge"
@@ -50,13 +50,13 @@ class Picture(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """What is told now.
+    """What the person is told now.
 
-    ring: 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING). angle: rad turned about `axis`, signed.
-    axis: the one that is turned about, or is to be next. done, needed: axes, in the order they are best turned.
-    wrong: why the last try does not count; rebooted: turns were lost as it was switched off and on.
-    sides: of a method by movements, on which of its six sides it has rested: 2 axis, and 1 more where that axis points down;
-    None where it is calibrated by turns.
+    ring: progress 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING). angle: rad turned about `axis`,
+    signed. axis: the axis of the present or the next turn. done, needed: axes, in the order that is easiest to turn.
+    wrong: why the last attempt does not count. rebooted: turns were lost because the device was switched off and on.
+    sides: for methods by movements, the sides the device has rested on: 2 axis, plus 1 where that axis points down.
+    None for methods by turns.
     """
 
     step: Step

@@ -1,4 +1,4 @@
-"""Start of a boot: the prior of earlier boots is used, or the reason why not is said."""
+"""Start of a device boot: restore earlier calibrations as a prior, or say why none applies."""
 
 import logging
 from collections.abc import Callable
@@ -21,13 +21,17 @@ log = logging.getLogger(__name__)
 
 
 class Boots:
-    """Begins boots of the roster's devices with what the record has of them."""
+    """Starts boots of the roster's devices from stored and replicated knowledge."""
 
     def __init__(self, devices: DeviceRoster, record: StoreAccess, guarded: FaultIsolation) -> None:
         self._devices, self._record, self._guarded = devices, record, guarded
 
     def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
-        """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
+        """Begin a boot from the first batch, with what is known of the boot and a prior from earlier boots.
+
+        same: False if another power-up used this boot number before. Then a remembered calibration serves only as a
+        prior.
+        """
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
         if batch.boot != device.repeated:
             device.repeated = None
@@ -60,13 +64,16 @@ class Boots:
         return outcome
 
     def _before(self, name: str, boot: int) -> list[int] | None:
-        """Boots before this one, None while they cannot be read; a cache may begin with the end of an earlier boot."""
+        """Boots before this one, oldest first; None while unreadable. A bridge's cache may start in an earlier boot."""
         device = self._devices.get(name)
         kept = None if device is None else self._record.earlier.past(name)
         return kept[: kept.index(boot)] if kept is not None and boot in kept else kept
 
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
-        """The bridge that a device is heard from says what it is; before: what it said last."""
+        """Apply a new device info from the owning bridge. before: the bridge's previous info of the device.
+
+        Calibrations that do not match the info are dropped. Returns None if the info changes nothing.
+        """
         session = device.session
         session.info = info
         if before is not None and before.boot == info.boot and restore_key(before) == restore_key(info):
@@ -90,13 +97,13 @@ class Boots:
         return outcome
 
     def resumed(self, device: Device) -> Outcome | None:
-        """A session goes on that another estimator began: its bridge may have said what it is."""
+        """Apply the device info to a session taken over from another estimator, if an info of this boot is known."""
         info = self._devices.info(device.admission.source.owner, device.name)
         device.session.sequence.recall(partial(self._before, device.name, device.session.boot or 0))
         return None if info is None or info.boot != device.session.boot else self.introduced(device, info, None)
 
     def _look_up(self, device: Device, info: DeviceInfo) -> None:
-        """What earlier boots teach of temperature, and of how far this one may be from them."""
+        """Look up temperature law and boot-to-boot scale change from earlier boots, and apply both when read."""
 
         def use(what: Callable[[], None]) -> None:
             if self._devices.get(device.name) is device and device.session.boot == info.boot:
@@ -113,7 +120,7 @@ class Boots:
 
 
 def _with(remembered: PriorKnowledge | None, prior: Calibration | None) -> PriorKnowledge | None:
-    """What is remembered of this boot, with the calibration of an earlier one."""
+    """Knowledge of this boot, with the calibration of an earlier boot as prior."""
     if prior is None:
         return remembered
     return PriorKnowledge(prior, None) if remembered is None else replace(remembered, calibration=prior)

@@ -1,4 +1,4 @@
-"""Checkpoints and claims of estimators, so that any of them can go on with any device. Pure."""
+"""Checkpoints and ownership claims of estimators, so that any estimator can continue any device. Pure."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -8,7 +8,7 @@ from bridge.wire.messages import Calibration, Checkpoint, CommandReply, DeviceIn
 from estimator.device.restore_key import differing, restore_key
 from estimator.service.device import Device
 
-#: a checkpoint is said every five seconds of a device that is heard
+#: age up to which a checkpoint's bridge is trusted, ns; an active device is checkpointed every five seconds
 LATELY_NS = 10_000_000_000
 
 
@@ -16,14 +16,14 @@ Answers = tuple[tuple[str, CommandReply], ...]
 
 
 def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkpoint | None:
-    """What another would need of a device, and what its last commands were answered; None before it has a boot."""
+    """Checkpoint of a device for the other estimators, with its last command replies; None before its first boot."""
     session = device.session
     if session.boot is None:
         return None
     used = session.calibration or session.prior
     state = session.state() or b""
     if session.calibration is None and used is not None and used.boot == session.boot:
-        used, state = None, b""  # of another power-up under this number: who restores it would take it for this one's
+        used, state = None, b""  # of another power-up under this boot number: the receiver would take it for this one's
     return Checkpoint(
         device.name,
         session.boot,
@@ -38,13 +38,13 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
 
 
 def calibrated(checkpoint: Checkpoint) -> Calibration | None:
-    """The calibration of its own boot, if it has one."""
+    """The checkpoint's calibration if made in the checkpoint's own boot, else None."""
     used = checkpoint.calibration
     return used if used is not None and used.boot == checkpoint.boot else None
 
 
 class Checkpoints:
-    """The latest checkpoint of a bounded number of devices, and what their last commands were answered, by whomever."""
+    """Latest checkpoint and last command replies of each device, from any estimator; bounded number of devices."""
 
     def __init__(self, devices: int) -> None:
         self._room = devices
@@ -52,11 +52,11 @@ class Checkpoints:
         self._answers: dict[str, Answers] = {}
 
     def note(self, checkpoint: Checkpoint) -> None:
-        """Keep it, unless a later turn has said something of the device; what is of one turn comes in order."""
+        """Keep a checkpoint unless one of a higher epoch is known; checkpoints of one epoch arrive in order."""
         self.answer(checkpoint.device, checkpoint.answers)
         known = self._latest.get(checkpoint.device)
         if known is not None and checkpoint.epoch < known.epoch:
-            # Who did not know yet that the device was another's may have calibrated it meanwhile.
+            # A former owner, unaware of the takeover, may have calibrated the device meanwhile.
             of_it = known.boot == checkpoint.boot and not known.boot_repeated
             if not of_it or calibrated(known) or not calibrated(checkpoint):
                 return
@@ -70,7 +70,7 @@ class Checkpoints:
         return iter(self._latest.values())
 
     def answer(self, device: str, given: Answers) -> None:
-        """Keep what commands were answered."""
+        """Remember replies given to commands for a device."""
         if given:
             known = self._answers.pop(device, ())
             self._answers[device] = (*(one for one in known if one not in given), *given)[-MAX_ANSWERS:]
@@ -78,39 +78,39 @@ class Checkpoints:
                 del self._answers[next(iter(self._answers))]
 
     def answers(self, device: str) -> Answers:
-        """What its last commands were answered, oldest first."""
+        """The last command replies of a device, oldest first."""
         return self._answers.get(device, ())
 
     def of(self, device: str) -> Checkpoint | None:
-        """The latest of a device."""
+        """Latest checkpoint of a device, or None."""
         return self._latest.get(device)
 
     def bridge(self, device: str) -> str:
-        """Whom it was heard from; empty where nothing was said of it."""
+        """Bridge the device was last heard from; empty if unknown."""
         known = self._latest.get(device)
         return "" if known is None else known.bridge
 
     def lately_from(self, device: str, now_ns: int) -> str:
-        """The same, while it most likely is: one that has been silent since may be anywhere."""
+        """Bridge of a checkpoint no older than LATELY_NS, else empty: a device silent for longer may be anywhere."""
         known = self._latest.get(device)
         return known.bridge if known is not None and abs(now_ns - known.time_ns) <= LATELY_NS else ""
 
     def calibration(self, device: str, boot: int) -> Calibration | None:
-        """The calibration that was said of this very boot."""
+        """Calibration of exactly this boot from the latest checkpoint, or None."""
         known = self._latest.get(device)
         return None if known is None or known.boot != boot else calibrated(known)
 
     def repeated(self, device: str, boot: int) -> bool:
-        """Whether this very boot has a number that another power-up had, and was not calibrated."""
+        """Whether this boot has a number that another power-up used before, and is not calibrated yet."""
         known = self._latest.get(device)
         return known is not None and known.boot == boot and known.boot_repeated and not calibrated(known)
 
     def forget(self, device: str) -> None:
-        """We know better of a device of ours than anybody has said of it."""
+        """Drop the checkpoint of a device that this estimator now knows better."""
         self._latest.pop(device, None)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
-        """The calibration last said of the same hardware, of an earlier boot."""
+        """Latest calibration of an earlier boot of the same hardware, or None."""
         known = self._latest.get(info.device)
         used = None if known is None else known.calibration
         if used is None or used.boot == info.boot or differing(restore_key(used), info):

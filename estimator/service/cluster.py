@@ -1,4 +1,4 @@
-"""The other estimators of the ward, over the bus: who is alive, who has what, and what is needed to go on with their devices."""
+"""Cooperation of a ward's estimators over the bus: who is alive, who owns which device, checkpoints for takeover."""
 
 import logging
 import time
@@ -20,19 +20,22 @@ from estimator.service.replay_log import ReplayLog
 
 log = logging.getLogger(__name__)
 
-#: how often an estimator says what it has, beside others and alone, s
+#: interval between ownership messages, with other estimators and alone, s
 SAY_S, SAY_ALONE_S = 0.25, 1.0
-#: devices taken in one round: samples of those we have do not wait for hundreds
+#: most devices taken over in one round, so that samples of devices already held do not wait for hundreds
 TAKEN_AT_ONCE = 8
-#: a round that begins so long after the last was held up; nobody else is to blame for that, s
+#: a round that starts this long after the last was delayed here; the others' silence is then excused, s
 HELD_UP_S = 0.5
 _MOVES, _TOKENS, _KEYS, _SAID = 8, 65536, 16384, 64
-#: messages of another estimator that has our id are counted under this name
+#: messages of another estimator with this estimator's id are counted under this name
 DOUBLE = "messages of another estimator with our id"
 
 
 class Cluster:
-    """Used from the service's own thread, but for the handler of tokens. peers: ids seen at the start."""
+    """Membership, ownership and checkpoints of the ward's estimators, as seen from one of them.
+
+    peers: ids seen at the start. Runs on the service's own thread, except the handler of liveliness tokens.
+    """
 
     def __init__(
         self,
@@ -48,9 +51,9 @@ class Cluster:
         self.replicas = Checkpoints(MAX_DEVICES)
         self._bus, self._now_ns, self._counts = bus, now_ns, counts
         self._replay = ReplayLog()
-        #: whether there ever was another estimator
+        #: whether another estimator was ever seen
         self.company = not self.membership.alone
-        #: called on a thread of the bus when an estimator has come or gone
+        #: called on a thread of the bus when an estimator appears or disappears
         self.on_token: Callable[[], None] = lambda: None
         self._tokens: deque[tuple[str, bool]] = deque(maxlen=_TOKENS)
         self._owned = Decoder[Owned]("ownership", codec.decode_owned)
@@ -69,12 +72,12 @@ class Cluster:
         self._load, self._load_since = 0.0, (now, time.process_time())
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         for thing in (self._watch, self._heard, self._kept, self._said):
             thing.close()
 
     def refused(self) -> dict[str, int]:
-        """Messages of other estimators that were not understood, counted by reason."""
+        """Number of other estimators' messages that could not be decoded, by kind and reason."""
         return {
             f"{door.name} messages refused, {why}": n
             for door in (self._owned, self._checkpoints)
@@ -84,12 +87,15 @@ class Cluster:
     # ---- what the others say ----------------------------------------------------------------------------------------
 
     def look(self, now: float, *, heard: bool) -> list[str]:
-        """Take in what the others said, once a round; returns devices of ours that another has taken. heard: samples came."""
+        """Read the other estimators' messages, once a round; returns devices of ours that another estimator has taken.
+
+        heard: whether samples arrived in this round. now: monotonic seconds.
+        """
         membership = self.membership
         said = self._heard.drain(512, 0.0)
         self._excuse(now, heard=heard or any(message.key != self._own_key for message in said))
         if self._tokens and self.company and not self._bus.connected:
-            membership.hold_off(now)  # all tokens died with the router
+            membership.hold_off(now)  # all tokens vanished with the router
         while self._tokens:
             self._changed(*self._tokens.popleft(), now)
         lost: dict[str, str] = {}
@@ -111,24 +117,24 @@ class Cluster:
         return list(lost)
 
     def look_round(self, now: float, devices: Collection[str]) -> None:
-        """Once a second: forget devices that are gone, and look for some that nobody has."""
+        """Once a second: drop ownership of devices not in `devices`, and schedule a search for unowned devices."""
         self.membership.keep(devices)
-        if self.company and not self._bus.connected:  # alone, nobody keeps what is not taken
+        if self.company and not self._bus.connected:  # alone, no other estimator takes what this one leaves
             self.membership.hold_off(now)
         self._scan = True
 
     def newcomer(self) -> bool:
-        """Whether another estimator has come since this was asked last: it needs to know of our devices."""
+        """Whether another estimator appeared since the last call; it needs checkpoints of our devices."""
         came, self._came = self._came, False
         return came
 
     def calibrated(self) -> list[Checkpoint]:
-        """Checkpoints with a calibration, said of our devices by their former estimators after we took them."""
+        """Take checkpoints with a calibration that former owners sent of our devices after we took them."""
         found, self._calibrated = self._calibrated, []
         return found
 
     def _note(self, checkpoint: Checkpoint) -> None:
-        if checkpoint.epoch >= BEYOND:  # no later one could ever take its place
+        if checkpoint.epoch >= BEYOND:  # no later epoch could ever replace it
             self._counts.add("checkpoint messages refused, epoch")
             return
         self.membership.hear(checkpoint.epoch)
@@ -137,7 +143,7 @@ class Cluster:
             self._calibrated.append(checkpoint)
 
     def _excuse(self, now: float, *, heard: bool) -> None:
-        """Nobody is silent while we do not listen, nor while nothing at all comes over our own line."""
+        """Extend the others' lease for time in which we did not listen, or nothing arrived on our own line."""
         late_s, self._looked = now - self._looked, now
         if late_s > HELD_UP_S or self._deaf_s > HELD_UP_S:
             self.membership.excuse(late_s)
@@ -183,13 +189,13 @@ class Cluster:
     # ---- whose messages are ours --------------------------------------------------------------------------------------
 
     def sift(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
-        """The messages of our devices; and devices to be taken now, each with the messages from which to go on."""
+        """Split messages: those of our devices, and devices to take over now, each with its backlog of messages."""
         held, ours = self.membership.held, list[Message]()
         others: dict[str, list[Message]] = {}
         for message in messages:
             device = self._device(message.key)
             if device is None or device in held:
-                ours.append(message)  # what is no key is refused at the door, and counted
+                ours.append(message)  # a malformed key is refused and counted by the decoder
             else:
                 others.setdefault(device, []).append(message)
             if device is not None and self.company:
@@ -203,7 +209,7 @@ class Cluster:
             self._why = self._why if wanted else ()
         if not wanted:
             return ours, {}
-        # Alone, nobody has the messages of a device that is not taken.
+        # Alone, no other estimator holds messages of a device not yet taken.
         taken = wanted[:TAKEN_AT_ONCE] if self.company else wanted
         self._scan |= len(wanted) > len(taken)
         for device in taken:
@@ -213,11 +219,11 @@ class Cluster:
         return ours, self._replay.of(taken) if self.company else {device: others.get(device, []) for device in taken}
 
     def epoch(self, device: str) -> int:
-        """Under which a device is held; from now on it is, if it was not."""
+        """Epoch under which we hold a device; takes the device if it is not held yet."""
         return self.membership.held.get(device) or self.membership.take(device, self._now_ns())
 
     def answers(self, device: str) -> bool:
-        """Whether it is for us to answer a command."""
+        """Whether this estimator is the one to answer commands for the device."""
         return self.membership.answers(device)
 
     def _device(self, key: str) -> str | None:
@@ -234,7 +240,7 @@ class Cluster:
     # ---- what is said of ours -----------------------------------------------------------------------------------------
 
     def say(self, devices: dict[str, Device], now: float) -> None:
-        """Say what is ours, where it is time to: an estimator that holds off says nothing, so nobody waits for it."""
+        """Publish our devices when due. During a hold-off nothing is published, so that nobody waits for us."""
         membership = self.membership
         if now < self._next_say or not membership.ready(now):
             return
@@ -261,7 +267,7 @@ class Cluster:
             self._said.put(payload)
 
     def tell(self, device: Device) -> None:
-        """Say what another would need of a device; alone, keep it where another had the device before."""
+        """Publish a device's checkpoint; when alone, keep it locally if another estimator had the device before."""
         alone = not self.company
         if alone and self.replicas.of(device.name) is None:
             return
@@ -277,7 +283,7 @@ class Cluster:
         if self._moves and self._moves[-1].came and self._moves[-1].reason == why:
             came += self._moves.pop().came
         self._moves.append(Move(self._now_ns(), came, 0, why))
-        self._next_say = 0.0  # before anything is published under the new epoch: nobody else could know it
+        self._next_say = 0.0  # publish ownership before any message under the new epoch, which is unknown to the others
         if not self._scan:
             self._why = ()
 

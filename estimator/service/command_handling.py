@@ -1,4 +1,4 @@
-"""What a command does to a device, and the answer."""
+"""Execute commands on devices and compose the replies."""
 
 import logging
 import time
@@ -17,14 +17,14 @@ from estimator.service.store_access import StoreAccess
 
 log = logging.getLogger(__name__)
 
-#: names told to who asks for a device that is not there
+#: most device names listed in the reply to a command for an unknown device
 SHOWN = 20
-#: commands that were done before, and are not done again, under this
+#: commands executed earlier, and not executed again, are counted under this name
 REPEATED = "commands repeated"
 
 
 class CommandHandler:
-    """On the service's own thread: `do` is what Commands.work calls."""
+    """Executor of commands, on the service's own thread. Commands.work calls `do`."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class CommandHandler:
         self._guarded, self._counts, self._now_ns = guarded, counts, now_ns
 
     def do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
-        """Do it, unless it was done before; kept is called once it is written down that it was."""
+        """Execute a command unless it was executed before; `kept` is called once the outcome is on disk."""
         if (before := self._record.answered(key, command)) is not None:
             self._counts.add(REPEATED)
             kept()
@@ -53,7 +53,7 @@ class CommandHandler:
         return reply
 
     def _unknown(self, key: keys.Key, command: Command) -> CommandReply:
-        """Anybody can make names up: such a command is counted and not kept."""
+        """Refuse a command for an unknown device; counted but not stored, since anybody can invent names."""
         names = sorted(self._devices)
         message = self._gate.why(key.device) or (Code.UNKNOWN_DEVICE(device=key.device), *_known(names))
         if self._counts.add("commands to unknown devices") == 1:
@@ -75,7 +75,7 @@ class CommandHandler:
 
 
 def _known(names: list[str]) -> Sentences:
-    """The devices that are known, or the first of them."""
+    """The known devices as a sentence, at most SHOWN names."""
     if not names:
         return ()
     if len(names) <= SHOWN:
@@ -84,7 +84,7 @@ def _known(names: list[str]) -> Sentences:
 
 
 def _obey(device: Device, verb: str, command: Command) -> Sentence | None:
-    """None, or why not."""
+    """Execute a command on the session; returns why it was refused, or None."""
     if verb == "recalibrate":
         return device.session.recalibrate(command.who, command.reason)
     if verb == "cancel":

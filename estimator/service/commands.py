@@ -1,7 +1,8 @@
-"""Commands from people: who may give them, received on a thread of the bus, done on the service's own.
+"""Queue of commands from people: received on a thread of the bus, executed on the service's own thread.
 
-A command sent again with the same request id gets the same answer, changes nothing, and is counted: so a recording of commands
-that is played does nothing. A command that waited too long is not done. It is answered once it is written down.
+A command repeated with the same request id gets the same answer, changes nothing, and is counted. So playing a
+recording of commands has no effect. A command that waited too long is not executed. The answer is sent once it is on
+disk.
 """
 
 import time
@@ -15,14 +16,14 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply
 from bridge.wire.refusal import Refusal
 
-#: how long a command may wait for its turn, and for the disk; less than who asks waits, s
+#: how long a command may wait for its turn and for the disk, s; shorter than the caller's own timeout
 ANSWER_S, WRITTEN_S = 1.0, 1.8
-#: commands that wait, and answers that are remembered
+#: most commands that wait, and most answers that are remembered
 MOST, _REMEMBERED = 64, 1000
 
-#: is given what to call once that may be answered
+#: executes a command; the third argument is to be called once the answer may be sent
 Do = Callable[[keys.Key, Command, Callable[[], None]], CommandReply]
-#: device, verb and request id, by which a command is the same as another
+#: device, verb and request id: together they identify a command
 Request = tuple[str, str, str]
 
 
@@ -34,7 +35,7 @@ class _Asked(NamedTuple):
 
 
 class Commands:
-    """The desk between the bus and the service. ours(device): whether it is for us to answer."""
+    """Command queue between the bus and the service. ours(device): whether this estimator answers for the device."""
 
     def __init__(
         self, ours: Callable[[str], bool] = lambda _: True, counted: Callable[[str], object] = lambda _: None
@@ -42,18 +43,18 @@ class Commands:
         self._ours, self._counted = ours, counted
         self._waiting = deque[_Asked]()
         self._answered = OrderedDict[Request, CommandReply]()
-        #: commands that are done, and not written down yet
+        #: commands executed but not on disk yet
         self._unkept = dict[Request, list[tuple[_Asked, bytes]]]()
 
     def ask(self, key: str, payload: bytes, reply: Reply) -> None:
-        """Called by the bus: a command waits for the service."""
+        """Queue a command, or refuse it when too many wait; called by the bus."""
         if len(self._waiting) >= MOST:
             _refuse(reply, "", Code.TOO_MANY_COMMANDS())
         else:
             self._waiting.append(_Asked(key, payload, reply, time.monotonic()))
 
     def work(self, do: Do) -> None:
-        """Called by the service: do what is waiting, and answer what is not written down in time."""
+        """Execute queued commands, and answer those not on disk in time; called by the service."""
         now = time.monotonic()
         while self._waiting:
             asked = self._waiting.popleft()
@@ -89,7 +90,7 @@ class Commands:
             asked.reply(answer)
 
     def _kept(self, request: Request) -> None:
-        """What a command did is written down."""
+        """Answer a command whose outcome is on disk."""
         for asked, answer in self._unkept.pop(request, ()):
             asked.reply(answer)
 

@@ -7,9 +7,10 @@ EVENT = "conservation law broken"
 
 
 class SampleAccount(NamedTuple):
-    """Samples of one device: taken in, corrected, dropped; of those corrected how many were published or still wait.
+    """Sample counts of one device: `came` in, corrected (`out`), `dropped`, and published or still to be (`said`).
 
-    `refused` were another bridge's and never let in; `held` wait for their turn before they are.
+    `refused` samples came from another bridge and were never admitted. `held` samples wait for their turn to be
+    admitted.
     """
 
     came: int = 0
@@ -21,22 +22,22 @@ class SampleAccount(NamedTuple):
 
     @property
     def unaccounted(self) -> int:
-        """Samples that came and are nowhere; negative where more went out than came."""
+        """Samples that came in and are neither out nor dropped; negative where more went out than came in."""
         return self.came - self.out - self.dropped
 
     @property
     def unsaid(self) -> int:
-        """Samples that were corrected and never published; negative where they were published and counted as dropped."""
+        """Corrected samples never published; negative where samples were published and also counted as dropped."""
         return self.out - self.said
 
 
 def combined(accounts: Iterable[SampleAccount]) -> SampleAccount:
-    """What several devices come to."""
+    """Sum of the accounts of several devices."""
     return SampleAccount(*map(sum, zip(*accounts, strict=True)))
 
 
 class Conservation:
-    """Looks at all accounts together, again and again; remembers what was told, and devices that are forgotten."""
+    """Checks the sample accounts of all devices repeatedly; remembers reported violations and forgotten devices."""
 
     def __init__(self) -> None:
         self.violations: dict[str, int] = {}
@@ -46,15 +47,15 @@ class Conservation:
         self._told: dict[str, tuple[int, int]] = {}
 
     def leave(self, name: str) -> None:
-        """A device goes, as it was at the last look; under its name another may come."""
+        """Remove a device, with its account at the last check; another device may take its name later."""
         self._gone = combined([self._gone, self._last.pop(name, SampleAccount())])
         self._told.pop(name, None)
 
     def check(self, accounts: Mapping[str, SampleAccount], decoded: int, turned_away: int) -> dict[str, str]:
-        """What is newly wrong, by device, "" for all of them together: in words.
+        """New violations in words, by device; the key "" is for the ward as a whole.
 
-        decoded: samples that came through the service's door; turned_away: those of them that went to no device, counted with
-        the reason.
+        decoded: samples decoded by the service. turned_away: decoded samples that went to no device, counted with a
+        reason.
         """
         for name in self._last.keys() - accounts.keys():
             self.leave(name)

@@ -1,4 +1,4 @@
-"""The messages of a round of samples, decoded into columns all at once."""
+"""Decode a round of sample messages into columns, all at once."""
 
 from array import array
 from collections.abc import Sequence
@@ -18,18 +18,18 @@ from bridge.wire.validation import MAX_TIME_NS
 from estimator.kernels.samples import unpacked
 from estimator.samples.sample_buffer import UNFIT, WIDTH, Samples
 
-#: largest gyro, accel, °C and host time; all flags that there are, those that make a reading unfit, and its °C
+#: limits of gyro, accel, °C and host time; all flags, flags that make a reading unfit, and the temperature step flag
 _LIMITS = np.array(
     [MAX_RATE, MAX_ACCEL, MAX_CELSIUS, MAX_TIME_NS, sum(SampleFlag), UNFIT, SampleFlag.TEMPERATURE_STEP], float
 )
 
 
-#: what is read of a message: bridge and device; boot, sequence number; receive and start time, tick period, clock rate; columns
+#: fields read from a message: bridge, device; boot, sequence; receive and start time, tick period, clock rate; columns
 _Read = tuple[str, str, int, int, int, int, float, float, bytes, bytes, bytes, bytes, bytes]
 
 
 def decode(messages: Sequence[Message]) -> list[Samples | Refusal]:
-    """The samples of each message, or why it is refused: the same that `codec.decode_samples` gives of each by itself."""
+    """Decode sample messages in bulk into samples, or the refusal that `codec.decode_samples` would give."""
     read = [_read(*message) for message in messages]
     plain = iter(_columns([one for one in read if one is not None]))
     found = [None if one is None else next(plain) for one in read]
@@ -37,7 +37,7 @@ def decode(messages: Sequence[Message]) -> list[Samples | Refusal]:
 
 
 def _read(key: str, payload: bytes) -> _Read | None:
-    """A message whose columns are of the right lengths, and not looked at yet; None where anything is out of the ordinary."""
+    """Parse a message and check its column lengths, but not the values; None where anything is unusual."""
     try:
         place, raw = keys.parse(key), messages_pb2.SampleBatch.FromString(payload)
     except (Refusal, DecodeError, UnicodeDecodeError, RuntimeWarning):
@@ -69,7 +69,7 @@ def _read(key: str, payload: bytes) -> _Read | None:
 
 
 def _columns(read: Sequence[_Read]) -> list[Samples | None]:
-    """The samples of each; None where a column has anything out of the ordinary."""
+    """Decode the columns of many messages together; None for a message with an unusual value in a column."""
     if not read:
         return []
     bridges, devices, boots, sequences, received, starts, periods, rates, *columns = zip(*read, strict=True)
@@ -102,7 +102,7 @@ def _columns(read: Sequence[_Read]) -> list[Samples | None]:
 
 
 def _alone(key: str, payload: bytes) -> Samples | Refusal:
-    """One that may be unfit, by itself: the codec says why."""
+    """Decode one unusual message by itself, so that the codec states the reason for a refusal."""
     try:
         return Samples.of(codec.decode_samples(key, payload))
     except Refusal as refusal:

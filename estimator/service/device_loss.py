@@ -1,4 +1,4 @@
-"""Device loss: no usable sample for too long, with the diagnosis."""
+"""Detect device loss: no usable sample for too long, with a diagnosis."""
 
 import logging
 from collections.abc import Container
@@ -12,18 +12,18 @@ from estimator.service.presence import SETTLED_S, Presence
 
 log = logging.getLogger(__name__)
 
-#: why a device is lost that sends nothing since it was taken over
+#: reason given for a device that has sent nothing since it was taken over
 SILENT = (Code.NO_SAMPLES_SINCE_TAKEOVER(),)
 
 
 class DeviceLoss:
-    """Times are monotonic seconds. waiting: the keys of devices whose messages wait to be handled."""
+    """Detector of lost devices. Times are monotonic seconds. waiting: keys of devices with unhandled messages."""
 
     def __init__(self, presence: Presence, gate: EnrolmentGate, waiting: Container[str], silence_s: float) -> None:
         self._presence, self._gate, self._waiting, self._silence_s = presence, gate, waiting, silence_s
 
     def look(self, device: Device, now: float) -> None:
-        """Once a second."""
+        """Check one device, once a second; marks its session as lost when it has been silent too long."""
         silent_s = now - device.heard
         if silent_s <= min(self._silence_s, SETTLED_S) or device.key in self._waiting:
             return

@@ -1,4 +1,4 @@
-"""Known devices: a bounded number; those that are gone and were never calibrated make room."""
+"""Roster of known devices, bounded in number. Silent devices that were never calibrated make room for new ones."""
 
 import logging
 from heapq import nsmallest
@@ -11,14 +11,14 @@ log = logging.getLogger(__name__)
 
 MAX_DEVICES = 4096
 _AT_ONCE = 64
-#: under this, samples there was no room for a device for are counted
+#: samples refused because the roster is full are counted under this name
 TOO_MANY = "samples refused, too many devices"
-#: where no room was found, none is looked for again so soon
+#: after a search for room that found none, the next search waits this long, s
 _LOOK_S = 1.0
 
 
 class DeviceRoster(dict[str, Device]):
-    """Devices by name, and what their bridges say of them."""
+    """Devices by name, and the latest info that each bridge sent of each device."""
 
     def __init__(self, counts: Tally, silence_s: float) -> None:
         super().__init__()
@@ -27,7 +27,7 @@ class DeviceRoster(dict[str, Device]):
         self._full_until_s = float("-inf")
 
     def room(self, now: float, samples: int) -> bool:
-        """Whether one more device can be had at `now`, monotonic seconds; counts its samples when not."""
+        """Whether one more device fits at `now`, monotonic seconds; if not, its samples are counted as refused."""
         if len(self) < MAX_DEVICES or (now >= self._full_until_s and self.forget(now, self._silence_s)):
             return True
         self._full_until_s = max(self._full_until_s, now + _LOOK_S) if now >= self._full_until_s else self._full_until_s
@@ -39,11 +39,11 @@ class DeviceRoster(dict[str, Device]):
         return False
 
     def info(self, bridge: str, device: str) -> DeviceInfo | None:
-        """What a bridge said last of a device."""
+        """Latest info that a bridge sent of a device, or None."""
         return self._infos.get((bridge, device))
 
     def note(self, info: DeviceInfo) -> None:
-        """Keep what a bridge says of a device; of those that send nothing the longest unheard is forgotten for it."""
+        """Keep a bridge's info of a device. When full, the oldest info of a device that sends nothing is dropped."""
         name = info.bridge, info.device
         self._infos.pop(name, None)
         if len(self._infos) >= MAX_DEVICES:
@@ -59,11 +59,11 @@ class DeviceRoster(dict[str, Device]):
         return device in self and self[device].admission.source.owner == bridge
 
     def proven(self, name: str) -> bool:
-        """Whether a device is here and has a calibration."""
+        """Whether a device is known and has a calibration or a prior."""
         return name in self and not self[name].worthless
 
     def forget(self, now: float, silent_s: float) -> bool:
-        """Forget devices without a calibration that were silent for longer, those heard longest ago first; whether any was."""
+        """Forget uncalibrated devices silent for over silent_s, the longest silent first; returns whether any was."""
         gone = [d for d in self.values() if d.worthless and now - d.heard > silent_s]
         for device in nsmallest(_AT_ONCE, gone, key=lambda d: d.heard):
             del self[device.name]

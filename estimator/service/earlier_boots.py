@@ -1,4 +1,4 @@
-"""What earlier boots of the same hardware tell of this one, from the store and from other estimators."""
+"""Look up knowledge from earlier boots of the same hardware, in the store and in other estimators' checkpoints."""
 
 import logging
 from collections.abc import Callable
@@ -22,16 +22,16 @@ _T = TypeVar("_T")
 
 log = logging.getLogger(__name__)
 
-#: so many boots of a device are known again after a restart
+#: boots of a device that are recognised after a restart
 BOOTS_KNOWN = 48
-#: a calibration that is made so much later than now was made by a clock that was wrong, s; or it is now
+#: a calibration dated this far ahead of now shows that the clock was wrong then, or is wrong now, s
 AHEAD_S = 60.0
 
 
 class EarlierBoots:
-    """What is looked up of a device's earlier boots.
+    """Lookup of a device's earlier boots.
 
-    pending: calibrations of a device that are not on disk yet.
+    pending: returns the calibrations of a device that are not on disk yet.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class EarlierBoots:
         self._now_ns, self._pending = now_ns, pending
 
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
-        """The last calibration of the same hardware in an earlier boot, on disk or not yet."""
+        """Latest calibration of the same hardware in an earlier boot, on disk or still pending, or None."""
         for pending in reversed(self._pending(device.name)):
             if pending.boot != info.boot and not differing(restore_key(pending), info):
                 return pending
@@ -55,7 +55,7 @@ class EarlierBoots:
         return self._dated(device, max(found, key=lambda c: (c.time_ns <= now_ns, c.time_ns), default=None))
 
     def _dated(self, device: Device, c: Calibration | None) -> Calibration | None:
-        """A calibration; where its time lies ahead that is said: then, or now, the clock is wrong."""
+        """Pass a calibration through; logs a warning if its time lies in the future."""
         ahead_s = 0.0 if c is None else (c.time_ns - self._now_ns()) / 1e9
         if c is not None and ahead_s > AHEAD_S and device.session.count_event("calibration of a time to come") == 1:
             words = "calibration %s says that it was made %.1f days from now: the clock was wrong then, or is wrong now"
@@ -63,17 +63,20 @@ class EarlierBoots:
         return c
 
     def scratch(self, info: DeviceInfo) -> Sentences:
-        """Why no calibration of this device holds; empty where there is none."""
+        """Why no stored calibration of this device applies; empty where none is stored."""
         latest = self._store.latest(info.device)
         return () if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
 
     def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw], None]) -> None:
-        """What the same hardware taught of temperature in earlier boots, if anything; it takes as long as many samples do."""
+        """Learn the temperature law from earlier boots of the same hardware and pass it to `then`, if there is one.
+
+        Runs on the store's thread, since learning takes as long as correcting many samples.
+        """
         knobs = session.knobs.track.bias
         self._look_up(lambda: learn(self._store.points(info), knobs), then)
 
     def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
-        """How far the scale of the same hardware moved from boot to boot, as far as that is known here."""
+        """Compute how far the scale factor changed from boot to boot of the same hardware, and pass it to `then`."""
 
         def moved() -> float:
             return repeatability([np.diag(c.matrix) for c in self._store.earlier(info)], session.knobs.prior)
@@ -91,6 +94,6 @@ class EarlierBoots:
         self._clerk.look_up(lambda: found.append(what()), looked_up)
 
     def past(self, device: str) -> list[int] | None:
-        """Boots of a device that were heard before this estimator was started, oldest first; None where they cannot be read."""
+        """Boots of a device heard before this estimator started, oldest first; None where the store cannot be read."""
         boots = self._store.boots(device, BOOTS_KNOWN)
         return None if self._store.database.trouble and not boots else boots

@@ -1,7 +1,7 @@
-"""Which messages are decoded: those of enrolled devices, from their own bridge. The others cost next to nothing.
+"""Enrolment gate: only messages of enrolled devices, from their own bridge, are decoded.
 
-Keys are told apart before anything is decoded, so that a flood of invented names keeps nobody waiting. Some of those names are
-remembered, so that a person can see what asks to be let in.
+Keys are checked before anything is decoded, so that a flood of invented names delays no device and costs next to
+nothing. Some refused names are remembered, so that a person can see which devices ask to be admitted.
 """
 
 import logging
@@ -22,17 +22,17 @@ from estimator.service import output
 
 log = logging.getLogger(__name__)
 
-#: messages refused are counted under these
+#: refused messages are counted under these names
 STRANGER, FOREIGN = "messages refused, not enrolled", "messages refused, another bridge's device"
-#: so many strangers are listed, and for so long after they were heard last
+#: most strangers listed, and how long each is listed after its last message, s
 LISTED, LISTED_S = 64, 30.0
-#: keys that were looked at before
+#: most keys remembered as admitted
 _KNOWN = 16_384
 
 
 @dataclass(slots=True)
 class Stranger:
-    """A device that is not enrolled, or not by the bridge that sends it."""
+    """A device that is not enrolled, or is enrolled with another bridge than the one that sends it."""
 
     bridge: str
     messages: int
@@ -40,25 +40,25 @@ class Stranger:
 
 
 class EnrolmentGate:
-    """Lets messages by; `strangers` are some of those that were not. Without an enrolment everybody is let in."""
+    """Filter for messages by enrolment; `strangers` lists some refused devices. Without enrolment all are admitted."""
 
     def __init__(self, enrolment: Enrolment | None, counts: Tally) -> None:
         self._enrolment, self._counts = enrolment, counts
-        self._stamp = self._stamped()  # first: what changes while it is read is read again
+        self._stamp = self._stamped()  # taken before reading: a change during the read is then read again
         self._places = enrolment.read() if enrolment else {}
         self._known = set[str]()
-        self._heard = set[str]()  # enrolled, and sent by their own bridges
+        self._heard = set[str]()  # enrolled devices heard from their own bridges
         self.strangers: dict[str, Stranger] = {}
 
     def admit(self, messages: list[Message], now: float) -> list[Message]:
-        """Those of enrolled devices, and those under keys that are none: the door knows why to refuse them."""
+        """The messages of enrolled devices, and those with malformed keys, which the decoder refuses with a reason."""
         if self._enrolment is None:
             return messages
         known = self._known
         return [message for message in messages if message.key in known or self._admits(message.key, now)]
 
     def look(self, now: float) -> None:
-        """Once a second: whether the file has changed, and who is not heard any more."""
+        """Once a second: reload the enrolment file if it changed, and drop strangers no longer heard."""
         gone = [name for name, stranger in self.strangers.items() if now - stranger.heard > LISTED_S]
         for name in {*gone, *(self.strangers.keys() & self._heard)}:
             del self.strangers[name]
@@ -70,7 +70,7 @@ class EnrolmentGate:
         except ValueError as error:
             log.error("[devices]: %s; what was enrolled before stays so", error)
             return
-        # As an editor leaves it for a moment, or a disk that is full.
+        # An editor may truncate the file for a moment, and a full disk may empty it.
         if places == enrolled.places(self._enrolment.enrolled) != self._places:
             log.error(
                 "[devices]: %s: no device of its own stands in it any more; what was enrolled before stays so",
@@ -85,7 +85,7 @@ class EnrolmentGate:
             del self.strangers[name]
 
     def why(self, device: str, bridge: str = "") -> Sentences:
-        """Why a device, sent by this bridge, is not let in; empty where it would be."""
+        """Why a device sent by this bridge is refused; empty where it would be admitted."""
         place = self._places.get(device)
         if place and bridge and place != bridge:
             return (Code.ENROLLED_ELSEWHERE(place=place, bridge=bridge),)
@@ -137,7 +137,7 @@ class EnrolmentGate:
 
 
 class Notices:
-    """Publishes a status of each stranger, so that it stands in every list of devices."""
+    """Publishes a status for each stranger, so that strangers appear in every list of devices."""
 
     def __init__(self, bus: Bus, ward: str, gate: EnrolmentGate) -> None:
         self._bus, self._ward, self._gate = bus, ward, gate
@@ -145,7 +145,7 @@ class Notices:
         self._publishers: dict[str, Publisher] = {}
 
     def say(self, time_ns: int, known: Container[str]) -> None:
-        """Once a second; of known devices somebody else speaks."""
+        """Publish the strangers' statuses, once a second; devices in `known` have a status already."""
         for name in self._publishers.keys() - self._gate.strangers.keys():
             self._publishers.pop(name).close()
         for name, stranger in self._gate.strangers.items():
@@ -165,7 +165,7 @@ class Notices:
             self._publishers[name].put(codec.encode_status(said))
 
     def close(self) -> None:
-        """Take them back."""
+        """Close the publishers."""
         for publisher in self._publishers.values():
             publisher.close()
         self._publishers.clear()

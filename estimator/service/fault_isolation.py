@@ -1,4 +1,4 @@
-"""Fault isolation: work that fails costs its own device its session, and each sample at stake is counted."""
+"""Fault isolation: failing work resets the session of its own device only, and every affected sample is counted."""
 
 import logging
 from collections.abc import Callable
@@ -16,28 +16,28 @@ FAILED = "session failed"
 
 
 class FaultIsolation:
-    """Does work of one device and goes on with the others whatever comes of it; `counts` are the ward's."""
+    """Runs work of one device and contains its exceptions, except BusError. `counts` are the ward's."""
 
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
 
     def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0) -> bool:
-        """Whether work(*args) went well; else the device's session begins anew. came: see `failed`."""
+        """Run work(*args) and return whether it succeeded; a failure restarts the session. came: see `failed`."""
         before = device.counted
         try:
             work(*args)
-        except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
+        except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
             self.failed(device, error, before, came=came)
             return False
         return True
 
     def failed(self, device: Device, error: Exception, before: Counted, *, came: int = 0) -> None:
-        """Work of a device has: its session begins anew. The service of all others must not end with it.
+        """Restart the session of a device whose work failed, so that the other devices' service goes on.
 
-        came: samples that the work was to take in.
+        came: samples that the work was to take in. Raises BusError again, since a lost bus concerns all devices.
         """
         if isinstance(error, BusError):
-            raise error  # the bus itself is gone: for all
+            raise error  # a lost bus concerns all devices
         held, samples_in, samples_out, told = before
         sequence = device.session.sequence
         uncounted = held + came - (sequence.samples_in - samples_in)

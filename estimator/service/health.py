@@ -1,4 +1,4 @@
-"""The service's state, noted once a second and read from any thread: for /metrics, /healthz and /readyz."""
+"""Health of the service, noted once a second and read from any thread, for /metrics, /healthz and /readyz."""
 
 import math
 import time
@@ -14,12 +14,15 @@ from bridge.wire.messages import State, Status
 from estimator.device.lifecycle import AWAY, NEVER_S
 from estimator.service.conservation import SampleAccount
 
-#: a loop that has not turned for so long is stuck
+#: a loop that has not turned for this long is stuck, s
 STUCK_S = 5.0
 
 
 class DeviceHealth(NamedTuple):
-    """One device: its status, mean NIS per degree of freedom, seconds from a sample's receipt to its publication."""
+    """Health of one device: status, mean NIS per degree of freedom, seconds from a sample's receipt to its publication.
+
+    violations: how often the conservation law was broken.
+    """
 
     status: Status
     nis: float
@@ -29,7 +32,7 @@ class DeviceHealth(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """What was so at one moment; time_s is monotonic, busy the share of the last second in which the loop had to do."""
+    """Snapshot of the service's health. time_s is monotonic; busy is the working share of the loop's last second."""
 
     time_s: float
     connected: bool
@@ -42,32 +45,32 @@ class Note:
 
 
 class ServiceHealth:
-    """The latest note. `expects`: whether the ward's file has devices, so that none is a trouble."""
+    """Holder of the latest health snapshot. expects: the ward's file lists devices, so hearing none is a fault."""
 
     def __init__(
         self, *, expects: bool = False, clock: Callable[[], float] = time.monotonic, routers: Routers | None = None
     ) -> None:
         self._expects, self._clock = expects, clock
-        #: where it goes, and by which certificate
+        #: routers of the bus connection, with their certificates
         self.routers = routers or Routers(())
         self._note: Note | None = None
 
     def note(self, note: Note) -> None:
-        """Replace the note; one assignment, so that readers see one or the other."""
+        """Replace the snapshot by one assignment, so that a reader sees either the old or the new one."""
         self._note = note
 
     @property
     def asked(self) -> HealthSource:
-        """What a health server answers."""
+        """Answers for a health server."""
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Why the process is not alive; it is as long as it waits for its first router."""
+        """Why the process is not alive; empty when it is. A process waiting for its first router is alive."""
         age = 0.0 if self._note is None else self._clock() - self._note.time_s
         return [f"the loop has not turned for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
-        """Why it cannot do its work now."""
+        """Why the service cannot do its work now; empty when ready."""
         note = self._note
         if note is None:
             return ["no router yet", *self.routers.faults()]
@@ -84,7 +87,7 @@ class ServiceHealth:
         return why
 
     def families(self) -> Iterator[MetricFamily]:
-        """All metrics; labels are devices of the roster, reasons and states, all of them bounded."""
+        """All metrics. Labels are devices of the roster, reasons and states, all bounded in number."""
         yield from certificate(self.routers)
         note = self._note
         yield MetricFamily(

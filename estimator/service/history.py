@@ -1,4 +1,4 @@
-"""The history of one device from the store: calibrations, boots, commands, and the bias over time."""
+"""History of one device from the store: calibrations, boots, commands, and the bias over time."""
 
 import re
 from collections.abc import Sequence
@@ -70,7 +70,7 @@ def ahead(found: History, now_ns: int) -> int:
 
 
 def since(text: str, now: datetime) -> datetime:
-    """The moment that a text means: `7d`, `12h`, `30m` before now, or a date with or without a time, in this machine's zone.
+    """Parse a start time: `7d`, `12h`, `30m` before now, or a date with or without a time, in this machine's zone.
 
     Raises ValueError, which says what is accepted.
     """

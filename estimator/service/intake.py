@@ -1,4 +1,4 @@
-"""What devices send: a round of messages decoded, each admitted in its turn, all of them corrected at once and published."""
+"""Sample intake: decode a round of messages, admit each batch in turn, correct all together, publish."""
 
 import logging
 import math
@@ -26,14 +26,14 @@ from estimator.service.replay_log import DONE, Resumed
 
 log = logging.getLogger(__name__)
 
-#: under this, samples are counted that waited for their turn when their device left: another corrects them
+#: samples that waited for their turn when another estimator took their device are counted under this name
 MOVED = "moved to another estimator"
 
 
 class Intake:
-    """Messages of the roster's devices in, corrected samples out to their publishers, and all else that comes of it to `tell`.
+    """Pipeline from the messages of the roster's devices to their publishers; other outcomes go to `tell`.
 
-    newcomer makes a device of the first batch of one, that came at a time; None where there is no room.
+    newcomer(batch, now): makes a device from its first batch; returns None where there is no room.
     """
 
     def __init__(
@@ -52,13 +52,13 @@ class Intake:
         self._say, self._newcomer, self._came = tell, newcomer, stock.came
         self._samples = Decoder("sample", codec.decode_samples, self._refused)
         self._infos = Decoder("info", codec.decode_info, self._refused)
-        #: what of this round is to be corrected and published, in order
+        #: samples to correct and publish in this round, in order
         self._due: list[tuple[Device, Cut]] = []
-        #: those with batches that wait for what is missing before them
+        #: devices with batches that wait for missing samples before them
         self._holding = dict[str, Device]()
 
     def take(self, messages: Sequence[Message]) -> None:
-        """Messages of samples."""
+        """Process a round of sample messages."""
         now, came = time.monotonic(), 0
         resumed = self._resumed.lasts(now)
         for message, samples in zip(messages, decode(messages), strict=True):
@@ -74,7 +74,7 @@ class Intake:
         self._publish()
 
     def hear(self, message: Message) -> None:
-        """What a bridge says of a device."""
+        """Process a bridge's device info message."""
         if (info := self._infos.take(message)) is None:
             return
         before = self._devices.info(info.bridge, info.device)
@@ -90,7 +90,10 @@ class Intake:
         self._guarded(device, introduced)
 
     def give_up(self, now: float = math.inf, waiting: Container[str] = ()) -> None:
-        """What was missing before batches that are held does not come; waiting: keys of which messages wait, that may be it."""
+        """Stop waiting for missing samples whose deadline has passed, and process the batches held behind them.
+
+        waiting: keys with unread messages, which may contain the missing samples; their devices are left alone.
+        """
         for device in list(self._holding.values()):
             if device.key in waiting:
                 continue
@@ -100,13 +103,13 @@ class Intake:
         self._publish()
 
     def leave(self, device: Device) -> None:
-        """It is another estimator's, and what waits for its turn is, too."""
+        """Release a device taken by another estimator; batches that wait for their turn are counted as MOVED."""
         self._holding.pop(device.name, None)
         device.admission.leave(MOVED)
         device.drop_waiting()
 
     def refused(self) -> dict[str, int]:
-        """Messages that the door did not let in, counted."""
+        """Number of messages that could not be decoded, by kind and reason."""
         return {
             f"{door.name} messages refused, {reason}": n
             for door in (self._samples, self._infos)
@@ -130,14 +133,14 @@ class Intake:
             before = device.counted
             try:
                 self._take(device, samples, now)
-            except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
+            except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
                 self._guarded.failed(device, error, before, came=samples.n)
             return
         if (
             device.session.sequence.events.add(device.admission.source.label(samples.bridge, now), samples.n)
             == samples.n
         ):
-            # How many there are of them stands in its status.
+            # The number of such samples stands in the device's status.
             log.warning(
                 "%s (said once)",
                 english(duplicate_bridges.said([samples.device], device.admission.source.owner, (samples.bridge,))),
@@ -147,7 +150,7 @@ class Intake:
         admission = device.admission
         ruling, released = admission.judge(batch, now)
         if ruling is Ruling.LATE:
-            return  # what is only said again is no sign of life: it may be a recording
+            return  # a repeat is no sign of life: it may come from a recording
         device.heard = now
         if ruling is Ruling.RANGE:
             if device.session.count_event("refused leap") == 1:
@@ -155,7 +158,7 @@ class Intake:
             return
         self._handle(device, released)
         if ruling in BEGINS:
-            self._publish()  # what is of the boot before
+            self._publish()  # publish the samples of the boot before
             device.drop_waiting()
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
         ready = admission.in_order(batch, now)
@@ -167,7 +170,7 @@ class Intake:
             self._holding[device.name] = device
 
     def _handle(self, device: Device, batches: list[Samples]) -> None:
-        """Batches in their turn; one that fails is not the others' fault."""
+        """Process batches in order; a failure in one does not affect the others."""
         for batch in batches:
             self._guarded(device, partial(self._handle_one, device, batch), came=batch.n)
 
@@ -183,18 +186,18 @@ class Intake:
             self._due.append((device, cut))
 
     def _tell(self, device: Device, outcome: Outcome) -> None:
-        """What came of earlier samples is said after those, and before the first that it is applied to."""
+        """Report an outcome after the samples that caused it and before the first sample that it affects."""
         if outcome.worded:
             self._publish()
         self._say(device, outcome)
 
     def _publish(self) -> None:
-        """Correct all that is due, and publish it in its order."""
+        """Correct all due samples together and publish them in order."""
         due, self._due = self._due, []
         for (device, cut), rates in zip(due, correct([cut for _, cut in due]), strict=True):
             try:
                 device.say_corrected(cut, rates)
-            except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
+            except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
                 before = device.counted
                 device.told -= cut.n
                 self._guarded.failed(device, error, before)

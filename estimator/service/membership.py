@@ -1,8 +1,8 @@
-"""Which estimators are alive, and whose each device is. Pure: `now` is monotonic seconds.
+"""Membership of estimators in a ward, and ownership of devices. Pure: `now` is monotonic seconds.
 
 A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under an epoch
-above every epoch it has heard of, and keeps it until another estimator claims it under a higher one. Subscribers follow the
-highest epoch.
+above every epoch it has heard of, and keeps it until another estimator claims it under a higher one. Subscribers follow
+the highest epoch.
 """
 
 from collections.abc import Collection, Iterator
@@ -12,16 +12,16 @@ from functools import lru_cache
 from bridge.wire.messages import Holding, Owned
 from estimator.service.ownership import BEYOND, epoch_after, owner
 
-#: an estimator that says nothing for this long is taken for dead, s
+#: an estimator silent for this long is considered dead, s
 LEASE_S = 1.5
-#: nothing is taken for this long after the start beside others, an outage of the router or a pause of our own, s
+#: nothing is taken over for this long after a start beside others, a router outage or our own pause, s
 HOLD_OFF_S = 2.0
 MAX_PEERS = 64
 
 
 @dataclass(slots=True)
 class _Peer:
-    """Another estimator: whether its token lives, when it spoke last, and what it claims, by part of its message."""
+    """Another estimator: when it was last heard, whether its token lives, and its claims by message part."""
 
     heard_s: float
     token: bool = True
@@ -29,20 +29,20 @@ class _Peer:
 
 
 class Membership:
-    """What one estimator knows of all. peers: ids seen at the start; without any, nothing is held off."""
+    """One estimator's view of all estimators. peers: ids seen at the start; without any, there is no hold-off."""
 
     def __init__(self, own: str, peers: Collection[str] = (), now: float = 0.0) -> None:
         self.own = own
         #: our devices, each with the epoch under which it was taken
         self.held: dict[str, int] = {}
-        #: the highest epoch that was heard of or used
+        #: the highest epoch heard of or used
         self.highest = 0
         self._epoch = 0
         self._peers = {name: _Peer(now) for name in peers if name != own}
         self._ready_s = now + HOLD_OFF_S if self._peers else float("-inf")
-        self._lost: dict[str, tuple[float, str]] = {}  # until when, s, a device is left to the one that took it
+        self._lost: dict[str, tuple[float, str]] = {}  # by device: until when, s, it is left to the taker
         self._owner = lru_cache(maxsize=1 << 14)(owner)
-        #: the ids of all live estimators, our own among them
+        #: ids of all live estimators, including our own
         self.members: tuple[str, ...] = tuple(sorted({own, *self._peers}))
 
     @property
@@ -55,29 +55,29 @@ class Membership:
         return now >= self._ready_s
 
     def hold_off(self, now: float) -> None:
-        """The router is gone, or we were paused: nobody is removed and nothing taken for a while."""
+        """Start a hold-off after a router outage or our own pause: no member is removed and no device taken."""
         self._ready_s = now + HOLD_OFF_S
 
     def excuse(self, seconds: float) -> None:
-        """We could not listen for so long: that is no silence of the others."""
+        """Extend every lease by the time in which we could not listen."""
         for peer in self._peers.values():
             peer.heard_s += seconds
 
     def token(self, name: str, now: float, *, alive: bool) -> None:
-        """The liveliness token of an estimator appeared or vanished."""
+        """Take note that an estimator's liveliness token appeared or vanished."""
         peer = self._peers.get(name)
         if peer is not None:
             peer.token = alive
         elif alive and name != self.own and len(self._peers) < MAX_PEERS:
-            # It is a member once it speaks: it holds off first, and nobody may wait for it meanwhile.
+            # A new estimator becomes a member when it first speaks: until then it holds off, and nobody waits for it.
             self._peers[name] = _Peer(now - LEASE_S)
 
     def hear(self, *epochs: int) -> None:
-        """Take note of epochs; impossibly high ones are ignored, since nobody could go above them."""
+        """Take note of epochs; impossibly high ones are ignored, since no estimator could exceed them."""
         self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
 
     def said(self, owned: Owned, now: float) -> list[str]:
-        """Another estimator's claims; returns those of our devices that it has under a higher epoch."""
+        """Take note of another estimator's claims; returns those of our devices that it holds under a higher epoch."""
         if owned.estimator == self.own:
             return []
         if owned.estimator not in self._peers and len(self._peers) < MAX_PEERS:
@@ -89,11 +89,11 @@ class Membership:
                 del peer.parts[part]
         self.hear(owned.epoch, *(holding.epoch for holding in owned.holdings))
         others = [h for h in owned.holdings if h.device in self.held and h.epoch < BEYOND]
-        # Of equal epochs, which two ids can have, the one of the later id counts.
+        # Two ids can produce equal epochs; then the claim of the later id counts.
         return [h.device for h in others if (h.epoch, owned.estimator) > (self.held[h.device], self.own)]
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
-        """Update the members; returns who has come and who is gone since the last look."""
+        """Update the members; returns the ids that appeared and the ids that disappeared since the last call."""
         living = {name for name, peer in self._peers.items() if peer.token and now - peer.heard_s < LEASE_S}
         before, there = set(self.members), {self.own, *living}
         if not self.ready(now):
@@ -104,11 +104,11 @@ class Membership:
         return sorted(there - before), sorted(before - there)
 
     def owns(self, device: str) -> bool:
-        """Whether a device belongs to us, by the estimators that are alive."""
+        """Whether a device belongs to this estimator, given the live estimators."""
         return self._owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
-        """Whether a device is to be taken now: it is ours, and nobody is calibrating it who would lose the turns."""
+        """Whether to take a device now: it is ours, and no other estimator is in a calibration that would lose turns."""
         if device in self.held or not self.ready(now) or not self.owns(device):
             return False
         until_s, taker = self._lost.get(device, (now, ""))
@@ -117,7 +117,7 @@ class Membership:
         return not any(claim.busy for claim in self._claims(device))
 
     def take(self, device: str, now_ns: int) -> int:
-        """Hold a device from now on; returns its epoch, one for all that are taken until another estimator takes something."""
+        """Take a device and return its epoch. All devices taken before another estimator takes any share one epoch."""
         if not self._epoch or self.highest != self._epoch:
             self.highest = self._epoch = epoch_after(self.highest, now_ns, self.own)
         self._lost.pop(device, None)
@@ -125,24 +125,24 @@ class Membership:
         return self._epoch
 
     def lose(self, device: str, taker: str, now: float) -> None:
-        """Another estimator has taken a device; it is not taken back from that one at once, or it would go to and fro."""
+        """Give up a device to `taker`. It is not taken back during the hold-off, so that it does not go to and fro."""
         self.held.pop(device, None)
-        self._epoch = 0  # what is taken next is taken under another one, also where both were equal
+        self._epoch = 0  # the next take uses a new epoch, also where both epochs were equal
         self._lost = {name: lost for name, lost in self._lost.items() if lost[0] > now}
         self._lost[device] = now + HOLD_OFF_S, taker
 
     def keep(self, devices: Collection[str]) -> None:
-        """Hold no others than these any more."""
+        """Give up all held devices except these."""
         self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
 
     def answers(self, device: str) -> bool:
-        """Whether we speak of a device, held or unknown."""
+        """Whether this estimator answers for a device: it holds the device, or owns an unclaimed one."""
         if device in self.held or self.alone:
             return True
         return self.owns(device) and not any(True for _ in self._claims(device))
 
     def _claims(self, device: str) -> Iterator[Holding]:
-        """What other live estimators said of a device."""
+        """Claims of other live estimators on a device."""
         for name in self.members:
             peer = self._peers.get(name)
             for part in list(peer.parts.values()) if peer is not None else ():

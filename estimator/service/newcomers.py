@@ -1,7 +1,8 @@
-"""Admission of devices that were never calibrated, where no `[devices]` list says which devices there are. Pure.
+"""Admission of uncalibrated devices where no `[devices]` list names the ward's devices. Pure.
 
-Anybody who may publish samples can invent device ids. Their number and the rate at which they are admitted are bounded, so that
-a burst of them delays no device that was heard before. A refused message costs a set lookup and a split of its key.
+Anybody who may publish samples can invent device ids. Their number and the rate at which they are admitted are bounded,
+so that a burst of them delays no device that was heard before. A refused message costs a set lookup and a split of its
+key.
 """
 
 import logging
@@ -14,22 +15,22 @@ from bridge.wire.refusal import Tally
 
 log = logging.getLogger(__name__)
 
-#: devices without a calibration that are admitted from one bridge, and from all bridges, at a time
+#: most uncalibrated devices admitted at a time, from one bridge and from all bridges
 OF_ONE_BRIDGE, OF_ALL = 256, 512
-#: newcomers admitted at once, and further ones a second
+#: newcomers admitted at once, and further ones per second
 AT_ONCE, PER_S = 16.0, 16.0
-#: a device without a calibration is forgotten after so many seconds of silence
+#: an uncalibrated device is forgotten after this silence, s
 FORGET_S = 60.0
-#: keys remembered as admitted
+#: most keys remembered as admitted
 _KEYS = 16_384
-#: refused messages are counted under this
+#: refused messages are counted under this name
 REFUSED = "messages refused, too many new devices"
 
 
 class Newcomers:
-    """Decides which messages belong to devices that are admitted.
+    """Filter that admits messages of known devices and a bounded number of new ones.
 
-    exempt(device): whether a device is admitted whatever the numbers: it is known already, or was calibrated before.
+    exempt(device): whether a device is admitted regardless of numbers, because it is known or was calibrated before.
     """
 
     def __init__(self, exempt: Callable[[str], bool], counts: Tally) -> None:
@@ -41,12 +42,12 @@ class Newcomers:
         self._tokens, self._refilled_s = AT_ONCE, float("-inf")
 
     def admit(self, messages: Sequence[Message], now: float) -> list[Message]:
-        """The messages of admitted devices, and those under malformed keys, which the decoder refuses; now: monotonic s."""
+        """Messages of admitted devices, and those with malformed keys, which the decoder refuses. now: monotonic s."""
         admitted = self._admitted
         return [message for message in messages if message.key in admitted or self._admits(message.key, now)]
 
     def look(self, now: float, *, kept: Callable[[str], bool], proven: Callable[[str], bool]) -> None:
-        """Once a second: end the probation of devices that are proven, or that are not kept any more."""
+        """Once a second: end the probation of devices that are proven or no longer kept."""
         for key, since in list(self._probation.items()):
             _, bridge, device = key.rsplit("/", 2)
             gone = now - since > FORGET_S and not kept(device)

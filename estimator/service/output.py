@@ -1,4 +1,4 @@
-"""Encodes what a session says, fit for every subscriber's decoder."""
+"""Prepare a session's output for the wire: every number within the range that subscribers' decoders accept."""
 
 from dataclasses import replace
 from heapq import nlargest
@@ -20,7 +20,7 @@ _OTHERS = "others"
 
 
 def status(said: Status) -> Status:
-    """The status with every number in the wire's range; what is not a number becomes the worst there is."""
+    """Status with every number in the wire's range; NaN becomes the worst value of the range."""
     if _status_fits(said):
         return said
     return replace(
@@ -38,7 +38,7 @@ def status(said: Status) -> Status:
 
 
 def _status_fits(said: Status) -> bool:
-    """Whether every number of it is in the wire's range already."""
+    """Whether every number of the status is in the wire's range already."""
     numbers = (
         0.0 <= said.progress <= 1.0
         and 0.0 <= said.evidence_age_s <= MAX_AGE_S
@@ -55,14 +55,14 @@ def _status_fits(said: Status) -> bool:
 
 
 class Encoder:
-    """Corrected samples of one device to payloads fit for the wire."""
+    """Encoder of one device's corrected samples into payloads within the wire's limits."""
 
     def __init__(self, device: str, epoch: int = 0) -> None:
         self._encoder = CorrectedEncoder(device, epoch)
-        self._correction: Correction | None = None  # of what was encoded last
+        self._correction: Correction | None = None  # correction of the last encoded batch
 
     def encode(self, cut: Cut, rates: Rates) -> bytes:
-        """The payload of samples that were corrected so."""
+        """Encode a cut of samples with its corrected rates."""
         samples, correction = cut.samples, cut.correction
         if correction is not self._correction:
             self._correction = correction
@@ -79,7 +79,7 @@ class Encoder:
 
 
 def _told(correction: Correction) -> dict[str, NDArray[np.float32]]:
-    """What is told of a correction, each number in the wire's range."""
+    """Published values of a correction, each number in the wire's range."""
     told = correction.told._asdict()
     if all(abs(value) <= min(MAX_RATE, MAX_STD) for column in told.values() for value in column.tolist()):
         return told
@@ -90,7 +90,7 @@ def _told(correction: Correction) -> dict[str, NDArray[np.float32]]:
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
-    """The revision without the points no subscriber takes, thinned evenly if there are too many; None when too few are left."""
+    """Revision without points that subscribers would refuse, evenly thinned to MAX_POINTS; None with too few points."""
     known = ((said.bias_std >= 0) & (said.bias_std < np.inf) & (np.abs(said.bias) <= MAX_RATE)).all(axis=1)
     known &= (said.sequences <= MAX_SEQUENCE) & (said.times_ns >= 0) & (said.times_ns <= validation.MAX_TIME_NS)
     kept = np.flatnonzero(known)
@@ -109,7 +109,7 @@ def revision(said: BiasRevision) -> BiasRevision | None:
 
 
 def windows(said: WindowBatch) -> WindowBatch | None:
-    """The windows with every number in the wire's range; None where their times are none."""
+    """Windows with every number in the wire's range; None where their times are invalid."""
     times = said.times_ns.tolist()
     if times[0] < 0 or times[-1] > validation.MAX_TIME_NS or any(a >= b for a, b in pairwise(times)):
         return None
@@ -132,7 +132,7 @@ def windows(said: WindowBatch) -> WindowBatch | None:
 
 
 def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which of the numbers are above all before them."""
+    """Mask of the numbers above all numbers before them."""
     return np.append(True, numbers[1:] > np.maximum.accumulate(numbers)[:-1])[: len(numbers)]
 
 
@@ -147,7 +147,7 @@ def _clipped(
 
 
 def _counts(counts: dict[str, int]) -> dict[str, int]:
-    """As many labels as the wire takes: the rarest are counted together."""
+    """Counts with as many labels as the wire takes; the rarest are summed as "others"."""
     if len(counts) > validation.MAX_COUNTS:
         kept = set(nlargest(validation.MAX_COUNTS - 1, (c for c in counts if c != _OTHERS), key=counts.__getitem__))
         others = sum(n for label, n in counts.items() if label not in kept)

@@ -1,4 +1,4 @@
-"""Whether the estimator keeps up with its devices: how busy its loop is, and how long messages wait. Pure."""
+"""Overload detection: how busy the estimator's loop is, and how long messages wait. Pure."""
 
 import logging
 from collections.abc import Iterable
@@ -8,33 +8,33 @@ from bridge.wire.messages import Status
 
 log = logging.getLogger(__name__)
 
-#: in the events of every device while the estimator does not keep up, with the seconds; in the ward's counts for ever
+#: event of every device while the estimator is overloaded, with the seconds; remains in the ward's counts
 OVERLOADED = "estimator overloaded"
-#: in the events of every device while the store cannot be written
+#: event of every device while the store cannot be written
 UNKEPT = "store does not work"
-#: the estimator does not keep up when its loop is busier than this share of the time, or messages wait for longer than this ...
+#: overloaded when the loop is busier than this share of the time, or messages wait longer than this ...
 BUSY, WAITED_S = 0.95, 1.0
-#: ... for so long without a break; it keeps up again after so long
+#: ... without a break for the first number of seconds; recovered after the second number of seconds
 PERSISTS_S, OVER_S = 5.0, 10.0
 _DO = "give it fewer devices or a lower rate, a faster machine, or a second estimator for a part of them"
 
 
 class Overload:
-    """Told how long the loop idled, looked at once a second; times are of a steady clock."""
+    """Overload detector: told of idle time, checked once a second. Times are of a steady clock."""
 
     def __init__(self, now: float) -> None:
         self._looked, self._idle_s = now, 0.0
         self._calm = self._last = now  # when it last kept up, and when it last did not
         self._began: float | None = None
-        #: the busy share of the time between the last two looks
+        #: busy share of the time between the last two checks
         self.busy = 0.0
 
     def idle(self, seconds: float) -> None:
-        """The loop had nothing to do for so long."""
+        """Add time in which the loop had nothing to do."""
         self._idle_s += seconds
 
     def look(self, now: float, *, waited_s: float) -> int:
-        """Seconds for which it has not kept up by now; 0 while it does. waited_s: how long the oldest messages have waited."""
+        """Seconds of overload so far; 0 while the estimator keeps up. waited_s: waiting time of the oldest messages."""
         passed_s, self._looked = now - self._looked, now
         if passed_s > 0:
             self.busy = min(max(1.0 - self._idle_s / passed_s, 0.0), 1.0)
@@ -57,12 +57,12 @@ class Overload:
 
 
 def found(statuses: Iterable[Status]) -> list[Sentence]:
-    """That the estimator does not keep up now, by its statuses, and what to do."""
+    """Overload notice with advice, if the statuses report an overloaded estimator; else empty."""
     seconds = max((status.events.get(OVERLOADED, 0) for status in statuses), default=0)
     return [Code.ESTIMATOR_OVERLOADED(duration_s=seconds)] if seconds else []
 
 
 def unkept(statuses: Iterable[Status]) -> list[Sentence]:
-    """That an estimator cannot write its store now, by its statuses."""
+    """Notice that an estimator cannot write its store, if the statuses report it; else empty."""
     devices = sum(UNKEPT in status.events for status in statuses)
     return [Code.STORE_FAILING(devices=devices)] if devices else []

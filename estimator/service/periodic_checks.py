@@ -1,4 +1,4 @@
-"""Once a second: checks the conservation law and notes the state for health and metrics."""
+"""Periodic checks, once a second: the conservation law, and the snapshot for health and metrics."""
 
 import logging
 
@@ -12,12 +12,12 @@ from estimator.service.replay_log import DONE
 
 log = logging.getLogger(__name__)
 
-#: totals are told no more often, s: seldom enough to be read
+#: shortest interval between log lines with totals, s
 TOLD_S = 10.0
 
 
 class PeriodicChecks:
-    """Counts what comes through the door, and holds it against what the devices made of it."""
+    """Compares the samples that came in with what the devices made of them, and notes the service's health."""
 
     def __init__(self, devices: DeviceRoster, counts: Tally, vitals: ServiceHealth) -> None:
         self._devices, self._counts, self._vitals = devices, counts, vitals
@@ -26,11 +26,11 @@ class PeriodicChecks:
         self._seen: dict[str, DeviceHealth] = {}
 
     def came(self, samples: int) -> None:
-        """So many samples came in."""
+        """Count samples that came in."""
         self._decoded += samples
 
     def check(self) -> None:
-        """Between two rounds: all that came is out, dropped, refused or waiting; else that is said, once, and counted."""
+        """Check the conservation law between two rounds; each new violation is counted, and logged once per device."""
         accounts = {name: _account(device) for name, device in self._devices.items()}
         counts = self._counts.as_dict()
         turned_away = counts.get(TOO_MANY, 0) + counts.get(DONE, 0)
@@ -42,17 +42,17 @@ class PeriodicChecks:
                 device.session.count_event(EVENT)
 
     def leave(self, device: str) -> None:
-        """A device goes; it was looked at just now."""
+        """Remove a device from the accounts; `check` must have run just before."""
         self._law.leave(device)
 
     def see(self, device: Device) -> None:
-        """One that was looked after just now, and has been announced."""
+        """Note the health of a device that has a published status."""
         if device.latest is not None:
             nis, violations = device.session.tracker.doubt.consistency.nis, self._law.violations.get(device.name, 0)
             self._seen[device.name] = DeviceHealth(device.latest, nis, device.delay(), violations)
 
     def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float) -> None:
-        """Tell the vitals; of devices as each was seen last, unless it was forgotten."""
+        """Publish the health snapshot, with the last noted health of every device still in the roster."""
         devices = {name: seen for name, seen in self._seen.items() if name in self._devices}
         self._seen = dict(devices)
         violations = sum(self._law.violations.values())
@@ -68,14 +68,14 @@ def _account(device: Device) -> SampleAccount:
 
 
 class Totals:
-    """Tells counts; times are monotonic seconds."""
+    """Log lines with total counts; times are monotonic seconds."""
 
     def __init__(self) -> None:
         self._told: dict[str, int] = {}
         self._next_s = float("-inf")
 
     def tell(self, now: float, counts: dict[str, int], *, last: bool = False) -> None:
-        """Log them if they changed since they were told."""
+        """Log the counts if they changed since the last log line, at most every TOLD_S unless `last`."""
         if counts == self._told or (now < self._next_s and not last):
             return
         self._told, self._next_s = counts, now + TOLD_S

@@ -1,7 +1,8 @@
-"""What the bridges' liveliness tokens say of devices: a hint, settled by boot. Samples that come are the proof.
+"""Presence of devices and bridges by liveliness tokens: a hint, kept per boot. Only samples are proof.
 
-Tokens travel apart from samples and may overtake them, or come late: the death of one boot's token says nothing of another
-boot, and a birth brings nobody back. Changes come on a thread of the bus and are taken in by the service's own.
+Tokens travel apart from samples and may overtake them or come late. So the death of one boot's token says nothing of
+another boot, and a birth revives no device. Changes arrive on a thread of the bus and are processed by the service's
+own.
 """
 
 from collections import deque
@@ -11,7 +12,7 @@ from bridge.reasons.codes import Code, Sentences
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal, Tally
 
-#: seconds a token must be dead, and its bridge alive, to mean anything: where the router changes all die and are born again
+#: time a token must be dead and its bridge alive to mean anything, s: a router change kills and revives all tokens
 SETTLED_S = 0.5
 MAX_NAMES, MAX_BOOTS, _MAX_WAITING = 8192, 8, 65536
 
@@ -24,7 +25,7 @@ class _Token:
 
 @dataclass(slots=True)
 class _Known:
-    """Tokens by name, a bounded number, the one changed longest ago is forgotten."""
+    """Bounded number of tokens by name; the token that changed longest ago is dropped first."""
 
     room: int
     tokens: dict[str, _Token] = field(default_factory=dict)
@@ -47,11 +48,11 @@ class Presence:
         self._forgot = False
 
     def change(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
-        """A token was born or has died; called on a thread of the bus."""
+        """Queue the birth or death of a token; called on a thread of the bus."""
         self._waiting.append((key, alive))
 
     def note(self, now: float) -> None:
-        """Take in what has changed."""
+        """Process the queued changes."""
         while self._waiting:
             name, alive = self._waiting.popleft()
             try:
@@ -68,14 +69,14 @@ class Presence:
                 self._devices.setdefault(key.device, _Known(MAX_BOOTS)).note(key.ids["boot"], token)
 
     def forget(self) -> None:
-        """The router is gone, and every token with it: that says nothing of anybody."""
+        """Forget all tokens: they vanish with the router, which says nothing about devices."""
         self._forgot = True
         self._waiting.clear()
         self._bridges.tokens.clear()
         self._devices.clear()
 
     def gone(self, device: str, boot: int, bridge: str, now: float) -> bool:
-        """Whether the bridge, which is there, has taken back the token of this very boot."""
+        """Whether a live bridge has withdrawn the token of exactly this boot."""
         token, there = self._boot(device, boot), self._bridges.tokens.get(bridge)
         return (
             token is not None
@@ -86,12 +87,12 @@ class Presence:
         )
 
     def heard(self, device: str, boot: int, bridge: str) -> bool:
-        """Whether the bridge is there, and says that it hears this very boot."""
+        """Whether a live bridge states that it hears exactly this boot."""
         token, there = self._boot(device, boot), self._bridges.tokens.get(bridge)
         return token is not None and there is not None and token.alive and there.alive
 
     def why(self, device: str, boot: int, bridge: str) -> Sentences:
-        """What is known of why nothing comes; empty when nothing is."""
+        """Known reasons why nothing arrives from a device; empty if there are none."""
         there, token = self._bridges.tokens.get(bridge), self._boot(device, boot)
         if there is not None and not there.alive:
             return (Code.BRIDGE_GONE(bridge=bridge),)

@@ -1,4 +1,4 @@
-"""Files of a ward that other users of the machine can read: they show how patients move, and who may command."""
+"""Find a ward's files that other users of the machine can read: they show how patients move, and who may command."""
 
 import stat
 from collections.abc import Iterable, Iterator
@@ -10,7 +10,7 @@ _READ, _ENTER = stat.S_IROTH, stat.S_IXOTH
 
 
 def exposed(file: Path, ward: Ward) -> list[Path]:
-    """A ward's file with password hashes, its store, backups and recordings, as far as others can read them."""
+    """Ward file with password hashes, store, backups and recordings, as far as other users can read them."""
     folders, files = list[Path](), list[Path]()
     if ward.dashboard.people:
         files.append(file)
@@ -41,7 +41,7 @@ def _below(folder: Path, pattern: str) -> Iterator[Path]:
 
 
 def _open_to_others(path: Path) -> bool:
-    """Whether others may read a file, and enter every folder on the way to it."""
+    """Whether other users may read a file and enter every folder on its path."""
     try:
         real = path.resolve(strict=True)
         modes = [folder.stat().st_mode for folder in real.parents]

@@ -1,4 +1,4 @@
-"""Quotas: each device's messages wait in a queue of their own, so that a device that floods the bus delays no other. Pure."""
+"""Quotas: each device's messages wait in their own queue, so that a flooding device delays no other. Pure."""
 
 import time
 from collections import Counter, deque
@@ -6,18 +6,18 @@ from collections.abc import Callable, Collection, Sequence
 
 from bridge.bus.contract import Message
 
-#: messages and bytes of one device that may wait; a bridge keeps fewer messages of a device in its cache
+#: most messages and bytes of one device that may wait; a bridge caches fewer messages of a device
 QUOTA, QUOTA_BYTES = 4096, 4 * 2**20
-#: messages and bytes of one device in a round; what is above them waits for the next round
+#: most messages and bytes of one device in a round; more wait for the next round
 SHARE, SHARE_BYTES = 32, 32 * 2**10
-#: messages in a round, about: an estimator speaks to the others between two rounds
+#: approximate messages in a round: an estimator speaks to the other estimators between two rounds
 ROUND = 1024
 #: messages of a device above its quota are counted under this name
 FLOODED = "messages flooded"
 
 
 class _Queue:
-    """The messages of one device that wait, each with its arrival time, s."""
+    """Waiting messages of one device, each with its arrival time in s."""
 
     def __init__(self) -> None:
         self.waiting: deque[tuple[float, Message]] = deque()
@@ -40,7 +40,7 @@ class _Queue:
         return message
 
     def share(self) -> list[Message]:
-        """The messages of one round, oldest first: at least one."""
+        """Take the messages of one round, oldest first: at least one."""
         taken = [self.pop()]
         left = SHARE_BYTES - len(taken[0].payload)
         while self.waiting and len(taken) < SHARE and (left := left - len(self.waiting[0][1].payload)) >= 0:
@@ -49,7 +49,7 @@ class _Queue:
 
 
 class Quotas:
-    """Messages by key, in and out in rounds; each key keeps its order.
+    """Fair queue of messages by key, emptied in rounds; each key keeps its order.
 
     dropped(key, messages) is called with the number of messages that exceeded the quota of a key.
     """
@@ -65,12 +65,12 @@ class Quotas:
         return key in self._queues
 
     def typical_wait_s(self, devices: int) -> float:
-        """How long the oldest message of the median one of so many devices has waited, s: one that floods is no overload."""
+        """Waiting time of the median device's oldest message, s. The median, as one flooding device is no overload."""
         waits = sorted((self._clock() - queue.waiting[0][0] for queue in self._queues.values()), reverse=True)
         return waits[devices // 2] if len(waits) > devices // 2 else 0.0
 
     def round(self, messages: Sequence[Message]) -> list[Message]:
-        """Put messages in; returns those whose turn it is, at most a share of each key."""
+        """Queue messages; returns the messages of this round, at most one share of each key."""
         if not self._queues and _ordinary(messages):
             return list(messages)
         now = self._clock()
@@ -83,18 +83,18 @@ class Quotas:
         for key in list(self._queues):
             if len(taken) >= ROUND:
                 break
-            queue = self._queues.pop(key)  # and to the end: in the next round it is the turn of those after it
+            queue = self._queues.pop(key)  # moves to the end: the next round begins with the keys after it
             taken += queue.share()
             if queue.waiting:
                 self._queues[key] = queue
         return taken
 
     def devices(self) -> set[str]:
-        """Devices of which messages wait."""
+        """Devices with waiting messages."""
         return {_device(key) for key in self._queues}
 
     def drop(self, devices: Collection[str]) -> None:
-        """Take out all messages of some devices, by whichever bridges."""
+        """Discard all messages of some devices, from any bridge."""
         self._queues = {key: queue for key, queue in self._queues.items() if _device(key) not in devices}
 
 
@@ -103,7 +103,7 @@ def _device(key: str) -> str:
 
 
 def _ordinary(messages: Sequence[Message]) -> bool:
-    """Whether no key has more than its share of messages, none of them large, and a round holds all."""
+    """Whether all messages fit in one round: no key exceeds its share, and no message is large."""
     if len(messages) > ROUND:
         return False
     if len(messages) > SHARE and max(Counter(message.key for message in messages).values()) > SHARE:

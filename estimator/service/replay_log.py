@@ -1,4 +1,4 @@
-"""Samples that are received again: the backlog of a device that is taken over, and what was corrected before a restart. Pure."""
+"""Replayed samples: the backlog of a device taken over, and samples corrected before a restart. Pure."""
 
 from collections import Counter, deque
 from collections.abc import Collection, Mapping, Sequence
@@ -9,34 +9,34 @@ from bridge.bus.contract import Message
 from bridge.wire import columns_pb2 as columns
 from estimator.samples.sample_buffer import Samples
 
-#: longer than a checkpoint is old plus the time in which a dead estimator is noticed, s
+#: how long messages are kept, s: more than the age of a checkpoint plus the time to notice a dead estimator
 REPLAY_S = 10.0
-#: samples of one message of a backlog
+#: most samples merged into one message of a backlog
 MERGED = 512
-#: bytes of all messages, and of one device's: one that floods leaves room for the others
+#: most bytes of all messages, and of one device's, so that a flooding device leaves room for others
 REPLAY_BYTES, DEVICE_BYTES = 64 * 2**20, 4 * 2**20
 #: samples corrected before the restart are counted under this name
 DONE = "samples corrected before the restart"
-#: longer than a bridge's cache goes back, and than it takes to come, s
+#: how long replayed samples may arrive after a restart, s: more than a bridge's cache holds and takes to arrive
 LASTS_S = 60.0
-#: the last seconds are published again: a line may have been dead for so long before that was noticed, s
+#: span published again, s: a network cut may have lasted this long before it was noticed
 OVERLAP_S = 5.0
 
-#: of a device: boot, sequence number and host time, ns, up to which it was corrected; the bridge that it was heard from
+#: progress of a device: boot, sequence number and host time, ns, of its last correction; and its bridge
 Reached = tuple[int, int, int, str]
 
 
 class ReplayLog:
-    """The last messages of all devices, with their devices, in the order in which they came; `now` is monotonic seconds."""
+    """Recent messages of all devices, in order of arrival; `now` is monotonic seconds."""
 
     def __init__(self) -> None:
-        self._order: deque[tuple[float, str]] = deque()  # when each message came, and of which device
+        self._order: deque[tuple[float, str]] = deque()  # arrival time and device of each message
         self._kept: dict[str, deque[Message]] = {}
         self._sizes = Counter[str]()
         self._size = 0
 
     def add(self, device: str, message: Message, now: float) -> None:
-        """Keep a message, unless its device has more than its share already."""
+        """Keep a message, unless its device has used up its share already."""
         size = len(message.payload)
         if self._sizes[device] + size > DEVICE_BYTES:
             return
@@ -47,7 +47,7 @@ class ReplayLog:
         self.tidy(now)
 
     def tidy(self, now: float) -> None:
-        """Forget what is too old or too much, oldest first."""
+        """Drop messages that are too old or exceed the size limit, oldest first."""
         order = self._order
         while order and (order[0][0] < now - REPLAY_S or self._size > REPLAY_BYTES):
             _, device = order.popleft()
@@ -58,22 +58,22 @@ class ReplayLog:
                 del self._kept[device], self._sizes[device]
 
     def devices(self) -> set[str]:
-        """Devices of which anything is kept."""
+        """Devices with kept messages."""
         return set(self._kept)
 
     def of(self, devices: Collection[str]) -> dict[str, list[Message]]:
-        """The messages of some devices, each in its order."""
+        """Kept messages of some devices, each device's in order."""
         return {device: list(self._kept.get(device, ())) for device in devices}
 
 
 class Resumed:
-    """Knows how far each device was; `now` is monotonic seconds."""
+    """Progress of each device before a restart; `now` is monotonic seconds."""
 
     def __init__(self, reached: Mapping[str, Reached], now: float) -> None:
         self._reached, self._until = dict(reached), now + LASTS_S
 
     def lasts(self, now: float) -> bool:
-        """Whether any may still come."""
+        """Whether replayed samples may still arrive."""
         if self._reached and now >= self._until:
             self._reached = {}
         return bool(self._reached)
@@ -85,17 +85,17 @@ class Resumed:
         return samples.boot == boot and samples.sequence + samples.n <= following and before
 
     def bridge(self, device: str, came_ns: int) -> str:
-        """The bridge that a device was heard from before the restart, for samples received before it; empty where unknown."""
+        """Bridge a device was heard from before the restart, for samples received before it; empty where unknown."""
         found = self._reached.get(device)
         return "" if found is None or came_ns > found[2] else found[3]
 
 
 def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:
-    """What is left to be corrected of a device whose session has come to this number of a boot, in few large messages."""
+    """Messages that a session at number `following` of a boot still needs, merged into few large ones."""
     left = [(message, _read(message)) for message in messages]
     ends = {n: _end(raw) for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot}
     last = max((n for n, end in ends.items() if end <= following), default=-1)
-    # A second bridge may repeat later what the first one said: what is new before that is kept.
+    # A second bridge may repeat the first one's samples later, so new samples before the repeat are kept.
     return _merged([one for n, one in enumerate(left) if n > last or ends.get(n, 0) > following])
 
 
@@ -106,7 +106,7 @@ def _read(message: Message) -> columns.SampleBatch | None:
     try:
         return columns.SampleBatch.FromString(message.payload)
     except (DecodeError, UnicodeDecodeError, RuntimeWarning):
-        return None  # refused at the door, and counted
+        return None  # refused and counted by the decoder
 
 
 def _end(raw: columns.SampleBatch) -> int:
@@ -114,7 +114,7 @@ def _end(raw: columns.SampleBatch) -> int:
 
 
 def _merged(left: Sequence[_Left]) -> list[Message]:
-    """Messages that go on where the one before ended, as one: a message costs as much as a hundred samples."""
+    """Merge consecutive messages into one, since a message costs as much as a hundred samples."""
     merged: list[Message] = []
     group: list[columns.SampleBatch] = []
     for message, raw in (*left, (None, None)):

@@ -1,19 +1,20 @@
-"""What of a device's past is forgotten, and when. The SQL of it; `Store.thin` executes it.
+"""Retention of a device's past: SQL that deletes old rows. `Store.thin` executes it.
 
-A point of bias history a minute is some 500,000 a year and device; a device that reboots every minute makes as many boots.
+One point of bias history a minute makes some 500,000 a year and device. A device that reboots every minute makes as
+many boots.
 """
 
 # ruff: noqa: S608 - our own words
 
-#: boots, and points of each from its first on, that a temperature law is learnt from
+#: number of boots that teach a temperature law, and of points from the start of each boot
 BOOTS, POINTS = 8, 300
 HOUR_NS, DAY_NS = 3600 * 10**9, 86400 * 10**9
-#: a point of bias history that is older is kept only if it is the last of its hour; older still, the last of its day
+#: an older point of bias history is kept only if it is the last of its hour; beyond the second age, of its day
 ALL_NS, HOURLY_NS = 7 * DAY_NS, 90 * DAY_NS
-#: the newest boots of a device are kept, and lines of its audit
+#: number of newest boots kept per device, and of newest lines of its audit
 KEPT_BOOTS, KEPT_AUDIT = 1000, 10_000
 
-#: boots that a law may be learnt from; one more than it takes, for the present boot has no part in it
+#: boots that may teach a law; one more than the law uses, since the present boot does not count
 _TEACHING = f"""
 SELECT boot FROM (
     SELECT boot, row_number() OVER (PARTITION BY model, firmware, gyro_range ORDER BY number DESC) AS nth

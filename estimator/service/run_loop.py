@@ -1,4 +1,4 @@
-"""The run loop: the only thread that touches sessions and store, between the bus and the pure cores."""
+"""Run loop of the estimator: the only thread that touches sessions and store, between the bus and the pure cores."""
 
 import logging
 import math
@@ -49,22 +49,22 @@ from estimator.service.window_views import WindowViews
 log = logging.getLogger(__name__)
 
 STATUS_S = 1.0
-#: messages that the bus keeps for us, and that are read in a round
+#: most messages that the bus queues for us, and that are read in one round
 QUEUE = 65536
-#: what was learnt and what is due once a second is seen to for so long in a round, s: samples do not wait for all devices
+#: longest time per round for learning and once-a-second work, s, so that samples do not wait for all devices
 WORK_S = 0.01
-#: a round that takes longer is held against nobody
+#: a round longer than this is not counted as silence of any device, s
 SLOW_S = 0.5
-#: how long the last samples are corrected after a stop was asked for
+#: how long the last samples are still corrected after a stop request, s
 DRAIN_S = 2.0
-#: messages of a device that an estimator asks bridges for where others are: a checkpoint is younger, 10 s of the usual 50 ms
+#: past messages per device requested from bridges beside other estimators: 10 s of 50 ms, more than a checkpoint's age
 PAST_IN_COMPANY = 200
-#: how long what was published of the rates of a device that has left us may still be asked for
+#: how long publishers of a device lost to another estimator stay open for late queries, s
 LINGER_S = 40.0
 
 
 class Service:
-    """A running estimator on a session of the bus.
+    """Running estimator on a session of the bus.
 
     peers: ids of other estimators of the ward that were seen already.
     """
@@ -123,13 +123,13 @@ class Service:
         self._quotas = Quotas(self._flooded, time.monotonic)
         self._overload = Overload(time.monotonic())
         self._lost = DeviceLoss(self._presence, self._gate, self._quotas, settings.silence_s)
-        #: devices with a block to be learnt from, and devices to be looked after this second, in their order
+        #: devices with a block to learn from, and devices due for the once-a-second work, in order
         self._to_learn, self._to_look = dict[str, None](), dict[str, None]()
         self._orders = CommandHandler(self._devices, self._record, self._gate, self._guarded, self.counts, now_ns)
         self._commands = Commands(self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status, self._looked = 0.0, time.monotonic()
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
-        # Beside others all of the past would keep us behind: they have corrected it.
+        # The full past would delay an estimator beside others, and they have corrected it.
         past = PAST_IN_COMPANY if peers else None
         self._raw = bus.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, most_past=past)
         self._cluster.on_token = self._raw.wake
@@ -143,7 +143,7 @@ class Service:
         ]
 
     def run(self, stop: threading.Event) -> None:
-        """Serve until stopped, then say goodbye: the last samples are corrected, the bias kept, the tokens taken back."""
+        """Serve until stopped; then correct the last samples, store the biases and withdraw the liveliness tokens."""
         log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store_path)
         while not stop.is_set():
             self.step(0.05)
@@ -171,7 +171,7 @@ class Service:
         log.info("estimator %s stopped", self.settings.id)
 
     def step(self, timeout_s: float) -> int:
-        """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
+        """Run one round: samples, commands and due work. Returns how many sample messages arrived or still wait."""
         waits = time.monotonic()
         hurry = len(self._quotas) > 0 or bool(self._to_learn) or bool(self._to_look)
         messages = self._raw.drain(QUEUE, 0.0 if hurry else timeout_s)
@@ -190,7 +190,7 @@ class Service:
         self._views.say(now)
         if now - began > SLOW_S:
             for device in self._devices.values():
-                # What came meanwhile still waits: our own slowness is nobody's silence. Nobody is heard later than now.
+                # Messages that arrived meanwhile still wait, so our own slowness is no silence. Never later than now.
                 device.heard = min(device.heard + now - began, now)
         if now >= self._next_status:
             self._next_status = now + STATUS_S
@@ -200,7 +200,7 @@ class Service:
         return len(messages) + len(self._quotas)
 
     def work(self, until: float = math.inf) -> None:
-        """Learn from blocks and look after devices, until a time; what is left waits for the next round."""
+        """Learn from blocks and do the devices' once-a-second work until a monotonic time; the rest waits."""
         for waiting, do in ((self._to_learn, self._learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:
@@ -212,12 +212,12 @@ class Service:
     # ---- several estimators ---------------------------------------------------------------------------------------
 
     def _ours(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
-        """Give up and take over devices; of the messages those of our devices, with the backlog of those taken over."""
+        """Give up and take over devices; returns the messages of our devices, with the backlog of new ones."""
         if lost := self._cluster.look(now, heard=bool(messages)):
             self._give_away(lost, now)
         if self._cluster.newcomer():
             for device in self._devices.values():
-                device.checkpoint_due = now  # it holds off until it has heard of all
+                device.checkpoint_due = now  # the newcomer holds off until it has heard of all devices
         for known in self._cluster.calibrated():
             self._adopt(known)
         ours, taken = self._cluster.sift(messages, now)
@@ -235,22 +235,22 @@ class Service:
         return ours
 
     def _give_away(self, names: list[str], now: float) -> None:
-        """Devices that another estimator has: it goes on from where we were."""
-        self._quotas.drop(names)  # they are in the replay log of whoever has the device
+        """Release devices taken by another estimator, which continues from our checkpoint."""
+        self._quotas.drop(names)  # the new owner has these messages in its replay log
         leaving = [device for name in names if (device := self._devices.get(name)) is not None]
         for device in leaving:
             self._missed.pop(device.name, None)
             self._intake.leave(device)
             self._learn(device)
             self._guarded(device, partial(self._record.checkpoint, device, now, force=True))
-        self._stock.check()  # while they are counted
+        self._stock.check()  # while the devices still count
         for device in leaving:
             self._stock.leave(device.name)
             del self._devices[device.name]
             self._left += [(now + LINGER_S, publisher) for publisher in device.leave()]
 
     def _take_over(self, name: str, now: float) -> None:
-        """Go on with a device where another estimator was; without its state it begins with its first sample, as any."""
+        """Take over a device from its checkpoint; without a usable one the device starts with its first sample."""
         known = self._cluster.replicas.of(name)
         if known is None or not known.state or not self._devices.room(now, 0):
             return
@@ -263,10 +263,10 @@ class Service:
             self._guarded(device, self._resume, device)
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:
-        """Whether a device goes on from a checkpoint; a damaged one changes nothing, and is counted."""
+        """Whether a device continues from a checkpoint; a damaged checkpoint changes nothing and is counted."""
         try:
             device.take_over(known)
-        except Exception as error:  # noqa: BLE001 - whoever made it may have said anything, and all devices are at stake
+        except Exception as error:  # noqa: BLE001 - a checkpoint may hold anything, and all devices are at stake
             log.warning("%s: its checkpoint is not used: %s", device.name, error)
             self.counts.add("checkpoint messages refused, damaged")
             return False
@@ -279,7 +279,7 @@ class Service:
             self._tell(device, outcome)
 
     def _made(self, name: str, now: float, began: float = 0.0) -> Device:
-        """A device that is ours; began: device time, s, if it is known when its boot begins."""
+        """Create a device owned by us. began: device time in s of the start of its boot, if known."""
         knobs, epoch = self._treatment.of(name), self._cluster.epoch(name)
         device = Device(self._bus, self.ward, name, knobs, self.settings.silence_s, now, epoch, began)
         if self._cluster.replicas.of(name) is not None:
@@ -287,7 +287,7 @@ class Service:
         return device
 
     def _adopt(self, known: Checkpoint) -> None:
-        """Another has calibrated it while neither heard of the other: its turns are not to be taken again."""
+        """Adopt a calibration that another estimator made during a network partition, so that no turns are repeated."""
         device, calibration = self._devices.get(known.device), calibrated(known)
         if device is None or calibration is None:
             return
@@ -300,7 +300,7 @@ class Service:
         if self._record.of_before(device, calibration):
             return
         if session.info is not None and changed(calibration, session.info, within_boot=True):
-            return  # it has been void since
+            return  # invalidated since then
 
         def adopted() -> None:
             device.repeated = None
@@ -314,7 +314,11 @@ class Service:
     # ---- what comes in --------------------------------------------------------------------------------------------
 
     def _newcomer(self, batch: Samples, now: float) -> Device | None:
-        """A device not known before: with the bridge another estimator heard it from, and from the first sample there is."""
+        """Create a device from its first batch; None where there is no room.
+
+        The bridge known to another estimator, or from before a restart, becomes the owner. Beside other estimators no
+        sample before this batch is waited for. A boot stopped in order is resumed.
+        """
         if not self._devices.room(now, batch.n):
             return None
         name = batch.device
@@ -366,7 +370,7 @@ class Service:
         if outcome.changed:
             device.say_status(self._now_ns())
             if device.session.learnt.turned:
-                self._cluster.tell(device)  # or nobody could say that they are lost with us
+                self._cluster.tell(device)  # the other estimators must know that turns would be lost with us
         if device.session.to_learn:
             self._to_learn[device.name] = None
 
@@ -382,8 +386,8 @@ class Service:
         if not connected:
             self._presence.forget()
         if self._router.look(now, connected=connected):
-            for device in self._devices.values():  # nothing can be heard: unknown, not lost
-                # Who was silent before is no more so by that, and no less.
+            for device in self._devices.values():  # the router is gone: unknown, not lost
+                # The outage neither ends nor extends the silence of a device that was silent before.
                 was_silent = now - device.heard > self.settings.silence_s + STATUS_S
                 device.heard = min(now, device.heard + now - self._looked) if was_silent else now
                 device.admission.source.hold(now)

@@ -1,4 +1,4 @@
-"""`truerate estimator serve`: a session on the bus, signals, and the wait for a router."""
+"""`truerate estimator serve`: start the estimator with its store, signals, and the wait for a router."""
 
 import gc
 import logging
@@ -23,14 +23,14 @@ from estimator.service.health import ServiceHealth
 
 log = logging.getLogger(__name__)
 
-#: objects made before Python looks for unreachable cycles among them: a round makes thousands, and none stays in a cycle
+#: allocations between garbage collections: a round makes thousands of objects, none of them in a cycle
 _CYCLES = 50_000
-#: what trackers and calibrations import when they begin
+#: modules that trackers and calibrations need when they start
 _LEARNING = ("filterpy.kalman", "scipy.linalg", "scipy.optimize", "scipy.spatial.transform", "scipy.special")
 
 
 def run(ward: Ward) -> None:
-    """Serve until SIGINT or SIGTERM; a missing router is waited for.
+    """Serve until SIGINT or SIGTERM; waits for a missing router.
 
     Raises StoreError where the store is not ours to use, and BusError where an estimator of this id runs already.
     """
@@ -44,14 +44,14 @@ def run(ward: Ward) -> None:
             try:
                 stack.enter_context(HealthServer(listening(ward.estimator.health), vitals.asked))
             except OSError:
-                _look_for_another(ward, ward.estimator.id, stop)  # which would be why
+                _look_for_another(ward, ward.estimator.id, stop)  # a second estimator would be the reason
                 raise
         routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
         try:
             stack.enter_context(owned(ward.estimator.store))
         except StoreError:
-            _look_for_another(ward, ward.estimator.id, stop)  # which would be why
-            stack.enter_context(owned(ward.estimator.store))  # it may just have been ending
+            _look_for_another(ward, ward.estimator.id, stop)  # a second estimator would be the reason
+            stack.enter_context(owned(ward.estimator.store))  # the other process may have been just ending
         database = Database(ward.estimator.store, patient=True, alone=True, backups=ward.estimator.backups)
         stack.callback(database.close)
         bus = wait_for_router(routers, stop, patient=True)
@@ -83,7 +83,7 @@ def run(ward: Ward) -> None:
 
 
 def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
-    """Raise BusError where an estimator of our own id is there already; a router that cannot be asked is no news now."""
+    """Raise BusError where an estimator with our own id runs already; an unreachable router is ignored here."""
     try:
         bus = wait_for_router(ward.bus.routers, stop, patient=False)
     except BusError:
@@ -94,7 +94,7 @@ def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
 
 
 def _load() -> Future[None]:
-    """Load the kernels on a thread, without which no sample is corrected, and then what is only learnt by."""
+    """Load the compiled kernels on a thread, then the modules for learning; returns the kernels' future."""
     loader = ThreadPoolExecutor(1, "load")
     kernels = loader.submit(ready)
     for part in _LEARNING:
@@ -104,7 +104,7 @@ def _load() -> Future[None]:
 
 
 def _load_service() -> None:
-    """Load the service while it is waited for what others say."""
+    """Import the service while waiting for messages of others."""
     import_module("estimator.service.run_loop")
 
 
@@ -115,5 +115,5 @@ def look_round(
     meanwhile: Callable[[], None] = lambda: None,
     another: Callable[[str], object] = lambda _: None,
 ) -> Declared:
-    """Watch the other estimators of the ward, another(id) is told of each; raises BusError when one has our own id."""
+    """Watch the ward's other estimators; calls another(id) for each. Raises BusError when one has our own id."""
     return claim_id(bus, ward, "estimator", own, another, meanwhile)

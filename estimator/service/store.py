@@ -1,7 +1,7 @@
-"""What the estimator keeps of a ward: calibrations, boots, biases and their history, and an audit of commands.
+"""Estimator store of a ward: calibrations, boots, biases with their history, and an audit of commands.
 
-Calibrations are appended and never changed. Of a boot only the latest bias is kept; old boots and old points of the bias
-history are thinned (`retention`).
+Calibrations are appended and never changed. Only the latest bias of a boot is kept. Old boots and old points of the
+bias history are thinned (`retention`).
 """
 
 import logging
@@ -29,31 +29,31 @@ __all__ = ["BOOTS", "POINTS", "REPEATED", "Before", "Store", "StoreError"]
 
 log = logging.getLogger(__name__)
 
-#: the audit's verb for a boot number that another power-up had before
+#: audit verb for a boot number that another power-up had before
 REPEATED = "boot number repeated"
-#: the order in which rows were written, the latest first: a clock may have been wrong
+#: order of writing, latest first, since a clock may have been wrong
 _LATEST_FIRST = "number DESC"
-#: how many calibrations of a device are looked at first: most often the latest is the one
+#: number of calibrations read first: most often the latest one fits
 _FEW = 8
-#: a second boot of the same number keeps what was not known of its device
+#: on a repeated boot, only unknown properties of its device are filled in
 _FILLED = ", ".join(f"{name} = iif({name}, {name}, excluded.{name})" for name in ("gyro_range", "rate_hz"))
 _FILLED += "".join(f", {name} = iif({name} = '', excluded.{name}, {name})" for name in ("model", "firmware"))
 _ONE_OF_BOOT = "ON CONFLICT (device, boot) DO UPDATE SET"
 
 
 class Before(NamedTuple):
-    """Of calibrations under a boot number those of an earlier power-up, and when that was seen; None where it was not."""
+    """Calibrations of an earlier power-up under the same boot number: their ids, and when that was seen, or None."""
 
     ids: frozenset[str]
     seen_ns: int | None
 
     def has(self, calibration: Calibration) -> bool:
-        """Whether it is one of them, as far as one knows."""
+        """Whether a calibration belongs to the earlier power-up, as far as known."""
         return calibration.id in self.ids or (self.seen_ns is not None and calibration.time_ns < self.seen_ns)
 
 
 class _Kept(msgspec.Struct):
-    """A bias as it is stored: see `Store.save_bias`."""
+    """Stored bias of a boot: see `Store.save_bias`."""
 
     x: list[float]
     P: list[list[float]]
@@ -66,7 +66,7 @@ class _Kept(msgspec.Struct):
     asked: tuple[str, str] | None
     reached: tuple[int, int] | None
     bridge: str
-    #: the whole session, of an estimator that was stopped in order; empty where the bias is all there is
+    #: the whole session of an estimator that was stopped in order; empty where only the bias is stored
     session: bytes = b""
 
     def state(self) -> BiasState:
@@ -75,29 +75,29 @@ class _Kept(msgspec.Struct):
 
 
 class Store:
-    """One open store. `add_…`, `save_…`, `repeat` and `thin` are for the thread that writes, all else for any."""
+    """Open store. Only the writing thread calls `add_…`, `save_…`, `repeat` and `thin`; any thread may call the rest."""
 
     def __init__(self, path: Path | str | Database, *, patient: bool = False) -> None:
         self.database = path if isinstance(path, Database) else Database(path, patient=patient)
 
     @classmethod
     def reading(cls, path: Path | str) -> Self:
-        """A store to be read only, in use by an estimator or not."""
+        """Open a store for reading only, whether or not an estimator uses it."""
         return cls(Database.reading(path))
 
     @property
     def path(self) -> str:
-        """The file."""
+        """Path of the database file."""
         return self.database.path
 
     def close(self) -> None:
-        """Close; what was written is on disk already."""
+        """Close the store; all writes are on disk already."""
         self.database.close()
 
     # ---- what is kept -----------------------------------------------------------------------------------------------
 
     def add_calibration(self, c: Calibration) -> None:
-        """Append an accepted calibration; the same again changes nothing."""
+        """Append an accepted calibration; a repeat changes nothing. Raises ValueError for another verdict."""
         if c.verdict is not Verdict.ACCEPTED:
             raise ValueError(f"a calibration with verdict {c.verdict.name} is not stored")
         row: Row = {"id": c.id, "device": c.device, "boot": keys.boot_id(c.boot), "time_ns": c.time_ns}
@@ -112,7 +112,7 @@ class Store:
         self.database.insert("calibrations", row, "ON CONFLICT (id) DO NOTHING")
 
     def add_boot(self, info: DeviceInfo, time_ns: int) -> None:
-        """Note a boot; the same boot again changes nothing but what was not known of its device."""
+        """Add a boot; a repeat only fills in unknown properties of its device."""
         row: Row = {"device": info.device, "boot": keys.boot_id(info.boot), "time_ns": time_ns}
         row |= {"cause": BootCause(info.boot_cause).name, **restore_key(info)}
         self.database.insert("boots", row, f"{_ONE_OF_BOOT} {_FILLED}")
@@ -132,12 +132,13 @@ class Store:
         bridge: str = "",
         session: bytes = b"",
     ) -> None:
-        """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
+        """Store the latest bias of a boot for a restart; with `history` also as a point of the bias history.
 
-        doubted, asked: see Remembered; calibration: the one in use then; reached: see Learnt, of one that is not being turned;
-        bridge: the one the device is heard from; session: see DeviceSession.state.
+        doubted, asked: see PriorKnowledge. calibration: id of the one in use. reached: sequence number and host time of
+        the last sample the bias knows of, None while the device is being turned. bridge: the one the device is heard
+        from. session: see DeviceSession.state.
         """
-        # A restored tracker begins anew with all but the filter's own states.
+        # A restored tracker starts anew with all states except the filter's own.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
         at = float(state.time), float(state.temperature_c), float(state.powered)
         kept = _Kept(x, P, *at, float(state.lag_k), doubted, calibration, asked, reached, bridge, session)
@@ -147,11 +148,11 @@ class Store:
                 row: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns}
                 for axis, name in enumerate("xyz"):
                     row |= {name: float(state.bias[axis]), f"{name}_std": float(state.std[axis])}
-                celsius = float(state.temperature_c)  # SQLite makes NULL of NaN
+                celsius = float(state.temperature_c)  # SQLite stores NaN as NULL
                 self.database.insert("bias_history", row | {"temperature_c": celsius})
 
     def save_epoch(self, epoch: int) -> None:
-        """Keep the highest epoch that is known."""
+        """Store the highest known epoch."""
         row: Row = {"number": 1, "epoch": epoch}
         self.database.insert("epochs", row, "ON CONFLICT DO UPDATE SET epoch = excluded.epoch")
 
@@ -167,14 +168,14 @@ class Store:
         *,
         accepted: bool,
     ) -> None:
-        """Append what was asked of the estimator, or what it refused, and what came of it."""
+        """Append a request to the estimator, or its refusal of a calibration, with the outcome, to the audit."""
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
         self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": _written(message)})
 
     def repeat(self, device: str, boot: int, time_ns: int, made: Iterable[str] = ()) -> None:
-        """Another power-up came under a boot number: the calibrations and the bias kept so far are not of this one.
+        """Note that another power-up has this boot number: stored calibrations and bias belong to the earlier one.
 
-        made: ids of calibrations of the one before that are still to be kept.
+        made: ids of calibrations of the earlier power-up that are still to be written.
         """
         name = keys.boot_id(boot)
         message = _written((Code.BOOT_NUMBER_REPEATED(),))
@@ -203,7 +204,7 @@ class Store:
         self.database.insert("bias", row, filled)
 
     def thin(self, device: str, now_ns: int) -> None:
-        """Forget what need not be kept any more of a device's past: see retention."""
+        """Delete the old rows of a device: see retention."""
         with self.database.transaction():
             for statement in THIN:
                 self.database.execute(statement, {"device": device, "now_ns": now_ns})
@@ -211,29 +212,29 @@ class Store:
     # ---- what is known ----------------------------------------------------------------------------------------------
 
     def devices(self) -> list[str]:
-        """Every device of which something is kept."""
+        """Every device with any stored data."""
         tables = ("boots", "calibrations", "bias", "audit")
         found = self.database.select(" UNION ".join(f"SELECT device FROM {table}" for table in tables))  # noqa: S608 - our own words
         return sorted(row["device"] for row in found)
 
     def calibrated_devices(self) -> set[str]:
-        """Every device that has a calibration here."""
+        """Every device with a stored calibration."""
         return {row["device"] for row in self.database.select("SELECT DISTINCT device FROM calibrations")}
 
     def boots(self, device: str, most: int) -> list[int]:
-        """Its latest boots, in the order in which they were heard."""
+        """Latest boots of a device, at most `most`, oldest first."""
         rows = self.database.rows("boots", "device = ?", (device,), _LATEST_FIRST, most)
         return [int(row["boot"], 16) for row in reversed(rows)]
 
     def answer(self, device: str, verb: str, request_id: str) -> tuple[bool, Sentences] | None:
-        """Whether a command that came before was accepted, and what it was answered."""
+        """Outcome of an earlier command: whether it was accepted, and its reply; None if it is new."""
         values = device, request_id, verb
         for row in self.database.rows("audit", "device = ? AND request_id = ? AND verb = ?", values, limit=1):
             return bool(row["accepted"]), read_sentences(row["message"])
         return None
 
     def recall(self, device: str, boot: int, now_ns: int) -> PriorKnowledge | None:
-        """The calibration of this very boot, if it has one, with the bias since, and its age at now_ns."""
+        """Calibration of this boot, if any, with the bias since then and its age at now_ns; None if neither is stored."""
         calibration = self.calibrated(device, boot)
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
             if (kept := _kept(row)) is not None:
@@ -245,35 +246,35 @@ class Store:
         return None if calibration is None else PriorKnowledge(calibration, None)
 
     def session(self, device: str, boot: int) -> tuple[bytes, str]:
-        """The whole session of this very boot, as an estimator stopped in order left it, and the bridge it was heard from."""
+        """Whole session of this boot, left by an estimator stopped in order, and its bridge; empty where not stored."""
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
             if (kept := _kept(row)) is not None:
                 return kept.session, kept.bridge
         return b"", ""
 
     def calibrated(self, device: str, boot: int) -> Calibration | None:
-        """The calibration of this very boot."""
+        """Latest calibration of this boot, or None."""
         made = self.of_boot(device, boot)
         return made[-1] if made else None
 
     def of_boot(self, device: str, boot: int) -> list[Calibration]:
-        """All calibrations of this very boot, in the order in which they were kept."""
+        """All calibrations of this boot, in order of writing, without those of an earlier power-up."""
         before = self.made_before(device, boot)
         rows = self.database.rows("calibrations", "device = ? AND boot = ?", (device, keys.boot_id(boot)))
         return _calibrations(row for row in rows if row["id"] not in before.ids)
 
     def made_before(self, device: str, boot: int) -> Before:
-        """Of calibrations under this boot number those of an earlier power-up."""
+        """Calibrations under this boot number that belong to an earlier power-up."""
         values = device, _repeated(device, boot), REPEATED
         repeats = self.database.rows("audit", "device = ? AND request_id = ? AND verb = ?", values)
         ids = frozenset(made for row in repeats for made in row["reason"].split())
         return Before(ids, max((row["time_ns"] for row in repeats), default=None))
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
-        """By device boot, sequence number and host time of the last sample that its latest bias knows of, if kept since then.
+        """Last sample known to the latest stored bias, by device: boot, sequence number, host time in ns, and bridge.
 
-        And the bridge that it came from, empty where that is not known. Without devices of which a calibration was under way:
-        what bridges still keep may hold its turns.
+        The bridge is empty where unknown. Only biases stored since since_ns count. Devices with a running calibration
+        are left out: the bridges' caches may hold its turns.
         """
         found: dict[str, tuple[int, int, int, str]] = {}
         for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
@@ -284,16 +285,19 @@ class Store:
         return found
 
     def epoch(self) -> int:
-        """The highest epoch that was known; 0 where none was."""
+        """Highest stored epoch; 0 where none is stored."""
         return max((int(row["epoch"]) for row in self.database.rows("epochs")), default=0)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
-        """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""
+        """Latest calibration of an earlier boot with the same restore key, or None.
+
+        The key is device, model, firmware, range, and mostly rate.
+        """
         this = keys.boot_id(info.boot)
         return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
 
     def earlier(self, info: DeviceInfo) -> list[Calibration]:
-        """The last calibration of each of its latest earlier boots under the same restore key, oldest first."""
+        """Last calibration of each recent earlier boot with the same restore key, oldest first."""
         this, found = keys.boot_id(info.boot), dict[str, Row]()
         for row in self.database.rows("calibrations", "device = ?", (info.device,), _LATEST_FIRST, _FEW):
             if row["boot"] not in {this, *found} and not differing(row, info):
@@ -301,11 +305,11 @@ class Store:
         return _calibrations(reversed(found.values()))
 
     def latest(self, device: str) -> Calibration | None:
-        """The last calibration of a device, whatever it was then."""
+        """Latest calibration of a device, whatever its restore key."""
         return self._latest(device, lambda _: True)
 
     def points(self, info: DeviceInfo) -> list[Points]:
-        """The bias history of the latest earlier boots under the same restore key, where the temperature is known."""
+        """Bias history of the latest earlier boots with the same restore key, where the temperature is known."""
         this = keys.boot_id(info.boot)
         rows = self.database.rows("boots", "device = ?", (info.device,), _LATEST_FIRST)
         boots = [row for row in rows if row["boot"] != this and not differing(row, info)][:BOOTS]
@@ -337,28 +341,28 @@ def _calibrations(rows: Iterable[Row]) -> list[Calibration]:
         try:
             place = keys.build("store", "calibration", device=row["device"])
             found.append(codec.decode_calibration(place, row["payload"]))
-        except Refusal as refusal:  # of a truerate that took what this one does not
+        except Refusal as refusal:  # written by a truerate whose limits differ
             log.error("calibration %s of %s is not used: %s", row["id"], row["device"], refusal)
     return found
 
 
 def _written(sentences: Sentences) -> str:
-    """Sentences as a text column holds them: JSON."""
+    """Sentences as JSON for a text column."""
     return msgspec.json.encode(sentences).decode()
 
 
 def read_sentences(text: str) -> Sentences:
-    """The sentences of a text column."""
+    """Sentences from the JSON of a text column."""
     return msgspec.json.decode(text, type=Sentences)
 
 
 def _kept(row: dict[str, Any]) -> _Kept | None:
-    """What a row of `bias` holds; None where another power-up came under its boot number."""
+    """Content of a row of `bias`; None where another power-up used its boot number."""
     return msgspec.msgpack.decode(row["state"], type=_Kept) if row["state"] else None
 
 
 def _repeated(device: str, boot: int) -> str:
-    """The request id under which the audit has it."""
+    """Request id of a repeated boot number in the audit."""
     return f"{device} {keys.boot_id(boot)}"
 
 

@@ -1,8 +1,8 @@
-"""The store as the service uses it: no sample waits for the disk, and no failure of the disk stops the service.
+"""Store access of the service: no sample waits for the disk, and no disk failure stops the service.
 
-A calibration is published once it is on disk, or after half a second of a disk that fails. What cannot be written waits in
-memory and is tried again (`clerk`). What another estimator has said of a device it had is as good as what is kept here
-(`replicas`); `tell` says it of ours.
+A calibration is published once it is on disk, or after half a second of a failing disk. Writes that fail wait in memory
+and are tried again (`clerk`). Another estimator's statements on a device it owned count as much as what is stored here
+(`replicas`); `tell` publishes such statements on our devices.
 """
 
 import logging
@@ -26,20 +26,20 @@ from estimator.service.store_writer import StoreWriter
 log = logging.getLogger(__name__)
 
 CHECKPOINT_S, HISTORY_S = 5.0, 60.0
-#: how often a device's past is thinned, and whether a backup is due is looked up, s
+#: interval of thinning a device's past, and of checking whether a backup is due, s
 THIN_S, BACKUP_S = 86400.0, 3600.0
-#: the audit's verb for a device of which nothing known holds any more
+#: audit verb for a device whose earlier calibrations no longer apply
 SCRATCH = "from scratch"
-#: counted under this: what could not be kept at all
+#: writes that could not be stored at all are counted under this name
 NOT_KEPT = "writes to the store not kept"
-#: longer than a bridge keeps what it has sent
+#: longer than a bridge keeps the messages it has sent, ns
 CACHE_NS = 60_000_000_000
-#: how long a calibration, or the answer to a command, waits for the disk at most, s
+#: longest time that a calibration, or the answer to a command, waits for the disk, s
 HELD_S = 0.5
 
 
 class StoreAccess:
-    """What is kept of the ward's devices; no method raises StoreError. `highest`: the highest epoch that is known."""
+    """Stored knowledge of the ward's devices; no method raises StoreError. highest(): the highest known epoch."""
 
     def __init__(
         self,
@@ -55,14 +55,14 @@ class StoreAccess:
         self._replicas, self._tell, self._highest, self._guarded = replicas or Checkpoints(0), tell, highest, guarded
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or StoreWriter(store.database, thread=False)
-        #: calibrations that are not on disk yet, by id, in the order in which they were made
+        #: calibrations not on disk yet, by id, in order of creation
         self._pending: dict[str, Calibration] = {}
         self.earlier = EarlierBoots(store, self._replicas, self._clerk, now_ns, self._of_device)
-        self._counted = Counter[str]()  # of what the store counts, how many are in `counts`
-        self._epoch = 0  # the highest that is kept
+        self._counted = Counter[str]()  # how many of the store's own counts are in `counts` already
+        self._epoch = 0  # the highest epoch stored
         #: devices whose latest bias waits to be written
         self._noting = set[str]()
-        #: what is done at a time, monotonic s, at the latest: to publish a calibration, to answer a command
+        #: deadlines, monotonic s, with what is then done at the latest: publish a calibration, answer a command
         self._due: deque[tuple[float, Callable[[], None]]] = deque()
         self._next_backup = self._next_thin = float("-inf")
         self._to_thin: list[str] = []
@@ -75,28 +75,28 @@ class StoreAccess:
         return self._store.database.trouble
 
     def collect(self, now: float) -> None:
-        """What was written since is told; who waits for a disk that fails waits no longer."""
+        """Report finished writes, and release what has waited too long for a failing disk."""
         self._clerk.collect()
         while self._due and (self._due[0][0] <= now or self.trouble):
             _, do = self._due.popleft()
             do()
 
     def close(self) -> None:
-        """Have written what waits."""
+        """Write what waits, and stop the writer."""
         self._clerk.close()
 
     def tend(self, now: float) -> None:
-        """Once a second: count what failed, keep the highest epoch, and see to backups and old rows."""
+        """Once a second: count failures, store the highest epoch, and start due backups and thinning."""
         database = self._store.database
         for what, n in (("store failed", database.failures), ("damage in the store", len(database.notes))):
             if n > self._counted[what]:
                 self._counts.add(what, n - self._counted[what])
                 self._counted[what] = n
-        if self._looked:  # by now
+        if self._looked:  # the previous look has finished
             self._looked = False
             self._clerk.look_up(database.look, self._has_looked)
         epoch = self._highest()
-        if epoch != self._epoch or (self.trouble and self._clerk.idle):  # whether it works again is seen by writing
+        if epoch != self._epoch or (self.trouble and self._clerk.idle):  # only a write shows recovery
             self._epoch = epoch
             self._write(lambda: self._store.save_epoch(epoch))
         if now >= self._next_backup:
@@ -113,19 +113,19 @@ class StoreAccess:
         self._looked = True
 
     def knows(self, device: str) -> bool:
-        """Whether a calibration of a device was kept before this estimator started."""
+        """Whether a calibration of a device was stored before this estimator started."""
         return device in self._known
 
     # ---- calibrations -----------------------------------------------------------------------------------------------
 
     def recall(self, device: Device, boot: int) -> PriorKnowledge | None:
-        """What is known of this very boot, on disk or not yet."""
+        """Knowledge of exactly this boot, from disk, pending writes or other estimators; None if there is none."""
         if device.repeated == boot:
-            return None  # all of it is of another power-up
+            return None  # all of it belongs to another power-up
         said = self._replicas.calibration(device.name, boot)
         before = self._store.made_before(device.name, boot)
         if said is not None and before.has(said):
-            said = None  # who says so has not heard of it
+            said = None  # its sender has not heard of the repeated boot number
         pending = [c for c in self._of_device(device.name) if c.boot == boot]
         if pending and (said is None or said.id != pending[-1].id):
             return PriorKnowledge(pending[-1], None)
@@ -141,18 +141,18 @@ class StoreAccess:
             return None
         ours = self._store.recall(device.name, boot, self._now_ns())
         if before.seen_ns is not None and (ours is None or ours.calibration is None):
-            device.repeated = boot  # as before we were restarted: whoever has its calibration is to know
+            device.repeated = boot  # restores the state before our restart; an estimator with its calibration must know
         return ours
 
     def stopped(self, device: str, boot: int) -> Checkpoint | None:
-        """Where a device of this boot was when this estimator was stopped in order."""
+        """Checkpoint of a boot from when this estimator was stopped in order, or None."""
         state, bridge = self._store.session(device, boot)
         if not state:
             return None
         return Checkpoint(device, boot, 0, 0, bridge, self._store.calibrated(device, boot), state=state)
 
     def holds(self, device: Device, known: Checkpoint) -> bool:
-        """Whether a checkpoint of another estimator holds, by what is kept here; its calibration is kept, then."""
+        """Whether another estimator's checkpoint agrees with what is stored here; if so its calibration is stored."""
         if (said := calibrated(known)) is None:
             return True
         if self._store.made_before(device.name, known.boot).has(said) or self._later(said) is not None:
@@ -161,9 +161,10 @@ class StoreAccess:
         return True
 
     def calibration(self, device: Device, c: Calibration, now: float) -> None:
-        """Keep a calibration, and the bias with it, and then say it: who hears of one can rely on it, unless the disk fails.
+        """Store a new calibration with the bias, and publish it once on disk, or after HELD_S if the disk fails.
 
-        One that no subscriber would understand is neither kept nor said.
+        A calibration that subscribers could not decode is neither stored nor published. A rejected one goes to the
+        audit.
         """
         payload = codec.encode_calibration(replace(c, epoch=device.epoch))
         try:
@@ -177,7 +178,7 @@ class StoreAccess:
             device.hold(c.id, payload)
             self._due.append((now + HELD_S, partial(self._let_go, device, c.id)))
             self.keep(device, c)
-            device.recorded = float("-inf")  # a point of the history, too
+            device.recorded = float("-inf")  # forces a point of the bias history, too
             self.checkpoint(device, now, force=True)
         else:
             row = (self._now_ns(), c.device, "calibrate", c.id, c.who, c.verdict.name.lower(), c.reason)
@@ -185,7 +186,7 @@ class StoreAccess:
             device.say_calibration(c.id, payload)
 
     def keep(self, device: Device, c: Calibration) -> None:
-        """Keep a calibration, also another's, which may be gone for ever with it."""
+        """Store a calibration, also one of another estimator that may be gone for ever."""
         self._pending[c.id] = c
 
         def saved() -> None:
@@ -199,23 +200,23 @@ class StoreAccess:
             self._guarded(device, lambda: device.say_status(self._now_ns()))
 
     def _of_device(self, name: str) -> list[Calibration]:
-        """Calibrations of a device that are not on disk yet, in their order."""
+        """Calibrations of a device that are not on disk yet, in order."""
         return [c for c in self._pending.values() if c.device == name]
 
     def _later(self, said: Calibration) -> Calibration | None:
-        """One made here that has taken the place of what another still goes by, cut off then; by order, not by clocks."""
+        """Calibration made here that superseded the one a cut-off estimator still uses; by order, not by clocks."""
         made = self._store.of_boot(said.device, said.boot)
         return made[-1] if any(c.id == said.id for c in made[:-1]) else None
 
     # ---- boots ------------------------------------------------------------------------------------------------------
 
     def boot(self, info: DeviceInfo) -> None:
-        """Note a boot whose info is known."""
+        """Store a boot whose device info is known."""
         time_ns = self._now_ns()
         self._write(lambda: self._store.add_boot(info, time_ns))
 
     def started_over(self, info: DeviceInfo, why: Sentences) -> None:
-        """For the device's history, once a boot: from here on it is calibrated from scratch."""
+        """Note in the audit, once a boot, that the device is calibrated from scratch, and why."""
         request = keys.boot_id(info.boot)
         row = (self._now_ns(), info.device, SCRATCH, request, "estimator", "", why)
 
@@ -226,9 +227,10 @@ class StoreAccess:
         self._write(once)
 
     def repeat(self, device: Device, boot: int, *more: Calibration) -> None:
-        """Another power-up has this boot number, and is to be calibrated anew; more: of the one before, not kept yet.
+        """Note that another power-up has this boot number and needs a new calibration.
 
-        It is said at once: we could be killed, and whoever takes it over may have what was calibrated under that number.
+        more: unwritten calibrations of the earlier power-up. The other estimators are told at once: if we are killed,
+        one that takes the device over may have the old calibration under that number.
         """
         device.repeated = boot
         self._replicas.forget(device.name)
@@ -237,23 +239,26 @@ class StoreAccess:
         self._tell(device)
 
     def of_before(self, device: Device, calibration: Calibration) -> bool:
-        """Whether it may be of another power-up under the same boot number."""
+        """Whether a calibration may belong to another power-up under the same boot number."""
         before = self._store.made_before(device.name, calibration.boot)
         return device.repeated == calibration.boot if before.seen_ns is None else before.has(calibration)
 
     # ---- where it was -----------------------------------------------------------------------------------------------
 
     def reached(self) -> dict[str, tuple[int, int, int, str]]:
-        """See Store.reached: of what bridges may still have of before this estimator was started."""
+        """Last corrected samples by device, as far as bridges may still replay them. See Store.reached."""
         return self._store.reached(self._now_ns() - CACHE_NS)
 
     def epoch(self) -> int:
-        """The highest epoch that was known before this estimator was started."""
+        """Highest epoch known before this estimator started."""
         self._epoch = self._store.epoch()
         return self._epoch
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False, whole: bool = False) -> None:
-        """Every few seconds: the bias, where it is known; whole: the session with it, which nothing follows."""
+        """Every few seconds: publish a checkpoint and store the bias, where known.
+
+        whole: store the session with it, since no sample follows. force: do not wait for the next due time.
+        """
         if now < device.checkpoint_due and not force:
             return
         device.checkpoint_due = now + CHECKPOINT_S
@@ -262,7 +267,7 @@ class StoreAccess:
         state, boot = session.checkpoint(), session.boot
         if state is None or boot is None or (device.name in self._noting and not force):
             return
-        # Of one that is silent nothing new is known: a law would be taught the same point again and again.
+        # A silent device yields nothing new: its repeated point would bias the temperature law.
         history = now - device.recorded >= HISTORY_S and device.heard > device.recorded
         if history:
             device.recorded = now
@@ -287,7 +292,7 @@ class StoreAccess:
     # ---- commands ---------------------------------------------------------------------------------------------------
 
     def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
-        """What this very command was answered before, be it by an estimator that has been restarted since."""
+        """Reply to this command from an earlier execution, also by an estimator that has restarted since; else None."""
         for verb, reply in self._replicas.answers(key.device):
             if (verb, reply.request_id) == (key.ids["verb"], command.request_id):
                 return reply
@@ -297,9 +302,9 @@ class StoreAccess:
     def audit(
         self, device: Device, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
     ) -> None:
-        """What was asked for, and what came of it: said to the other estimators, and written, before it is answered.
+        """Record a command with its reply: tell the other estimators, and write it to the audit.
 
-        kept is called once it is on disk, or after half a second of a disk that fails.
+        kept is called once it is on disk, or after half a second of a failing disk.
         """
         self._replicas.answer(device.name, ((key.ids["verb"], reply),))
         self._tell(device)
@@ -311,7 +316,7 @@ class StoreAccess:
     # ---- what fails -------------------------------------------------------------------------------------------------
 
     def _write(self, write: Callable[[], None], then: Callable[[], None] = lambda: None, *, soon: bool = True) -> None:
-        """Have something written; then: what follows when it is on disk, or cannot ever be."""
+        """Queue a write; `then` is called when it is on disk, or can never be."""
 
         def done(error: StoreError | None) -> None:
             if error is not None and self._counts.add(NOT_KEPT) == 1:

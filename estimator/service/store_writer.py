@@ -1,7 +1,7 @@
-"""The thread that writes to the store, so that a slow disk delays no sample, and one for long reads.
+"""Writer thread of the store, so that a slow disk delays no sample; also for long reads.
 
-Writes are done in the order in which they are given. Where the disk fails they wait and are tried again. Reads wait for
-writes that are urgent.
+Writes are executed in the order given. Where the disk fails they wait and are tried again. Reads wait for urgent
+writes.
 """
 
 import logging
@@ -18,11 +18,11 @@ log = logging.getLogger(__name__)
 MOST = 10_000
 #: most writes in one transaction
 TOGETHER = 500
-#: how long a write that is not urgent waits for others, s: a transaction costs the disk as much for one as for hundreds
+#: how long a write that is not urgent waits for others, s: one transaction costs the same for one write or hundreds
 GATHER_S = 0.25
-#: how long after a failure of the disk it is tried again, s
+#: interval between retries after a failure of the disk, s
 RETRY_S = 5.0
-#: how long the last writes are waited for at the end, s
+#: longest wait for the last writes at the end, s
 PATIENCE_S = 10.0
 
 Write = Callable[[], None]
@@ -31,9 +31,9 @@ Done = Callable[[StoreError | None], None]
 
 
 class StoreWriter:
-    """Writes to a database until it is closed.
+    """Queue of writes to a database, executed until it is closed.
 
-    thread: whether on a thread of its own; else within `do`, and what failed again within `collect`.
+    thread: write on its own thread; else within `do`, with failed writes retried within `collect`.
     """
 
     def __init__(self, database: Database, *, thread: bool = True) -> None:
@@ -53,7 +53,7 @@ class StoreWriter:
         return not self._waiting
 
     def do(self, write: Write, done: Done = lambda _: None, *, soon: bool = True) -> None:
-        """Write, at once or together with others; `done` is called in `collect`, once it is on disk or cannot ever be."""
+        """Queue a write, urgent if `soon`. `done` is called in `collect`, once it is on disk or can never be."""
         with self._more:
             refused = self._closing or len(self._waiting) >= MOST
             if not refused:
@@ -67,7 +67,7 @@ class StoreWriter:
             self.collect()
 
     def look_up(self, read: Write, done: Done = lambda _: None) -> None:
-        """Read, or back up, on the store's thread; `done` is called in `collect`. After close nothing is read."""
+        """Queue a read or backup on the store's thread; `done` is called in `collect`. After close nothing is read."""
         if self._thread is None:
             done(_looked_up(read))
             return
@@ -76,7 +76,7 @@ class StoreWriter:
             self._more.notify()
 
     def collect(self) -> None:
-        """Call each `done` that is due, on the caller's thread."""
+        """Call each due `done` on the caller's thread."""
         if self._thread is None and self._waiting:
             self._write_all()
         while self._finished:
@@ -84,7 +84,7 @@ class StoreWriter:
             done(error)
 
     def close(self) -> None:
-        """Write what waits, for as long as anybody would wait for it, and end."""
+        """Execute the waiting writes for at most PATIENCE_S, then end; writes that remain are lost and logged."""
         with self._more:
             self._closing = True
             self._more.notify()
@@ -118,7 +118,7 @@ class StoreWriter:
                     self._more.wait_for(lambda: self._closing, timeout=RETRY_S)
 
     def _write_all(self) -> bool:
-        """Write what waits, a part at a time; whether the disk let us."""
+        """Execute the waiting writes in transactions; returns False when the disk fails."""
         while self._waiting:
             with self._more:
                 part = list(islice(self._waiting, TOGETHER))
@@ -134,7 +134,7 @@ class StoreWriter:
 
 
 def _tried(work: Write) -> StoreError | None:
-    """Why it failed by itself; what concerns the whole store is raised."""
+    """Run one write or read and return its own error; errors of the whole store are raised."""
     try:
         work()
     except (Damaged, Unavailable):

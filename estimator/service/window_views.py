@@ -1,4 +1,4 @@
-"""Window summaries for viewers, made for many devices at once, a few at a time."""
+"""Window summaries for viewers, computed for several devices at once."""
 
 import logging
 from collections import deque
@@ -11,15 +11,15 @@ from estimator.service.device import Device
 
 log = logging.getLogger(__name__)
 
-#: seconds of devices that are told at once, and how long a few of them wait for more, s
+#: most device seconds summarised at once, and how long fewer of them wait for more, s
 AT_ONCE, WAIT_S = 64, 0.2
-#: of more that wait the oldest are left out: who looks wants what is now
+#: most seconds that wait; beyond that the oldest are dropped, since viewers want the present
 MOST = 4096
 FAILED = "windows failed"
 
 
 class WindowViews:
-    """Takes seconds of devices and says them; `counts` are the ward's."""
+    """Queue of device seconds, published as window summaries; `counts` are the ward's."""
 
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
@@ -27,11 +27,11 @@ class WindowViews:
         self._said = float("-inf")
 
     def take(self, device: Device, seconds: Sequence[Second]) -> None:
-        """Seconds of a device that are over."""
+        """Queue the completed seconds of a device."""
         self._waiting.extend((device, second) for second in seconds)
 
     def say(self, now: float) -> None:
-        """Publish what is due, at `now` s of any steady clock."""
+        """Publish due summaries, at `now` s of any steady clock."""
         if not self._waiting or (len(self._waiting) < AT_ONCE and now - self._said < WAIT_S):
             return
         self._said = now
@@ -40,7 +40,7 @@ class WindowViews:
             for (device, _), batch in zip(due, windows([second for _, second in due]), strict=True):
                 device.say_windows(batch)
         except BusError:
-            raise  # the bus itself is gone: for all
-        except Exception:  # whatever it is: who only looks must not end what others rely on
+            raise  # a lost bus concerns all devices
+        except Exception:  # any failure is contained: viewers must not stop the correction
             if self._counts.add(FAILED, len(due)) == len(due):
                 log.exception("windows could not be made (more are only counted)")

@@ -1,4 +1,4 @@
-"""The dashboard: pure views of what the bus says, frames encoded once for all viewers, a small server.
+"""Web dashboard of a ward: pure views of the bus's messages, frames encoded once for all viewers, and a small server.
 
-Begin at `ward_state` (all that was heard) and `app`.
+Begin at `ward_state` (everything heard) and `app`.
 """

@@ -1,4 +1,4 @@
-"""The dashboard as an ASGI application: its parts, its guard, and what is answered when something is refused."""
+"""The dashboard as an ASGI application: routes, guard, and error responses."""
 
 import asyncio
 import contextlib
@@ -26,13 +26,13 @@ STATIC = Path(__file__).parent / "static"
 
 
 def routes() -> list[BaseRoute]:
-    """Every place there is. A part is a module with `routes()`; a new one is named here."""
+    """All routes of the dashboard. A part is a module with `routes()`; name a new one here."""
     parts = (pages, device_pages, guide_pages, report_pages, places, live)
     return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
 
 
 def application(desk: Desk, broadcast: Broadcast) -> Starlette:
-    """One dashboard, which broadcasts for as long as it runs."""
+    """ASGI application of one dashboard; it broadcasts for as long as it runs."""
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -52,9 +52,9 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
         exception_handlers={Fault: _refused, HTTPException: _not_there, Exception: _failed},
         lifespan=lifespan,
     )
-    app.router.redirect_slashes = False  # to a place made of what the client calls us
+    app.router.redirect_slashes = False  # a redirect would be built from the client's own Host header
     app.state.desk = desk
-    app.router.redirect_slashes = False  # a place has one name, and what is none is told as such
+    app.router.redirect_slashes = False  # each page has one address; a wrong one is reported as such
     return app
 
 
@@ -72,8 +72,8 @@ async def _not_there(request: Request, error: Exception) -> Response:
     return _answer(request, fault)
 
 
-async def _failed(request: Request, error: Exception) -> Response:  # noqa: ARG001 - it is logged by the server
-    """Answered outside the guard, who would dress it."""
+async def _failed(request: Request, error: Exception) -> Response:  # noqa: ARG001 - the server logs the error
+    """Error response sent outside the guard, so its headers are added here."""
     answer = _answer(request, Fault(HTTPStatus.INTERNAL_SERVER_ERROR, "failed"))
     dress(request.url.path, answer.headers)
     return answer
@@ -88,6 +88,6 @@ def _answer(request: Request, fault: Fault) -> Response:
 
 
 def _back(request: Request) -> str:
-    """The page of the device that was meant, where it is one that was heard of."""
+    """Page of the device in the path, if that device is known; else the ward page."""
     device = request.path_params.get("device", "")
     return f"/devices/{device}" if device in Desk.of(request).known.stories else "/"

@@ -1,4 +1,4 @@
-"""What keeps the pages alive: reads the bus a few times a second, and makes the frames of what is watched."""
+"""Broadcast loop of the pages: reads the bus a few times a second and makes the frames of watched topics."""
 
 import asyncio
 import contextlib
@@ -17,23 +17,23 @@ from estimator.web.topics import Sources, Topic
 
 log = logging.getLogger(__name__)
 
-#: how long it sleeps when nothing is due: who comes waits no longer
+#: longest and shortest sleep of the loop, s; a new viewer waits no longer than the first
 ROUND_S, LEAST_S = 0.05, 0.002
-#: how often what is said of devices is read
+#: interval of reading messages about all devices, s
 HEAR_S = 0.2
-#: a topic nobody watches any more is kept for so long: a page is often left and come back to
+#: a topic that nobody watches is kept for this long, s, since people often return to a page
 LINGER_S = 5.0
-#: what failed is begun anew after so long
+#: delay before a failed topic starts anew, s
 AGAIN_S = 2.0
-#: topics of devices at a time: most of them hold subscriptions, which cost threads;
-#: half of them such as one address alone watches, or did last
+#: most topics of devices at a time, since most hold subscriptions, which cost threads; at most half of them may be
+#: watched by a single address only
 TOPICS = 256
-#: a round that is so late has lost its place: frames are left out, not made up for
+#: a round later than this skips the frames it missed, s
 LATE_S = 1.0
 
 
 class Heard:
-    """What is said of all devices, whether or not anybody looks."""
+    """Subscriptions to the messages about all devices, kept whether or not anybody watches."""
 
     def __init__(self, sources: Sources, client: Client, control: Client) -> None:
         known = sources.known
@@ -48,7 +48,7 @@ class Heard:
         ]
 
     def hear(self, now: float) -> None:
-        """Take what has come."""
+        """Process the messages received since the last call."""
         self._known.take_router(now, there=self._client.connected)
         for info in self._infos.drain():
             self._known.take_info(info)
@@ -63,34 +63,34 @@ class Heard:
         self._known.tidy(now)
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close the subscriptions."""
         for thing in (*self._watches, self._statuses, self._infos, self._calibrations, self._notes, self._revisions):
             thing.close()
 
 
 class Broadcast:
-    """The topics that are watched. Everything of it runs in the event loop."""
+    """The watched topics, and the loop that feeds them. Runs entirely in the event loop."""
 
     def __init__(self, hub: Hub, sources: Sources) -> None:
         self._hub, self._sources = hub, sources
         self._topics: dict[str, Topic] = {}
         self._due: dict[str, float] = {}
         self._last_watched: dict[str, float] = {}
-        self._watchers: dict[str, set[str]] = {}  # the addresses that watch, or did so last
+        self._watchers: dict[str, set[str]] = {}  # addresses that watch, or watched last
         self._heard: Heard | None = None
         self._hear_at = 0.0
-        #: topics that failed, by kind; times that one found no room
+        #: failed topics by kind, and how often a topic found no room
         self.failed, self.left_out = Tally(), Tally()
 
     def connect(self, client: Client, control: Client) -> None:
-        """A router is there for the first time; what is watched already begins anew."""
+        """Start receiving when a router is first connected; topics already watched start anew."""
         self._sources.client = client
         self._heard = Heard(self._sources, client, control)
         for topic in list(self._topics):
             self._end(topic)
 
     async def run(self) -> None:
-        """Until cancelled; whatever fails, the rest goes on."""
+        """Run until cancelled. A failing topic does not stop the others."""
         while True:
             self.step(time.monotonic(), time.time_ns())
             now = time.monotonic()
@@ -98,7 +98,7 @@ class Broadcast:
             await asyncio.sleep(max(LEAST_S, min(due - now, ROUND_S)))
 
     def step(self, now: float, now_ns: int) -> None:
-        """One round."""
+        """Run one round of the loop."""
         if self._heard is not None and now >= self._hear_at:
             self._hear_at = now + HEAR_S
             self._guarded("what is heard", now, partial(self._heard.hear, now))
@@ -119,7 +119,7 @@ class Broadcast:
         self._hub.greet(name, self._topics[name].whole(now, now_ns))
 
     def _may_begin(self, name: str, now: float, who: set[str]) -> bool:
-        """A device that was never heard of waits until it is; so does what there is no room for."""
+        """Whether a topic may start: its device is known, and there is room for one more."""
         device = topics.device_of(name)
         if not device:
             return True
@@ -149,7 +149,7 @@ class Broadcast:
     def _guarded(self, name: str, now: float, work: Callable[[], None]) -> None:
         try:
             work()
-        except Exception as error:  # of whatever kind: a topic that fails is begun anew, and is no other's
+        except Exception as error:  # any failure is contained: the topic starts anew
             if self.failed.add(topics.kind_of(name)) == 1:
                 log.exception("%s failed and begins anew (more of this kind are only counted)", name)
             else:
@@ -159,7 +159,7 @@ class Broadcast:
             self._due[name] = now + AGAIN_S
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close all topics and subscriptions."""
         for name in list(self._topics):
             self._end(name)
         if self._heard is not None:

@@ -1,15 +1,18 @@
-"""Whom an address stands for, where they are counted. Pure."""
+"""Group client addresses by customer, for rate limits. Pure."""
 
 from functools import lru_cache
 from ipaddress import IPv6Address, IPv6Network, ip_address
 
-#: of an IPv6 address, what a provider gives to one customer
+#: prefix length that a provider gives to one customer, IPv6
 _CUSTOMER = 64
 
 
 @lru_cache(4096)
 def neighbourhood(address: str) -> str:
-    """An IPv4 address as it is, of an IPv6 address its /64, of which one machine has all; anything else as it is."""
+    """The address under which a client is counted: an IPv6 address's /64, since one machine may hold all of it.
+
+    IPv4 addresses and anything else stay as they are; an IPv4-mapped IPv6 address becomes IPv4.
+    """
     try:
         ip = ip_address(address)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Where commands are given: a place for each verb, for pages and for programs."""
+"""Command routes: one for each verb, for pages and for the API."""
 
 from collections.abc import Awaitable, Callable
 
@@ -8,12 +8,12 @@ from starlette.routing import BaseRoute, Route
 
 from estimator.web.site import VERBS
 
-#: obeys a request for a verb
+#: handles a request for a verb
 Obey = Callable[[Request, str], Awaitable[Response]]
 
 
 def commands(under: str, obey: Obey) -> list[BaseRoute]:
-    """A place for each verb, below that of a device."""
+    """POST routes for every verb below a device's path."""
 
     def of(verb: str) -> Callable[[Request], Awaitable[Response]]:
         async def command(request: Request) -> Response:

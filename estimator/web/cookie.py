@@ -1,4 +1,4 @@
-"""The cookie of a session: for the server alone, and under TLS for this host alone."""
+"""Session cookie: readable by the server only, and under TLS bound to this host."""
 
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
@@ -7,17 +7,17 @@ NAME = "truerate"
 
 
 def name(connection: HTTPConnection) -> str:
-    """Under TLS one that no neighbouring host and no page without TLS can set, as a browser sees to by its prefix."""
+    """Name of the cookie. Under TLS the `__Host-` prefix keeps other hosts and pages without TLS from setting it."""
     return f"__Host-{NAME}" if _secure(connection) else NAME
 
 
 def found(connection: HTTPConnection) -> str:
-    """What the browser says; nothing when it has none."""
+    """Session cookie sent by the browser; empty if there is none."""
     return connection.cookies.get(name(connection), "")
 
 
 def give(response: Response, connection: HTTPConnection, value: str, hours: float) -> None:
-    """Let the browser keep it."""
+    """Set the session cookie."""
     response.set_cookie(
         name(connection),
         value,
@@ -29,7 +29,7 @@ def give(response: Response, connection: HTTPConnection, value: str, hours: floa
 
 
 def take(response: Response, connection: HTTPConnection) -> None:
-    """Let the browser forget it."""
+    """Delete the session cookie."""
     response.delete_cookie(name(connection), httponly=True, samesite="strict", secure=_secure(connection))
 
 

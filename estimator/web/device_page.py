@@ -1,4 +1,4 @@
-"""The page of one device as plain values: its tile, facts, calibrations, boots, notes, and what happened. Pure."""
+"""Content of a device's page as plain values: tile, facts, calibrations, boots, notes and events. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _CANCELS = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 
 @dataclass(frozen=True, slots=True)
 class CalibrationLine:
-    """One calibration, accepted or not: scale of each axis with its interval of 95 %."""
+    """One calibration, accepted or rejected: scale factor and bias of each axis with 95 % intervals."""
 
     id: str
     time_ns: int
@@ -46,7 +46,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class DevicePage:
-    """Everything the device page shows beside its moving pictures."""
+    """Everything that a device's page shows, except its live charts."""
 
     ward: str
     title: str
@@ -66,7 +66,7 @@ class DevicePage:
 
 
 def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) -> DevicePage:
-    """What is to be shown now of a device that was heard of."""
+    """Present content of a known device's page, in the language of `t`."""
     story = known.stories[device]
     row = known.row(device, now)
     status = story.status
@@ -121,7 +121,7 @@ def _calibration(c: Calibration, in_use: str, t: Texts) -> CalibrationLine:
 
 
 def interval(value: float, std: float, digits: int) -> str:
-    """`1.0123 ± 0.0008`, of 95 %, in two lines at most; the value alone where its standard deviation is not known."""
+    """`1.0123 ± 0.0008`, a 95 % interval; the value alone where its standard deviation is unknown."""
     shown = f"{value:.{digits}f}".replace("-", words.MINUS)
     return f"{shown} ±{words.SPACE}{SIGMAS * std:.{digits}f}" if isfinite(std) else shown
 
@@ -170,7 +170,7 @@ def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:
 
 
 def _events(counts: Mapping[str, int], t: Texts) -> str:
-    """`gaps: 1, movement ignored: 2`: most of the words are plurals."""
+    """`gaps: 1, movement ignored: 2`: the count comes last, since most labels are plurals."""
     return ", ".join(t("words.counted", what=t.label(label), n=n) for label, n in sorted(counts.items()) if n)
 
 

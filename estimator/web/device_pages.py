@@ -1,4 +1,4 @@
-"""The page of one device, and the commands it can be given there."""
+"""Page of one device, and the commands a person gives there."""
 
 import time
 from http import HTTPStatus
@@ -22,7 +22,7 @@ from estimator.web.site import VERBS, Desk
 
 
 def routes() -> list[BaseRoute]:
-    """Their places."""
+    """Routes of the device page and its commands."""
     return [
         Route("/devices/{device}", device, name="device"),
         *commands("/devices/{device}", command),
@@ -31,7 +31,7 @@ def routes() -> list[BaseRoute]:
 
 
 async def device(request: Request) -> Response:
-    """One device."""
+    """Serve the page of one device."""
     desk, name = Desk.of(request), request.path_params["device"]
     desk.story(name)
     await desk.remember(name)
@@ -40,12 +40,12 @@ async def device(request: Request) -> Response:
 
 
 async def back(request: Request) -> Response:
-    """A command's place in the address line, as after a page that was loaded again: it is given by the page alone."""
+    """Redirect a GET on a command's path to the device page, as after a reload; commands are sent by POST only."""
     return RedirectResponse(request.url_for("device", device=request.path_params["device"]).path, HTTPStatus.SEE_OTHER)
 
 
 async def command(request: Request, verb: str) -> Response:
-    """Ask the estimator, and go back to the page, where its answer is shown once."""
+    """Send a command to the estimator, then redirect to the page, which shows the reply once."""
     desk, name = Desk.of(request), request.path_params["device"]
     given = await fields(request)
     session = desk.checked(request, given.get("csrf", ""))
@@ -60,7 +60,7 @@ async def command(request: Request, verb: str) -> Response:
 
 
 async def _asked(desk: Desk, name: str, verb: str, who: str, words: str) -> CommandReply:
-    """The estimator's answer; a page that is not fresh must not undo the turns that somebody else has made meanwhile."""
+    """The estimator's reply. Refuses to recalibrate from a stale page when that would undo another person's turns."""
     status = desk.story(name).status
     if verb == "recalibrate" and status is not None and status.state in CALIBRATING and status.axes_done:
         return CommandReply("", accepted=False, message=(Code.TURNS_WOULD_BE_LOST(),))

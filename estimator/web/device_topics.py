@@ -1,4 +1,4 @@
-"""The topics of a device's page: all of it in words, its rates raw and corrected, how its bias went, and the heading it lost."""
+"""Topics of a device's page: text, raw and corrected rates, bias trail and lost heading."""
 
 from collections.abc import Iterable
 from math import degrees
@@ -16,13 +16,13 @@ from estimator.web.topics import Sources
 from estimator.web.traces import Points, Traces
 from estimator.web.ward_topics import RATES_S
 
-#: points of heading are told so often
+#: interval of heading frames, s
 _HEADING_S = 1.0
 
 
 @topics.kind("device", of_a_device=True, worded=True)
 class DeviceTopic:
-    """The device in words, whole every second; nothing while it was never heard of."""
+    """Content of the device page, whole, once a second; no frames for a device never heard of."""
 
     period_s = 1.0
 
@@ -31,19 +31,19 @@ class DeviceTopic:
         self._device, self._t = topics.device_of(topic), topics.texts_of(topic)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """The page as it is."""
+        """The present page content."""
         if self._device in self._known.stories:
             yield topics.text(self._topic, device_page(self._known, self._device, now, now_ns, self._t))
 
     frames = whole
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""
 
 
 @topics.kind("trace", of_a_device=True)
 class TraceTopic:
-    """Rates raw and corrected, point by point, in binary frames; once a second, as text, what the heading has lost by now."""
+    """Raw and corrected rates point by point, as binary frames; once a second the lost heading, as text."""
 
     period_s = RATES_S
 
@@ -60,13 +60,13 @@ class TraceTopic:
             )
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """The last seconds."""
+        """The last seconds of rates, and the heading."""
         if (kept := self._traces.kept()) is not None:
             yield self._frame(kept)
         yield self._headings()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """What has come since."""
+        """New points, and once a second the heading."""
         if self._raw is None or self._corrected is None:
             return
         story = self._known.stories.get(self._device)
@@ -83,18 +83,21 @@ class TraceTopic:
             yield self._headings()
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close the subscriptions."""
         for stream in (self._raw, self._corrected):
             if stream is not None:
                 stream.close()
 
     def _frame(self, points: Points) -> bytes:
-        """float64 (n,) host time in s, then float32 (n, 3) raw, corrected, and std, °/s; n is as many as there is room for."""
+        """Binary frame: float64 (n,) host time in s, then float32 (n, 3) raw, corrected and std, °/s.
+
+        n follows from the length of the frame.
+        """
         rates = np.degrees(np.concatenate([points.raw, points.corrected, points.std])).astype("<f4")
         return topics.binary(self._topic, points.time_s.astype("<f8").tobytes() + rates.tobytes())
 
     def _headings(self) -> str:
-        """Since when, and each second of it: time, as read, as read less the first bias, σ of the corrected; degrees."""
+        """Text frame: start time, and for each second time, read, zeroed and std of the lost heading, in degrees."""
         heading = self._heading
         since = number_format.clock(round(heading.since_s * 1e9)) if heading.since_s else ""
         about = {"since": since, "vertical": heading.vertical, "turned": degrees(heading.turned)}
@@ -108,7 +111,7 @@ def _in_degrees(lost: Lost) -> tuple[float, ...]:
 
 @topics.kind("trail", of_a_device=True)
 class TrailTopic:
-    """How bias and temperature went, with rests and marks; whole every few seconds."""
+    """Bias and temperature over time, with rests and marks; whole every few seconds."""
 
     period_s = 5.0
 
@@ -116,7 +119,7 @@ class TrailTopic:
         self._topic, self._known, self._device = topic, sources.known, topics.device_of(topic)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """The points in a binary frame, rests and marks as text."""
+        """Rests and marks as text, then the points as a binary frame."""
         story = self._known.stories.get(self._device)
         if story is None or not len(story.trail):
             return
@@ -135,4 +138,4 @@ class TrailTopic:
     frames = whole
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""

@@ -1,4 +1,4 @@
-"""What was said of one device over time: bias and its uncertainty, temperature, rests, what happened. Pure, of bounded size."""
+"""Trail of one device: bias with uncertainty, temperature, rests and events over time. Pure, of bounded size."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -11,24 +11,24 @@ from bridge.wire.messages import BiasRevision, Floats, Status
 from estimator.device.lifecycle import NEVER_S
 from estimator.tracking.seconds import SecondKnobs
 
-#: points kept; when there are so many, every other one of the older half is left out
+#: most points kept; when full, every other point of the older half is dropped
 POINTS = 720
-#: rests that are so near to each other are one; evidence not older than this is a rest that goes on
+#: rests no further apart than this merge into one, s; evidence no older than this is a rest that goes on
 REST_S = 3.0
-#: of what a rest teaches: it began so long before its first evidence came
+#: a rest began this long before its first evidence, s
 TAUGHT_S = SecondKnobs().length_s
 RESTS, MARKS = 120, 120
-#: a clock that goes back by more was set, or is another's: what it has not come to yet is not known any more
+#: a clock that goes back by more was reset or is another's; later points are then dropped
 BACK_NS = 5 * 10**9
-#: of a device's events those that are evidence refused, as the tracker names them: `zaru: the reason`
+#: marks a device's events that are refused evidence, as the tracker names them: `zaru: the reason`
 _REFUSED = ": "
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Something that happened: `kind` is boot, calibrated, refused, note or state.
+    """An event of a device: `kind` is boot, calibrated, refused, note or state.
 
-    words: of a note its text, of evidence refused and of a boot a label, of a calibration its reason.
+    words: text of a note, label of refused evidence or a boot, reason of a calibration.
     """
 
     time_ns: int
@@ -37,13 +37,13 @@ class Mark:
 
 
 class Trail:
-    """One device. Columns of `points`: bias x, y, z and its std x, y, z in rad/s, °C."""
+    """History of one device. Columns of `points`: bias x, y, z and its std x, y, z in rad/s, temperature in °C."""
 
     def __init__(self) -> None:
         self._times = np.zeros(POINTS, np.int64)
         self._rows = np.zeros((POINTS, 7))
         self._n = 0
-        self._behind_ns = 0  # the time of the last status, where it was left out
+        self._behind_ns = 0  # time of the last status, where that status was left out
         self.rests: deque[tuple[int, int]] = deque(maxlen=RESTS)
         self.marks: deque[Mark] = deque(maxlen=MARKS)
         self._events: dict[str, int] | None = None
@@ -54,18 +54,18 @@ class Trail:
 
     @property
     def times_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each point, rising."""
+        """(n,) host time of each point, increasing."""
         return self._times[: self._n]
 
     @property
     def points(self) -> Floats:
-        """(n, 7); NaN is not known."""
+        """(n, 7) points; NaN where unknown."""
         return self._rows[: self._n]
 
     def take(self, status: Status) -> None:
-        """A status, said once a second and at every change; one that is not newer than the last is left out.
+        """Add a status, sent once a second and at every change. A status not newer than the last is left out.
 
-        A second one, newer than that, is by a clock that was set back.
+        If a second such status follows, newer than the first, the clock was set back; the points after it are dropped.
         """
         behind_ns, self._behind_ns = self._behind_ns, 0
         if self._n and status.time_ns <= (latest := self._times[self._n - 1]):
@@ -83,12 +83,12 @@ class Trail:
             self._rest(status.time_ns - round(status.evidence_age_s * 1e9))
 
     def mark(self, mark: Mark) -> None:
-        """Something happened; what was told already is not told again."""
+        """Add an event, unless it is known already."""
         if mark not in self.marks:
             self.marks.append(mark)
 
     def revise(self, revision: BiasRevision) -> None:
-        """The bias of the past, as it is known now."""
+        """Replace the past bias by the values of a revision."""
         times = self.times_ns
         inside = (times >= revision.times_ns[0]) & (times <= revision.times_ns[-1])
         for axis in range(3):
@@ -97,7 +97,7 @@ class Trail:
                 self._rows[: self._n][inside, column] = known
 
     def spread(self, n: int, begin_ns: int, end_ns: int) -> Floats:
-        """(n, 7) points at even distances of a stretch of time, each the last before it; NaN where there is none."""
+        """(n, 7) points at even intervals of a time span, each the last before its time; NaN where there is none."""
         at = np.linspace(begin_ns, end_ns, n).astype(np.int64)
         found = np.full((n, 7), np.nan)
         index = np.searchsorted(self.times_ns, at, side="right") - 1

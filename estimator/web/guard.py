@@ -1,4 +1,4 @@
-"""What every answer carries and every request is asked, whatever the page: host, origin, and headers that bind the browser."""
+"""Guard around every page: checks host and origin of each request, and adds security headers to each answer."""
 
 from http import HTTPStatus
 
@@ -20,23 +20,23 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
 }
-#: characters of a path and its parameters
+#: most characters of a path with its parameters
 LONGEST = 2048
 _SAFE = ("GET", "HEAD", "OPTIONS")
-#: what the policy's code of a websocket says: this is not taken from there
+#: websocket close code for a policy violation
 _POLICY = 1008
-#: of a page that asks, by that of what it asks
+#: scheme of the asking page's origin, by scheme of the request
 _SCHEMES = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
 
 
 class Guard:
-    """An ASGI application around another."""
+    """ASGI middleware that refuses foreign hosts and origins."""
 
     def __init__(self, app: ASGIApp, hosts: tuple[str, ...]) -> None:
         self._app, self._hosts = app, {"localhost", *(host.lower() for host in hosts)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """See ASGI."""
+        """Handle one ASGI connection."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -54,7 +54,7 @@ class Guard:
             await _answer(scope["path"], refusal)(scope, receive, dressed)
 
     def _refused(self, scope: Scope) -> Fault | None:
-        """Why it is not taken, or None. A name that is not ours may be a foreign page's, led to our address."""
+        """Why the request is refused, or None. An unknown host name may be a foreign page's, pointed at our address."""
         if len(scope["path"]) + len(scope["query_string"]) > LONGEST:
             words = f"An address of more than {LONGEST} characters is not taken."
             return Fault(HTTPStatus.REQUEST_URI_TOO_LONG, "too_long", words)
@@ -77,14 +77,14 @@ class Guard:
 
 
 def dress(path: str, headers: MutableHeaders) -> None:
-    """What an answer carries beside its own."""
+    """Add the security and cache headers to an answer."""
     for name, value in HEADERS.items():
         headers.setdefault(name, value)
     headers.setdefault("Cache-Control", "no-cache" if path.startswith("/static/") else "no-store")
 
 
 def _answer(path: str, fault: Fault) -> Response:
-    """No page: it would be one of ours under a foreign name."""
+    """Plain refusal without a page, since a page would appear under a foreign name."""
     if path.startswith(routes.ROOT):
         return routes.refused(fault)
     return PlainTextResponse(fault.message + "\n", fault.status)

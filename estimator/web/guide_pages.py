@@ -1,4 +1,4 @@
-"""The page that guides a person through a calibration."""
+"""Page that guides a person through a calibration."""
 
 import time
 
@@ -14,12 +14,12 @@ from estimator.web.site import Desk
 
 
 def routes() -> list[BaseRoute]:
-    """Its place."""
+    """Route of the guide page."""
     return [Route("/devices/{device}/calibrate", calibrate, name="calibrate")]
 
 
 async def calibrate(request: Request) -> Response:
-    """One device, as far as it can be told before the stream is followed."""
+    """Serve the guide of one device, with what is known before the live stream starts."""
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
     await desk.remember(name)

@@ -1,4 +1,4 @@
-"""The topic of a guided calibration: one guide a device, however many look."""
+"""Topic of a guided calibration: one guide per device, however many people watch."""
 
 from collections.abc import Iterable
 
@@ -10,13 +10,13 @@ from estimator.web.guide_view import guide_view
 from estimator.web.hub import Frame
 from estimator.web.topics import Sources
 
-#: what has not changed is told again after so long, so that a page knows it is heard
+#: unchanged instructions are sent again after this long, s, so that a page knows that it is connected
 _AGAIN_S = 1.0
 
 
 @topics.kind("guide", of_a_device=True)
 class GuideTopic:
-    """What a person is to do now, in every language; when it changes, and every second."""
+    """Present instruction in every language, sent when it changes and every second."""
 
     period_s = 0.1
 
@@ -27,13 +27,13 @@ class GuideTopic:
         self._told, self._told_at = "", 0.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """What is told now."""
+        """The present instruction."""
         self._look()
         if self._device in self._known.stories:
             yield self._frame(now)
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """What is new."""
+        """The instruction, if it changed or is due again."""
         self._look()
         if self._device not in self._known.stories:
             return
@@ -43,7 +43,7 @@ class GuideTopic:
             yield frame
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close the subscription."""
         if self._raw is not None:
             self._raw.close()
 

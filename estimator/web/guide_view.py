@@ -1,4 +1,4 @@
-"""What the guide tells as plain values, in every language: the page shows them as they are. Pure."""
+"""Content of the guide page as plain values in every language, shown as they are. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _REST_S = Hand().rest_s
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One of the three: about which axis, how it is turned, and whether it is done."""
+    """One of the three turns: its axis, how the device is turned, and whether the turn is done."""
 
     axis: str
     picture: str
@@ -35,7 +35,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """One language."""
+    """Texts of the guide in one language."""
 
     head: str
     how: str
@@ -49,7 +49,7 @@ class Said:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A row of the result."""
+    """One row of the result table."""
 
     axis: str
     scale: str
@@ -59,7 +59,10 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class GuideView:
-    """Everything the page shows. percent: how full the ring is; centre: what stands in it; way: 1, -1, or 0 for either."""
+    """Everything the guide page shows.
+
+    percent: fill of the ring; centre: the text inside it; way: direction of the turn, 1, -1, or 0 for either.
+    """
 
     device: str
     ward: str
@@ -77,7 +80,7 @@ class GuideView:
 
 
 def guide_view(told: Instruction, known: Known, device: str, now: float) -> GuideView:
-    """What is to be shown now of a device that was heard of."""
+    """Present content of the guide page of a known device."""
     story = known.stories[device]
     status = story.status
     deaf, told = known.deaf(device), unless_broken(told, known, device, now)
@@ -101,14 +104,14 @@ def guide_view(told: Instruction, known: Known, device: str, now: float) -> Guid
 
 
 def unless_broken(told: Instruction, known: Known, device: str, now: float) -> Instruction:
-    """What is told, or, where the ward itself keeps it from being heard, that: it is not the device's fault."""
+    """The instruction, or BROKEN where the ward itself prevents the device from being heard."""
     if not known.broken(device, now):
         return told
     return Instruction(Step.BROKEN, Picture.NOTHING, Words("broken"), rebooted=told.rebooted)
 
 
 def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
-    """Scale and bias of each axis with intervals of 95 %, and the scale before."""
+    """Result table: scale factor and bias of each axis with 95 % intervals, and the scale factor before."""
     return [
         Axis(
             AXES[one.axis],
@@ -121,7 +124,7 @@ def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
 
 
 def against(calibration: Calibration, before: Calibration | None, t: Texts) -> str:
-    """How it compares with the one before, in words."""
+    """Comparison with the calibration before, in words."""
     if before is None:
         return t("guide.first")
     axes = ", ".join(AXES[axis] for axis in differing(compared(calibration, before)))
@@ -155,14 +158,14 @@ def _turns(told: Instruction, t: Texts) -> list[Turn]:
     for axis in (*told.done, *told.needed):
         mark = "done" if axis in told.done else "now" if turning and axis == told.axis else "next"
         picture = told.ways[axis]
-        # By which edge it was turned only its posture of then could tell.
+        # The edge of a finished turn is unknown: only the posture at that time could show it.
         how = "" if told.step in _OVER else t(f"guide.{picture}")
         found.append(Turn(AXES[axis], picture, mark, how, t(f"guide.{mark}")))
     return sorted(found, key=lambda turn: (bool(turn.how) and turn.picture != Picture.FLAT, turn.axis))
 
 
 def _side(side: int, seen: Sequence[int], t: Texts) -> Turn:
-    """One of the six on which it is to rest."""
+    """One of the six sides to rest on."""
     mark, way = "done" if side in seen else "next", "down" if side % 2 else "up"
     return Turn(AXES[side // 2], Picture.POSE, mark, t(f"guide.{way}"), t(f"guide.{mark}"))
 
@@ -176,7 +179,7 @@ def _tone(told: Instruction) -> str:
 
 
 def _centre(told: Instruction) -> str:
-    """What is counted: seconds that are left, or degrees turned."""
+    """Text inside the ring: seconds left, degrees turned, or sides seen."""
     if told.step in _RESTS:
         return "✓" if told.ring >= 1 else f"{ceil((1 - told.ring) * _REST_S)} s"
     if told.step in (Step.TURN, Step.TURNING):

@@ -1,4 +1,4 @@
-"""How far the heading by raw rates comes away from that by corrected rates. Pure."""
+"""Heading drift: how far the heading from raw rates departs from the heading from corrected rates. Pure."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -11,20 +11,20 @@ from bridge.wire.messages import Floats
 from estimator.geometry import rotation
 from estimator.web.traces import BACK_S, KEPT_S, Pair
 
-#: a pause so long tears the attitude: it begins anew
+#: a pause this long loses the attitude, which starts anew, s
 TORN_S = 0.5
-#: one point a second
+#: most points kept, and interval between points, s
 POINTS, POINT_S = 900, 1.0
-#: seconds of the accelerometer, before it begins anew, that say which way is up
+#: span of accelerometer readings before the start that determine the vertical, s
 _UP_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """What the heading has lost at one moment of host time; rad.
+    """Heading error at one moment of host time; rad.
 
-    read, zeroed: how far from that by corrected rates it is by raw ones, and by raw ones less the bias they had at first.
-    std: how far the corrected one may be from the truth by its bias alone, 1 σ.
+    read, zeroed: angle from the heading by corrected rates to that by raw rates, and by raw rates less the first bias.
+    std: possible error of the corrected heading from its bias alone, 1 σ.
     """
 
     time_s: float
@@ -37,10 +37,10 @@ _NOTHING = Lost(0.0, 0.0, 0.0, 0.0)
 
 
 class Heading:
-    """One device, from `restart` on.
+    """Heading error of one device since `restart`.
 
-    The heading is the turn about the vertical, which its accelerometer tells at the beginning; without one it is the whole
-    angle between two attitudes.
+    The heading is the turn about the vertical, which the accelerometer gives at the start. Without an accelerometer it
+    is the whole angle between two attitudes.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class Heading:
         self._boot, self._latest_s = 0, -np.inf
         self._asked_s = 0.0
         self._accel: deque[tuple[float, Floats]] = deque()
-        #: (3, 3, 3) by corrected rates, by raw ones, and by raw ones less the first bias
+        #: (3, 3, 3) attitudes by corrected rates, by raw rates, and by raw rates less the first bias
         self._attitudes: Floats
         self._bias: Floats
         self._up: Floats | None
@@ -57,12 +57,12 @@ class Heading:
 
     @property
     def vertical(self) -> bool:
-        """Whether it is known which way is up."""
+        """Whether the vertical is known."""
         return self._up is not None
 
     @property
     def turned(self) -> float:
-        """How far the device has turned, by the corrected rates, from where it began."""
+        """Angle the device has turned since the start, by corrected rates; rad."""
         return float(np.linalg.norm(rotation.log(self._attitudes[0])))
 
     @property
@@ -71,15 +71,15 @@ class Heading:
         return self.points[-1] if self.points else _NOTHING
 
     def restart(self, at_s: float) -> None:
-        """Begin anew from a moment of host time, such as the beginning of a rest; the same again changes nothing."""
+        """Start anew at a moment of host time, such as the start of a rest; a repeat changes nothing."""
         if at_s != self._asked_s:
             self._asked_s = at_s
             self._anew()
 
     def add(self, pair: Pair) -> None:
-        """Go on by some samples; what is not corrected, or torn, begins anew.
+        """Integrate some samples; uncorrected samples or a gap start anew.
 
-        Of the last seconds, which come at once to who has just begun to listen, those before `restart` count for nothing.
+        A new listener receives the last seconds at once; of those the samples before `restart` do not count.
         """
         if not np.isfinite(pair.corrected).all() or pair.boot != self._boot:
             self._boot = pair.boot
@@ -87,7 +87,7 @@ class Heading:
             self._anew()
             if not np.isfinite(pair.corrected).all():
                 return
-        # Not those long before: then it is a clock that is behind the one which tells of rests.
+        # Samples from long before count: the clock is then behind the one that reports rests.
         counts = (pair.time_s >= self._asked_s) | (pair.time_s < self._asked_s - KEPT_S)
         if not counts.all():
             self._feel(pair)
@@ -110,7 +110,7 @@ class Heading:
         now_s = float(pair.time_s[-1])
         if self.points and now_s - self.points[-1].time_s < POINT_S:
             return
-        # A bias that is wrong is wrong for the whole time: its angle grows with time, not with its root.
+        # A wrong bias is wrong all the time: its angle grows with time, not with the root of time.
         bias_std = pair.bias_std.max() if self._up is None else np.linalg.norm(self._up * pair.bias_std)
         read, zeroed = (self._apart(which, before) for which, before in ((1, self.now.read), (2, self.now.zeroed)))
         self.points.append(Lost(now_s, read, zeroed, float(bias_std) * (now_s - self.since_s)))
@@ -128,12 +128,12 @@ class Heading:
         self._up = felt / size if size > 0 else None
 
     def _apart(self, which: int, before: float) -> float:
-        """How far one attitude is turned from the corrected one about the vertical, unwrapped from what it was before."""
+        """Angle about the vertical from the corrected attitude to another, unwrapped from its previous value; rad."""
         vector = rotation.log(self._attitudes[which] @ self._attitudes[0].T)
         angle = float(np.linalg.norm(vector))
         if self._up is None or angle == 0:
             return angle
-        # The part of a rotation that is about one axis: its quaternion, without what stands across that axis.
+        # The part of a rotation about one axis: its quaternion without the components across that axis.
         about = 2 * atan2(sin(angle / 2) * float(vector @ self._up) / angle, cos(angle / 2))
         return before + remainder(about - before, 2 * pi)
 

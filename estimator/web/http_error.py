@@ -1,4 +1,4 @@
-"""What is refused, as one thing for pages and programs: a status code of HTTP, a short name, and a text for a person."""
+"""HTTP errors for pages and programs alike: status code, short name, and a text for people."""
 
 from http import HTTPStatus
 
@@ -7,10 +7,10 @@ from estimator.language.texts import LANGUAGES, Texts, texts
 
 
 class Fault(Exception):
-    """Answered as it is: `code` for programs, `message` for people.
+    """Error answered to the client: `code` for programs, `message` for people.
 
-    Where no message is given, the pages' texts have one under [fault] and the code, with the values filled in.
-    reason: what the estimator answered, where it refused.
+    Without a message, the text comes from the pages' texts, under [fault] and the code, with the values filled in.
+    reason: the estimator's reply, where it refused.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class Fault(Exception):
         return self.text(texts(LANGUAGES[0]))
 
     def text(self, t: Texts) -> str:
-        """The text in a language; a message for programs is English in all of them."""
+        """The text in a language; a message for programs is always English."""
         if self.reason:
             return t.text(self.reason)
         return self._message or t(f"fault.{self.code}", **self._values)

@@ -1,4 +1,4 @@
-"""One broadcast for all viewers: a frame is made once, and a viewer that is slow loses frames of its own, nobody else's."""
+"""Hub of all viewers: a frame is made once for all, and a slow viewer loses only its own frames."""
 
 import asyncio
 from collections import OrderedDict, deque
@@ -6,16 +6,16 @@ from collections.abc import Collection, Iterable
 
 Frame = bytes | str
 
-#: frames of one topic that wait for a viewer; of more the oldest is dropped, and counted
+#: most frames of a topic that wait for a viewer; beyond that the oldest is dropped and counted
 WAITING = 4
-#: topics of one viewer
+#: most topics of one viewer
 TOPICS = 16
-#: viewers at a time, and of those from one address, behind which may be a whole ward
+#: most viewers at a time, and from one address, which may serve a whole ward
 VIEWERS, OF_ONE_ADDRESS = 500, 100
 
 
 class Viewer:
-    """One browser: from where, what it watches and what waits to be sent to it."""
+    """One browser page: its address, its topics, and the frames waiting to be sent."""
 
     def __init__(self, address: str = "") -> None:
         self.address = address
@@ -26,7 +26,7 @@ class Viewer:
         self._closed = False
 
     def put(self, topic: str, frame: Frame) -> None:
-        """A frame for it; never waits."""
+        """Queue a frame; never waits."""
         queue = self._waiting.setdefault(topic, deque())
         if len(queue) >= WAITING:
             queue.popleft()
@@ -35,12 +35,12 @@ class Viewer:
         self._ready.set()
 
     def forget(self, topic: str) -> None:
-        """It watches a topic no more."""
+        """Stop watching a topic."""
         self.topics.discard(topic)
         self._waiting.pop(topic, None)
 
     async def next(self) -> Frame | None:
-        """The next frame, each topic in its turn; None when the viewer was closed."""
+        """Wait for the next frame, topics taking turns; None when the viewer was closed."""
         while not self._closed:
             for topic, queue in self._waiting.items():
                 if queue:
@@ -51,22 +51,22 @@ class Viewer:
         return None
 
     def close(self) -> None:
-        """Whoever waits for the next frame gets None."""
+        """Close the viewer; a pending `next` returns None."""
         self._closed = True
         self._waiting.clear()
         self._ready.set()
 
 
 class Hub:
-    """The viewers there are. Used from the event loop alone."""
+    """Set of viewers and their topics. Used from the event loop only."""
 
     def __init__(self) -> None:
         self.viewers: set[Viewer] = set()
-        #: viewers by topic that have just begun to watch it: they get the whole of it first
+        #: viewers that just began to watch a topic, by topic; they get its whole content first
         self.newcomers: dict[str, set[Viewer]] = {}
 
     def full(self, address: str) -> str:
-        """Why no viewer more is taken from an address; nothing when one is."""
+        """Why no more viewers are accepted from an address; empty if one more is."""
         if len(self.viewers) >= VIEWERS:
             return f"{VIEWERS} pages look already; this one tries again"
         if sum(viewer.address == address for viewer in self.viewers) >= OF_ONE_ADDRESS:
@@ -74,19 +74,19 @@ class Hub:
         return ""
 
     def add(self, address: str = "") -> Viewer:
-        """A viewer that watches nothing yet."""
+        """Add a viewer without topics."""
         viewer = Viewer(address)
         self.viewers.add(viewer)
         return viewer
 
     def remove(self, viewer: Viewer) -> None:
-        """It is gone."""
+        """Remove a viewer and close it."""
         self.watch(viewer, ())
         viewer.close()
         self.viewers.discard(viewer)
 
     def watch(self, viewer: Viewer, topics: Collection[str]) -> None:
-        """From now on it watches exactly these."""
+        """Set the topics that a viewer watches, replacing the earlier ones."""
         for topic in viewer.topics - set(topics):
             viewer.forget(topic)
             newcomers = self.newcomers.get(topic, set())
@@ -98,7 +98,7 @@ class Hub:
             self.newcomers.setdefault(topic, set()).add(viewer)
 
     def wanted(self) -> dict[str, set[str]]:
-        """The topics that somebody watches, and from which addresses."""
+        """Watched topics, each with the addresses that watch it."""
         found: dict[str, set[str]] = {}
         for viewer in self.viewers:
             for topic in viewer.topics:
@@ -106,7 +106,7 @@ class Hub:
         return found
 
     def greet(self, topic: str, frames: Iterable[Frame]) -> None:
-        """Give newcomers what they need to begin with."""
+        """Send the whole content of a topic to its newcomers."""
         newcomers = self.newcomers.pop(topic, None)
         if newcomers:
             for frame in frames:
@@ -114,12 +114,12 @@ class Hub:
                     viewer.put(topic, frame)
 
     def publish(self, topic: str, frame: Frame) -> None:
-        """The same frame to everybody who watches."""
+        """Send one frame to every viewer of a topic."""
         for viewer in self.viewers:
             if topic in viewer.topics:
                 viewer.put(topic, frame)
 
     def close(self) -> None:
-        """Let everybody go."""
+        """Remove all viewers."""
         for viewer in list(self.viewers):
             self.remove(viewer)

@@ -1,4 +1,4 @@
-"""Which language a page is written in: as a link says, which a cookie then keeps, or as the browser asks."""
+"""Language of a page: chosen by a link and kept in a cookie, else by the browser's preference."""
 
 from starlette.requests import Request
 from starlette.responses import Response
@@ -10,13 +10,13 @@ _YEAR_S = 365 * 86400
 
 
 def language(request: Request) -> str:
-    """One of LANGUAGES."""
+    """Language of a request, one of LANGUAGES."""
     asked = (request.query_params.get("lang", ""), request.cookies.get(COOKIE, ""))
     return chosen(asked, request.headers.get("accept-language", ""))
 
 
 def keep(request: Request, response: Response) -> Response:
-    """Remember a language that was asked for by a link."""
+    """Store the language chosen by a link in a cookie."""
     asked = request.query_params.get("lang", "")
     if asked in LANGUAGES:
         secure = request.url.scheme == "https"

@@ -1,4 +1,4 @@
-"""HTTP over uvicorn: what is listened with, and how long a connection may take: the only file with uvicorn."""
+"""HTTP server on uvicorn, with limits on connections and their duration. The only file that uses uvicorn."""
 
 import asyncio
 import contextlib
@@ -18,13 +18,13 @@ from estimator.web.client_address import neighbourhood
 
 log = logging.getLogger(__name__)
 
-#: a request of ours is whole, and an answer read, within moments; whoever is slower than this is let go
+#: longest time for a whole request, or for reading an answer, s; slower clients are disconnected
 WHOLE_S = 15.0
-#: connections at a time, and of those from one address; twice the viewers, who have others beside their websocket
+#: most connections, and most from one address; twice the viewers, since a page opens more than its websocket
 CONNECTIONS, OF_ONE_ADDRESS = 1000, 250
-#: files beside those: the bus, the store, what Python reads
+#: open files needed for anything else: the bus, the store, Python's own
 _OTHER_FILES = 200
-#: where a reverse proxy of ours asks from
+#: addresses of a reverse proxy on this machine
 _PROXIES = ("127.0.0.1", "::1")
 _FULL = b"Too many connections are open; try again in a while.\n"
 _REFUSAL = (
@@ -35,7 +35,7 @@ _REFUSAL = (
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How many connections are taken; proxies are addresses that are not limited; refused counts by why."""
+    """Connection limits. `proxies` are addresses without a limit; `refused` counts refusals by reason."""
 
     connections: int = CONNECTIONS
     proxies: tuple[str, ...] = ()
@@ -43,7 +43,7 @@ class Limits:
 
 
 class _Bounded(H11Protocol):
-    """That of uvicorn, which waits for ever for a request, and takes any number of connections; a subclass sets `limits`."""
+    """uvicorn's protocol with limits on connections and on waiting time; a subclass sets `limits`."""
 
     limits: ClassVar[Limits]
     _waits: asyncio.TimerHandle | None = None
@@ -84,7 +84,7 @@ class _Bounded(H11Protocol):
         self._stop()
 
     def _look(self) -> None:
-        """Time runs while the client is waited for; between two requests uvicorn's own limit holds."""
+        """Start or stop the timer, which runs while we wait for the client; between requests uvicorn's limit applies."""
         if self.transport.get_protocol() is not self or not self._client_is_waited_for():
             self._stop()
         elif self._waits is None:
@@ -105,7 +105,7 @@ class _Bounded(H11Protocol):
         self.transport.abort()
 
     def _too_many(self) -> str:
-        """In words; nothing when there is room. A proxy of ours sees to its own clients."""
+        """Why a connection is refused, in words; empty when there is room. A proxy limits its own clients."""
         if len(self.connections) > self.limits.connections:
             return f"{self.limits.connections} are open"
         address = self.client[0] if self.client else ""
@@ -119,10 +119,13 @@ class _Bounded(H11Protocol):
 
 
 class Listener(uvicorn.Server):
-    """Serves an application until told to stop. Signals are ours to obey: it would let them end the process too early."""
+    """Server for an ASGI application, until told to stop.
+
+    Signal handlers stay ours, since uvicorn's would end the process too early.
+    """
 
     def __init__(self, app: ASGIApp, *, behind_proxy: bool, connections: int) -> None:
-        #: connections by why they were refused or let go
+        #: refused or aborted connections, by reason
         self.refused = Tally()
 
         class Ours(_Bounded):
@@ -134,7 +137,7 @@ class Listener(uvicorn.Server):
                 http=Ours,
                 ws="websockets-sansio",
                 ws_max_size=8192,
-                ws_per_message_deflate=False,  # what is encoded once is not to be squeezed for each viewer
+                ws_per_message_deflate=False,  # a frame encoded once would be compressed again for each viewer
                 proxy_headers=behind_proxy,
                 forwarded_allow_ips=list(_PROXIES),
                 server_header=False,
@@ -147,12 +150,12 @@ class Listener(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave them as they are."""
+        """Leave the signal handlers unchanged."""
         yield
 
 
 def make_room() -> int:
-    """How many connections are taken, having asked for the files they need: many a shell and service gives too few."""
+    """Raise the limit of open files if needed and possible; returns how many connections fit into the limit."""
     wanted = CONNECTIONS + _OTHER_FILES
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY or soft >= wanted:

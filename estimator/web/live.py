@@ -1,4 +1,4 @@
-"""The one websocket of every page: it says what it watches, and gets frames."""
+"""Websocket of every page: the page names the topics it watches, and receives frames."""
 
 import asyncio
 import contextlib
@@ -13,38 +13,38 @@ from estimator.web.client_address import neighbourhood
 from estimator.web.hub import TOPICS, Hub, Viewer
 from estimator.web.site import Desk
 
-#: whoever has not said what it watches by then is no page of ours
+#: a client that names no topics within this time is not one of our pages, s
 FIRST_S = 15.0
-#: wishes of one viewer: so many at once, then one in so long; more wait in the network, and cost nobody else
+#: requests of one viewer: this many at once, then one per interval, s; more wait in the network
 WISHES, WISH_S = 16, 0.25
 _LATER, _WRONG, _SILENT = 1013, 1007, 1008
 
 
 class Wish(msgspec.Struct, forbid_unknown_fields=True):
-    """From now on exactly these."""
+    """Request to watch exactly these topics from now on."""
 
     watch: list[str]
 
 
 class Pace:
-    """How long to wait after each wish. Pure: time is an argument."""
+    """Rate limit for a viewer's requests: how long to wait after each. Pure: time is an argument."""
 
     def __init__(self) -> None:
         self._until = 0.0
 
     def wait_s(self, now: float) -> float:
-        """One more has come."""
+        """Count one request; returns the seconds to wait before the next is read."""
         self._until = max(self._until, now) + WISH_S
         return max(0.0, self._until - now - WISHES * WISH_S)
 
 
 def routes() -> list[BaseRoute]:
-    """Its place."""
+    """Route of the websocket."""
     return [WebSocketRoute("/live", live)]
 
 
 async def live(socket: WebSocket) -> None:
-    """Serve one viewer until it is gone."""
+    """Serve one viewer until it disconnects."""
     desk, address = Desk.of(socket), neighbourhood(socket.client.host if socket.client else "")
     await socket.accept()
     if words := desk.hub.full(address):
@@ -55,7 +55,7 @@ async def live(socket: WebSocket) -> None:
     try:
         await _obey(socket, desk.hub, viewer)
     except (WebSocketDisconnect, KeyError, RuntimeError):
-        pass  # it is gone, as whoever sends to it may have seen first, or speaks in bytes
+        pass  # disconnected, possibly noticed by the sender first, or the client sent bytes
     except TimeoutError:
         await _close(socket, _SILENT, "it was not said what to watch")
     except ValueError as error:
@@ -68,7 +68,7 @@ async def live(socket: WebSocket) -> None:
 
 
 async def _obey(socket: WebSocket, hub: Hub, viewer: Viewer) -> None:
-    """Let it watch what it wishes, as often as it may."""
+    """Apply the viewer's requests, at a limited rate."""
     async with asyncio.timeout(FIRST_S):
         hub.watch(viewer, _wished(await socket.receive_text()))
     pace = Pace()
@@ -92,7 +92,7 @@ async def _send(socket: WebSocket, viewer: Viewer) -> None:
 
 
 def _wished(text: str) -> list[str]:
-    """The topics of a wish; ValueError when there is no such thing."""
+    """Topics of a request; raises ValueError when the request is invalid."""
     try:
         wish = msgspec.json.decode(text[:4096], type=Wish)
     except msgspec.MsgspecError as error:

@@ -1,21 +1,22 @@
-"""How often somebody may try a password. Pure: time is an argument."""
+"""Rate limit for wrong passwords. Pure: time is an argument."""
 
 from collections import OrderedDict
 
-#: each wrong password is forgotten after so long
+#: each wrong password is forgotten after this long, s
 FORGET_S = 30.0
-#: wrong passwords that are taken at once: for a name from one address, from that address for all names (behind it may be a
-#: whole ward), and for a name from everywhere, which no single address uses up: nobody locks others out alone
+#: wrong passwords accepted at once: for a name from one address; from one address (perhaps a whole ward's) for all
+#: names; for a name from everywhere. A single address cannot use up the last, so nobody locks others out alone
 FREE, ADDRESS_FREE, NAME_FREE = 5, 20, 50
-#: who had the right one from an address is not kept out there by what strangers try of that name elsewhere
-#: of each, so many are remembered
+#: most entries remembered of each kind. An address that once gave the right password is not locked out by attempts
+#: on that name elsewhere
 REMEMBERED = 4096
 
 
 class Attempts:
     """Wrong passwords by address and by name.
 
-    A right one clears its name there and nothing else: who has a password of their own cannot guess others for ever.
+    A right password clears only its own name at its own address, so that a person with a password cannot guess others'
+    for ever.
     """
 
     def __init__(self) -> None:
@@ -23,18 +24,18 @@ class Attempts:
         self._right = OrderedDict[tuple[str, str], None]()
 
     def wait_s(self, address: str, name: str, now: float) -> float:
-        """Seconds until another try is taken; 0 when now."""
+        """Seconds until another attempt is accepted; 0 if it is accepted now."""
         here = max(self._both.wait_s((address, name), now), self._addresses.wait_s((address,), now))
         return here if (address, name) in self._right else max(here, self._names.wait_s((name,), now))
 
     def failed(self, address: str, name: str, now: float) -> None:
-        """A wrong password came."""
+        """Count a wrong password."""
         self._both.add((address, name), now)
         self._addresses.add((address,), now)
         self._names.add((name,), now)
 
     def succeeded(self, address: str, name: str) -> None:
-        """The right one came."""
+        """Take note of a right password."""
         self._both.clear((address, name))
         self._right[address, name] = None
         self._right.move_to_end((address, name))
@@ -43,7 +44,7 @@ class Attempts:
 
 
 class _Owed:
-    """Time owed by each: every wrong password adds to it, and it passes by itself."""
+    """Waiting time owed per key: each wrong password adds to it, and it expires by itself."""
 
     def __init__(self, free: int) -> None:
         self._free_s = (free - 1) * FORGET_S

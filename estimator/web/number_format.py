@@ -1,4 +1,4 @@
-"""Numbers as people read them, in their language. Degrees live here, not in the core."""
+"""Format numbers for people, in their language. Degrees live here, not in the core."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -9,24 +9,24 @@ from estimator.language.texts import Texts
 from estimator.overview.ward import age
 
 MINUS = "\N{MINUS SIGN}"
-#: where no line ends
+#: a space where no line breaks
 SPACE = "\N{NO-BREAK SPACE}"
 
 
 def signed(value: float, digits: int) -> str:
-    """With its sign, as wide whichever it is."""
+    """Number with its sign; plus and minus have the same width."""
     return f"{value:+.{digits}f}".replace("-", MINUS)
 
 
 def bias(bias: Sequence[float], std: Sequence[float]) -> str:
-    """`+0.12 −0.40 +0.03 ± 0.004 °/s`: each axis of rad/s, and 95 % of the one that is least known."""
+    """`+0.12 −0.40 +0.03 ± 0.004 °/s`: bias of each axis from rad/s, with 95 % of the least known axis."""
     wide = SIGMAS * degrees(max(std))
     digits = 3 if wide < 0.1 else 2
     return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {wide:.{digits}f} °/s"
 
 
 def rate(measured_hz: float, told_hz: float, t: Texts) -> str:
-    """`103.9 of 104 Hz`."""
+    """`103.9 of 104 Hz`: measured and configured rate, whichever are known."""
     if not measured_hz:
         return t("words.rate_told", told=f"{told_hz:g}") if told_hz else ""
     measured = f"{measured_hz:.1f}"
@@ -41,12 +41,12 @@ def gaps(count: int, missing: int, t: Texts) -> str:
 
 
 def temperature(celsius: float) -> str:
-    """Nothing when it is not known."""
+    """`31.5 °C`; empty when unknown."""
     return f"{celsius:.1f} °C" if isfinite(celsius) else ""
 
 
 def battery(percent: float | None, t: Texts, *, charging: bool) -> str:
-    """`82 %`, with whether it is charging."""
+    """`82 %`, with whether the device is charging; empty when unknown."""
     if percent is None:
         return ""
     return t("words.charging", percent=f"{percent:.0f}") if charging else f"{percent:.0f} %"
@@ -64,12 +64,12 @@ def lasting(seconds: float, t: Texts) -> str:
 
 
 def clock(time_ns: int) -> str:
-    """`2026-11-21 13:39:19 UTC+01:00`: a date and a time of the server's zone, which it says."""
+    """`2026-11-21 13:39:19 UTC+01:00`: date and time in the server's zone, which is named."""
     local = datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone()
     return f"{local:%Y-%m-%d %H:%M:%S} {zone_name(local)}"
 
 
 def zone_name(local: datetime) -> str:
-    """How far a time's zone is from UTC: `UTC`, or `UTC+01:00`."""
+    """Offset of a time's zone from UTC: `UTC`, or `UTC+01:00`."""
     offset = local.isoformat()[-6:]
     return "UTC" if offset == "+00:00" else f"UTC{offset.replace('-', MINUS)}"

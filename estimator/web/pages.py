@@ -1,4 +1,4 @@
-"""The pages of a ward and of a device, as the server writes them; live.js keeps them true."""
+"""Server-rendered pages of the ward, with login and logout; live.js keeps them up to date."""
 
 import time
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ TEMPLATES.env.trim_blocks = TEMPLATES.env.lstrip_blocks = True
 
 
 def routes() -> list[BaseRoute]:
-    """Their places."""
+    """Routes of the ward page, login and logout."""
     return [
         Route("/", ward, name="ward"),
         Route("/login", login_form, name="login"),
@@ -34,7 +34,7 @@ def routes() -> list[BaseRoute]:
 
 
 def show(request: Request, template: str, values: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> Response:
-    """A page in its reader's language, with what every page needs: the ward, who is logged in, what is said to them once."""
+    """Render a page in the reader's language, with ward, session, and messages that are shown once."""
     desk = Desk.of(request)
     session = desk.session(request)
     frame = {
@@ -50,14 +50,14 @@ def show(request: Request, template: str, values: Mapping[str, Any], status: HTT
 
 
 async def ward(request: Request) -> Response:
-    """The whole ward."""
+    """Serve the ward page."""
     page = ward_page(Desk.of(request).known, time.monotonic(), time.time_ns(), texts(language(request)))
-    plain = request.cookies.get("truerate-plain") == "1"  # as static/choice.js says
+    plain = request.cookies.get("truerate-plain") == "1"  # set by static/choice.js
     return show(request, "ward.html", {"page": page, "plain": plain})
 
 
 async def login_form(request: Request) -> Response:
-    """Ask who it is, unless that is known."""
+    """Serve the login form, or redirect a person who is logged in already."""
     to = own(request.query_params.get("to", "/"))
     if Desk.of(request).session(request) is not None:
         return RedirectResponse(to, HTTPStatus.SEE_OTHER)
@@ -65,7 +65,7 @@ async def login_form(request: Request) -> Response:
 
 
 async def login(request: Request) -> Response:
-    """A name and a password."""
+    """Check name and password, and start a session."""
     desk = Desk.of(request)
     given = await fields(request)
     name, to = given.get("name", "").strip(), own(given.get("to", "/"))
@@ -92,6 +92,6 @@ async def logout(request: Request) -> Response:
 
 
 def own(path: str) -> str:
-    """A path of ours to go on to; never another site, and not back to where one logs in or out."""
+    """Safe redirect target: a path of this site, never another site nor the login or logout page."""
     ours = path.startswith("/") and not path.startswith(("//", "/\\", "/login", "/logout")) and path.isprintable()
     return path if ours else "/"

@@ -1,4 +1,4 @@
-"""Passwords against their argon2 hashes: the only file with argon2."""
+"""Check passwords against argon2 hashes. The only file that uses argon2."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -13,7 +13,7 @@ _HASHER = PasswordHasher()
 
 
 def hashed(password: str) -> str:
-    """What is written into the ward's file; ValueError when the password is too short to be one."""
+    """Hash of a password for the ward's file; raises ValueError when the password is too short."""
     if len(password) < MIN_LENGTH:
         raise ValueError(f"a password of {len(password)} characters; {MIN_LENGTH} are the least")
     return _HASHER.hash(password)
@@ -21,18 +21,18 @@ def hashed(password: str) -> str:
 
 @cache
 def _nobody() -> str:
-    """Nobody's: whoever is unknown takes as long to be refused as who is known."""
+    """Hash for unknown names, so that refusing an unknown name takes as long as refusing a known one."""
     return _HASHER.hash("nobody's password")
 
 
 class Passwords:
-    """Those of a ward. Checking one takes tens of milliseconds of a core, and is for a thread of its own."""
+    """Passwords of a ward's people. A check takes tens of milliseconds of a core: run it on a thread."""
 
     def __init__(self, people: Sequence[Person]) -> None:
         self._hashes = {person.name: person.password for person in people}
 
     def right(self, name: str, password: str) -> bool:
-        """Whether it is this person's."""
+        """Whether the password belongs to this person."""
         try:
             _HASHER.verify(self._hashes.get(name) or _nobody(), password)
         except (VerificationError, InvalidHashError):

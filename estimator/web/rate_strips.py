@@ -1,4 +1,4 @@
-"""How fast devices turn, as the least and the most of |corrected rate| between two frames. Pure."""
+"""Rate strips: minimum and maximum of |corrected rate| of each device between two frames. Pure."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,10 +9,13 @@ from bridge.wire.messages import Floats
 
 
 class Strips:
-    """Batches of many devices made one frame, all of them at once."""
+    """Combines the batches of many devices into one frame, all at once."""
 
     def take(self, batches: Sequence[Rates], numbers: Mapping[str, int]) -> Floats:
-        """(n, 2) °/s by device number, NaN of a device that said nothing; of devices without a number nothing is told."""
+        """(n, 2) minimum and maximum in °/s by device number; NaN for silent devices.
+
+        Devices without a number are left out.
+        """
         found = np.full((max(numbers.values(), default=-1) + 1, 2), np.nan)
         known = [batch for batch in batches if batch.device in numbers]
         if not known:

@@ -1,4 +1,4 @@
-"""Reports for the file: a certificate of a calibration, a summary of the ward, and a picture of a device's bias."""
+"""Printable reports: certificate of a calibration, summary of the ward, and a chart of a device's bias."""
 
 import time
 from datetime import UTC, datetime
@@ -20,7 +20,7 @@ from estimator.web.site import Desk
 
 
 def routes() -> list[BaseRoute]:
-    """Their places."""
+    """Routes of the reports."""
     return [
         Route("/report", ward, name="report"),
         Route("/devices/{device}/calibrations/{calibration}/certificate", certificate, name="certificate"),
@@ -29,13 +29,13 @@ def routes() -> list[BaseRoute]:
 
 
 async def ward(request: Request) -> Response:
-    """The ward now."""
+    """Serve the summary of the ward."""
     page = reports.summary(Desk.of(request).known, time.monotonic(), texts(language(request)))
     return _report(request, "report.html", page)
 
 
 async def certificate(request: Request) -> Response:
-    """One calibration, accepted or not."""
+    """Serve the certificate of one calibration, accepted or rejected."""
     desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
     known = {calibration.id: calibration for calibration in await desk.calibrations(request, name)}
     if (found := known.get(number)) is None:
@@ -46,7 +46,7 @@ async def certificate(request: Request) -> Response:
 
 
 async def bias(request: Request) -> Response:
-    """How its bias went, as a PNG."""
+    """Serve a chart of the device's bias over time as PNG."""
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
     if not reports.past(story, name).biases:

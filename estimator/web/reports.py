@@ -1,4 +1,4 @@
-"""A certificate of one calibration, and a summary of a ward, as plain values in one language. Pure."""
+"""Content of a calibration certificate and of a ward summary, as plain values in one language. Pure."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from estimator.web.guide_view import Axis, against, rows
 from estimator.web.tiles import NEEDS, toned, troubles, word
 from estimator.web.ward_state import Known, Story
 
-#: times the least standard deviation of a bias beyond which a point says nothing beside it
+#: a bias this many times less certain than the best point is left out of a chart
 _UNSURE = 20.0
-#: a boot is known so long before anything is said of its bias
+#: a boot is known up to this long before its first bias, ns
 _BEFORE_NS = 60 * 10**9
 
 
 @dataclass(frozen=True, slots=True)
 class TurnLine:
-    """One turn of the hand."""
+    """One turn by hand."""
 
     axis: str
     angle: str
@@ -34,7 +34,7 @@ class TurnLine:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Everything a certificate says. matrix: rows of the full one, none where only its diagonal was estimated."""
+    """Everything a certificate shows. matrix: rows of the full matrix; empty where only the diagonal was estimated."""
 
     device: str
     verdict: str
@@ -49,7 +49,7 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A device in the summary."""
+    """One device in the summary."""
 
     device: str
     state: str
@@ -63,7 +63,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A ward at one moment."""
+    """Summary of a ward at one moment."""
 
     tracking: int
     of: int
@@ -73,7 +73,7 @@ class Summary:
 
 
 def certificate(calibration: Calibration, known: Iterable[Calibration], status: Status | None, t: Texts) -> Certificate:
-    """Of one of the calibrations that are known of a device, accepted or not."""
+    """Certificate of a calibration, accepted or rejected. known: all known calibrations of the device."""
     c = calibration
     before = last_before(c, known)
     whole = bool(np.any(c.matrix - np.diag(np.diag(c.matrix))))
@@ -116,7 +116,7 @@ def certificate(calibration: Calibration, known: Iterable[Calibration], status: 
 
 
 def summary(known: Known, now: float, t: Texts) -> Summary:
-    """Of all devices, by name; before them those that need a person."""
+    """Summary of all devices by name, preceded by those that need a person."""
     found = known.rows(now)
     lines = {}
     for row in found:
@@ -144,7 +144,7 @@ def summary(known: Known, now: float, t: Texts) -> Summary:
 
 
 def past(story: Story, device: str) -> History:
-    """How its bias went, for a picture; when it was far less sure than now is left out, lest it hide what it is now."""
+    """Bias history for a chart; far less certain points are left out, since they would hide the present bias."""
     times_ns, points = story.trail.times_ns, story.trail.points
     if (stored := story.biases) is not None and len(times_ns):
         before = stored.time_ns < times_ns[0]

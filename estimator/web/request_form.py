@@ -1,4 +1,4 @@
-"""What a page's form or a program's JSON says, within bounds."""
+"""Read a request's form or JSON body within limits of size and time."""
 
 import asyncio
 from http import HTTPStatus
@@ -9,12 +9,12 @@ from starlette.requests import ClientDisconnect, Request
 from estimator.web.http_error import Fault
 
 MAX_BYTES = 16_384
-#: a body of ours is on the way for moments only
+#: longest time for receiving a body, s
 WHOLE_S = 10.0
 
 
 async def body(request: Request) -> bytes:
-    """All of it; Fault when it is more than any of ours, is too long on the way, or ends too early."""
+    """Whole body of a request; raises Fault when it is too large, too slow, or incomplete."""
     found = b""
     try:
         async with asyncio.timeout(WHOLE_S):
@@ -28,7 +28,7 @@ async def body(request: Request) -> bytes:
 
 
 async def fields(request: Request) -> dict[str, str]:
-    """The fields of a form; the last of those that have one name."""
+    """Fields of a form; of repeated names the last counts. Raises Fault for a malformed form."""
     text = (await body(request)).decode("utf-8", "replace")
     try:
         return dict(parse_qsl(text, keep_blank_values=True, max_num_fields=20))

@@ -1,4 +1,4 @@
-"""`truerate dashboard`: a router waited for, an application served, signals obeyed."""
+"""`truerate dashboard`: wait for a router, serve the application, obey signals."""
 
 import asyncio
 import contextlib
@@ -31,12 +31,12 @@ __all__ = ["Server", "device_topics", "guide_topics", "run", "ward_topics"]
 
 log = logging.getLogger(__name__)
 
-#: every address of this machine
-_ANY = ("0.0.0.0", "::")  # noqa: S104 - told apart, not bound
+#: addresses that mean every address of this machine
+_ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 
 
 class Server:
-    """A dashboard of one ward; `connect` may come at any time after."""
+    """Dashboard of one ward; `connect` may be called at any time later."""
 
     def __init__(
         self,
@@ -55,7 +55,7 @@ class Server:
         self.uvicorn = Listener(self.app, behind_proxy=settings.behind_proxy, connections=connections)
 
     async def serve(self) -> None:
-        """Until `stop`; raises OSError where it cannot listen."""
+        """Serve until `stop`; raises OSError if the address cannot be used."""
         host, port = self._address
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
@@ -68,26 +68,26 @@ class Server:
             await self.uvicorn.serve([listener])
 
     def stop(self) -> None:
-        """End; asked again, at once."""
+        """Stop serving; a second call stops at once."""
         self.uvicorn.force_exit = self.uvicorn.should_exit
         self.uvicorn.should_exit = True
 
     def connect(self, data: Bus, control: Bus) -> None:
-        """A router was found. Called in the event loop."""
+        """Attach the sessions of a router that was found. Called in the event loop."""
         commands = Client(ward=self._ward, bus=control)
         self._broadcast.connect(Client(ward=self._ward, bus=data), commands)
         self.desk.control = commands
 
 
 def _place(host: str, port: int) -> str:
-    """Where a browser finds it."""
+    """Address for a browser, in words."""
     if host in _ANY:
         return f"port {port} of every address of this machine, {socket.gethostname()}"
     return f"http://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def run(ward: Ward) -> int:
-    """Serve until SIGINT or SIGTERM; a missing router is waited for, and said on every page meanwhile. The exit code."""
+    """Serve until SIGINT or SIGTERM and return the exit code. While no router is found, every page says so."""
     settings = ward.dashboard
     store = Path(ward.estimator.store) if ward.estimator else None
     if settings.people and not settings.local and not settings.behind_proxy:
@@ -101,7 +101,10 @@ def run(ward: Ward) -> int:
 
 
 def routers_of(ward: Ward) -> Routers:
-    """Where to go, and as whom: a commander, or, where nobody may command, a viewer, who is told what it will not hear."""
+    """Routers and role of the dashboard: commander, or viewer where nobody may command.
+
+    A warning tells a viewer which messages its certificate does not permit.
+    """
     if ward.dashboard.people:
         return ward.bus.routers_as(Role.COMMANDER)
     routers = ward.bus.routers_as(Role.VIEWER, Role.COMMANDER)
@@ -132,7 +135,7 @@ async def _serve(server: Server, ward: Ward) -> None:
         for words in self_test(control, routers, ward.ward) if control is not None else ():
             log.error("%s", words)
         if data is not None and control is not None:
-            with contextlib.suppress(RuntimeError):  # the loop is closed: it is over
+            with contextlib.suppress(RuntimeError):  # the loop is closed: the server has stopped
                 loop.call_soon_threadsafe(server.connect, data, control)
 
     finding = threading.Thread(target=find, name="find a router", daemon=True)

@@ -1,4 +1,4 @@
-"""Who is logged in: kept in memory, so that a restart logs everybody out. Pure: time is an argument."""
+"""Login sessions, in memory only: a restart logs everybody out. Pure: time is an argument."""
 
 import secrets
 from collections import OrderedDict
@@ -8,15 +8,15 @@ from hashlib import sha256
 
 from estimator.language.texts import Texts
 
-#: so many at a time; of more the oldest ends
+#: most sessions at a time; beyond that the oldest ends
 SESSIONS = 500
 
 
 @dataclass(slots=True)
 class Session:
-    """One person in one browser. `csrf` is in every form of theirs.
+    """Session of one person in one browser. `csrf` is in each of their forms.
 
-    said waits to be shown once: whether it is good, of which device, and the answer by language.
+    said: message to show once: whether it is good news, of which device, and the text by language.
     """
 
     name: str
@@ -25,29 +25,29 @@ class Session:
     csrf: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     said: tuple[bool, str, Callable[[Texts], str]] | None = None
 
-    #: the text of a note that was not taken: nobody has to write it again
+    #: text of a note that was refused, so that nobody has to write it again
     draft: str = ""
 
     def take_draft(self) -> str:
-        """What is to be written again, once."""
+        """Text to put back into the form, once."""
         draft, self.draft = self.draft, ""
         return draft
 
     def take_said(self) -> tuple[bool, str, Callable[[Texts], str]] | None:
-        """What is to be shown, once."""
+        """Message to show, once."""
         said, self.said = self.said, None
         return said
 
 
 class Sessions:
-    """By cookie; the cookies themselves are not kept, only their hashes."""
+    """Sessions by cookie; only hashes of the cookies are kept."""
 
     def __init__(self, length_s: float, idle_s: float) -> None:
         self._length_s, self._idle_s = length_s, idle_s
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
 
     def begin(self, name: str, now: float, instead: str | None = None) -> str:
-        """The cookie of a new one, which ends the one that browser had."""
+        """Start a session and return its cookie; ends the browser's earlier session `instead`."""
         self.end(instead or "")
         cookie = secrets.token_urlsafe(32)
         self._sessions[_hashed(cookie)] = Session(name, now + self._length_s, now + self._idle_s)
@@ -56,7 +56,7 @@ class Sessions:
         return cookie
 
     def find(self, cookie: str | None, now: float) -> Session | None:
-        """Whose cookie it is, who is not idle then; None when nobody's, or no more."""
+        """Session of a cookie, marked as active; None when unknown or expired."""
         if not cookie:
             return None
         session = self._sessions.get(_hashed(cookie))
@@ -69,7 +69,7 @@ class Sessions:
         return session
 
     def end(self, cookie: str) -> None:
-        """The cookie is worth nothing any more."""
+        """End the session of a cookie."""
         self._sessions.pop(_hashed(cookie), None)
 
 

@@ -1,4 +1,4 @@
-"""Answers that take a moment of a core: made once for all who ask for the same, and not at all once nobody waits."""
+"""Share expensive answers: computed once for all who ask the same, and not at all once nobody waits."""
 
 import asyncio
 import time
@@ -14,14 +14,14 @@ from estimator.web.http_error import Fault
 
 T = TypeVar("T")
 
-#: different answers that wait or are made at a time, and answers that are kept
+#: most different answers waiting or in progress, and most answers kept
 WAITING, KEPT = 8, 16
-#: how long a request waits for a place among those, s
+#: longest wait of a request for a place among those, s
 PATIENCE_S = 1.0
 
 
 class SharedWork(Generic[T]):
-    """Makes answers one at a time on a thread; an answer serves equal requests until it is keep_s seconds old."""
+    """Computes answers one at a time on a thread; an answer serves equal requests until it is keep_s seconds old."""
 
     def __init__(self, keep_s: float) -> None:
         self._keep_s = keep_s
@@ -31,7 +31,7 @@ class SharedWork(Generic[T]):
         self._askers = Counter[str]()
 
     async def get(self, request: Request, key: str, make: Callable[[], T]) -> T:
-        """The answer under a key, as make() returns it. Raises Fault when too many others wait, or the client has left."""
+        """The answer for a key, computed by make(). Raises Fault when too many others wait, or the client has left."""
         made_s, answer = self._made.get(key, (float("-inf"), None))
         if answer is not None and time.monotonic() - made_s < self._keep_s:
             return answer
@@ -45,7 +45,7 @@ class SharedWork(Generic[T]):
             self._tasks[key] = asyncio.create_task(self._make(key, make))
             self._tasks[key].add_done_callback(
                 lambda made: made.cancelled() or made.exception()
-            )  # nobody may be left to see it
+            )  # nobody may be left to read the exception
         task = self._tasks[key]
         self._askers[key] += 1
         leaves = asyncio.create_task(_left(request))
@@ -76,6 +76,6 @@ class SharedWork(Generic[T]):
 
 
 async def _left(request: Request) -> None:
-    """Return when the client has closed its connection."""
+    """Wait until the client has closed its connection."""
     while (await request.receive())["type"] != "http.disconnect":
         pass

@@ -1,4 +1,4 @@
-"""What every page works with: the ward's state, who is logged in, and the way to the estimator."""
+"""Shared services of all pages: ward state, login sessions, and commands to the estimator."""
 
 import asyncio
 import logging
@@ -35,17 +35,17 @@ from estimator.web.ward_state import CALIBRATIONS, Known, Story
 
 log = logging.getLogger(__name__)
 
-#: how long what a store said of a device is taken for all there is
+#: how long a device's data from the store is taken as complete, s
 PAST_S = 30.0
-#: how long a picture is shown again, s: each costs a third of a second of a core
+#: how long a chart is reused, s: drawing one costs a third of a second of a core
 DRAWN_S = 5.0
-#: how a program says who it is; no browser asks a person because of it
+#: how a program must authenticate; a browser shows no prompt for it
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="truerate"'}
 VERBS = ("recalibrate", "cancel", "note")
 
 
 class Desk:
-    """One dashboard."""
+    """Services of one dashboard, shared by all requests."""
 
     def __init__(
         self,
@@ -58,20 +58,20 @@ class Desk:
         self.known, self.hub, self.settings = known, hub, settings
         self.treatment = treatment or Treatment()
         self.sessions = Sessions(settings.session_hours * 3600, settings.idle_minutes * 60)
-        #: for commands, in a session of the bus of its own; None while no router was ever there
+        #: client for commands, on its own bus session; None until a router is first connected
         self.control: Client | None = None
         self._attempts, self._passwords = Attempts(), Passwords(settings.people)
         self._one_at_a_time = asyncio.Lock()
-        #: pictures by device, and all calibrations in the store by device
+        #: charts by device, and all stored calibrations by device
         self.pictures, self._listed = SharedWork[bytes](DRAWN_S), SharedWork[list[Calibration]](PAST_S)
         self._store = store
-        #: held while the past of a device is read
+        #: held while a device's past is read from the store
         self._reading = defaultdict[str, asyncio.Lock](asyncio.Lock)
         self._past_at: dict[str, float] = {}
 
     @classmethod
     def of(cls, connection: HTTPConnection) -> "Desk":
-        """The desk that a request came to."""
+        """Desk of the application that a request came to."""
         desk = connection.app.state.desk
         assert isinstance(desk, cls)
         return desk
@@ -79,11 +79,11 @@ class Desk:
     # ---- who asks -------------------------------------------------------------------------------------------------
 
     def session(self, connection: HTTPConnection) -> Session | None:
-        """Who is logged in, by the cookie."""
+        """Session of the request's cookie, or None."""
         return self.sessions.find(cookie.found(connection), time.monotonic())
 
     def checked(self, connection: HTTPConnection, csrf: str) -> Session:
-        """Who gives a command, by cookie and by what their own page says beside it; else Fault."""
+        """Session of a person giving a command, checked by cookie and CSRF token; raises Fault otherwise."""
         session = self.session(connection)
         if session is None:
             raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", headers=CHALLENGE)
@@ -92,7 +92,7 @@ class Desk:
         return session
 
     async def let_in(self, request: Request, name: str, password: str) -> None:
-        """Return if it is the right password; else Fault, as for too many tries."""
+        """Check a name and password; raises Fault when wrong, or after too many attempts."""
         if not name or not password:
             raise Fault(HTTPStatus.BAD_REQUEST, "empty")
         address = neighbourhood(request.client.host if request.client else "")
@@ -115,7 +115,7 @@ class Desk:
     # ---- devices --------------------------------------------------------------------------------------------------
 
     def story(self, device: str) -> Story:
-        """Of a device that was heard of; else Fault."""
+        """Story of a known device; raises Fault for an unknown one."""
         story = self.known.stories.get(device)
         if story is None:
             there = ", ".join(sorted(self.known.stories)[:20]) or "–"
@@ -123,7 +123,7 @@ class Desk:
         return story
 
     async def ask(self, device: str, verb: str, who: str, words: str = "") -> CommandReply:
-        """What the estimator answers to a command; Fault when nobody answers."""
+        """Send a command to the estimator and return its reply; raises Fault when no estimator answers."""
         self.story(device)
         words = plain(words)
         if len(words) > MAX_SENTENCE or not words.isprintable():
@@ -144,11 +144,11 @@ class Desk:
             raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer") from error
 
     async def remember(self, device: str) -> None:
-        """Add what the store has of a device that is known, where the store is at hand; Fault where it is not."""
+        """Add the store's data of a known device, if the store can be read; raises Fault for an unknown device."""
         self.story(device)
         if self._store is None or not self._store.is_file() or self._fresh(device):
             return
-        async with self._reading[device]:  # whoever asks meanwhile waits for it, too
+        async with self._reading[device]:  # later requests wait for the same read
             if self._fresh(device):
                 return
             try:
@@ -161,7 +161,7 @@ class Desk:
         return time.monotonic() - self._past_at.get(device, -PAST_S) < PAST_S
 
     async def calibrations(self, request: Request, device: str) -> list[Calibration]:
-        """All of a device, oldest first: what was heard, and from the store what is older than is remembered."""
+        """All calibrations of a device, oldest first: those heard, and older ones from the store."""
         await self.remember(device)
         heard = self.story(device).calibrations
         store = self._store
@@ -184,7 +184,7 @@ def _calibrations(path: Path, device: str) -> list[Calibration]:
 
 
 def plain(words: str) -> str:
-    """As it is kept: every kind of blank is a blank, and what only joins or directs letters is left out."""
+    """Text as it is stored: every kind of space becomes a plain space, and format characters are removed."""
     kinds = ((letter, category(letter)) for letter in words)
     return "".join(" " if kind == "Zs" else letter for letter, kind in kinds if kind != "Cf")
 

@@ -1,4 +1,4 @@
-"""The ward page as plain values: the head, what is wrong with the ward itself, and a tile a device. Pure."""
+"""Content of the ward page as plain values: head count, troubles of the ward, and one tile per device. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from estimator.overview.ward import SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRo
 from estimator.web import number_format
 from estimator.web.ward_state import Known, Story
 
-#: what colour and shape a state has; each is told by its word too
+#: tone of each state, which gives colour and shape; the state's word is shown as well
 TONES = {
     "lost": "bad",
     SILENT: "bad",
@@ -25,15 +25,15 @@ TONES = {
 #: tones of devices that need a person
 NEEDS = ("bad", "ask")
 _CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
-#: states of which a person can do something with the device in hand
+#: states in which a person with the device in hand can help
 _BY_HAND = ("awaiting still", "bias only", "degraded", "turning", "warming")
 
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One device, in words of one language that can be shown as they are; the numbers are for sorting, None last.
+    """Tile of one device, in words of one language, shown as they are. Numbers are for sorting, None last.
 
-    state: as programs know it, word: as people read it.
+    state: name for programs; word: name for people.
     """
 
     id: str
@@ -64,7 +64,10 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class WardPage:
-    """Everything the ward page shows. `troubles` are of the ward itself; `counts` how many are in each state, and its word."""
+    """Everything the ward page shows.
+
+    `troubles` concern the ward itself; `counts` holds name, tone, number and word of each state.
+    """
 
     ward: str
     count: str
@@ -79,7 +82,7 @@ class WardPage:
 
 
 def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
-    """What is to be shown now: `now` in seconds of the clock messages were heard by, now_ns of the wall's."""
+    """Present content of the ward page. now: seconds of the receive clock; now_ns: wall clock time."""
     rows = known.rows(now)
     tiles = [tile(row, known.stories[row.device], now, now_ns, t) for row in rows]
     counts = [(state, TONES[state], sum(row.state == state for row in rows), word(state, t)) for state in URGENCY]
@@ -100,17 +103,17 @@ def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
 
 
 def word(state: str, t: Texts) -> str:
-    """A state as people read it."""
+    """Name of a state for people."""
     return t(f"state.{state.replace(' ', '_')}")
 
 
 def troubles(known: Known, t: Texts) -> list[str]:
-    """What is wrong with the ward itself, in words."""
+    """Troubles of the ward itself, in words."""
     return [t.text((trouble,)) for trouble in known.troubles()]
 
 
 def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
-    """One device."""
+    """Tile of one device."""
     status, info = story.status, story.info
     told_hz, measured_hz = (info.rate_hz, info.measured_rate_hz) if info else (0.0, 0.0)
     calibrated_ns = status.calibrated_time_ns if status else 0
@@ -153,7 +156,7 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
 
 
 def toned(row: DeviceRow) -> str:
-    """The tone of a device: a low battery asks for a person however well it is."""
+    """Tone of a device; a low battery asks for a person even if all else is well."""
     return "ask" if row.low_battery and TONES[row.state] not in NEEDS else TONES[row.state]
 
 
@@ -163,7 +166,7 @@ def _rest(row: DeviceRow, now_ns: int, t: Texts) -> str:
 
 
 def _rebooted(story: Story, now_ns: int, t: Texts) -> str:
-    """That it has started anew and must be calibrated again; nothing of a device's first boot."""
+    """Notice that a device rebooted and needs a new calibration; empty for a device's first boot."""
     if not rebooted(story):
         return ""
     boot = story.boots[story.boot]
@@ -172,13 +175,13 @@ def _rebooted(story: Story, now_ns: int, t: Texts) -> str:
 
 
 def _stale(row: DeviceRow, story: Story, now: float, t: Texts) -> str:
-    """Of when the numbers are, where they are not of now."""
+    """Age of the numbers, where they are not current; else empty."""
     if row.state not in ("lost", SILENT, UNKNOWN) or story.heard_s is None:
         return ""
     return t("words.as_of", ago=t("words.ago", age=number_format.lasting(now - story.heard_s, t)))
 
 
 def rebooted(story: Story) -> bool:
-    """Whether it has started anew while somebody listened, and was not calibrated since."""
+    """Whether a device rebooted while the dashboard listened, and is not calibrated since."""
     calibrated = story.status is not None and story.status.calibrated_time_ns
     return len(story.boots) > 1 and story.boot in story.boots and not calibrated

@@ -1,9 +1,9 @@
-"""What can be watched: `ward`, `rates`, `bias`, `device/<id>`, `trace/<id>`. A topic is made when somebody watches it first.
+"""Topics that a page can watch: `ward`, `rates`, `bias`, `device/<id>`, `trace/<id>`. Made when first watched.
 
-One that is made of words is named with its language, as `ward@zh`; without one it is English.
+A topic with words is named with its language, as `ward@zh`; without a language it is English.
 
 A text frame is JSON with its topic in `topic`. A binary frame begins with the topic's name: its length as one byte, the
-name, zeros up to a multiple of eight bytes; numbers are little-endian.
+name, zeros up to a multiple of eight bytes. Numbers are little-endian.
 """
 
 from collections.abc import Callable, Iterable
@@ -22,7 +22,7 @@ from estimator.web.ward_state import Known
 
 @dataclass(slots=True)
 class Sources:
-    """What a topic is made of; client is None while no router was ever there."""
+    """Inputs of a topic; client is None until a router is first connected."""
 
     known: Known
     client: Client | None = None
@@ -30,31 +30,31 @@ class Sources:
 
 
 class Topic(Protocol):
-    """One thing that is watched; all its methods are called from the event loop and must be quick."""
+    """Content that pages watch. All methods are called from the event loop and must be quick."""
 
-    #: how often `frames` is asked
+    #: interval between calls of `frames`, s
     period_s: float
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """What a newcomer needs before the first frame."""
+        """Frames that a newcomer needs first."""
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """What is new, for everybody."""
+        """New frames for all viewers."""
 
     def close(self) -> None:
-        """Nobody watches any more."""
+        """Release subscriptions: nobody watches any more."""
 
 
 Make = Callable[[str, Sources], Topic]
-#: by the first part of the name, what makes a topic of the whole name; `/<id>` follows where a device is meant
+#: maker of a topic, by the first part of the topic's name; `/<id>` follows for topics of a device
 KINDS: dict[str, Make] = {}
 OF_A_DEVICE: set[str] = set()
-#: those that are told in a language
+#: kinds with words, which exist in every language
 WORDED: set[str] = set()
 
 
 def kind(name: str, *, of_a_device: bool = False, worded: bool = False) -> Callable[[Make], Make]:
-    """Make a kind of topic known under the first part of its name."""
+    """Register a kind of topic under the first part of its name."""
 
     def add(make: Make) -> Make:
         KINDS[name] = make
@@ -68,7 +68,7 @@ def kind(name: str, *, of_a_device: bool = False, worded: bool = False) -> Calla
 
 
 def exists(topic: str) -> bool:
-    """Whether there is such a topic."""
+    """Whether a topic of this name exists."""
     bare, at, language = topic.partition("@")
     name, slash, device = bare.partition("/")
     spoken = name in WORDED and language in LANGUAGES if at else True
@@ -76,26 +76,26 @@ def exists(topic: str) -> bool:
 
 
 def kind_of(topic: str) -> str:
-    """The first part of its name."""
+    """Kind of a topic: the first part of its name."""
     return topic.partition("@")[0].partition("/")[0]
 
 
 def device_of(topic: str) -> str:
-    """The device that is meant, or nothing."""
+    """Device id of a topic; empty for topics of the ward."""
     return topic.partition("@")[0].partition("/")[2]
 
 
 def texts_of(topic: str) -> Texts:
-    """In what it is told."""
+    """Texts in the language of a topic."""
     return texts(topic.partition("@")[2] or LANGUAGES[0])
 
 
 def text(topic: str, content: Any) -> str:
-    """A JSON frame."""
+    """JSON frame of a topic."""
     return msgspec.json.encode({"topic": topic, "is": content}).decode()
 
 
 def binary(topic: str, content: bytes) -> bytes:
-    """A binary frame."""
+    """Binary frame of a topic."""
     head = bytes([len(topic)]) + topic.encode()
     return head + bytes(-len(head) % 8) + content

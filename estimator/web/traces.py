@@ -1,4 +1,4 @@
-"""Raw and corrected rates of one device side by side, thinned to what a picture can show. Pure."""
+"""Traces of one device: raw and corrected rates side by side, thinned to what a chart can show. Pure."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -7,14 +7,14 @@ import numpy as np
 
 from bridge.wire.messages import CorrectedBatch, Floats, SampleBatch
 
-#: points a second; of more samples the least and the most of each stretch are kept
+#: points per second; of denser samples the minimum and maximum of each stretch are kept
 POINTS_HZ = 104.0
-#: readings whose corrected rates have not come are shown alone after so long
+#: readings without corrected rates are shown alone after this long, s
 ALONE_S = 1.0
-#: seconds of points that a newcomer is given
+#: span of points given to a newcomer, s
 KEPT_S = 20.0
 _WAITING = 400
-#: a host's clock that goes back by more was set, or is another's: what was by it before is over
+#: a host clock that goes back by more was reset or is another's; earlier points are then dropped, s
 BACK_S = 1.0
 
 
@@ -33,9 +33,9 @@ class Points:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """n samples of one boot, read and corrected: device and host time (n,) s, rates (n, 3) rad/s.
+    """n samples of one boot, raw and corrected: device and host time (n,) s, rates (n, 3) rad/s.
 
-    bias (3,) rad/s is the reading at zero rate; accel (3,) m/s², their mean, None where there is no accelerometer.
+    bias (3,) rad/s is the reading at zero rate; accel (3,) m/s² is the mean, None without an accelerometer.
     """
 
     boot: int
@@ -50,7 +50,7 @@ class Pair:
 
 
 class Traces:
-    """Batches in, points out."""
+    """Pairs raw with corrected batches, and makes points of them."""
 
     def __init__(self) -> None:
         self._raw: deque[tuple[float, SampleBatch]] = deque(maxlen=_WAITING)
@@ -59,7 +59,7 @@ class Traces:
         self._kept: deque[Points] = deque(maxlen=_WAITING)
 
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
-        """What belongs together of what has come by `now`, in order of the readings; one batch may be answered in parts."""
+        """Pair the batches received by `now`, in order of the readings; a raw batch may match several corrected ones."""
         self._raw += [(now, batch) for batch in raw]
         self._corrected += corrected
         found = []
@@ -77,7 +77,7 @@ class Traces:
         return found
 
     def points(self, pairs: list[Pair]) -> Points | None:
-        """A frame of them; None when there is nothing new: what comes late, in the device's own time, is left out."""
+        """Points of new pairs; None when there are none. Pairs that come late in device time are left out."""
         pairs = [pair for pair in pairs if not self._late(pair)]
         if not pairs:
             return None
@@ -101,7 +101,7 @@ class Traces:
         return late
 
     def kept(self) -> Points | None:
-        """The last seconds."""
+        """Points of the last seconds, or None."""
         if not self._kept:
             return None
         columns = [np.concatenate([getattr(one, name) for one in self._kept]) for name in Points.__slots__]
@@ -130,7 +130,7 @@ def _pair(batch: SampleBatch, answers: list[CorrectedBatch]) -> Pair:
 
 
 def _thinned(columns: list[Floats], points: int) -> list[Floats]:
-    """At most so many points: of each stretch first the least, then the most of every column; times as they are."""
+    """At most `points` points: minimum, then maximum of every column of each stretch; times are unchanged."""
     time, *values = columns
     if len(time) <= points:
         return columns

@@ -1,4 +1,4 @@
-"""The topics of the ward page: its tiles in words, how fast each device turns now, and how its bias went."""
+"""Topics of the ward page: tiles in words, present rate of each device, and bias over time."""
 
 from collections.abc import Iterable
 
@@ -12,15 +12,15 @@ from estimator.web.rate_strips import Strips
 from estimator.web.tiles import ward_page
 from estimator.web.topics import Sources
 
-#: eighteen redraws a second; no more often than a bridge sends
+#: interval of rate frames, s: about 17 a second, no more often than a bridge sends
 RATES_S = 0.06
-#: points of a tile's bias, and how far back they go
+#: points in a tile's bias chart, and its span, s
 SPARKS, SPARKS_S = 40, 1200.0
 
 
 @topics.kind("ward", worded=True)
 class WardTopic:
-    """All tiles, whole every second: a frame that is lost costs nothing."""
+    """All tiles, whole every second, so that a lost frame costs nothing."""
 
     period_s = 1.0
 
@@ -28,18 +28,18 @@ class WardTopic:
         self._topic, self._known, self._t = topic, sources.known, topics.texts_of(topic)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """The page as it is."""
+        """The present page content."""
         yield topics.text(self._topic, ward_page(self._known, now, now_ns, self._t))
 
     frames = whole
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""
 
 
 @topics.kind("rates")
 class RatesTopic:
-    """How fast each device turns: the least and the most since the last frame, by device number."""
+    """Rate of each device: minimum and maximum since the last frame, by device number."""
 
     period_s = RATES_S
 
@@ -48,12 +48,12 @@ class RatesTopic:
         self._strips = Strips()
         self._rates: Stream[Rates] | None = sources.client.rates() if sources.client else None
 
-    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - it begins with what comes
-        """Nothing: it begins with what comes."""
+    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - starts with the next samples
+        """No frames: the topic starts with the next samples."""
         return ()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """float64 seconds of the server's clock; float32 least and most of |rate| in °/s by number, NaN when nothing came."""
+        """float64 server time in s; float32 minimum and maximum of |rate| in °/s by device number, NaN when silent."""
         if self._rates is None:
             return
         numbers = {name: story.number for name, story in self._known.stories.items()}
@@ -61,14 +61,14 @@ class RatesTopic:
         yield topics.binary(self._topic, np.float64(now_ns / 1e9).tobytes() + found.astype("<f4").tobytes())
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close the subscription."""
         if self._rates is not None:
             self._rates.close()
 
 
 @topics.kind("bias")
 class BiasTopic:
-    """How the bias of each device went: points at even distances, for small pictures."""
+    """Bias of each device over time, at even intervals, for small charts."""
 
     period_s = 5.0
 
@@ -76,7 +76,7 @@ class BiasTopic:
         self._topic, self._known = topic, sources.known
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """float64 seconds that are told; by number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN is not known."""
+        """float64 span in s; by device number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN where unknown."""
         trails = [story.trail for story in self._known.stories.values()]
         first_ns = min((int(trail.times_ns[0]) for trail in trails if len(trail)), default=now_ns)
         begin_ns = max(first_ns, now_ns - round(SPARKS_S * 1e9))
@@ -88,4 +88,4 @@ class BiasTopic:
     frames = whole
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""

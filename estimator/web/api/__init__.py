@@ -1,1 +1,1 @@
-"""The ward for programs: JSON over HTTP, with an OpenAPI document made of the types it answers with."""
+"""HTTP API of the ward for programs: JSON, with an OpenAPI document generated from the response types."""

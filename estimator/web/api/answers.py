@@ -1,4 +1,4 @@
-"""What programs are answered: the types are the contract, in SI, and the OpenAPI document is made of them. Pure."""
+"""Response types of the HTTP API, in SI units; the OpenAPI document is generated from them. Pure."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -18,7 +18,7 @@ from estimator.overview.ward import TRACKING, DeviceRow, chosen
 from estimator.web.tiles import NEEDS, toned
 from estimator.web.ward_state import Known, Story
 
-#: calibrations that are answered at once, and the most that may be asked for
+#: calibrations per response by default, and at most
 PAGE, MOST = 50, 500
 
 Vector = Annotated[list[float], Meta(min_length=3, max_length=3)]
@@ -26,7 +26,7 @@ Matrix = Annotated[list[Vector], Meta(min_length=3, max_length=3)]
 
 
 class Said(Struct, frozen=True):
-    """One thing that is said: a code and its parameters, as docs/wire.md lists them, and the English text."""
+    """One message: a code and its parameters, as docs/wire.md lists them, and the English text."""
 
     code: str
     params: dict[str, str]
@@ -34,12 +34,12 @@ class Said(Struct, frozen=True):
 
 
 def said(sentences: Sentences) -> list[Said]:
-    """Sentences for programs."""
+    """Convert sentences into the API's message type."""
     return msgspec.convert(sentences_as_json(sentences), list[Said])
 
 
 class Device(Struct, frozen=True):
-    """A device: null is not known; `gaps` and `missing_samples` since the estimator knows it."""
+    """A device. null means unknown; `gaps` and `missing_samples` count since the estimator first saw the device."""
 
     id: str
     state: str
@@ -73,7 +73,7 @@ class Device(Struct, frozen=True):
 
 
 class Devices(Struct, frozen=True):
-    """A ward, those that need a person first. `troubles` are of the ward itself."""
+    """All devices of a ward, those that need a person first. `troubles` concern the ward itself."""
 
     ward: str
     connected: bool
@@ -93,7 +93,7 @@ class Turn(Struct, frozen=True):
 
 
 class OneCalibration(Struct, frozen=True):
-    """corrected = matrix (reading - bias). As a file it is what `truerate correct --calibration` takes."""
+    """A calibration: corrected = matrix (reading - bias). As a file, `truerate correct --calibration` accepts it."""
 
     device: str
     boot: str
@@ -120,7 +120,10 @@ class OneCalibration(Struct, frozen=True):
 
 
 class Calibrations(Struct, frozen=True):
-    """Of one device, the latest first, accepted or not; `next` is to be given as `before` for the older ones, null is the end."""
+    """Calibrations of one device, latest first, accepted or rejected.
+
+    For older ones, pass `next` as `before`; null means there are none.
+    """
 
     device: str
     calibrations: list[OneCalibration]
@@ -128,20 +131,20 @@ class Calibrations(Struct, frozen=True):
 
 
 class Words(Struct, frozen=True, forbid_unknown_fields=True):
-    """What is asked with a command: the reason, or the text of a note; one line."""
+    """Text sent with a command: the reason, or the text of a note; one line."""
 
     words: Annotated[str, Meta(max_length=500)] = ""
 
 
 class Reply(Struct, frozen=True):
-    """What the estimator answered."""
+    """The estimator's reply to a command."""
 
     accepted: bool
     message: list[Said]
 
 
 class ErrorWords(Struct, frozen=True):
-    """A short name for programs, and a text for people; reason: what the estimator answered, where it refused."""
+    """A short error code for programs, and a text for people. reason: the estimator's reply, where it refused."""
 
     code: str
     message: str
@@ -149,13 +152,13 @@ class ErrorWords(Struct, frozen=True):
 
 
 class Error(Struct, frozen=True):
-    """Why not."""
+    """Why a request was refused."""
 
     error: ErrorWords
 
 
 def devices(known: Known, rows: list[DeviceRow], only: list[str]) -> Devices:
-    """Those of the rows that are chosen; head count and troubles are of the whole ward."""
+    """Response for the chosen devices; head count and troubles concern the whole ward."""
     return Devices(
         ward=known.ward,
         connected=known.connected,
@@ -167,7 +170,7 @@ def devices(known: Known, rows: list[DeviceRow], only: list[str]) -> Devices:
 
 
 def device(row: DeviceRow, story: Story) -> Device:
-    """One device."""
+    """Response for one device."""
     status, info = story.status, story.info
     return Device(
         id=row.device,
@@ -203,7 +206,7 @@ def device(row: DeviceRow, story: Story) -> Device:
 
 
 def calibrations(name: str, story: Story, found: Sequence[Calibration], limit: int) -> Calibrations:
-    """The last of those that were found, which are oldest first."""
+    """Response with the last `limit` of `found`, which is oldest first; the response is latest first."""
     in_use = story.status.calibration if story.status else ""
     page = found[-limit:]
     return Calibrations(
@@ -225,7 +228,7 @@ def _calibration(c: Calibration, in_use: str) -> OneCalibration:
 
 
 def iso(time_ns: int) -> str:
-    """As ISO 8601, UTC."""
+    """ISO 8601 time in UTC, with milliseconds."""
     return datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat(timespec="milliseconds")
 
 

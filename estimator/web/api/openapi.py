@@ -1,4 +1,4 @@
-"""The OpenAPI 3.1 document of /api/v1, made of the types that are answered."""
+"""OpenAPI 3.1 document of /api/v1, generated from the response types."""
 
 from functools import cache
 from importlib.metadata import version
@@ -26,7 +26,7 @@ _COMMANDS = {
 
 @cache
 def document() -> dict[str, Any]:
-    """All of it."""
+    """The complete OpenAPI document, cached."""
     _, schemas = msgspec.json.schema_components((Devices, Device, Calibrations, Reply, Words, Error), ref_template=_REF)
     of_one = {400: "no id of a device, or a parameter", 404: "no such device was heard of"}
     return {

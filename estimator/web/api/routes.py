@@ -1,4 +1,4 @@
-"""Where programs ask: /api/v1."""
+"""Routes of the HTTP API for programs, /api/v1."""
 
 import json
 import time
@@ -21,13 +21,13 @@ from estimator.web.http_error import Fault
 from estimator.web.site import CHALLENGE, Desk
 
 ROOT = "/api/v1"
-#: words of ?only=, and characters of one: an id has at most 32
+#: most words in ?only=, and most characters in a word; an id has at most 32
 MOST_WORDS, LONGEST = 16, 64
 _JSON = "application/json"
 
 
 def routes() -> list[BaseRoute]:
-    """Their places."""
+    """Routes of the API."""
     return [
         Route(f"{ROOT}/openapi.json", document),
         Route(f"{ROOT}/devices", devices),
@@ -38,12 +38,12 @@ def routes() -> list[BaseRoute]:
 
 
 def answer(content: Any, status: HTTPStatus = HTTPStatus.OK, headers: dict[str, str] | None = None) -> Response:
-    """JSON."""
+    """JSON response with `content` encoded by msgspec."""
     return Response(msgspec.json.encode(content), status, headers, _JSON)
 
 
 def refused(fault: Fault) -> Response:
-    """Why not, as JSON."""
+    """JSON error response of a fault."""
     return answer(
         answers.Error(answers.ErrorWords(fault.code, fault.message, answers.said(fault.reason))),
         fault.status,
@@ -52,13 +52,13 @@ def refused(fault: Fault) -> Response:
 
 
 async def document(request: Request) -> Response:
-    """What can be asked, and what is answered."""
+    """Serve the OpenAPI document."""
     _asked(request)
     return answer(openapi.document())
 
 
 async def devices(request: Request) -> Response:
-    """All of them, or with ?only= those in a state, or whose id matches."""
+    """Serve all devices; with ?only= those in a state or with a matching id."""
     desk = Desk.of(request)
     only = _asked(request, "only").getlist("only")
     if len(only) > MOST_WORDS:
@@ -71,14 +71,14 @@ async def devices(request: Request) -> Response:
 
 
 async def device(request: Request) -> Response:
-    """One."""
+    """Serve one device."""
     _asked(request)
     desk, name = Desk.of(request), _named(request)
     return answer(answers.device(desk.known.row(name, time.monotonic()), desk.story(name)))
 
 
 async def calibrations(request: Request) -> Response:
-    """Those of one: the latest, or with ?before= those before one; at most ?limit= of them."""
+    """Serve a device's latest calibrations, or with ?before= those older than that id; at most ?limit= of them."""
     asked = _asked(request, "before", "limit")
     desk, name = Desk.of(request), _named(request)
     found = await desk.calibrations(request, name)
@@ -92,7 +92,7 @@ async def calibrations(request: Request) -> Response:
 
 
 def _asked(request: Request, *names: str) -> QueryParams:
-    """The parameters; Fault when there is another than these."""
+    """Query parameters of the request; raises Fault if any name is not in `names`."""
     unknown = set(request.query_params) - set(names)
     if unknown:
         there = "there are: " + ", ".join(names) if names else "there is none"
@@ -102,7 +102,7 @@ def _asked(request: Request, *names: str) -> QueryParams:
 
 
 def _nothing_like(word: str, rows: list[DeviceRow]) -> None:
-    """Fault where a word of ?only= is probably mistyped."""
+    """Raise Fault where a word of ?only= is probably mistyped."""
     if len(word) > LONGEST:
         words = f"'only' has a word of {len(word)} characters; at most {LONGEST} are taken."
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
@@ -123,7 +123,7 @@ def _limit(text: str) -> int:
 
 
 def _named(request: Request) -> str:
-    """The device of the path; Fault when it is no id, or none that was heard of."""
+    """Device id in the path; raises Fault if the id is malformed or unknown."""
     name = request.path_params["device"]
     try:
         check_id(name, "device")
@@ -134,7 +134,7 @@ def _named(request: Request) -> str:
 
 
 async def command(request: Request, verb: str) -> Response:
-    """Ask the estimator; 409 when it does not do it."""
+    """Send a command to the estimator; 409 when the estimator refuses."""
     desk = Desk.of(request)
     _asked(request)
     who = await _who(desk, request)
@@ -146,7 +146,7 @@ async def command(request: Request, verb: str) -> Response:
 
 
 async def _who(desk: Desk, request: Request) -> str:
-    """Who asks: by `Authorization: Bearer name.secret`, or by a page's cookie with its X-CSRF-Token."""
+    """Name of the caller: from `Authorization: Bearer name.secret`, or a page's cookie with its X-CSRF-Token."""
     kind, _, credentials = request.headers.get("authorization", "").partition(" ")
     if not kind:
         return desk.checked(request, request.headers.get("x-csrf-token", "")).name
@@ -178,7 +178,7 @@ async def _words(request: Request) -> str:
 
 
 def _halved(body: bytes) -> bool:
-    """Whether it is JSON, of a text that is none: msgspec only says that it ended too early."""
+    """Whether the body is JSON with an unpaired surrogate escape; msgspec reports only a premature end."""
     try:
         json.dumps(json.loads(body), ensure_ascii=False).encode()
     except UnicodeEncodeError:
