@@ -9,8 +9,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 #: calls and imports that reach behind a public interface, by how they are written
 FORBIDDEN = ("os._exit", "gc.freeze", "sys.modules", "uvicorn.protocols", "ctypes", "numba.core", "_signal")
-#: what NamedTuple offers to everybody
-PUBLIC = {"_asdict", "_replace", "_fields", "_make"}
+#: documented names of NamedTuple and Enum
+PUBLIC = {"_asdict", "_replace", "_fields", "_make", "_value_"}
 #: what is still to go, by file
 KNOWN = {
     "bridge/diagnose/machine.py": {"ctypes"},  # adjtimex is in no Python library

@@ -93,7 +93,7 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     hand.from_the_ward_page(NAME)
     # Half a turn does not count: it is said why, and only that one is asked for again.
     hand.follow(turns=2, half="along")
-    expect(page.locator("#wrong")).to_contain_text("Turn it all the way round, once.")
+    expect(page.locator("#wrong")).to_contain_text("Turn the device once all the way round.")
     expect(do).to_have_text("Again: roll it over once, away from you")
     expect(page.locator('#turns [data-mark="done"] .axis-name')).to_have_text("z")
     keep(page, "guide-failed")

@@ -96,7 +96,7 @@ def test_health_and_status_of_a_ward_that_runs_and_of_one_that_does_not(
     wait("the loss", lambda: running.watcher.statuses[NAME].state is State.LOST, running.watcher, running.ward)
     code, seen = running.status(capsys)
     assert (code, seen["tracking"]) == (1, 0)
-    assert "missing; plug the device in" in str(seen["needs"]), "what the bridge says of it, for a person"
+    assert "is missing. Plug the device in" in str(seen["needs"]), "what the bridge says of it, for a person"
     running.ward.stop("bridge")
     code, seen = running.status(capsys)
     assert code == 1

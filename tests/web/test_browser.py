@@ -376,7 +376,7 @@ def test_everything_of_a_chinese_page_is_chinese(page: Page, site: Site, shot: S
     page.get_by_label("姓名").fill("nurse")
     page.get_by_label("密码").fill("wrong password")
     page.locator("main button").click()
-    expect(page.locator("#wrong")).to_have_text("姓名或密码不对")
+    expect(page.locator("#wrong")).to_have_text("姓名或密码不对。")
     assert english(page) == []
     shot("login-zh")
     fits(page)

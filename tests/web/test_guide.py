@@ -109,7 +109,7 @@ def test_a_failed_turn_is_repeated(page: Page, played: Played, shot: Shot) -> No
     played.switch_on(rests_between(turn(2), turn(0, 180.0), turn(0), turn(1)))
     open_guide(page)
     played.play_piece(4)
-    expect(page.locator("#wrong")).to_contain_text("Turn it all the way round, once.")
+    expect(page.locator("#wrong")).to_contain_text("Turn the device once all the way round.")
     expect(page.locator("#do")).to_have_text("Again: roll it over once, away from you")
     shot("guide-failed")
     assert serious(page) == []
@@ -137,7 +137,7 @@ def test_begun_and_cancelled_by_the_keyboard(page: Page, played: Played, shot: S
     page.get_by_role("button", name="Cancel").focus()
     page.keyboard.press("Enter")
     expect(page.locator("#do")).to_have_text("Cancelled")
-    expect(page.locator("#wrong")).to_contain_text("nurse has cancelled.")
+    expect(page.locator("#wrong")).to_contain_text("nurse cancelled the calibration.")
     expect(page.get_by_role("button", name="Begin")).to_be_visible()
     expect(page.get_by_role("button", name="Cancel")).to_be_hidden()
     # What was answered is said by the step itself, and nothing of it tells that this worked.
@@ -157,7 +157,7 @@ def test_two_tablets_and_two_languages(page: Page, site: Site, browser: Browser,
     played.play_piece(4)
     expect(page.locator("#do")).to_have_text("Again: roll it over once, away from you")
     expect(other.locator("#do")).to_have_text("再来一次：向前翻滚一整圈")
-    expect(other.locator("#wrong")).to_contain_text("请转满一整圈")
+    expect(other.locator("#wrong")).to_contain_text("请转满一圈")
     other.get_by_role("link", name="English").click()
     expect(other.locator("#do")).to_have_text("Again: roll it over once, away from you")
     other.goto(f"/devices/{NAME}/calibrate")

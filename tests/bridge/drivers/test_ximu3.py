@@ -161,7 +161,7 @@ def test_settings_may_be_left_alone() -> None:
     run.run(3.0)
     assert all(b"null" in command for command in run.device.heard)
     assert run.device.settings[CORRECTION] is True
-    assert "turn" in run.notices[-1]
+    assert "Turn" in run.notices[-1]
 
 
 def test_an_opened_port_loses_nothing_that_waited() -> None:

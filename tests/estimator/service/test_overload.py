@@ -2,6 +2,7 @@
 
 import pytest
 
+from bridge.reasons.codes import Code
 from estimator.device.batch_correction import Cut
 from estimator.device.outcome import Outcome
 from estimator.device.session import DeviceSession
@@ -80,7 +81,9 @@ def test_a_slow_service_says_so_wherever_one_looks(monkeypatch: pytest.MonkeyPat
         assert vitals.unready() == []
         seen = summary.summarise("w", {NAME: device.latest}, {}, ["bridge"], ["e"])
         assert not seen.well
-        assert [words for words in seen.troubles if "has not kept up" in words] == overload.found([device.latest])
+        assert [one for one in seen.troubles if one.code == Code.ESTIMATOR_OVERLOADED] == overload.found(
+            [device.latest]
+        )
         assert served.service.counts.as_dict()[f"{OVERLOADED}, seconds"] > PERSISTS_S
         for _ in range(round((OVER_S + 3) / 0.05)):
             served.service.step(0.05)
