@@ -23,7 +23,7 @@ def self_test(
     """
     if routers.identity is None:
         return []
-    from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - only who has certificates waits until they can be read
+    from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - import `cryptography` only if certificates are used
 
     member = member_of(routers.identity)
     own = keys.build(ward, "alive/probe", role=member.role.value, name=member.name)

@@ -84,7 +84,7 @@ class Declared(Protocol):
 
 
 class Bus(Protocol):
-    """One session on the bus."""
+    """Session on the bus: a context manager that opens publishers, subscriptions, queries and liveliness tokens."""
 
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
         """Declare a publisher on a key. With cache > 0, keep the last `cache` messages for late and returning subscribers."""

@@ -64,7 +64,7 @@ class MessageQueue:
 
     @property
     def closed(self) -> bool:
-        """Whether close() was called."""
+        """Whether the queue is closed."""
         return self._over
 
     def receive(self, timeout_s: float) -> Message | None:

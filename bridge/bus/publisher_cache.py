@@ -1,7 +1,7 @@
 """Publisher cache: numbers messages and keeps the last ones, for late subscribers and for gap repair.
 
-The attachment of a message has 20 bytes: 8 random bytes of the session, 4 bytes for the publisher's number in the session,
-and 8 bytes for the message's number, counted from 0. Both numbers are big-endian. A cache answers queries on
+The attachment of a message has 20 bytes: session (8, random), publisher number in the session (4), and message number (8).
+Both numbers count from 0 and are big-endian. A cache answers queries on
 `KEY/@adv/SESSION`, with one reply per message. KEY is a key or pattern; SESSION is the session's bytes in hex, or `*`.
 Router rules let a member with the right to publish KEY answer below `@adv`, and a member with the right to subscribe to KEY
 query there. A query has one of these parameters, or none for all messages:
@@ -28,7 +28,7 @@ PARAMETERS = ("most", "publisher", "from", "last")
 #: a publisher silent for this time has paused: no next message will soon reveal the loss of the last one
 PAUSED_S = 1.5
 
-#: number and payload
+#: a cached message: number and payload
 Kept = tuple[int, bytes]
 
 

@@ -12,7 +12,7 @@ SECURED = ("tls", "quic")
 
 
 def secured(endpoint: str) -> bool:
-    """Whether an endpoint needs certificates."""
+    """Whether an endpoint uses TLS and so needs certificates."""
     return endpoint.partition("/")[0] in SECURED
 
 
@@ -32,7 +32,7 @@ class Routers(Sequence[str]):
         """Return the faults of the identity that would make a TLS connection fail now."""
         if self.identity is None:
             return []
-        from bridge.pki.certificate_checks import faults  # noqa: PLC0415 - only who has certificates waits until they can be read
+        from bridge.pki.certificate_checks import faults  # noqa: PLC0415 - import `cryptography` only if certificates are used
 
         return faults(self.identity, datetime.now(UTC))
 

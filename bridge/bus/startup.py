@@ -1,4 +1,4 @@
-"""Start-up on the bus: wait for a router, and refuse to start beside another program with the same id."""
+"""Start-up on the bus: wait for a router, and refuse to start while another program has the same id."""
 
 import logging
 import threading

@@ -136,8 +136,8 @@ class ZenohBus:
     def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> "Declared":
         """See contract.Bus. A lost router takes all tokens with it: check `connected` before treating a token as dead.
 
-        zenoh 1.10.2 may keep reporting a token that dies in the same millisecond in which a watcher joins, until the
-        session reconnects (3 of 1800 under load, timed to hit). A token is a hint; arriving data is the proof.
+        zenoh 1.10.2 may miss the death of a token in the same millisecond in which a watcher joins (3 of 1800 under load,
+        timed to hit). The token then stays until the session reconnects. A token is a hint; arriving data is the proof.
         """
         guarded = Guarded(on_change, f"liveliness of {pattern}")
         with self._doing(f"watch {check_pattern(pattern)}"):

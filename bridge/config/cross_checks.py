@@ -39,7 +39,7 @@ def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[
 
 
 def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
-    """Yield a sentence for each device in `models` that is neither enrolled nor listed in these files."""
+    """Yield a sentence for each device in `models` that is not enrolled; without enrolment, not listed in these files."""
     for path, root in wards.items():
         listed = {
             one.id

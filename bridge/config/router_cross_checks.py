@@ -18,7 +18,7 @@ def faults(router: RouterFile) -> Iterator[str]:
         return  # reported elsewhere
     there = {name.removeprefix(ISSUER_OF) for name in trusted if name.startswith(ISSUER_OF)}
     if not there or router.identity is None:
-        return  # a site's own authority
+        return  # the site has its own authority: no issuer per member
     known = router.members | own
     if more := sorted(there - known):
         yield f"{router.identity.ca} lets in {', '.join(more)}, revoked maybe, whom the rules do not know: {_ANEW}"

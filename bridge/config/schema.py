@@ -25,7 +25,7 @@ __all__ = ["Bridge", "Bus", "ConfigError", "Device", "Root", "Router", "check", 
 LOCAL = "tcp/127.0.0.1:7447"
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")
 #: listen hosts that stand for all addresses of a machine
-ANYWHERE = ("0.0.0.0", "::", "*")  # noqa: S104 - what files say is looked through
+ANYWHERE = ("0.0.0.0", "::", "*")  # noqa: S104 - compared, not listened on
 _ADDRESS = re.compile(r"[^?#\s]+:(\d{1,5})(?:[?#].*)?\Z")
 
 
@@ -132,7 +132,7 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Listen addresses of `truerate router`."""
 
-    #: zenoh endpoints
+    #: zenoh endpoints to listen on
     listen: tuple[str, ...] = (LOCAL,)
 
     def __post_init__(self) -> None:
@@ -176,7 +176,7 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     batch_ms: float = 50.0
     #: address of /metrics, /healthz and /readyz, for example `127.0.0.1:9465`
     health: str = ""
-    #: one table `[[bridge.devices]]` for each device; see below
+    #: one table `[[bridge.devices]]` per device; see below
     devices: tuple[Device, ...] = ()
 
     def __post_init__(self) -> None:

@@ -315,9 +315,11 @@ class Calibration:
 class BiasRevision:
     """Revised bias of past samples: m points, each at a sample, linear in time between points.
 
-    A revision applies to the CorrectedBatches of the same device, boot and calibration. matrix (3, 3), the matrix in use;
-    sequences (m,) uint64 and times_ns (m,) int64, host time, both rising; bias and bias_std (m, 3) float32 rad/s, of the
-    reading.
+    A revision applies to the CorrectedBatches of the same device, boot and calibration.
+
+    matrix: (3, 3), the matrix in use.
+    sequences: (m,) uint64, rising. times_ns: (m,) int64, host time, rising.
+    bias, bias_std: (m, 3) float32 rad/s, of the reading, not of the corrected rate.
     """
 
     device: str
@@ -339,9 +341,10 @@ class BiasRevision:
 class WindowBatch:
     """Statistics of samples in m windows of window_s device seconds each, for display.
 
-    sequences (m,) uint64 and times_ns (m,) int64, host time, of each window's last sample; samples (m,) uint32, the number
-    of samples per window; flags (m,) uint32, the flags of all its samples combined. reading_… and rate_… (m, 3) float32
-    rad/s: statistics of readings and of corrected rates. Other fields are as in the CorrectedBatch of the last sample.
+    sequences: (m,) uint64, number of each window's last sample. times_ns: (m,) int64, host time of that sample.
+    samples: (m,) uint32, number of samples per window. flags: (m,) uint32, flags of all samples of a window combined.
+    reading_…, rate_…: (m, 3) float32 rad/s, statistics of readings and of corrected rates.
+    Other fields are as in the CorrectedBatch of the last sample.
     """
 
     device: str

@@ -12,7 +12,7 @@ from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_TIME_NS, clean
 
 MIN_POINTS, MAX_POINTS = 2, 1536  # the most that fit into MAX_PAYLOAD with every text
-MAX_ELEMENT = 10.0  # of a matrix
+MAX_ELEMENT = 10.0  # magnitude of a matrix element
 
 
 def encode_revision(revision: BiasRevision) -> bytes:
