@@ -1,4 +1,4 @@
-"""The bus: one contract, and zenoh behind it.
+"""The message bus: a contract, and its implementation on zenoh.
 
-Begin at `contract`; `zenoh_bus` implements it, `gap_repair` fetches what a subscription lacks.
+Begin at `contract`. `zenoh_bus` implements the contract; `gap_repair` fetches messages that a subscription missed.
 """

@@ -1,8 +1,8 @@
-"""Access rules per role, as zenoh's access control takes them: everything is denied but what stands here. Pure.
+"""Access rules per role, in the format of zenoh's access control: everything else is denied. Pure.
 
-zenoh tells a holder by the common name of its certificate, exactly: each is named. What it denies it denies silently, and a
-subscription wider than what is allowed gets nothing. Of a key that an advanced publisher has, `KEY/@adv/**` carries its
-heartbeats, its history and, where others than ours publish, the news that it is there; `**` does not match it.
+zenoh identifies a member by the exact common name of its certificate, so the rules name every member. zenoh denies
+silently, and a subscription wider than its rule gets nothing. For the key of an advanced publisher, `KEY/@adv/**` carries
+heartbeats, history and, for publishers of other programs, the announcement of the publisher. `**` does not match `@adv`.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,14 @@ from bridge.wire import keys
 PUBLISHED = ("corrected", "status", "calibration", "revision", "note", *keys.BY_NAME)
 TOKENS = ("alive/device", "alive/bridge", "alive/estimator")
 
-# What tells a holder's words, and what asks for words. From a holder is a router's ingress, to it the router's egress.
+# zenoh message kinds that carry data, and kinds that request data. Ingress is from a member into the router; egress is back.
 _WORDS = ("put", "delete", "reply", "liveliness_token")
 _ASKING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
 
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """Key patterns of one member: what it says, what it hears, what it commands, and what commands it obeys."""
+    """Key patterns of one member: publish (says), subscribe (hears), send commands (asks), obey commands (answers)."""
 
     says: tuple[str, ...] = ()
     hears: tuple[str, ...] = ()
@@ -31,7 +31,7 @@ class Rights:
 
 
 def rights(ward: str, member: Member) -> Rights:
-    """Rights of a member of a ward; each member may also declare a token of its own, for the self test."""
+    """Return the rights of a member in a ward. Each member may also declare its own probe token, for the self-test."""
     given = _rights(ward, member)
     probe = (keys.build(ward, "alive/probe", role=member.role.value, name=member.name),)
     return replace(given, says=given.says + probe, hears=given.hears + probe)
@@ -76,7 +76,7 @@ def _rights(ward: str, member: Member) -> Rights:
 
 
 def access_control(places: Sequence[tuple[str, Member]]) -> dict[str, Any]:
-    """A router's `access_control`: who has the rights of its role in which ward."""
+    """Build the `access_control` section of a router file from pairs of (ward, member)."""
     rules: dict[str, list[dict[str, Any]]] = {}
     for ward, member in places:
         rules.setdefault(member.common_name, []).extend(_rules(ward, member))
@@ -92,7 +92,7 @@ def access_control(places: Sequence[tuple[str, Member]]) -> dict[str, Any]:
 def _rules(ward: str, member: Member) -> list[dict[str, Any]]:
     given, name = rights(ward, member), member.common_name
     said, heard = (patterns + _history(patterns) for patterns in (given.says, given.hears))
-    # zenoh allows a question only where it is no wider than the rule, and questions to all of a ward are wide.
+    # zenoh allows a query only if the query is no wider than its rule, and a query to a whole ward is wide.
     by_name = (keys.pattern(ward, what) for what in keys.BY_NAME)
     anything = (keys.everything(ward), f"{keys.everything(ward)}/@adv/**", *by_name)
     rows = (
@@ -122,5 +122,5 @@ def _rules(ward: str, member: Member) -> list[dict[str, Any]]:
 
 
 def _history(patterns: tuple[str, ...]) -> tuple[str, ...]:
-    """Where advanced publishers keep what they said; a token has no history."""
+    """Return the history keys of advanced publishers for these patterns; liveliness tokens have no history."""
     return tuple(f"{pattern}/@adv/**" for pattern in patterns if "/alive/" not in pattern)

@@ -1,4 +1,4 @@
-"""Tests whether a router's rules allow what our role needs, and nothing else: zenoh denies silently."""
+"""Self-test of a router's access rules: zenoh denies silently, so try one allowed and one forbidden token."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -9,20 +9,21 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import keys
 
 WAIT_S = 2.0
-_AFTER_S = 0.1  # each token is told of by a thread of its own
+_AFTER_S = 0.1  # each token is reported by a separate thread, so the order may change
 _NOBODY = "nobody"
 
 
 def self_test(
     bus: Bus, routers: Routers, ward: str, open_bus: Callable[[Sequence[str]], Bus] = ZenohBus, wait_s: float = WAIT_S
 ) -> list[str]:
-    """What is wrong, in words; nothing where no certificates are asked for.
+    """Return the faults found, as sentences; an empty list without certificates.
 
-    A second session shows two tokens, first one that nobody may show, then our own; `bus` must see only the second.
+    A second session declares two tokens: first a forbidden one, then the token of this member. `bus` must see only the
+    second. wait_s: seconds to wait for the allowed token.
     """
     if routers.identity is None:
         return []
-    from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - only who has certificates waits until they can be read
+    from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - import `cryptography` only if certificates are used
 
     member = member_of(routers.identity)
     own = keys.build(ward, "alive/probe", role=member.role.value, name=member.name)

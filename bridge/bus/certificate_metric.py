@@ -1,4 +1,4 @@
-"""The metric of when a program's certificate expires."""
+"""Prometheus metric: expiry time of this program's certificate."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ from bridge.runtime.health_server import MetricFamily
 
 
 def certificate(routers: Routers) -> Iterator[MetricFamily]:
-    """When this program's certificate ends, if it has one; read again each time, because it may have been renewed."""
+    """Yield the expiry time (s since the Unix epoch), if there is a certificate. Rereads the file: renewal may replace it."""
     lasts = routers.lasts()
     if lasts is not None:
         help_ = "When this program's certificate ends, or one above it."

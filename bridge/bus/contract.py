@@ -1,10 +1,10 @@
-"""What the rest of the program knows of a bus.
+"""The bus contract: publish, subscribe, query and liveliness, independent of zenoh.
 
-`zenoh_bus` keeps this contract, and so does the tests' in-memory bus; one suite holds both.
+`zenoh_bus` implements the contract, and so does the in-memory bus of the tests. One test suite checks both.
 
 Threads: every method may be called from any thread. A handler given to `answer` or `watch_alive` runs on a thread of
-the bus; it must be quick and must not raise (what it raises is logged and counted, never lost). Nothing here blocks
-longer than its timeout.
+the bus. The handler must be quick and must not raise; an exception is logged and counted. No method blocks longer than
+its timeout.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,82 +12,82 @@ from typing import NamedTuple, Protocol, Self
 
 
 class Message(NamedTuple):
-    """One sample off the bus, not yet parsed or trusted."""
+    """One message received from the bus: key and raw payload, neither parsed nor validated."""
 
     key: str
     payload: bytes
 
 
-#: answers a query, at any time and from any thread; empty where the answer is somebody else's
+#: sends the answer to a query, at any time and from any thread; an empty answer leaves the query to another program
 Reply = Callable[[bytes], None]
 
 
 class BusError(Exception):
-    """The bus could not do it: what was tried, where, and what to do."""
+    """A bus operation failed. The message says what was tried, where, and what to do."""
 
 
 class Publisher(Protocol):
-    """A declared literal key."""
+    """Publisher on one key, without wildcards."""
 
     def put(self, payload: bytes) -> None:
-        """Send; never blocks on a slow reader. After close: BusError."""
+        """Send a payload; a slow reader never blocks the call. Raises BusError after close."""
 
     @property
     def wanted(self) -> bool:
-        """Whether anybody subscribes now; of a publisher with a cache always: who comes later wants what was before."""
+        """Whether a subscriber exists now. Always true with a cache, because late subscribers read the cache."""
+
+    def close(self) -> None:
+        """Undeclare the publisher; a second close does nothing."""
+
+
+class Subscription(Protocol):
+    """Bounded queue of received messages: in order per publisher, each exactly once."""
+
+    def receive(self, timeout_s: float) -> Message | None:
+        """Return the next message, or None after the timeout or once the subscription is closed."""
+
+    def drain(self, limit: int, timeout_s: float) -> list[Message]:
+        """Wait up to timeout_s for a first message, then take up to limit messages without waiting."""
+
+    def wake(self) -> None:
+        """End the current wait in `drain` or `receive`, or else the next one, to free the reading thread for other work."""
+
+    @property
+    def missed(self) -> int:
+        """Number of lost messages: reported by the bus, or dropped because this queue was full."""
+
+    @property
+    def missed_by_key(self) -> dict[str, int]:
+        """Number of lost messages by key, for a bounded number of keys; the key "" counts messages of unknown key."""
+
+    @property
+    def overflowed(self) -> int:
+        """Number of messages dropped because this queue was full, that is, because its reader is too slow."""
+
+    @property
+    def caught_up(self) -> bool:
+        """Whether the history from publishers' caches has arrived, or its query has timed out."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether the subscription or its bus is closed. No message follows, so a reading loop must end."""
+
+    def close(self) -> None:
+        """Stop receiving; a second close does nothing."""
+
+
+class Declared(Protocol):
+    """Handle of a declaration on the bus (queryable, token or watcher); closing the handle undeclares it."""
 
     def close(self) -> None:
         """Undeclare; a second close does nothing."""
 
 
-class Subscription(Protocol):
-    """Messages in a bounded queue, in order per publisher, each exactly once."""
-
-    def receive(self, timeout_s: float) -> Message | None:
-        """The next message, or None when none came in time or the subscription is closed."""
-
-    def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """Wait up to timeout_s for a first message, then take up to limit without waiting."""
-
-    def wake(self) -> None:
-        """End a wait in `drain` or `receive`, or the next one: its thread has something else to do."""
-
-    @property
-    def missed(self) -> int:
-        """Messages known to be lost: reported by the bus, or dropped because this queue was full."""
-
-    @property
-    def missed_by_key(self) -> dict[str, int]:
-        """Missed messages by key, of a bounded number of keys; under "" those whose key is not known."""
-
-    @property
-    def overflowed(self) -> int:
-        """Those of them that were dropped because this queue was full: its reader is too slow."""
-
-    @property
-    def caught_up(self) -> bool:
-        """Whether what caches held when this was declared has come, or was waited for long enough."""
-
-    @property
-    def closed(self) -> bool:
-        """Nothing will ever come again, by close() here or because the bus was closed: a reading loop must end."""
-
-    def close(self) -> None:
-        """Stop; a second close does nothing."""
-
-
-class Declared(Protocol):
-    """Something declared on the bus that can be taken back."""
-
-    def close(self) -> None:
-        """Take it back; a second close does nothing."""
-
-
 class Bus(Protocol):
-    """One session on the bus."""
+    """Session on the bus: a context manager that opens publishers, subscriptions, queries and liveliness tokens."""
 
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
-        """Declare a publisher. With cache > 0 the last `cache` messages are kept for late and returning subscribers."""
+        """Declare a publisher on a key. With cache > 0, keep the last `cache` messages for late and returning subscribers."""
 
     def subscribe(
         self,
@@ -98,37 +98,40 @@ class Bus(Protocol):
         most_past: int | None = None,
         prompt: bool = True,
     ) -> Subscription:
-        """Receive what matches the pattern, or one of several that do not overlap, in one queue.
+        """Subscribe to one pattern, or to several that do not overlap, with one queue for all.
 
-        With history, cached messages come first and losses during an outage are repaired.
-
-        Of what a publisher's cache holds now the last most_past come, by default all. A full queue drops its oldest messages,
-        and counts them in `missed`; of what caches held none is dropped.
-
-        prompt: a thread of its own hands messages on as they come; without, the session's thread does within about 25 ms.
+        history: cached messages come first, and messages lost in an outage are fetched from publishers' caches.
+        capacity: messages the queue holds. A full queue drops its oldest messages and counts them in `missed`; messages
+        from caches are never dropped.
+        most_past: the number of cached messages to fetch from each publisher, the newest ones; None for all.
+        prompt: a dedicated thread delivers each message at once. Otherwise the session's thread delivers within about 25 ms.
         """
 
     def answer(self, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> Declared:
-        """Answer queries on matching keys: handler(key, payload, reply) calls reply, then or later. What it raises is told."""
+        """Answer queries on matching keys: handler(key, payload, reply) calls reply at once or later.
+
+        An exception of the handler is sent to the asker as an error.
+        """
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
-        """The first answer to a query that is not empty, of all who answer it: an empty one says that another is meant.
+        """Send a query and return the first answer that is not empty.
 
-        Raises BusError when there is none.
+        Several programs may answer. An empty answer means that the query is for another program.
+        Raises BusError when no such answer comes within timeout_s.
         """
 
     def declare_alive(self, key: str) -> Declared:
-        """A token others see for as long as this session lives."""
+        """Declare a liveliness token, visible to other sessions for as long as this session lives."""
 
     def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> Declared:
-        """Call on_change(key, alive) for every token there is now and every change after."""
+        """Watch liveliness tokens: call on_change(key, alive) for every present token and for every later change."""
 
     @property
     def connected(self) -> bool:
-        """Whether a router (or the memory broker) is there now."""
+        """Whether a router (or the in-memory broker) is connected now."""
 
     def close(self) -> None:
-        """Close the session and everything declared in it; a second close does nothing."""
+        """Close the session and all its declarations; a second close does nothing."""
 
     def __enter__(self) -> Self: ...
 

@@ -1,4 +1,4 @@
-"""zenoh's own router inside this process, for a ward on one machine and for tests."""
+"""zenoh router inside this process, for a ward on one machine and for tests."""
 
 import atexit
 import errno
@@ -12,19 +12,20 @@ from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError
 from bridge.bus.zenoh_session import close_session, open_session, read_settings
 
-#: zenoh passes a message on from the thread that received it, and closes a session there, too. With its own two threads a reader
-#: that is cut off stops all until the network gives its connection up, 8 s and more: both wait for room to tell it something, and
-#: nobody is left to close it (https://github.com/eclipse-zenoh/zenoh/issues/1876). More than senders at a router do no harm.
+#: zenoh's receive threads forward messages and also close sessions. With zenoh's default of two threads, one reader that is cut
+#: off stops all traffic until TCP gives up its connection, 8 s and more: both threads wait for room to send to that reader, and
+#: no thread is left to close it (https://github.com/eclipse-zenoh/zenoh/issues/1876). More threads than senders do no harm.
 THREADS = "(rx: (worker_threads: 32))"
 _RUNTIME = "ZENOH_RUNTIME"
 
 
 class Router:
-    """Routes from construction to close().
+    """Embedded zenoh router, which routes from construction to close().
 
-    listen: endpoints, for example `tcp/127.0.0.1:7447`. shed: patterns on which a reader that cannot keep up loses
-    messages (repaired from the publisher's cache, where it asked for history) instead of slowing everybody; for keys
-    that viewers read. Raises BusError when it cannot listen.
+    listen: endpoints, for example `tcp/127.0.0.1:7447`.
+    shed: patterns on which a slow reader loses messages instead of slowing all others; for keys that viewers read.
+    A subscription with history fetches lost messages from the publisher's cache.
+    settings: complete zenoh settings, used instead of `shed`. Raises BusError when the router cannot listen.
     """
 
     def __init__(
@@ -45,7 +46,7 @@ class Router:
 
     @classmethod
     def of_file(cls, path: Path) -> Self:
-        """As a file for zenohd says, JSON5."""
+        """Start a router from a zenohd configuration file (JSON5). Raises BusError."""
         settings = read_settings(str(path))
         return cls(endpoints_of(settings["listen"]["endpoints"]), settings=settings)
 
@@ -65,7 +66,10 @@ class Router:
 
 @contextmanager
 def _threads() -> Iterator[None]:
-    """Zenoh looks for it once, when the first session of a process is opened; processes that we start have their own."""
+    """Set zenoh's thread count in the environment while the first session opens.
+
+    zenoh reads the variable once per process. The variable is removed again, so that child processes do not inherit it.
+    """
     ours = _RUNTIME not in os.environ
     if ours:
         os.environ[_RUNTIME] = THREADS
@@ -77,12 +81,12 @@ def _threads() -> Iterator[None]:
 
 
 def endpoints_of(said: Sequence[str] | dict[str, Sequence[str]]) -> tuple[str, ...]:
-    """Zenoh takes one list, or one for each mode."""
+    """Return the router's endpoints from a zenoh setting: one list, or one list for each mode."""
     return tuple(said.get("router", ())) if isinstance(said, dict) else tuple(said)
 
 
 def _advice(said: str) -> str:
-    """What to do about an address that could not be listened on, from what zenoh said of it."""
+    """Return advice for a failed listen, from the OS error number in zenoh's message."""
     causes = {
         errno.EADDRINUSE: "something listens there already: is another router running?",
         errno.EADDRNOTAVAIL: "this machine has no such address: use one of its own, or 0.0.0.0 for all of them",

@@ -1,4 +1,7 @@
-"""Messages of many publishers, each in order and exactly once, and which gaps to ask a publisher's cache about. Pure."""
+"""Gap detection in message sequences: delivers each publisher's messages in order, exactly once. Pure.
+
+Reports the gaps to fetch from publishers' caches. Times are seconds of a monotonic clock.
+"""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -9,18 +12,18 @@ from bridge.bus.publisher_cache import Source
 
 _T = TypeVar("_T")
 
-#: pause before a gap is asked about once more; it doubles up to the second value
+#: pause before the next query about a gap; doubles with each try, up to the second value
 PAUSE_S, LONGEST_PAUSE_S = 0.05, 4.0
-#: a gap that no cache can tell about is given up after so long: a bridge's cache reaches back about as far
+#: a gap that no cache can fill is given up after this time, about the reach of a bridge's cache
 PATIENCE_S = 30.0
-#: messages, of all publishers together, that may wait behind gaps
+#: largest number of messages waiting behind gaps, over all publishers
 MOST_HELD = 1 << 16
-#: publishers that are remembered: whoever may publish may invent any number
+#: largest number of publishers remembered: a malicious publisher can invent any number of identities
 MOST_SOURCES = 1 << 16
 
 
 class Gap(NamedTuple):
-    """Ask this publisher for all messages from number `start` on."""
+    """A gap: the messages of this publisher from number `start` on are missing."""
 
     source: Source
     start: int
@@ -28,13 +31,13 @@ class Gap(NamedTuple):
 
 @dataclass(slots=True)
 class _State(Generic[_T]):
-    #: number of the message to hand on next, and the highest that is known to have been sent
+    #: number of the next message to deliver, and the highest number known to have been sent
     next: int = 0
     newest: int = -1
-    #: whether a message was handed on: what lies before the first is history, and never missed
+    #: whether a message was delivered; earlier messages are history, and never count as missed
     begun: bool = False
     held: dict[int, _T] = field(default_factory=dict)
-    #: since when nothing came of asking, when to ask next, how often that was in vain, and whether an answer is awaited
+    #: time of the last progress, time of the next query, queries without progress, and whether a query is pending
     since_s: float = 0.0
     due_s: float = 0.0
     tries: int = 0
@@ -42,7 +45,7 @@ class _State(Generic[_T]):
 
 
 class GapDetector(Generic[_T]):
-    """Sequence state of every publisher. Methods return the messages to hand on now."""
+    """Sequence state of every publisher. Methods return the messages to deliver now, in order."""
 
     def __init__(self) -> None:
         self._states: dict[Source, _State[_T]] = {}
@@ -52,7 +55,7 @@ class GapDetector(Generic[_T]):
         self.missed: Counter[str] = Counter()
 
     def take(self, source: Source, number: int, message: _T, now_s: float) -> Sequence[_T]:
-        """A message that came live."""
+        """Take a live message."""
         state = self._state(source)
         if number < state.next:
             return ()
@@ -67,20 +70,20 @@ class GapDetector(Generic[_T]):
         return ready
 
     def heard(self, source: Source, number: int, now_s: float) -> None:
-        """A publisher's cache says that its newest message has this number."""
+        """Take the number of a publisher's newest message, as reported by its cache."""
         state = self._state(source)
         state.newest = max(state.newest, number)
         self._review(source, state, now_s)
 
     def history(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
-        """What a publisher's cache held when the subscription began."""
+        """Take the messages that a publisher's cache held when the subscription began."""
         state = self._state(source)
         ready = self._fill(source, state, found)
         self._review(source, state, now_s)
         return ready
 
     def due(self, now_s: float, most: int = 64) -> list[Gap]:
-        """Gaps to ask about now; each must be `answered`."""
+        """Return up to `most` gaps to query now; each needs a call of `answered`."""
         gaps = list[Gap]()
         for source, state in self._lacking.items():
             if not state.asked and state.due_s <= now_s and len(gaps) < most:
@@ -89,7 +92,7 @@ class GapDetector(Generic[_T]):
         return gaps
 
     def answered(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
-        """What a publisher's cache had. Nothing means that the publisher was out of reach: it is asked again."""
+        """Take the answer of a publisher's cache. An empty answer means that the publisher was unreachable: query again later."""
         state, before = self._state(source), self._state(source).next
         ready = self._fill(source, state, found)
         state.asked = False
@@ -111,7 +114,7 @@ class GapDetector(Generic[_T]):
                 self._held -= len(self._states.pop(oldest).held)
                 self._lacking.pop(oldest, None)
             state = self._states[source] = _State()
-        elif len(self._states) > MOST_SOURCES // 2:  # publishers that still speak outlive invented ones
+        elif len(self._states) > MOST_SOURCES // 2:  # keep active publishers longer than invented ones
             self._states[source] = self._states.pop(source)
         return state
 
@@ -122,14 +125,14 @@ class GapDetector(Generic[_T]):
         state.newest = max(state.newest, *found)
 
     def _fill(self, source: Source, state: _State[_T], found: Mapping[int, _T]) -> list[_T]:
-        """Hand on a cache's messages and those that follow; a message missing in the answer is lost."""
+        """Deliver a cache's messages and their successors; a message missing in the answer is lost."""
         if not found:
             return []
         self._hold(state, found)
         return self._settle(source, state, max(found))
 
     def _settle(self, source: Source, state: _State[_T], last: int) -> list[_T]:
-        """Hand on held messages up to `last`, and count the gaps between them as missed."""
+        """Deliver held messages up to number `last`, and count the gaps between as missed."""
         ready: list[_T] = []
         for number in sorted(number for number in state.held if number <= last):
             if number in state.held:

@@ -1,6 +1,6 @@
-"""A session's thread: gap repair, liveliness watchers and answers.
+"""Gap repair: the worker thread of a session, which also serves liveliness watchers and queries.
 
-It answers for the session's own caches, and asks other publishers' caches for what its subscriptions lack.
+The thread answers queries to the session's own caches, and fetches missed messages from other publishers' caches.
 """
 
 import contextlib
@@ -24,18 +24,18 @@ from bridge.bus.zenoh_subscription import Found, Subscription, by_source
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
-#: how often the thread looks at its channels, and while it waits for answers: zenoh cannot wait for several channels
+#: poll interval of the channels, idle and while answers are pending: zenoh cannot wait for several channels at once
 _TICK_S, _TURN_S = 0.025, 0.005
-#: timeout of a query, and when a query counts as over although zenoh does not say so
+#: timeout of a cache query, and the time after which a query counts as over even if zenoh does not end it
 PAST_S = 2.0
 _OVER_S = 2 * PAST_S
-#: how often publishers that have paused are asked for the number of their last message, which no later one shows to be lost
+#: interval of asking paused publishers for their last message number: no later message would reveal its loss
 _LAST_S = 2.0
-#: publishers silent for longer are not asked, but for some seconds after a router came back, when the outage is added
+#: only publishers silent for less than this are asked; for some seconds after a router returns, the outage is added
 _LAST_WITHIN_S, _AFTER_S = 40.0, 10.0
-#: queries that may wait; the oldest is dropped when more come, and its asker asks again
+#: queries that may wait; more drop the oldest, and the asker repeats its query
 _QUESTIONS = 4096
-#: queries answered, and tokens told, before the thread turns to its other work
+#: queries and tokens handled in a row, before the thread turns to its other work
 _AT_ONCE = 1024
 
 
@@ -47,7 +47,7 @@ class _Question:
     found: list[zenoh.Sample] = field(default_factory=list)
 
     def over(self) -> bool:
-        """Take the replies that came; whether all have come."""
+        """Take the replies received so far; return whether the query is complete."""
         try:
             while (reply := self.replies.try_recv()) is not None:
                 if reply.ok is not None:
@@ -58,14 +58,14 @@ class _Question:
 
 
 class GapRepair:
-    """Caches, questions, answers and liveliness watchers of one session. Everything but `run` may be called from any thread."""
+    """Caches, cache queries and liveliness watchers of one session. Any thread may call every method but `run`."""
 
     def __init__(self, session: zenoh.Session, subscriptions: Callable[[], Iterator[Subscription]]) -> None:
         self._session, self._subscriptions = session, subscriptions
         self._name, self._numbers, self._lock = os.urandom(SESSION_BYTES), count(), threading.Lock()
         self._caches, self._cached = Caches(), 0
         self._asked: dict[str, Channel[zenoh.Query]] = {}
-        self._queryables = list[object]()  # zenoh takes back what nobody holds
+        self._queryables = list[object]()  # zenoh undeclares an object without a reference
         self._watched = list[tuple[Channel[Any], Callable[[Any], None]]]()
         self._questions = list[_Question]()
         self._last_s = 0.0
@@ -73,7 +73,7 @@ class GapRepair:
         self._there_s = self._changed_s = time.monotonic()
 
     def keep(self, key: str, size: int) -> Cache:
-        """Make a publisher's cache, and answer for it from now on."""
+        """Create a cache of `size` messages for the publisher of a key, and answer queries to the cache from now on."""
         cache = Cache(key, size, self._name, next(self._numbers))
         with self._lock:
             self._cached += size
@@ -86,17 +86,17 @@ class GapRepair:
         return cache
 
     def forget(self, cache: Cache) -> None:
-        """Answer no more for the cache of a closed publisher."""
+        """Stop answering queries to the cache of a closed publisher."""
         with self._lock:
             self._cached -= cache.size
             self._caches.discard(cache)
 
     def watch(self, channel: Channel[_T], handle: Callable[[_T], None]) -> None:
-        """Call handle for each thing that comes, a token or a query, on this thread, until the channel is closed."""
+        """Call handle for each token or query in the channel, on the session's thread, until the channel is closed."""
         self._watched = [*self._watched, (channel, handle)]
 
     def begin(self, subscription: Subscription, most: int | None) -> None:
-        """Fetch the history of a new subscription: of each publisher the last `most` messages, or all."""
+        """Fetch the history of a new subscription: the last `most` messages of each publisher; None for all."""
         what = "" if most is None else f"most={most}"
         left, past = [len(subscription.patterns)], Found()
 
@@ -110,10 +110,10 @@ class GapRepair:
             self._ask(f"{pattern}/{HISTORY}/*", what, came)
 
     def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
-        """Query caches; replies come in the channel that is returned."""
+        """Query caches; the returned channel receives the replies. what: parameters, as in `publisher_cache`."""
         return self._session.get(
             f"{place}?{what}",
-            handlers.FifoChannel(CHANNEL + self._cached),  # has room for all that our own thread answers
+            handlers.FifoChannel(CHANNEL + self._cached),  # room for every answer of this thread's own caches
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
@@ -121,7 +121,7 @@ class GapRepair:
         )
 
     def run(self, over: Callable[[], bool]) -> None:
-        """Work until `over` says so."""
+        """Run the worker loop until over() is true."""
         while not over():
             time.sleep(_TURN_S if self._questions else _TICK_S)
             try:
@@ -142,12 +142,12 @@ class GapRepair:
         self._questions.append(_Question(self.past(place, what), then, time.monotonic() + _OVER_S))
 
     def _answer(self) -> None:
-        """Answer queries to our caches."""
+        """Answer queries to this session's caches."""
         for place, questions in self._asked.items():
             for _ in range(_AT_ONCE):
                 if (query := questions.try_recv()) is None:
                     break
-                with query:  # leaving tells that no more is to come
+                with query:  # leaving ends the reply
                     pattern = str(query.key_expr).rpartition(f"/{HISTORY}/")[0]
                     asked = {name: value for name in PARAMETERS if (value := query.parameters.get(name)) is not None}
                     try:
@@ -157,21 +157,21 @@ class GapRepair:
                         _log.debug("%s was not answered: %s", pattern, error)
 
     def _hand_on(self) -> None:
-        """Pass on complete answers of other caches."""
+        """Deliver complete answers of other publishers' caches."""
         for question in list(self._questions):
             if question.over():
                 self._questions.remove(question)
                 question.then(by_source(question.found))
 
     def _listen(self) -> None:
-        """Have tokens and queries handled."""
+        """Handle the tokens and queries received."""
         for watched in self._watched:
             channel, handle = watched
             try:
                 for _ in range(_AT_ONCE):
                     if (one := channel.try_recv()) is None:
                         break
-                    with contextlib.suppress(HandlerError):  # already logged; the next one may well be handled
+                    with contextlib.suppress(HandlerError):  # already logged; continue with the next one
                         handle(one)
             except zenoh.ZError:
                 self._watched = [one for one in self._watched if one is not watched]
@@ -185,7 +185,7 @@ class GapRepair:
 
                 try:
                     self._ask(source.place, f"publisher={source.publisher};from={start}", then)
-                except zenoh.ZError as error:  # somebody published under a key that cannot be asked for
+                except zenoh.ZError as error:  # published under a key that cannot be queried
                     _log.debug("%s cannot be asked: %s", source.key, said(error))
                     then({})
 

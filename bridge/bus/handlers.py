@@ -1,4 +1,4 @@
-"""Calls into the program's own handlers: what they raise is logged and counted, and the bus goes on."""
+"""Guarded calls of handlers: an exception is logged and counted, and the bus keeps running."""
 
 import logging
 from collections.abc import Callable
@@ -10,11 +10,11 @@ _log = logging.getLogger(__name__)
 
 
 class HandlerError(Exception):
-    """A handler raised; the message is fit to be sent to whoever asked."""
+    """A handler raised an exception; the message may be sent to the asker."""
 
 
 class Guarded(Generic[_P, _R]):
-    """A handler whose first failure is logged loudly, repeats quietly, and recovery once."""
+    """Wraps a handler: logs its first failure as an error, repeats at debug level, and its recovery once."""
 
     def __init__(self, handler: Callable[_P, _R], where: str) -> None:
         self._handler = handler
@@ -23,7 +23,7 @@ class Guarded(Generic[_P, _R]):
         self.failures = 0
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        """Call the handler; raises HandlerError, already logged, when it raised."""
+        """Call the handler. Raises HandlerError, already logged, for any exception of the handler."""
         try:
             result = self._handler(*args, **kwargs)
         except Exception as error:

@@ -1,7 +1,7 @@
-"""The part of zenoh's key expressions both buses take, and when a pattern matches a key.
+"""Key expressions: validation of keys and patterns, and whether a pattern matches a key.
 
-Narrower than zenoh's own on purpose: it accepts newlines, quotes and 65,000 characters, and a longer key still poisons
-the session that names it for ever.
+Narrower than zenoh's key expressions on purpose. zenoh accepts newlines, quotes and 65,000 characters; a still longer key
+breaks its session for good.
 """
 
 import functools
@@ -20,12 +20,12 @@ _NOT_CANONICAL = re.compile(r"(?:^|/)\*\*/\*")
 
 
 def check_key(key: str) -> str:
-    """Return a key that names one thing, else raise BusError."""
+    """Return the key if it is valid and without wildcards, else raise BusError."""
     return _check(key, _KEY, "a key has 1 to 200 printable ASCII characters in chunks joined by '/', without * $ ? #")
 
 
 def check_pattern(pattern: str) -> str:
-    """Return a pattern, in which a whole chunk may be `*` (one chunk) or `**` (any number), else raise BusError."""
+    """Return the pattern if valid, else raise BusError. A whole chunk may be `*` (one chunk) or `**` (any number)."""
     _check(pattern, _PATTERN, "a pattern is a key in which a whole chunk may be * or **, without $ ? #")
     if _NOT_CANONICAL.search(pattern):
         raise BusError(f"pattern {pattern!r} is not in its shortest form: write '**' for '**/**' and '*/**' for '**/*'")
@@ -33,7 +33,7 @@ def check_pattern(pattern: str) -> str:
 
 
 def check_patterns(patterns: str | Sequence[str]) -> tuple[str, ...]:
-    """Return one pattern or several, each checked, else raise BusError."""
+    """Return a tuple of one or several patterns, without duplicates; raise BusError for an invalid one, or for none."""
     if not patterns:
         raise BusError("no pattern to subscribe to; give one or more")
     return tuple(map(check_pattern, (patterns,) if isinstance(patterns, str) else dict.fromkeys(patterns)))
@@ -46,7 +46,7 @@ def _check(text: str, shape: re.Pattern[str], rule: str) -> str:
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Whether key is among those the pattern names; a chunk beginning with `@` is only matched by itself."""
+    """Whether the pattern matches the key. No wildcard matches a chunk that begins with `@`."""
     return _shape(pattern).fullmatch(f"/{key}") is not None
 
 

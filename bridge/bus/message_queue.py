@@ -1,4 +1,4 @@
-"""The bounded queue between the bus, which must never wait, and a reader, which may be slow."""
+"""Bounded message queue between the bus, which must never wait, and a reader, which may be slow."""
 
 import threading
 from collections import Counter, deque
@@ -10,9 +10,10 @@ MOST_KEYS = 1024
 
 
 class MessageQueue:
-    """First in, first out; when full the oldest make room and are counted as missed.
+    """First-in-first-out queue; a full queue drops its oldest messages and counts them as missed.
 
-    The past, from publishers' caches, has room of its own until it is read: a large ward's is more than a short queue holds.
+    History from publishers' caches does not count towards `capacity` until it is read: the history of a large ward can
+    exceed a short queue. Raises ValueError for a capacity below 1.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -20,14 +21,14 @@ class MessageQueue:
             raise ValueError(f"a queue of {capacity} messages holds nothing; give 1 or more")
         self._capacity = capacity
         self._messages: deque[Message] = deque()
-        self._past = 0  # of them at most
+        self._past = 0  # history messages not read yet, at most
         self._ready = threading.Condition()
         self._missed: Counter[str] = Counter()
         self._overflowed = 0
         self._over = self._woken = False
 
     def put(self, messages: Iterable[Message], *, past: bool = False) -> None:
-        """Take messages in, of the past or of now; never waits. After close they are discarded."""
+        """Append messages, live ones or history (past); never waits. A closed queue discards them."""
         with self._ready:
             if self._over:
                 return
@@ -41,38 +42,38 @@ class MessageQueue:
             self._ready.notify_all()
 
     def add_missed(self, count: int, key: str = "") -> None:
-        """Count messages that are known to have been lost before they came here, and under which key if it is known."""
+        """Count messages lost before this queue, under their key if known."""
         with self._ready:
             self._count(key, count)
 
     @property
     def missed(self) -> int:
-        """How many messages are known to be lost so far."""
+        """Number of messages known to be lost."""
         return self._missed.total()
 
     @property
     def missed_by_key(self) -> dict[str, int]:
-        """Missed messages by key, of up to MOST_KEYS keys; the others under ""."""
+        """Number of lost messages by key, for up to MOST_KEYS keys; all other keys count under ""."""
         with self._ready:
             return {key: n for key, n in self._missed.items() if n}
 
     @property
     def overflowed(self) -> int:
-        """How many of them were here and made room."""
+        """Number of messages dropped because this queue was full."""
         return self._overflowed
 
     @property
     def closed(self) -> bool:
-        """Whether close() was called."""
+        """Whether the queue is closed."""
         return self._over
 
     def receive(self, timeout_s: float) -> Message | None:
-        """The next message, or None when none came in time or the queue is closed."""
+        """Return the next message, or None after the timeout or once the queue is closed."""
         taken = self.drain(1, timeout_s)
         return taken[0] if taken else None
 
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """Wait up to timeout_s for a first message, then take up to limit without waiting."""
+        """Wait up to timeout_s for a first message, then take up to limit messages without waiting."""
         with self._ready:
             if timeout_s > 0.0:
                 self._ready.wait_for(lambda: self._messages or self._over or self._woken, timeout_s)
@@ -82,7 +83,7 @@ class MessageQueue:
             return [self._messages.popleft() for _ in range(taken)]
 
     def wake(self) -> None:
-        """A reader that waits, or the next one that would, goes on with nothing."""
+        """End the current wait of a reader, or else the next one, without a message."""
         with self._ready:
             self._woken = True
             self._ready.notify_all()
@@ -91,7 +92,7 @@ class MessageQueue:
         self._missed[key if key in self._missed or len(self._missed) < MOST_KEYS else ""] += n
 
     def close(self) -> None:
-        """Discard what is here and wake every reader; a second close does nothing."""
+        """Discard all messages and wake every reader; a second close does nothing."""
         with self._ready:
             self._over = True
             self._messages.clear()
@@ -99,7 +100,7 @@ class MessageQueue:
 
 
 def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
-    """Messages of several keys, each key in its order and the newest of all keys last."""
+    """Merge messages of several keys: each key keeps its order, and the newest messages of all keys come last."""
     by_key: dict[str, list[Message]] = {}
     for past in pasts:
         by_key.setdefault(past[0].key, []).extend(past)

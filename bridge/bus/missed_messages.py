@@ -1,4 +1,4 @@
-"""Missed messages in words, the streams with most first. Pure."""
+"""Missed messages in words, the stream with most losses first. Pure."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -10,7 +10,10 @@ _NAMED = 3
 
 
 def describe_missed(by_key: Mapping[str, int]) -> str:
-    """'17 messages missed on the bus: 9 status of chest, 5 raw of wrist, 3 of other streams'; empty if there are none."""
+    """Describe missed messages by stream; an empty text if there are none.
+
+    Example: '17 messages missed on the bus: 9 status of chest, 5 raw of wrist, 3 of 2 other streams'.
+    """
     streams: Counter[str] = Counter()
     for key, n in by_key.items():
         streams[_stream(key)] += n

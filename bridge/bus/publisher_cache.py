@@ -1,16 +1,17 @@
-"""Publishers' caches: messages are numbered and the last ones kept, for subscribers that come late or have lost some.
+"""Publisher cache: numbers messages and keeps the last ones, for late subscribers and for gap repair.
 
-The attachment of a message has 20 bytes: 8 random ones of the session, 4 of the publisher in the session, and 8 of the message's
-number, counted from 0; both numbers are big-endian. A cache answers queries on `KEY/@adv/SESSION`, one reply a message: KEY is a
-key or pattern, SESSION the session's bytes in hex, or `*`. Routers' rules let whoever may publish KEY answer below `@adv`, and
-whoever may hear KEY ask there. A query has one of these parameters, or none for all messages:
+The attachment of a message has 20 bytes: session (8, random), publisher number in the session (4), and message number (8).
+Both numbers count from 0 and are big-endian. A cache answers queries on
+`KEY/@adv/SESSION`, with one reply per message. KEY is a key or pattern; SESSION is the session's bytes in hex, or `*`.
+Router rules let a member with the right to publish KEY answer below `@adv`, and a member with the right to subscribe to KEY
+query there. A query has one of these parameters, or none for all messages:
 
 - `most=N`: the last N messages of each publisher
 - `publisher=P;from=N`: the messages of publisher P from number N on
 - `last=S`: the newest message without its payload, of publishers that sent it within S seconds and have paused since
 
-A session declares one queryable for all keys that differ in the last chunk only, `PLACE/*/@adv/SESSION`. A router must let it do
-so; the rules do, for every kind of message but `owned`.
+A session declares one queryable for all keys that differ only in the last chunk, `PLACE/*/@adv/SESSION`. The router rules
+allow such a queryable for every kind of message but `owned`.
 """
 
 import time
@@ -21,35 +22,35 @@ from typing import NamedTuple
 from bridge.bus.key_expressions import matches
 
 SESSION_BYTES, IDENTITY_BYTES, STAMP_BYTES = 8, 12, 20
-#: the chunk between the key and the session
+#: chunk between the key and the session in a cache's key
 HISTORY = "@adv"
 PARAMETERS = ("most", "publisher", "from", "last")
-#: a publisher that sent nothing for so long has paused: no next message soon shows that the last one was lost
+#: a publisher silent for this time has paused: no next message will soon reveal the loss of the last one
 PAUSED_S = 1.5
 
-#: number and payload
+#: a cached message: number and payload
 Kept = tuple[int, bytes]
 
 
 class Source(NamedTuple):
-    """A publisher: its key, because a publisher of one key may claim the identity of another, and its identity."""
+    """A publisher: key and 12-byte identity. The key guards against a publisher that claims the identity of another key's."""
 
     key: str
     identity: bytes
 
     @property
     def place(self) -> str:
-        """The key on which this publisher's cache answers."""
+        """Key on which this publisher's cache answers queries."""
         return f"{self.key}/{HISTORY}/{self.identity[:SESSION_BYTES].hex()}"
 
     @property
     def publisher(self) -> int:
-        """Number of the publisher in its session."""
+        """Number of the publisher within its session."""
         return int.from_bytes(self.identity[SESSION_BYTES:], "big")
 
 
 class Cache:
-    """The last messages of one publisher."""
+    """Cache of the last `size` messages of one publisher."""
 
     def __init__(self, key: str, size: int, session: bytes, publisher: int) -> None:
         self.key, self.size, self._publisher = key, size, publisher
@@ -59,17 +60,17 @@ class Cache:
         self._put_s = 0.0
 
     def stamp(self, number: int) -> bytes:
-        """The attachment of the message with this number."""
+        """Return the 20-byte attachment of the message with this number."""
         return self._identity + number.to_bytes(STAMP_BYTES - IDENTITY_BYTES, "big")
 
     def keep(self, payload: bytes) -> None:
-        """Keep the message that was just sent, and count it."""
+        """Store the message just sent, under the next number."""
         self._kept.append((self.next, payload))
         self.next += 1
         self._put_s = time.monotonic()
 
     def found(self, asked: Mapping[str, str]) -> Iterable[Kept]:
-        """Messages that a query with these parameters asks for; ValueError where a parameter is no number."""
+        """Return the messages selected by the query parameters. Raises ValueError for a parameter that is not a number."""
         kept = list(self._kept)
         if "last" in asked:
             paused_s = time.monotonic() - self._put_s
@@ -81,13 +82,13 @@ class Cache:
 
 
 class Caches:
-    """Caches of one session, by place: the key without its last chunk."""
+    """All caches of one session, grouped by place: the key without its last chunk."""
 
     def __init__(self) -> None:
         self._by_key: dict[str, dict[str, list[Cache]]] = defaultdict(lambda: defaultdict(list))
 
     def add(self, cache: Cache) -> str | None:
-        """Add a cache; returns its place if no other cache is there yet."""
+        """Add a cache. Return its place if this is the first cache there, else None."""
         place = place_of(cache.key)
         new = place not in self._by_key
         self._by_key[place][cache.key].append(cache)
@@ -101,7 +102,7 @@ class Caches:
             del keys[cache.key]
 
     def found(self, place: str, pattern: str, asked: Mapping[str, str]) -> Iterator[tuple[Cache, Kept]]:
-        """Messages that a query on a key or pattern asks for; ValueError where a parameter is no number."""
+        """Yield the messages that a query on a key or pattern selects. Raises ValueError for a parameter that is not a number."""
         keys = self._by_key[place]
         for key in list(keys) if "*" in pattern else [pattern]:
             if matches(pattern, key):
@@ -111,5 +112,5 @@ class Caches:
 
 
 def place_of(key: str) -> str:
-    """The key without its last chunk; empty for a key of one chunk."""
+    """Return the key without its last chunk; empty for a key of one chunk."""
     return key.rpartition("/")[0]

@@ -1,4 +1,4 @@
-"""Why no router answers at an endpoint, as far as TCP can tell."""
+"""Reachability of a router's endpoint, tested with a TCP connection."""
 
 import socket
 
@@ -9,7 +9,10 @@ _OVER_TCP = ("tcp", "tls", "ws")
 
 
 def why_unreachable(endpoint: str) -> str:
-    """A few words; empty where a connection opens, so that what is there does not want ours, or where that cannot be tried."""
+    """Return in a few words why an endpoint is unreachable.
+
+    Empty if a TCP connection opens (the router then refuses zenoh's), or if the protocol does not run over TCP.
+    """
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("#")[0].partition("?")[0].rpartition(":")
     if protocol not in _OVER_TCP or not port.isdecimal():

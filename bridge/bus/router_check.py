@@ -1,4 +1,4 @@
-"""Checks a router's own file, JSON5: whatever differs from what truerate writes for the same endpoints, files and members."""
+"""Check of a router's zenoh file (JSON5) against the file truerate would write for the same endpoints and members."""
 
 import ipaddress
 import json
@@ -16,16 +16,16 @@ from bridge.pki.member import Member
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal
 
-#: options of an endpoint, behind its `#`, that loosen nothing
+#: endpoint options (after `#`) that do not weaken security
 _HARMLESS = ("iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp")
-#: settings that are a site's own
+#: settings that each site chooses itself
 _OWN = (".id", ".listen.endpoints", ".connect.endpoints")
-_SHORT = 80  # values that are shown
+_SHORT = 80  # characters; longer values are not shown
 
 
 @dataclass(frozen=True, slots=True)
 class RouterFile:
-    """Where a router listens, which routers it joins, its certificate, and the wards of the members it has rules for."""
+    """Content of a router's file: endpoints, routers it joins, certificate, members with their wards, and faults found."""
 
     path: Path
     listen: tuple[str, ...]
@@ -36,12 +36,12 @@ class RouterFile:
 
     @property
     def members(self) -> frozenset[str]:
-        """Common names that it has rules for."""
+        """Common names of all members in the rules."""
         return frozenset(name for _, name in self.places)
 
 
 def read(path: Path) -> RouterFile:
-    """Read and check a file; BusError where zenoh itself does not take it."""
+    """Read and check a router's file. Raises BusError if zenoh cannot read it; all other faults are in the result."""
     said = read_settings(str(path))
     listen, join = (endpoints_of(said[way]["endpoints"]) for way in ("listen", "connect"))
     tls = said["transport"]["link"]["tls"]
@@ -67,13 +67,13 @@ def read(path: Path) -> RouterFile:
 
 
 def open_to_others(listen: Sequence[str]) -> Iterator[str]:
-    """Endpoints that other machines reach without a certificate."""
+    """Yield a fault if other machines reach one of the endpoints without a certificate."""
     if reached := [endpoint for endpoint in listen if not secured(endpoint) and not loopback(endpoint)]:
         yield f"{', '.join(reached)}: whoever reaches it reads and commands the ward; use tls/..., or 127.0.0.1"
 
 
 def loopback(endpoint: str) -> bool:
-    """Whether only programs of the same machine reach an endpoint."""
+    """Whether an endpoint is reachable from the same machine only."""
     protocol, _, address = endpoint.partition("/")
     host = address.partition("#")[0].partition("?")[0].rpartition(":")[0].strip("[]")
     try:
@@ -95,7 +95,7 @@ def _of_endpoints(listen: Sequence[str], join: Sequence[str]) -> Iterator[str]:
 
 
 def _differing(where: str, said: Any, ours: Any) -> Iterator[str]:
-    """Each setting that differs, a sentence that begins with its name; lists of tables are compared by their ids."""
+    """Yield a sentence per differing setting, beginning with the setting's name. Lists of tables are compared by id."""
     if where in _OWN:
         return
     if isinstance(said, dict) or isinstance(ours, dict):
@@ -130,12 +130,12 @@ def _by_id(tables: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
-    """With lists in one order; zenoh has an empty one for none."""
+    """Return a value ready to compare: lists sorted, an empty list as None, as in zenoh."""
     return (sorted(value, key=str) or None) if isinstance(value, list) else value
 
 
 def _places(access: dict[str, Any]) -> list[tuple[str, Member]]:
-    """Each member's wards, in the file's order, by the rules that it is given; ValueError where a name is none."""
+    """Return (ward, member) pairs from the policies, in the file's order. Raises ValueError for an invalid common name."""
     wards = {rule["id"]: _ward(rule) for rule in access["rules"] or ()}
     found = {
         (ward, Member.parse(name)): None
@@ -148,6 +148,6 @@ def _places(access: dict[str, Any]) -> list[tuple[str, Member]]:
 
 
 def _ward(rule: dict[str, Any]) -> str:
-    """The ward of a rule's first key; empty where that is of none."""
+    """Return the ward in a rule's first key; empty if that key belongs to no ward."""
     first = str(next(iter(rule["key_exprs"] or ()), ""))
     return first.removeprefix(f"{keys.ROOT}/").partition("/")[0] if first.startswith(f"{keys.ROOT}/") else ""

@@ -1,4 +1,4 @@
-"""Makes a router's own file, JSON5, for zenohd and `truerate router` alike. Pure."""
+"""Builds a router's zenoh file (JSON5), for zenohd and for `truerate router`. Pure."""
 
 import json
 import re
@@ -11,7 +11,7 @@ from bridge.pki.member import Member
 from bridge.wire import keys
 
 _INNERMOST, _WIDTH = re.compile(r"[\[{][^\[\]{}]*[\]}]"), 100
-# Over every part, why it is there.
+# Comment above each part of the file: why the part is there.
 _WHY = {
     "connect": "other routers, which this one joins",
     "scouting": "nobody is looked for, and nobody is told that we are here",
@@ -25,7 +25,7 @@ _WHY = {
 
 
 def rendered(settings: zenoh_settings.Settings, title: str) -> str:
-    """The settings as JSON5, each part under a line that says why."""
+    """Render settings as JSON5, with a comment above each part. title: lines of the head comment."""
     parts = []
     for part, value in settings.items():
         why = f"  // {_WHY[part]}\n" if part in _WHY else ""
@@ -36,7 +36,7 @@ def rendered(settings: zenoh_settings.Settings, title: str) -> str:
 
 
 def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Settings:
-    """Settings of a router that only its own machine can reach."""
+    """Return the settings of a router without certificates, for one machine. join: endpoints of routers to connect to."""
     settings = zenoh_settings.router(listen, keys.VIEWED)
     return zenoh_settings.joined(settings, join) if join else settings
 
@@ -44,11 +44,11 @@ def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Set
 def guarded(
     listen: Sequence[str], identity: Identity, places: Sequence[tuple[str, Member]], join: Sequence[str] = ()
 ) -> zenoh_settings.Settings:
-    """Settings of a router for other machines: certificates on both sides, and rules for each member in its ward."""
+    """Return the settings of a router for other machines: mutual TLS, and access rules for each (ward, member)."""
     return zenoh_settings.secured_router(listen, keys.VIEWED, identity, access_control(places), join)
 
 
 def _on_one_line(match: re.Match[str]) -> str:
-    """Where there is room for it."""
+    """Join a bracketed group on one line if it is short enough."""
     flat = " ".join(match[0].split()).replace("[ ", "[").replace(" ]", "]").replace("{ ", "{").replace(" }", "}")
     return flat if len(flat) < _WIDTH else match[0]

@@ -1,4 +1,4 @@
-"""Logs when the router goes and comes back, and why it may be away."""
+"""Router watch: logs the loss and the return of the router, and why the router may be away."""
 
 import logging
 from collections.abc import Iterable
@@ -7,14 +7,17 @@ from bridge.bus.routers import Routers
 
 _HELD_UP_S = 0.5
 _LATELY_S = 5.0
-#: who is away for so long does not just start again
+#: a router away for this long is not just restarting
 _LONG_S = 10.0
-#: so often it is looked whether the certificate ends soon
+#: interval of the check whether the certificate expires soon
 _SELDOM_S = 12 * 3600.0
 
 
 class RouterWatch:
-    """Call `look` every every_s seconds of a steady clock. routers: their endpoints, and our certificate."""
+    """Watches the connection to the router; call `look` every every_s seconds of a monotonic clock.
+
+    routers: endpoints and this program's certificate.
+    """
 
     def __init__(self, log: logging.Logger, every_s: float, routers: Routers | None = None) -> None:
         self._log, self._every_s = log, every_s
@@ -25,7 +28,7 @@ class RouterWatch:
         self._ask_s, self._explain_s = float("-inf"), float("inf")
 
     def look(self, now: float, *, connected: bool) -> bool:
-        """Log what has changed. Returns whether the router was, or is, away since the last look."""
+        """Log a change of the connection. Return whether the router has been away since the last look. now: seconds."""
         if self._looked_s is not None and (held_s := now - self._looked_s - self._every_s) > _HELD_UP_S:
             self._held_s, self._held_at_s = held_s, now
         self._looked_s = now

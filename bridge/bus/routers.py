@@ -1,4 +1,4 @@
-"""Endpoints of routers, and the certificate that is shown to them."""
+"""Router endpoints, and the certificate to authenticate with."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,37 +7,37 @@ from typing import overload
 
 from bridge.pki.certificate_files import Identity, Validity
 
-#: protocols of zenoh endpoints that are encrypted, and know who is at the other end
+#: protocols of zenoh endpoints with encryption and certificates
 SECURED = ("tls", "quic")
 
 
 def secured(endpoint: str) -> bool:
-    """Whether an endpoint needs certificates."""
+    """Whether an endpoint uses TLS and so needs certificates."""
     return endpoint.partition("/")[0] in SECURED
 
 
 @dataclass(frozen=True, slots=True)
 class Routers(Sequence[str]):
-    """Endpoints, the first that answers is used; with an identity where they are `tls/...`."""
+    """Router endpoints in order of preference, with the identity for `tls/...` endpoints."""
 
     endpoints: tuple[str, ...]
     identity: Identity | None = None
 
     @classmethod
     def of(cls, endpoints: Sequence[str]) -> "Routers":
-        """As they are, or plain endpoints without an identity."""
+        """Return endpoints as Routers: unchanged if they are, else without an identity."""
         return endpoints if isinstance(endpoints, Routers) else cls(tuple(endpoints))
 
     def faults(self) -> list[str]:
-        """What of the identity would make every router refuse us, or us every router, now."""
+        """Return the faults of the identity that would make a TLS connection fail now."""
         if self.identity is None:
             return []
-        from bridge.pki.certificate_checks import faults  # noqa: PLC0415 - only who has certificates waits until they can be read
+        from bridge.pki.certificate_checks import faults  # noqa: PLC0415 - import `cryptography` only if certificates are used
 
         return faults(self.identity, datetime.now(UTC))
 
     def lasts(self) -> Validity | None:
-        """How long the certificate does, or one above it that ends before; None where none is asked for, or none can be read."""
+        """Validity of the certificate chain, by the certificate that expires first; None without a readable certificate."""
         if self.identity is None:
             return None
         from bridge.pki.certificate_checks import lasts  # noqa: PLC0415 - as above
@@ -48,7 +48,7 @@ class Routers(Sequence[str]):
             return None
 
     def soon(self) -> list[str]:
-        """That the certificate ends within days, while there is time to renew it."""
+        """Return a warning if the certificate is due for renewal but has not expired yet."""
         lasts = self.lasts()
         if self.identity is None or lasts is None or not lasts.soon <= datetime.now(UTC) < lasts.ends:
             return []
@@ -56,7 +56,7 @@ class Routers(Sequence[str]):
         return [f"{self.identity.certificate}: {ending}: renew it (truerate pki renew --soon)"]
 
     def why_away(self) -> list[str]:
-        """Why no router may let us in, for whom it was there before."""
+        """Return possible reasons why a router that was connected before stays away; empty without an identity."""
         if self.identity is None:
             return []
         return self.faults() or [

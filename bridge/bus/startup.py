@@ -1,4 +1,4 @@
-"""Start-up on the bus: wait for a router, and refuse to start beside another program with the same id."""
+"""Start-up on the bus: wait for a router, and refuse to start while another program has the same id."""
 
 import logging
 import threading
@@ -22,7 +22,10 @@ def wait_for_router(
     patient: bool,
     open_bus: Callable[[Sequence[str]], Bus] = ZenohBus,
 ) -> Bus | None:
-    """A session; None if stopped first. Patient: however long its router takes to come; else raises BusError."""
+    """Open a session; None if stopped first.
+
+    patient: wait for the router for as long as it takes; else raise BusError if no router answers.
+    """
     complained = False
     while not stop.is_set():
         try:
@@ -37,7 +40,7 @@ def wait_for_router(
     return None
 
 
-#: how long others are looked for at the start; how long one of our own name that was killed may still seem alive
+#: time to look for other programs at the start; time a killed program of the same id may still seem alive
 _LOOK_S, _GONE_S = 0.5, 3.0
 
 
@@ -49,11 +52,10 @@ def claim_id(
     another: Callable[[str], object] = lambda _: None,
     meanwhile: Callable[[], None] = lambda: None,
 ) -> Declared:
-    """Watch the others of a kind, `bridge` or `estimator`, in a ward; another(id) is told of each.
+    """Claim an id among the programs of a kind, `bridge` or `estimator`, in a ward, and watch the others.
 
-    It takes a while to hear of them: time for meanwhile().
-
-    Raises BusError when one of them has our own id, and is not just one that was killed and may still seem alive.
+    another: called with the id of each other program that comes alive. meanwhile: work to do during the wait for others.
+    Raises BusError if a program with the same id stays alive for longer than a killed one would seem alive.
     """
     there: dict[str, bool] = {}
 

@@ -1,4 +1,4 @@
-"""A session of zenoh that keeps contract.Bus."""
+"""Implementation of contract.Bus on a zenoh session."""
 
 import atexit
 import contextlib
@@ -34,11 +34,11 @@ _JOIN_S = 1.0
 
 
 class ZenohBus:
-    """A client of one or more routers; see contract.Bus. Reconnects by itself for as long as it lives.
+    """Client of one or more zenoh routers; see contract.Bus. Reconnects by itself until closed.
 
-    endpoints: where routers listen, for example `tcp/127.0.0.1:7447`; the first that answers is used, the others are
-    where to go when it is lost; `Routers` says who we are, too. Raises BusError when none answers within open_timeout_s,
-    and at once where our certificate is of no use.
+    endpoints: router endpoints, for example `tcp/127.0.0.1:7447`. The first that answers is used; the others take over
+    when it is lost. Pass `Routers` to authenticate with a certificate. Raises BusError when no router answers within
+    open_timeout_s, and at once for an unusable certificate.
     """
 
     def __init__(self, endpoints: Sequence[str], *, open_timeout_s: float = 3.0) -> None:
@@ -54,7 +54,7 @@ class ZenohBus:
             raise BusError(
                 f"no router answered at {self._where} within {open_timeout_s:g} s{_why(routers)}{error}"
             ) from error.__cause__
-        self.declared: set[Declared] = set()  # zenoh takes back what nobody holds
+        self.declared: set[Declared] = set()  # zenoh undeclares an object without a reference
         self._threads: set[threading.Thread] = set()
         self._closed = False
         self._repair = GapRepair(self._session, self._subscriptions)
@@ -64,13 +64,13 @@ class ZenohBus:
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
         """See contract.Bus."""
         with self._doing(f"publish on {check_key(key)}"):
-            # BLOCK, because DROP silently lost two thirds at saturation and bursts of a few thousand. A frozen reader is
-            # cut off by the router after CUT_OFF_S, which bounds how long a put can wait for it.
+            # BLOCK: DROP silently loses two thirds at saturation, and bursts of a few thousand. The router cuts off a
+            # frozen reader after CUT_OFF_S, which bounds the wait of a put.
             made = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
             return Publisher(self, made, key, self._repair.keep(key, cache) if cache > 0 else None)
 
     def forget(self, declared: Declared) -> None:
-        """Something declared was closed."""
+        """Release a closed declaration."""
         self.declared.discard(declared)
         if isinstance(declared, Publisher) and declared.cache is not None:
             self._repair.forget(declared.cache)
@@ -86,7 +86,7 @@ class ZenohBus:
     ) -> Subscription:
         """See contract.Bus. Ask for history only where publishers have a cache.
 
-        What a publisher with a still empty cache sends within some 5 ms of this call may not be seen.
+        A message sent within about 5 ms of this call by a publisher with a still empty cache may be lost.
         """
         patterns = check_patterns(patterns)
         with self._doing(f"subscribe to {', '.join(patterns)}"):
@@ -103,7 +103,7 @@ class ZenohBus:
         """See contract.Bus."""
         guarded = Guarded(handler, f"queries on {pattern}")
         with self._doing(f"answer {check_pattern(pattern)}"):
-            # A ring: more questions than this unanswered, and the oldest asker is told that nobody answered.
+            # Ring: with more pending queries than this, the oldest ends without an answer.
             queryable = self._session.declare_queryable(pattern, handlers.RingChannel(256), complete=True)
         self._repair.watch(queryable.handler, lambda query: _answer(query, guarded))
         return Declared(self, queryable)
@@ -134,10 +134,10 @@ class ZenohBus:
             return Declared(self, self._session.liveliness().declare_token(key))
 
     def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> "Declared":
-        """See contract.Bus. A lost router takes all tokens with it: ask `connected` before calling one dead.
+        """See contract.Bus. A lost router takes all tokens with it: check `connected` before treating a token as dead.
 
-        zenoh 1.10.2 may go on reporting a token that dies in the very millisecond in which a watcher joins (3 in 1800
-        under load, timed to hit) until the session reconnects: alive is a hint, data that arrives is the proof.
+        zenoh 1.10.2 may miss the death of a token in the same millisecond in which a watcher joins (3 of 1800 under load,
+        timed to hit). The token then stays until the session reconnects. A token is a hint; arriving data is the proof.
         """
         guarded = Guarded(on_change, f"liveliness of {pattern}")
         with self._doing(f"watch {check_pattern(pattern)}"):
@@ -161,14 +161,14 @@ class ZenohBus:
         return not self._closed and bool(self._session.info.routers_zid())
 
     def past(self, pattern: str) -> handlers.Handler[zenoh.Reply]:
-        """What publishers' caches hold now, as it comes."""
+        """Query the current content of publishers' caches; replies arrive in the returned channel."""
         return self._repair.past(f"{pattern}/{HISTORY}/*")
 
     def _subscriptions(self) -> Iterator[Subscription]:
         return (one for one in list(self.declared) if isinstance(one, Subscription))
 
     def run(self, work: Callable[[], None], name: str) -> None:
-        """Run work in a thread that close() waits for; work must end when its channel does."""
+        """Run work in a thread that close() waits for; work must end when its channel closes."""
 
         def body() -> None:
             try:
@@ -206,7 +206,7 @@ class ZenohBus:
 
 
 def _why(routers: Routers) -> str:
-    """What a person can do about it, where nobody answers."""
+    """Return causes and advice for endpoints without an answer, for the error message."""
     silent = {endpoint: words for endpoint in routers if (words := why_unreachable(endpoint))}
     said = [f"{endpoint}: {words}" if len(routers) > 1 else words for endpoint, words in silent.items()]
     if len(silent) == len(routers):
@@ -225,7 +225,7 @@ def _why(routers: Routers) -> str:
 
 
 def _answer(query: zenoh.Query, handler: Guarded[[str, bytes, Reply], None]) -> None:
-    """Have one query answered; leaving its block tells the asker that no more is to come."""
+    """Pass one query to its handler. Leaving the query's `with` block ends the reply."""
     key = str(query.key_expr)
 
     def reply(answer: bytes) -> None:

@@ -1,4 +1,4 @@
-"""A publisher of zenoh's; one with a cache numbers its messages, so that subscribers know what they lack."""
+"""Implementation of contract.Publisher on zenoh; a publisher with a cache numbers its messages for gap detection."""
 
 import zenoh
 
@@ -16,7 +16,7 @@ class Publisher(Declared):
 
     def put(self, payload: bytes) -> None:
         """See contract.Publisher."""
-        with self._lock:  # messages leave in the order they are numbered
+        with self._lock:  # send in the order of the numbers
             if self._closed:
                 raise BusError(f"the publisher of {self._key!r} is closed")
             try:
@@ -38,4 +38,4 @@ class Publisher(Declared):
         try:
             return bool(self._publisher.matching_status.matching)  # type: ignore[attr-defined] # its stub has it wrong
         except zenoh.ZError:
-            return False  # it is closed
+            return False  # the publisher is closed

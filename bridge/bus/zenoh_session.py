@@ -1,7 +1,7 @@
-"""A session of zenoh: opened, closed, its failures, and what is declared in it.
+"""zenoh session: open, close, settings files, errors, and declarations.
 
-Everything arrives through zenoh's channels and is handed on by daemon threads of ours. zenoh's callbacks would each
-bring a thread that keeps a failed program from exiting, or would need the interpreter's lock on zenoh's receive path.
+Data arrives through zenoh's channels, read by daemon threads of this package. A zenoh callback would either add a thread
+that keeps a failed program from exiting, or need the interpreter's lock on zenoh's receive path.
 """
 
 import contextlib
@@ -27,15 +27,15 @@ _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 _RETRY_S = 0.1
-#: messages between zenoh and our thread, which always drains: a full channel would stop the session's receiving
+#: capacity of a channel, in messages; our thread always drains it, because a full channel stops the session's receiving
 CHANNEL = 65536
-#: how often several channels are looked at, none of which has anything
+#: poll interval of several empty channels
 POLL_S = 0.005
-#: how zenoh says what is wrong with a file
+#: format of zenoh's message about an invalid file
 _MESSAGE = re.compile(r'Message \{ msg: "(?P<words>.*)", location: Some\(Location \{ line: (?P<line>\d+)', re.DOTALL)
 _UNKNOWN = re.compile(r"unknown field `(.*?)`, expected (.*)", re.DOTALL)
 _NAMES = re.compile(r"`(.*?)`")
-#: what zenoh takes before the files of the same names, and does not tell with the rest
+#: TLS settings that zenoh prefers to the files of the same names, and omits when it dumps its settings
 TLS_INSTEAD = tuple(
     f"{name}_base64"
     for name in (
@@ -51,7 +51,7 @@ _PARTS = (
 
 
 def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: float = 0.0) -> zenoh.Session:
-    """Open a session, trying for timeout_s, or raise BusError beginning with complaint."""
+    """Open a session, retrying for timeout_s. Raises BusError with a message that begins with complaint."""
     with as_bus_error(complaint):
         config = zenoh.Config.from_json5(json.dumps(settings))
         deadline = time.monotonic() + timeout_s
@@ -65,7 +65,7 @@ def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: f
 
 
 def read_settings(path: str) -> zenoh_settings.Settings:
-    """A file of zenoh's own, JSON5, as zenoh understands it: with every default; BusError says what is wrong with it."""
+    """Read a zenoh settings file (JSON5), with all defaults filled in. Raises BusError for an invalid file."""
     if words := os_errors.unreadable(Path(path)):
         raise BusError(f"{path}: {words}")
     with as_bus_error(f"{path}: zenoh cannot read it"):
@@ -73,7 +73,7 @@ def read_settings(path: str) -> zenoh_settings.Settings:
 
 
 def with_defaults(settings: zenoh_settings.Settings) -> zenoh_settings.Settings:
-    """Settings as `read_settings` reads them from a file."""
+    """Fill in zenoh's defaults, as `read_settings` does for a file."""
     return _whole(zenoh.Config.from_json5(json.dumps(settings)))
 
 
@@ -85,23 +85,23 @@ def _whole(config: zenoh.Config) -> zenoh_settings.Settings:
 
 
 def close_session(session: zenoh.Session) -> None:
-    """Close a session, however broken it is."""
+    """Close a session, even a broken one. Raises BusError if zenoh fails."""
     with as_bus_error("could not close the session"):
         session.close()  # type: ignore[no-untyped-call]
 
 
 class Channel(Protocol[_T_co]):
-    """Where zenoh puts what comes; both raise ZError once it is closed."""
+    """zenoh's receive channel; both methods raise ZError once the channel is closed."""
 
     def recv(self) -> _T_co:
-        """Wait for the next."""
+        """Wait for the next item."""
 
     def try_recv(self) -> _T_co | None:
-        """The next, or None where there is none yet."""
+        """Return the next item, or None if there is none yet."""
 
 
 class Joined(Generic[_T]):
-    """Several channels read as one, each in its turn. One that is closed closes all."""
+    """Several channels read as one, in rotation. A closed channel closes all."""
 
     def __init__(self, channels: Sequence[Channel[_T]]) -> None:
         self._channels = deque(channels)
@@ -116,7 +116,7 @@ class Joined(Generic[_T]):
         return None
 
     def recv(self) -> _T:
-        """See Channel: zenoh has nothing that waits for several, so each is looked at every POLL_S."""
+        """See Channel. Polls every POLL_S, because zenoh cannot wait for several channels."""
         if len(self._channels) == 1:
             return self._channels[0].recv()
         while (item := self.try_recv()) is None:
@@ -125,26 +125,26 @@ class Joined(Generic[_T]):
 
 
 class Undeclared(Protocol):
-    """What zenoh gives for something declared."""
+    """zenoh's handle of a declaration."""
 
     def undeclare(self) -> object:
-        """Take it back."""
+        """Undeclare."""
 
 
 class Home(Protocol):
-    """The bus that something is declared in."""
+    """The bus that owns declarations."""
 
     declared: set["Declared"]
 
     def run(self, work: Callable[[], None], name: str) -> None:
-        """Run work in a thread that closing waits for; work must end when its channel does."""
+        """Run work in a thread that closing waits for; work must end when its channel closes."""
 
     def forget(self, declared: "Declared") -> None:
-        """Something declared was closed."""
+        """Release a closed declaration."""
 
 
 class Declared:
-    """Something declared in a bus; see contract.Declared."""
+    """A declaration in a bus; see contract.Declared."""
 
     def __init__(self, bus: Home, *declared: Undeclared) -> None:
         self._bus, self._declared = bus, declared
@@ -168,7 +168,7 @@ class Declared:
 
 @contextlib.contextmanager
 def as_bus_error(complaint: str) -> Iterator[None]:
-    """Whatever zenoh raises inside becomes a BusError that begins with the complaint."""
+    """Turn every zenoh error inside the block into a BusError that begins with the complaint."""
     try:
         yield
     except BaseException as error:
@@ -178,7 +178,7 @@ def as_bus_error(complaint: str) -> Iterator[None]:
 
 
 def _complaint(complaint: str, words: str) -> str:
-    """With what zenoh said, where that is news: whom it cannot reach is in the complaint, which says it as a person does."""
+    """Append zenoh's message to the complaint, unless zenoh only repeats the endpoints it could not reach."""
     if words.startswith("Unable to connect to any of"):
         return complaint
     if match := _MESSAGE.search(words):
@@ -190,10 +190,10 @@ def _complaint(complaint: str, words: str) -> str:
 
 
 def said(error: BaseException) -> str:
-    """What zenoh said, without the lines of its source."""
+    """Return zenoh's error message without its source file and line."""
     return re.sub(r"\s*\bat /\S+\.rs:\d+\.?", "", str(error)).strip()
 
 
 def is_zenohs(error: BaseException) -> bool:
-    """Whether zenoh failed; a panic of its Rust side is not even an Exception, and has no name to import."""
+    """Whether an error comes from zenoh. A Rust panic is no Exception, and its class cannot be imported: compare the name."""
     return isinstance(error, zenoh.ZError) or type(error).__name__ == "PanicException"

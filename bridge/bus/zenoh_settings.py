@@ -1,4 +1,4 @@
-"""The settings of zenoh sessions: explicit endpoints only, quick to notice a loss and to come back."""
+"""zenoh settings of clients and routers: explicit endpoints only, fast loss detection and reconnection."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,24 +7,24 @@ from bridge.pki.certificate_files import Identity
 from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.keys import BY_NAME, ROOT
 
-# A router disconnects a reader that takes nothing for this long, its buffers being full; until then it holds up everybody it is
-# published to by the same sender: measured, the hole they hear is this long and a few ms.
+# A router disconnects a reader that takes nothing for this long while its buffers are full. Until then the reader delays all
+# other readers of the same sender: the measured gap is this long plus a few ms.
 CUT_OFF_S = 0.1
-# Longer in clients, or they would leave a router that is only waiting for such a reader.
+# Longer in clients: otherwise a client would leave a router that is only waiting for such a reader.
 CLIENT_CUT_OFF_S = 1.0
-# Who has been silent for its own lease is taken for gone. A process that ends is known at once, by its connection: a lease is
-# for a machine that hangs or a cable that is pulled, and must outlast the moments in which a busy machine does not get round
-# to a process. Clients: others must know within 1.5 s that an estimator hangs. The router: before its clients think that
-# all devices are silent, after the 2 s of an estimator's `silence_s`.
+# A peer silent for its own lease counts as gone. The end of a process shows at once, by its connection. A lease detects a
+# hung machine or a pulled cable, and must outlast the pauses of a process on a busy machine. Clients: a hung estimator must
+# be known within 1.5 s. Router: its loss must be known before its clients take all devices for silent, after the 2 s of an
+# estimator's `silence_s`.
 CLIENT_LEASE_S, ROUTER_LEASE_S = 1.25, 1.5
-# Over a network, where certificates are asked for, packets get lost, and TCP takes seconds to repeat what was lost twice. Who is
-# given up meanwhile begins anew, with a handshake and all that it has missed: at 30 % loss it never ends. And what waits in the
-# machine for its turn does not hold up others.
+# Over a network (with certificates) packets get lost, and TCP takes seconds to repeat a packet lost twice. A peer given up
+# meanwhile needs a new handshake and all messages it missed: at 30 % loss that never ends. A larger send buffer keeps
+# waiting data from delaying other readers.
 NETWORK_LEASE_S, NETWORK_BUFFER_BYTES = 5.0, 1 << 20
-# So many signs of life in a lease: the more, the closer to all of it a process may be held up.
+# Keep-alives per lease: the more, the closer to the whole lease a process may pause.
 SIGNS = 10
-# A handshake through a line that loses packets takes some repeats of the network's own, the first after a second. Longer for who
-# connects, or a router that is cut off would be found again only as late as that: its first packet is repeated ever more seldom.
+# A handshake over a lossy line takes some TCP repeats, the first after a second. The connecting side waits longer, because TCP
+# repeats a first packet at growing intervals, which would delay finding a router again after it was cut off.
 ACCEPT_S, OPEN_S = 2.0, 4.0
 MAX_MESSAGE_BYTES = 1 << 20
 
@@ -32,13 +32,13 @@ Settings = dict[str, Any]
 
 
 def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settings:
-    """A session that goes to the first router that answers, and looks for one again for ever once it had one."""
+    """Settings of a client: connects to the first router that answers, and reconnects without limit after a loss."""
     waits = (CLIENT_CUT_OFF_S, CLIENT_LEASE_S) if identity is None else (NETWORK_LEASE_S, NETWORK_LEASE_S)
     settings = _common(*waits) | {
         "mode": "client",
         "connect": {
             "endpoints": list(endpoints),
-            # Each endpoint once: with a time to spend, zenoh spends all of it on the first and never tries the second.
+            # Try each endpoint once: with a timeout, zenoh spends all of it on the first endpoint and never tries the second.
             "timeout_ms": 0,
             "exit_on_failure": True,
             "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
@@ -51,13 +51,16 @@ def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settin
 
 
 def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
-    """A router; idle connections are dropped (SECURITY.md, T7), and on `shed` a slow reader loses instead of slowing others."""
+    """Settings of a router: drops idle connections (SECURITY.md, T7).
+
+    shed: patterns on which a slow reader loses messages instead of slowing others.
+    """
     settings = _common(CUT_OFF_S, ROUTER_LEASE_S) | {
         "mode": "router",
         "connect": {"endpoints": []},
         "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
     }
-    # With zenoh's own timestamps, its advanced subscribers, of other programs, take uncached messages that cross for old.
+    # With zenoh's timestamps, advanced subscribers of other programs discard uncached messages that overtake each other as old.
     settings["timestamping"] = {"enabled": False}
     settings["transport"]["unicast"] |= {"accept_timeout": round(ACCEPT_S * 1000), "accept_pending": 1000}
     if shed:
@@ -68,7 +71,7 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
 def secured_router(
     listen: Sequence[str], shed: Sequence[str], identity: Identity, access_control: Settings, join: Sequence[str] = ()
 ) -> Settings:
-    """A router that lets in who has a certificate, by TLS alone, and each to what `access_rules` allows."""
+    """Settings of a router that accepts only TLS with a client certificate, and applies `access_control`."""
     settings = router(listen, shed)
     link = settings["transport"]["link"]
     link["tx"]["lease"] = round(NETWORK_LEASE_S * 1000)
@@ -80,9 +83,9 @@ def secured_router(
 
 
 def shedding(shed: Sequence[str]) -> Settings:
-    """A router's rule: a reader that cannot keep up with these loses them, and holds up nobody."""
+    """Router rule: on these patterns a slow reader loses messages instead of delaying others."""
     return {
-        # A cached publisher's heartbeats insist on being delivered, too.
+        # Heartbeats of a publisher with a cache would block as well.
         "key_exprs": [key for pattern in shed for key in (pattern, f"{pattern}/@adv/**")],
         "flows": ["egress"],
         "messages": ["put", "delete"],
@@ -91,30 +94,30 @@ def shedding(shed: Sequence[str]) -> Settings:
 
 
 def size_limit() -> Settings:
-    """A router's filter: nothing larger than the largest message of the wire."""
+    """Router filter: rejects every message larger than MAX_PAYLOAD."""
     return {
         "id": "size",
         "flows": ["ingress"],
         "messages": ["put", "delete", "query", "reply"],
-        # `**` does not match what begins with an @
+        # `**` does not match a chunk that begins with @
         "key_exprs": ["**", f"{ROOT}/**", f"{ROOT}/**/@adv/**", *(f"{ROOT}/*/{what}/**" for what in BY_NAME)],
         "size_limit": MAX_PAYLOAD,
     }
 
 
 def joined(settings: Settings, join: Sequence[str]) -> Settings:
-    """A router that goes to others, which may start later, or be away for a night."""
+    """Add connections to other routers, which may start later or be away for hours."""
     retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
     return settings | {"connect": {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}}
 
 
 def _tls(identity: Identity, as_: str) -> Settings:
-    """Both sides show a certificate; one that has expired ends the connection that it opened."""
+    """Mutual TLS; the connection ends when its certificate expires. as_: `connect` or `listen`."""
     return {
         "root_ca_certificate": identity.ca,
         f"{as_}_certificate": identity.certificate,
         f"{as_}_private_key": identity.key,
-        "enable_mtls": True,  # without it a client does not show its own
+        "enable_mtls": True,  # otherwise a client does not send its certificate
         "so_sndbuf": NETWORK_BUFFER_BYTES,
         "verify_name_on_connect": True,
         "close_link_on_expiration": True,
@@ -122,10 +125,10 @@ def _tls(identity: Identity, as_: str) -> Settings:
 
 
 def _common(cut_off_s: float, lease_s: float) -> Settings:
-    # zenoh by itself listens on every interface and announces itself by multicast and gossip: not in a hospital.
+    # By default zenoh listens on every interface and announces itself by multicast and gossip: not in a hospital.
     return {
         "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        # zenohd enables it whatever a file says; what may be seen of it stays as the file says
+        # zenohd enables the admin space regardless of the file; the permissions stay as in the file
         "adminspace": {"enabled": False, "permissions": {"read": False, "write": False}},
         "transport": {
             "unicast": {"open_timeout": round(OPEN_S * 1000)},
@@ -137,7 +140,7 @@ def _common(cut_off_s: float, lease_s: float) -> Settings:
                 },
                 "rx": {"max_message_size": MAX_MESSAGE_BYTES},
             },
-            # Segments outlive a killed process, and large messages in them would pass by max_message_size.
+            # Segments outlive a killed process, and their large messages would bypass max_message_size.
             "shared_memory": {"enabled": False},
         },
     }

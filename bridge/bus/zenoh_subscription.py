@@ -1,4 +1,4 @@
-"""A subscription on zenoh: live messages, the history from publishers' caches, and lost messages fetched from them."""
+"""Implementation of contract.Subscription on zenoh: live messages, history, and repair from publishers' caches."""
 
 import logging
 import threading
@@ -16,7 +16,7 @@ from bridge.bus.zenoh_session import Declared, Home, Joined
 
 _log = logging.getLogger(__name__)
 
-#: messages taken at once, and how often in a turn of the session's thread
+#: messages taken at once, and batches taken per poll by the session's thread
 _BATCH, _TURNS = 512, 8
 
 Found = dict[Source, dict[int, Message]]
@@ -25,8 +25,8 @@ Found = dict[Source, dict[int, Message]]
 class Subscription(MessageQueue, Declared):
     """Queue of the messages of several patterns.
 
-    repaired: live messages wait for the history (`begin`), and gaps are asked about (`due`, `answered`) by the session's Repair.
-    prompt: a thread of its own takes messages from zenoh as they come; else the session's thread does (`poll`).
+    repaired: live messages wait for the history (`begin`), and the session's GapRepair fetches gaps (`due`, `answered`).
+    prompt: a dedicated thread takes messages from zenoh at once; otherwise the session's thread does (`poll`).
     """
 
     def __init__(
@@ -43,11 +43,11 @@ class Subscription(MessageQueue, Declared):
         self.patterns, self.repaired, self._prompt = patterns, repaired, prompt
         self._samples = Joined([one.handler for one in subscribers])
         self._sequences: GapDetector[Message] = GapDetector()
-        self._order = threading.Lock()  # messages enter the queue in the order of this lock
+        self._order = threading.Lock()  # held while messages enter the queue, to keep their order
         self._begun = threading.Event()
         if not repaired:
             self._begun.set()
-        Declared.__init__(self, bus, *subscribers)  # from here on the session's thread knows it
+        Declared.__init__(self, bus, *subscribers)  # last: from here on the session's thread uses this object
         if prompt:
             bus.run(self._pump, f"receive {patterns[0]}")
 
@@ -57,30 +57,30 @@ class Subscription(MessageQueue, Declared):
         return self._begun.is_set()
 
     def begin(self, past: Found) -> None:
-        """Hand on the history; live messages follow."""
+        """Deliver the history; live messages follow."""
         now_s = time.monotonic()
         self._hand_on(lambda: newest_last(filter(None, (self._sequences.history(*one, now_s) for one in past.items()))))
         self._begun.set()
 
     def due(self) -> list[Gap]:
-        """Gaps to ask publishers' caches about now; each must be `answered`."""
+        """Return the gaps to query publishers' caches for now; each needs a call of `answered`."""
         if not (self.repaired and self.caught_up):
             return []
         with self._order:
             return self._sequences.due(time.monotonic())
 
     def answered(self, source: Source, found: Found) -> None:
-        """Hand on what a publisher's cache answered; nothing if the publisher was not reached."""
+        """Deliver the answer of a publisher's cache; empty if the publisher was unreachable."""
         self._hand_on(lambda: self._sequences.answered(source, found.get(source, {}), time.monotonic()))
 
     def heard(self, newest: Found) -> None:
-        """Note the numbers of the newest messages of publishers."""
+        """Take the numbers of publishers' newest messages."""
         with self._order:
             for source, numbers in newest.items():
                 self._sequences.heard(source, max(numbers), time.monotonic())
 
     def poll(self) -> None:
-        """Take in what has come, without waiting; does nothing where a thread of its own does."""
+        """Take received messages without waiting; does nothing for a `prompt` subscription."""
         if self._prompt or not self.caught_up:
             return
         try:
@@ -121,7 +121,7 @@ class Subscription(MessageQueue, Declared):
         with self._order:
             for sample in samples:
                 message, stamp = _message(sample), _stamp(sample)
-                if stamp is None:  # of a publisher without a cache
+                if stamp is None:  # from a publisher without a cache
                     ready.append(message)
                 else:
                     ready += self._sequences.take(Source(message.key, stamp[0]), stamp[1], message, now_s)
@@ -136,7 +136,7 @@ class Subscription(MessageQueue, Declared):
 
 
 def by_source(samples: Iterable[zenoh.Sample]) -> Found:
-    """Messages by publisher and number."""
+    """Group messages by publisher and number; messages without a number are left out."""
     found: Found = {}
     for sample in samples:
         if (stamp := _stamp(sample)) is not None:
@@ -150,7 +150,7 @@ def _message(sample: zenoh.Sample) -> Message:
 
 
 def _stamp(sample: zenoh.Sample) -> tuple[bytes, int] | None:
-    """The publisher's identity and the message's number; None for a publisher without a cache."""
+    """Return the publisher's identity and the message's number; None for a publisher without a cache."""
     if (attachment := sample.attachment) is None or len(stamp := attachment.to_bytes()) != STAMP_BYTES:
         return None
     return stamp[:IDENTITY_BYTES], int.from_bytes(stamp[IDENTITY_BYTES:], "big")

@@ -1,4 +1,4 @@
-"""Checks that the recordings and captures that devices are played from exist and can be read."""
+"""Checks that the recording or capture file of each played-back device exists and is readable."""
 
 from collections.abc import Iterable
 
@@ -7,13 +7,13 @@ from bridge.drivers import registry
 
 
 def unreadable(devices: Iterable[Device]) -> list[str]:
-    """A sentence for each device whose file cannot be read."""
+    """Return a sentence for each device with an unreadable file."""
     states = {device.id: (place, _state(device)) for device in devices if (place := _file(device))}
     return [f"device {name!r}: {place}: {state}" for name, (place, state) in states.items() if state != "present"]
 
 
 def _file(device: Device) -> str:
-    """What it is played from; empty for a device that is there itself."""
+    """Return the file a device is played back from; empty for a real device."""
     port = str(getattr(device.options, "port", ""))
     return str(getattr(device.options, "file", "")) or (port if port.startswith("file://") else "")
 

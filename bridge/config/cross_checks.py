@@ -1,4 +1,4 @@
-"""Checks whether the files of a ward go together: ids, endpoints, certificates, and the rules of routers."""
+"""Cross-checks of a ward's files: ids, endpoints, certificates, and router rules."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
@@ -15,12 +15,12 @@ from bridge.pki.certificate_checks import faults as identity_faults
 from bridge.pki.certificate_checks import member_of
 from bridge.pki.member import Member, Role
 
-#: settings that the estimators of a ward must have alike, for they take over each other's devices
+#: settings that must be equal in all estimators of a ward, because they take over each other's devices
 _ALIKE = ("method", "model", "models", "horizontal_turns", "warming_s", "silence_s")
 
 
 def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datetime) -> list[str]:
-    """All that is wrong, each a sentence that begins with the file; `now` judges the certificates."""
+    """Return all faults, as sentences that begin with the file. now: time at which certificates must be valid."""
     return [
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
         *(f"{path}: {words}" for path, root in wards.items() for words in _of_ward(root, now)),
@@ -31,7 +31,7 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
 
 
 def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[str]:
-    """Certificates that end within days, each a sentence that begins with the file."""
+    """Yield a sentence for each certificate due for renewal, beginning with the file."""
     for path, root in wards.items():
         yield from (f"{path}: [bus]: {words}" for words in root.bus.routers.soon())
     for router in routers:
@@ -39,7 +39,7 @@ def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[
 
 
 def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
-    """Devices given a model of their own that are not there, as far as these files tell; sentences as above."""
+    """Yield a sentence for each device in `models` that is not enrolled; without enrolment, not listed in these files."""
     for path, root in wards.items():
         listed = {
             one.id
@@ -69,7 +69,7 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
     yield from (f"[bus]: {words}" for words in wrong)
     if (member := _member(root)) is None:
         return
-    # One certificate may stand in a file that says more of the ward; but not for somebody else of its role.
+    # The file may have further tables beside the certificate's role, but the id of that role must match.
     tables = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
     table: Any = tables.get(member.role)
     if member.role in tables and (table is None or table.id != member.name):
@@ -78,7 +78,7 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
 
 
 def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:
-    """A bridge, an estimator or a device that two files have."""
+    """Yield a fault for each bridge, estimator or device id that occurs in two files."""
     seen: dict[tuple[str, str, str], Path] = {}
     for path, root in wards.items():
         for what, name in _names(root):
@@ -96,7 +96,7 @@ def _names(root: Root) -> Iterator[tuple[str, str]]:
 
 
 def _otherwise(wards: Mapping[Path, Root]) -> Iterator[str]:
-    """Estimators of one ward that would treat its devices differently."""
+    """Yield a fault for each setting that differs between estimators of one ward."""
     first: dict[str, tuple[Path, dict[str, Any]]] = {}
     for path, root in wards.items():
         if (table := root.estimator) is None:
@@ -139,4 +139,4 @@ def _member(root: Root) -> Member | None:
     try:
         return member_of(root.bus.identity) if root.bus.identity is not None else None
     except ValueError:
-        return None  # said already
+        return None  # already reported

@@ -1,4 +1,4 @@
-"""Enrolled devices of a ward: the [devices] table of its file, or a file of its own that may change at any time."""
+"""Enrolled devices of a ward: the [devices] table, and an optional separate file that may change at any time."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -9,16 +9,16 @@ from bridge.runtime import os_errors
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 
-#: of a list; more is no list of a ward
+#: largest size of the file of ids; a larger file is refused
 MOST_BYTES = 1_000_000
 
 
 class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The devices that are let in. Without this table every device is."""
+    """The devices to accept. Without this table, every device is accepted."""
 
     #: device ids: `wrist-01` by any bridge, `bridge-1/wrist-01` by that bridge only
     enrolled: tuple[str, ...] = ()
-    #: file with more device ids, one a line, `#` begins a comment; read again when it changes
+    #: file with more device ids, one per line, `#` begins a comment; read again when it changes
     file: str = ""
 
     def __post_init__(self) -> None:
@@ -31,7 +31,7 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             self.read()
 
     def read(self) -> dict[str, str]:
-        """The bridge of every enrolled device, "" for any; ValueError says what is wrong with the file."""
+        """Read all enrolled devices: bridge by device id, "" for any bridge. Raises ValueError for an invalid file."""
         if not self.file:
             return places(self.enrolled)
         if words := os_errors.unreadable(Path(self.file)):
@@ -52,7 +52,7 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def places(entries: Iterable[str]) -> dict[str, str]:
-    """Devices and their bridges, as they are enrolled; ValueError where an entry is none, or two say different things."""
+    """Parse entries to bridge by device id, "" for any bridge. Raises ValueError for an invalid or contradictory entry."""
     found: dict[str, str] = {}
     for entry in entries:
         bridge, _, device = entry.rpartition("/")

@@ -1,4 +1,4 @@
-"""Checks a router's ward file against its zenoh file, and which router an endpoint leads to."""
+"""Cross-checks of a router: trusted issuers against access rules, and which router an endpoint leads to."""
 
 from collections.abc import Iterator
 
@@ -10,15 +10,15 @@ _ANEW = "`truerate pki router` writes both files of a router, copy both"
 
 
 def faults(router: RouterFile) -> Iterator[str]:
-    """Members whom a router lets in without having rules for them, and the other way round."""
+    """Yield faults for members trusted without access rules, and for members with rules but not trusted."""
     try:
         trusted = [common_name(one) for one in certificates(router.identity.ca)] if router.identity else []
         own = {member_of(router.identity).common_name} if router.identity else set()
     except ValueError:
-        return  # said elsewhere
+        return  # reported elsewhere
     there = {name.removeprefix(ISSUER_OF) for name in trusted if name.startswith(ISSUER_OF)}
     if not there or router.identity is None:
-        return  # a site's own authority
+        return  # the site has its own authority: no issuer per member
     known = router.members | own
     if more := sorted(there - known):
         yield f"{router.identity.ca} lets in {', '.join(more)}, revoked maybe, whom the rules do not know: {_ANEW}"
@@ -27,7 +27,7 @@ def faults(router: RouterFile) -> Iterator[str]:
 
 
 def reaches(endpoint: str, router: RouterFile) -> bool:
-    """Whether an endpoint leads to a router: by its port, and the names of its certificate or the address it listens at."""
+    """Whether an endpoint leads to a router: compares port, and host with the certificate or the listen address."""
     hosts = hosts_at(router) or [host_of(listen) for listen in router.listen]
     return port_of(endpoint) in map(port_of, router.listen) and any(
         host in ANYWHERE or is_for(host, host_of(endpoint)) for host in hosts
@@ -35,7 +35,7 @@ def reaches(endpoint: str, router: RouterFile) -> bool:
 
 
 def hosts_at(router: RouterFile) -> list[str]:
-    """Names and addresses in a router's certificate; none where that is not at hand."""
+    """Return the host names and addresses in a router's certificate; empty if the certificate is unavailable."""
     try:
         return hosts_of(certificates(router.identity.certificate)[0]) if router.identity else []
     except ValueError:
@@ -43,19 +43,19 @@ def hosts_at(router: RouterFile) -> list[str]:
 
 
 def host_of(endpoint: str) -> str:
-    """The name or address in an endpoint."""
+    """Return the host name or address of an endpoint, in lower case."""
     address = endpoint.partition("/")[2].partition("#")[0].partition("?")[0]
     return address.rpartition(":")[0].strip("[]").lower()
 
 
 def is_for(certified: str, host: str) -> bool:
-    """Whether a name in a certificate is that of a host; a `*` stands for one part."""
+    """Whether a name in a certificate matches a host; a leading `*` stands for one part."""
     name = certified.lower()
     return name == host or (name.startswith("*.") and name[2:] == host.partition(".")[2])
 
 
 def port_of(endpoint: str) -> tuple[str, str]:
-    """Protocol and port; of a Unix socket its path."""
+    """Return protocol and port of an endpoint; for a Unix socket, its path instead of the port."""
     protocol, _, address = endpoint.partition("/")
     bare = address.partition("#")[0].partition("?")[0]
     return protocol, bare if protocol.startswith("unixsock") else bare.rpartition(":")[2]

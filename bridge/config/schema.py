@@ -1,6 +1,6 @@
-"""The ward file's schema. One file serves the bridge and the estimator; each types its own tables.
+"""Schema of the ward file, which serves both the bridge and the estimator.
 
-The estimator's root is a subclass of `Root` that gives `estimator` and `dashboard` types of their own; here any table passes.
+The estimator subclasses `Root` to give the tables `estimator` and `dashboard` their types; here any content passes.
 """
 
 import re
@@ -24,13 +24,13 @@ __all__ = ["Bridge", "Bus", "ConfigError", "Device", "Root", "Router", "check", 
 
 LOCAL = "tcp/127.0.0.1:7447"
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")
-#: hosts to listen at that stand for all of a machine's
-ANYWHERE = ("0.0.0.0", "::", "*")  # noqa: S104 - what files say is looked through
+#: listen hosts that stand for all addresses of a machine
+ANYWHERE = ("0.0.0.0", "::", "*")  # noqa: S104 - compared, not listened on
 _ADDRESS = re.compile(r"[^?#\s]+:(\d{1,5})(?:[?#].*)?\Z")
 
 
 def check(text: object, what: str) -> str:
-    """An id of the configuration; ValueError says what one looks like."""
+    """Check an id of the configuration. Raises ValueError with the expected format."""
     try:
         return check_id(text, what)
     except Refusal as refusal:
@@ -38,7 +38,7 @@ def check(text: object, what: str) -> str:
 
 
 def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
-    """Endpoints as zenoh takes them; ValueError begins with `key`, be it of a file or of a command line."""
+    """Check zenoh endpoints. Raises ValueError beginning with `key`, a key of the file or a command-line option."""
     if not endpoints:
         raise ValueError(f"{key} needs at least one endpoint, such as {LOCAL!r}")
     if twice := [endpoint for endpoint in dict.fromkeys(endpoints) if endpoints.count(endpoint) > 1]:
@@ -59,7 +59,7 @@ def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
 
 
 def listening(address: str) -> tuple[str, int]:
-    """The host and port of `host:port`, as health has it; ValueError says what one looks like."""
+    """Parse the `health` address `host:port`. Raises ValueError with the expected format."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 1 <= int(port) <= 65535 or not address.isprintable():
         raise ValueError(f"health is {address!r}; an address to listen on looks like '127.0.0.1:9464'")
@@ -67,7 +67,7 @@ def listening(address: str) -> tuple[str, int]:
 
 
 def clash(address: str, other: str) -> bool:
-    """Whether two programs of one machine cannot both listen there."""
+    """Whether two listen addresses on one machine conflict."""
     (host, port), (there, its) = (listening(one.replace("localhost", "127.0.0.1")) for one in (address, other))
     return port == its and (host == there or not {host, there}.isdisjoint(ANYWHERE))
 
@@ -100,18 +100,18 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def identity(self) -> Identity | None:
-        """Who we are, where certificates are asked for."""
+        """Certificate files of this program; None without `tls/...`."""
         return Identity(self.ca, self.certificate, self.key) if self.key else None
 
     @property
     def routers(self) -> Routers:
-        """Where to go, and as whom."""
+        """Router endpoints with the identity to connect with."""
         return Routers(self.connect, self.identity)
 
     def routers_as(self, *roles: Role, name: str = "") -> Routers:
-        """The same for whoever has one of the roles, and the name where it matters.
+        """Return `routers` if the certificate has one of the roles, and the name if given.
 
-        Else ConfigError: a router would let anybody of the ward in, and silently give or take nothing.
+        Raises ConfigError otherwise, because a router would accept the connection and then silently drop all messages.
         """
         if self.identity is not None:
             from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - as in bridge.bus.routers
@@ -130,9 +130,9 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where `truerate router` listens."""
+    """Listen addresses of `truerate router`."""
 
-    #: zenoh endpoints
+    #: zenoh endpoints to listen on
     listen: tuple[str, ...] = (LOCAL,)
 
     def __post_init__(self) -> None:
@@ -140,7 +140,7 @@ class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Device:
-    """One [[bridge.devices]]: its id, the name of its driver, and the options that driver takes."""
+    """One `[[bridge.devices]]` table: device id, driver name, and the driver's options."""
 
     __slots__ = ("driver", "id", "options")
 
@@ -151,7 +151,7 @@ class Device:
 
     @classmethod
     def from_table(cls, table: dict[str, Any]) -> Self:
-        """As the file has it: `id`, `driver`, and beside them what the driver takes."""
+        """Build a device from its table: `id`, `driver`, and the driver's options. Raises ValueError."""
         rest = dict(table)
         for key in ("id", "driver"):
             if key not in rest:
@@ -163,12 +163,12 @@ class Device:
         return cls(device, name, options(rest, kinds[name].options))
 
     def make(self) -> Driver:
-        """A driver of this device, not yet open."""
+        """Create the device's driver, not yet open."""
         return registry.kinds()[self.driver].make(self.options)
 
 
 class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The bridge: its id, how often it publishes, and its devices."""
+    """The bridge: its id, publishing interval, health address and devices."""
 
     #: name of the bridge in keys and certificates
     id: str
@@ -176,7 +176,7 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     batch_ms: float = 50.0
     #: address of /metrics, /healthz and /readyz, for example `127.0.0.1:9465`
     health: str = ""
-    #: one table `[[bridge.devices]]` for each device; see below
+    #: one table `[[bridge.devices]]` per device; see below
     devices: tuple[Device, ...] = ()
 
     def __post_init__(self) -> None:
@@ -201,7 +201,7 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The whole file."""
+    """The whole ward file."""
 
     ward: str
     bus: Bus = Bus()

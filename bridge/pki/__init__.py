@@ -1,4 +1,4 @@
-"""Certificates and roles: made here, or brought along, and checked before they are shown to a router.
+"""Certificates and roles: issue certificates, and check own or foreign ones before a connection to a router.
 
-Begin at `member` (who a certificate is for) and `folder` (a ward's authority).
+Begin at `member` (the holder of a certificate) and `folder` (a ward's certificate authority).
 """

@@ -1,10 +1,10 @@
-"""A certificate authority for a ward that has none: X.509 on the `cryptography` package. Pure; PEM in, PEM out.
+"""Certificate authority for a ward without its own: X.509 with the `cryptography` package. Pure; PEM in, PEM out.
 
-Keys are ECDSA on P-256, in PKCS 8. A router's certificate may serve and, to join other routers, ask; all others may only
-ask, so that a stolen bridge cannot play the router.
+Keys are ECDSA on P-256, in PKCS 8. A router's certificate allows server and client authentication, the latter to join other
+routers. All other certificates allow client authentication only, so that a stolen bridge cannot pose as a router.
 
-Each member has an issuer of its own between itself and the authority: a router goes by the issuers of its members, and who is
-revoked is left out. Issuers' keys stay beside the authority's, so what they may sign is not narrowed any further.
+Each member has its own issuer between itself and the authority. A router trusts the issuers of its members, without those of
+revoked members. Issuers' keys stay beside the authority's key, so issuers have no further restriction on what they sign.
 """
 
 import ipaddress
@@ -23,7 +23,7 @@ from bridge.pki.certificate_checks import ISSUER_OF
 from bridge.pki.member import Member, Role
 
 DAYS, CA_DAYS = 90, 3650
-#: clocks of a ward's machines may differ by so much
+#: largest clock difference between machines of a ward; certificates begin this much earlier
 EARLIER = timedelta(minutes=5)
 _LABEL = r"(?!-)[a-z0-9_-]{1,63}(?<!-)"
 _NAME = re.compile(rf"(?:\*\.)?(?:{_LABEL}\.)*(?!\d+\Z){_LABEL}\Z", re.IGNORECASE)
@@ -38,14 +38,14 @@ class Pair:
 
 
 def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
-    """A new authority, which signs itself."""
+    """Create a self-signed authority. name: its common name. days: its validity."""
     key = ec.generate_private_key(ec.SECP256R1())
     made = _begun(name, _subject(name), key, now - EARLIER, now + timedelta(days=days), below=1)
     return Pair(_signed(made, key), _pem(key))
 
 
 def new_issuer(authority: Pair, member: Member) -> Pair:
-    """A new issuer, which signs the certificates of one member, and is valid as long as the authority."""
+    """Create the issuer that signs the certificates of one member; valid as long as the authority."""
     ca, key = x509.load_pem_x509_certificate(authority.certificate), ec.generate_private_key(ec.SECP256R1())
     name = f"{ISSUER_OF}{member.common_name}"
     made = _begun(name, ca.subject, key, ca.not_valid_before_utc, ca.not_valid_after_utc, below=0)
@@ -62,10 +62,11 @@ def issue(
     key: bytes | None = None,
     usages: Sequence[x509.ObjectIdentifier] = (),
 ) -> Pair:
-    """A certificate for a member, of a new key or of `key`, followed by its issuer's.
+    """Issue a member's certificate, followed by its issuer's certificate in the same PEM.
 
-    hosts: names and addresses that a router is reached at; clients refuse a router by any other. usages: those of the
-    role, unless told otherwise. Raises ValueError.
+    hosts: names and addresses of a router; clients refuse a router under any other name. key: PEM of the private key; None
+    for a new key. usages: extended key usages; by default those of the role.
+    Raises ValueError for invalid hosts, an invalid key, or an end after the authority's.
     """
     names = check_hosts(member, hosts)
     ca = x509.load_pem_x509_certificate(authority.certificate)
@@ -85,7 +86,7 @@ def issue(
 
 
 def check_hosts(member: Member, hosts: Sequence[str]) -> list[x509.GeneralName]:
-    """The alternative names of a member's certificate. Raises ValueError for a router without hosts, and for an invalid host."""
+    """Return a certificate's subject alternative names. Raises ValueError for a router without hosts or an invalid host."""
     if member.role is Role.ROUTER and not hosts:
         raise ValueError("a router's certificate names where it is reached: say --host NAME, or an address, for each")
     return [_host(host) for host in hosts] or [x509.UniformResourceIdentifier(f"urn:truerate:{member.common_name}")]
@@ -135,7 +136,7 @@ def _begun(
     ends: datetime,
     below: int | None = None,
 ) -> x509.CertificateBuilder:
-    """A certificate yet to be signed. below: the path length of an authority; None for a certificate that signs no others."""
+    """Prepare a certificate for signing. below: path length of an authority; None for a certificate that signs no others."""
     signs = below is not None
     may = x509.KeyUsage(
         digital_signature=not signs,

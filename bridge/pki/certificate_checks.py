@@ -1,4 +1,4 @@
-"""Checks a certificate, its key and its authorities before they are shown to a router: what is wrong, in words."""
+"""Checks of a certificate, its key and its authorities before a connection; faults are sentences for a person."""
 
 import stat
 from collections.abc import Iterator, Sequence
@@ -29,16 +29,16 @@ __all__ = [
     "verified",
 ]
 
-#: common name of an authority that signs for one member alone, before that member's
+#: prefix of an issuer's common name, before the common name of its member
 ISSUER_OF = "issuer of "
 
 
 def certificates(path: str) -> list[x509.Certificate]:
-    """All certificates of a PEM file, the holder's own first. Raises ValueError that says what is wrong with the file."""
+    """Read all certificates of a PEM file, the holder's own first. Raises ValueError for an unreadable file."""
     try:
         found = x509.load_pem_x509_certificates(Path(path).read_bytes())
         for one in found:
-            list(one.extensions), one.subject, one.public_key()  # each is parsed only now
+            list(one.extensions), one.subject, one.public_key()  # parsed lazily: force errors now
     except OSError as error:
         raise ValueError(f"{path}: {os_errors.why(error)}") from None
     except (
@@ -55,13 +55,13 @@ def certificates(path: str) -> list[x509.Certificate]:
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """Common name of a certificate; empty where it has none."""
+    """Return the common name of a certificate; empty if it has none."""
     found = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     return str(found[0].value) if found else ""
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """The names and addresses a router's certificate is for."""
+    """Return the host names and addresses in a router's certificate."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
@@ -70,12 +70,12 @@ def hosts_of(certificate: x509.Certificate) -> list[str]:
 
 
 def signer(path: str) -> bytes:
-    """The second certificate of a file, PEM: the issuer of the first."""
+    """Return the second certificate of a file as PEM: the issuer of the first."""
     return certificates(path)[1].public_bytes(Encoding.PEM)
 
 
 def member_of(identity: Identity) -> Member:
-    """Who the certificate is for; ValueError where it does not say a role."""
+    """Return the member that holds the certificate. Raises ValueError if the common name contains no role."""
     try:
         return Member.parse(common_name(certificates(identity.certificate)[0]))
     except ValueError as error:
@@ -83,24 +83,30 @@ def member_of(identity: Identity) -> Member:
 
 
 def verified(certificate: str, ca: str) -> bool:
-    """Whether an authority in the file `ca` has signed a certificate, dates aside. Raises ValueError for no PEM."""
+    """Whether an authority in the file `ca` signed a certificate; dates are ignored. Raises ValueError for invalid PEM."""
     return bool(_chain(certificates(certificate), certificates(ca))[1])
 
 
 def lasts(identity: Identity) -> Validity:
-    """How long the certificate and all those above it are valid. Raises ValueError where one cannot be read."""
+    """Return the validity of a certificate chain: the certificate that expires first.
+
+    Of several trusted authorities, the one that expires last counts. Raises ValueError for an unreadable file.
+    """
     chain, ends = _chain(certificates(identity.certificate), certificates(identity.ca))
     latest = sorted(map(lasts_of, ends), key=lambda one: one.ends)[-1:]
     return min((*map(lasts_of, chain), *latest), key=lambda one: one.ends)
 
 
 def lasts_of(certificate: x509.Certificate) -> Validity:
-    """How long one certificate is valid, whatever is above it."""
+    """Return the validity of a single certificate, regardless of its issuers."""
     return Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
 
 
 def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Role)) -> list[str]:
-    """All that is wrong, each a sentence that begins with the file; empty when it can be used for one of the roles."""
+    """Return all faults of an identity, as sentences that begin with the file.
+
+    roles: the accepted roles. Empty if the identity is valid at `now` for one of the roles.
+    """
     try:
         trusted = certificates(identity.ca)
         given = certificates(identity.certificate)
@@ -150,7 +156,7 @@ def _role_faults(own: x509.Certificate, roles: tuple[Role, ...]) -> Iterator[str
     try:
         usages = list(own.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value)
     except x509.ExtensionNotFound:
-        return  # for any use
+        return  # no restriction
     yield from (
         f"its extended key usage does not let it {what}" for what, usage in needed.items() if usage not in usages
     )
@@ -191,7 +197,10 @@ def _dates(certificate: x509.Certificate, now: datetime) -> Iterator[str]:
 def _chain(
     given: Sequence[x509.Certificate], trusted: Sequence[x509.Certificate]
 ) -> tuple[list[x509.Certificate], list[x509.Certificate]]:
-    """The chain from the first of the given up, and the trusted that signed its end: none where a signer is missing."""
+    """Return the chain upwards from the first given certificate, and the trusted certificates that signed its end.
+
+    The second list is empty if a signer is missing.
+    """
     chain, left = [given[0]], list(given[1:])
     while not (ends := [ca for ca in trusted if _signed(chain[-1], ca)]):
         issuer = next((one for one in left if _signed(chain[-1], one)), None)

@@ -1,4 +1,4 @@
-"""Where the files of a certificate are, and how long it is valid; certificate_checks.py checks their content."""
+"""Paths of a certificate's files, and its validity period; certificate_checks.py checks the content."""
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -8,14 +8,14 @@ _SOON = timedelta(days=14)
 
 @dataclass(frozen=True, slots=True)
 class Validity:
-    """From when until when a certificate is valid."""
+    """Validity period of a certificate, in UTC."""
 
     begins: datetime
     ends: datetime
 
     @property
     def soon(self) -> datetime:
-        """From when on it is to be renewed: two weeks before its end; one that was made for few weeks, in its last third."""
+        """Time from which to renew: 14 days before the end, or the last third of a short validity."""
         return self.ends - min(_SOON, (self.ends - self.begins) / 3)
 
 

@@ -1,7 +1,7 @@
-"""The folder of an authority: its own pair, a pair per member, an issuer per member, and the revoked names.
+"""Folder of a certificate authority: its pair, a pair and an issuer per member, and the revoked names.
 
-A file is written beside, then renamed: whole or not at all. A renewal keeps the private key, so only one file changes and
-a pair never is of two. Private keys are 0600 from their first byte on.
+Each file is written under a temporary name, then renamed: complete or not at all. A renewal keeps the private key, so that
+only one file changes and the certificate always matches its key. Private keys have mode 0600 from their first byte on.
 """
 
 import os
@@ -19,20 +19,20 @@ _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.tx
 
 
 class Folder:
-    """The folder that `truerate pki` works in. Methods raise ValueError, and OSError of the disk."""
+    """Folder that `truerate pki` works in. Methods raise ValueError, and OSError for disk errors."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def make(self, name: str, now: datetime) -> None:
-        """Make an authority in a folder that has none."""
+        """Create an authority. Raises ValueError if the folder has one already."""
         if any((self.path / there).exists() for there in (f"{_CA}.pem", f"{_CA}.key", _ISSUERS)):
             raise ValueError(f"{self.path}: there is an authority here already; all its certificates would be void")
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         _keep(self.path / _CA, new_authority(name, now))
 
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
-        """Make the first pair of a member, in the generation that is not revoked."""
+        """Issue the first certificate and key of a member, in its current generation. days: validity. Returns the paths."""
         member = self.current(member)
         files = self.identity(member)
         if Path(files.certificate).exists():
@@ -45,7 +45,10 @@ class Folder:
         return files
 
     def renew(self, member: Member, now: datetime, days: int | None = None) -> Identity:
-        """Make a new certificate with the same name, key, hosts and issuer, by default for as long as the one before."""
+        """Renew a certificate with the same name, key, hosts and issuer.
+
+        days: validity; by default as long as that of the old certificate, but not beyond the authority's end.
+        """
         member = self.current(member)
         files = self.identity(member)
         if missing := [path for path in (files.certificate, files.key) if not Path(path).exists()]:
@@ -67,7 +70,7 @@ class Folder:
         return files
 
     def issuer(self, member: Member) -> Pair:
-        """The issuer of a member, made where there is none yet."""
+        """Return the issuer of a member; create the issuer if there is none yet."""
         here = self.path / _ISSUERS / member.file
         if not Path(f"{here}.pem").exists():
             if not all((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
@@ -78,12 +81,15 @@ class Folder:
         return _pair(here)
 
     def admit(self, router: Member, members: Iterable[Member]) -> None:
-        """Write the issuers of a router's members, by which it verifies them."""
+        """Write the file of issuers that a router trusts: those of its members and its own."""
         issuers = [signer(self.identity(member).certificate) for member in (router, *members)]
         _write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:
-        """Revoke the current generation of a member, and return it: no router's rules may name it from now on."""
+        """Revoke the current generation of a member and return that generation.
+
+        New router rules must not name the generation any more. why: reason, kept in the file of revoked names.
+        """
         member = self.current(member)
         if not Path(self.identity(member).certificate).exists():
             raise ValueError(f"{self.path}: {member.label} has no certificate that could be revoked")
@@ -92,7 +98,7 @@ class Folder:
         return member
 
     def revoked(self) -> dict[str, str]:
-        """When and why each common name was revoked. Raises ValueError where a line names no member."""
+        """Return revoked common names, each with time and reason. Raises ValueError for a line without a valid member."""
         found = dict(line.partition(" ")[::2] for line in self._lines())
         for name in found:
             try:
@@ -102,7 +108,10 @@ class Folder:
         return found
 
     def current(self, member: Member) -> Member:
-        """The generation of a member that is not revoked."""
+        """Return the first generation of a member that is not revoked.
+
+        Raises ValueError if a later generation has a certificate: then the list of revoked names is incomplete.
+        """
         revoked, generation = self.revoked(), 1
         while (now := Member(member.role, member.name, generation)).common_name in revoked:
             generation += 1
@@ -115,28 +124,28 @@ class Folder:
         return now
 
     def members(self) -> Iterator[tuple[Member, Validity]]:
-        """Each member whose certificate is not revoked, and how long that certificate is valid."""
+        """Yield each member with a certificate that is not revoked, and its validity."""
         for path in sorted(self.path.glob("*.pem")):
             try:
                 member = Member.parse(path.stem.replace(".", ":"))
             except ValueError:
-                continue  # of the authority, of a router, or somebody's own
+                continue  # file of the authority, a router's issuers, or a foreign file
             if member == self.current(member):
                 yield member, lasts_of(certificates(str(path))[0])
 
     def authority_lasts(self) -> Validity:
-        """How long the authority's certificate is valid."""
+        """Return the validity of the authority's certificate."""
         if not (path := self.path / f"{_CA}.pem").exists():
             raise self._none()
         return lasts_of(certificates(str(path))[0])
 
     def identity(self, member: Member) -> Identity:
-        """Paths of a member's files, whether they exist or not."""
+        """Return the paths of a member's files, which need not exist."""
         here = self.path / member.file
         return Identity(str(self.path / f"{_CA}.pem"), f"{here}.pem", f"{here}.key")
 
     def gate(self, router: Member) -> Identity:
-        """Paths of a router's files, with the file of `admit` as the authorities it trusts."""
+        """Return the paths of a router's files, with the file written by `admit` as its trusted authorities."""
         return replace(self.identity(router), ca=str(self.path / f"{router.file}{_MEMBERS}"))
 
     def _none(self) -> ValueError:
@@ -156,7 +165,7 @@ class Folder:
 
 
 def utc_now() -> datetime:
-    """Now, to the second, as certificates have it."""
+    """Return the current time in UTC, in whole seconds as in certificates."""
     return datetime.now(UTC).replace(microsecond=0)
 
 
@@ -165,7 +174,7 @@ def _pair(here: Path) -> Pair:
 
 
 def _keep(here: Path, pair: Pair) -> None:
-    """Write a pair, the key first: there is no certificate without its key."""
+    """Write a pair, the key first, so that no certificate exists without its key."""
     _write(Path(f"{here}.key"), pair.key, 0o600)
     _write(Path(f"{here}.pem"), pair.certificate, 0o644)
 

@@ -1,4 +1,4 @@
-"""The role and the name in a certificate's common name. Pure."""
+"""Member of a ward: role and name, as in the common name of a certificate. Pure."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -9,7 +9,7 @@ from bridge.wire.refusal import Refusal
 
 
 class Role(Enum):
-    """What its holder may do; the value is what stands in a common name and in file names."""
+    """Role of a certificate's holder, which determines its rights. The value appears in common names and file names."""
 
     BRIDGE = "bridge"
     ESTIMATOR = "estimator"
@@ -21,10 +21,10 @@ class Role(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One holder of a certificate.
+    """Holder of a certificate: role, name and generation.
 
-    zenoh cannot read lists of revoked certificates: its access rules know common names. So a name that was revoked is never
-    used again; its holder goes on with the next generation of it, and the rules name only that one.
+    zenoh cannot read lists of revoked certificates; its access rules name common names. A revoked common name is therefore
+    never used again. Its holder gets the next generation of the name, and the rules name only that generation.
     """
 
     role: Role
@@ -33,22 +33,22 @@ class Member:
 
     @property
     def common_name(self) -> str:
-        """As in the certificate, and in the router's rules: `bridge:bridge-1`, later `bridge:bridge-1:2`."""
+        """Common name in the certificate and in the router's rules: `bridge:bridge-1`, later `bridge:bridge-1:2`."""
         return f"{self.label}:{self.generation}" if self.generation > 1 else self.label
 
     @property
     def label(self) -> str:
-        """Role and name, as they are given on a command line."""
+        """Role and name, as on a command line: `bridge:bridge-1`."""
         return f"{self.role.value}:{self.name}"
 
     @property
     def file(self) -> str:
-        """What its files are called, without their ending."""
+        """Name of the member's files, without suffix."""
         return self.common_name.replace(":", ".")
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """From a common name; ValueError says what one looks like."""
+        """Parse a common name. Raises ValueError with the expected format."""
         role, _, rest = text.partition(":")
         name, colon, generation = rest.partition(":")
         roles = [known.value for known in Role]

@@ -1,1 +1,1 @@
-"""Why something is so, as codes with parameters; and the catalogue that makes text of them, one file a language."""
+"""Reasons as codes with parameters, and the catalogue that turns codes into text, with one file per language."""

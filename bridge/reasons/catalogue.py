@@ -1,4 +1,4 @@
-"""Text of codes and labels, from one TOML file a language beside this module."""
+"""Catalogue of texts: turns reason codes and labels into text, from one TOML file per language in this folder."""
 
 import tomllib
 from collections.abc import Iterable
@@ -8,13 +8,13 @@ from typing import Any
 
 from bridge.reasons.codes import Sentence, Sentences
 
-#: the first is what logs and command lines are written in
+#: the first is the language of logs and command lines
 LANGUAGES = ("en", "zh")
 _FOLDER = Path(__file__).parent
 
 
 class Catalogue:
-    """The texts of one language."""
+    """Texts of one language. language: one of LANGUAGES."""
 
     def __init__(self, language: str) -> None:
         with (_FOLDER / f"{language}.toml").open("rb") as file:
@@ -25,11 +25,11 @@ class Catalogue:
         self._unknown: str = texts["unknown"]
 
     def text(self, sentences: Iterable[Sentence]) -> str:
-        """All of them, one after the other; a code that is not known is shown with its parameters."""
+        """Return the text of all sentences, in order; an unknown code is shown with its parameters."""
         return self._join.join(map(self._sentence, sentences))
 
     def label(self, label: str) -> str:
-        """What is counted under a label, as a person says it after a number; `kind: reason` is two labels."""
+        """Return the words for a counted label, to follow a number. A label `kind: reason` is two labels."""
         return ": ".join(self.labels.get(part, part.replace("_", " ")) for part in label.split(": "))
 
     def _sentence(self, sentence: Sentence) -> str:
@@ -38,14 +38,14 @@ class Catalogue:
             params = {**params, "label": self.label(params["label"])}
         try:
             return self.sentences[sentence.code].format_map(params)
-        except KeyError:  # of a later version: another code, or other parameters
+        except KeyError:  # from a later version: unknown code or parameters
             said = ", ".join(f"{name}: {value}" for name, value in params.items())
             return self._unknown.format(code=sentence.code, params=said)
 
 
 @cache
 def catalogue(language: str) -> Catalogue:
-    """The catalogue of one of LANGUAGES."""
+    """Return the catalogue of a language, one of LANGUAGES; loaded once."""
     return Catalogue(language)
 
 
@@ -55,15 +55,15 @@ def explain(reason: Iterable[Sentence], language: str = LANGUAGES[0]) -> str:
 
 
 def english(*sentences: Sentence) -> str:
-    """The English text, for logs and command lines."""
+    """Return the English text of sentences, for logs and command lines."""
     return catalogue(LANGUAGES[0]).text(sentences)
 
 
 def in_words(label: str) -> str:
-    """What is counted under a label, in English."""
+    """Return the English words for a counted label."""
     return catalogue(LANGUAGES[0]).label(label)
 
 
 def sentences_as_json(sentences: Sentences) -> list[dict[str, Any]]:
-    """For programs: of each sentence its code, its parameters and the English text."""
+    """Return sentences as JSON objects with `code`, `params` and the English `text`."""
     return [{"code": str(one.code), "params": one.params, "text": english(one)} for one in sentences]

@@ -1,42 +1,42 @@
-"""The codes under which bridge and estimator say why something is so, each with the parameters it needs."""
+"""Reason codes of bridge and estimator, each with the names of its parameters."""
 
 from enum import StrEnum
 from typing import NamedTuple, Self
 
 
 class Sentence(NamedTuple):
-    """One thing that is said: a code and its parameters by name, as they are shown. Text is made where a person reads it.
+    """A reason: a code and its parameters by name, formatted for display. The catalogue makes the text for a reader.
 
-    A parameter wears its unit in its name (`angle_deg`, `duration_s`); one called `label` is a label of the catalogue.
+    A parameter's name ends in its unit (`angle_deg`, `duration_s`). A parameter named `label` is a label of the catalogue.
     """
 
     code: str
     params: dict[str, str]
 
 
-#: why something is so, in the order in which it is said
+#: reasons in display order
 Sentences = tuple[Sentence, ...]
 
 
 class Code(StrEnum):
-    """Each member makes its sentence: `Code.TURN_TAKEN(axis="x")`. The catalogue has the text of each language."""
+    """Reason codes; calling a code makes its sentence: `Code.TURN_TAKEN(axis="x")`. The catalogue has the texts."""
 
     params: tuple[str, ...]
 
     def __new__(cls, code: str, *params: str) -> Self:
-        """A code, and the names of its parameters."""
+        """Create a code with the names of its parameters."""
         made = str.__new__(cls, code)
         made._value_ = code
         made.params = params
         return made
 
     def __call__(self, **params: object) -> Sentence:
-        """The sentence with these parameters. Raises TypeError where they are not the code's own."""
+        """Make the sentence with these parameters. Raises TypeError if a parameter is missing or unknown."""
         if params.keys() != set(self.params):
             raise TypeError(f"{self.value} takes the parameters {self.params}, not {tuple(params)}")
         return Sentence(self, {name: str(value) for name, value in params.items()})
 
-    # Life of a device: where it is, what to do next
+    # Life of a device: its state, and what to do next
     NEVER_HEARD = "never_heard"
     WARMING_UP = "warming_up"
     RESTARTED = "restarted"
@@ -59,7 +59,7 @@ class Code(StrEnum):
     RATE_TOO_LOW = "rate_too_low", "rate_hz", "least_hz"
     AT_REST_AGAIN = "at_rest_again", "gap_s"
 
-    # Doubts of the bias
+    # Doubts about the bias
     BIAS_WAS_DOUBTED = "bias_was_doubted"
     BIAS_CONFIRMED = "bias_confirmed"
     REST_CONTRADICTS_BIAS = "rest_contradicts_bias", "rate_dps"
@@ -69,7 +69,7 @@ class Code(StrEnum):
     NO_REST_FOR = "no_rest_for", "minutes"
     TEMPERATURE_LAW_REFUTED = "temperature_law_refuted"
 
-    # Why nothing comes of a device, or its samples are not used
+    # Why a device sends nothing, or its samples are not used
     NO_SAMPLES = "no_samples", "duration"
     NO_SAMPLES_SINCE_TAKEOVER = "no_samples_since_takeover"
     BRIDGE_GONE = "bridge_gone", "bridge"
@@ -192,7 +192,7 @@ class Code(StrEnum):
     SHARED_ANEW = "shared_anew"
     HEARD_FIRST = "heard_first"
 
-    # What keeps a bridge from reading a device
+    # Why a bridge cannot read a device
     NOTHING_HEARD = "nothing_heard", "place"
     NOTHING_UNDERSTOOD = "nothing_understood", "place"
     NOTHING_COMES = "nothing_comes", "place"
@@ -235,7 +235,7 @@ class Code(StrEnum):
     BLE_LOST = "ble_lost", "place"
     DRIVER_FAILED = "driver_failed", "error"
 
-    # What a person should know of a device (notices)
+    # Notices: what a person should know about a device
     RATE_CHANGED = "rate_changed", "then_hz", "now_hz"
     RATE_MEASURED = "rate_measured", "rate_hz", "percent"
     RATE_PRESUMED = "rate_presumed", "rate_hz"

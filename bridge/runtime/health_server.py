@@ -1,6 +1,6 @@
-"""HTTP server for /metrics (Prometheus), /healthz (the process lives) and /readyz (it can do its work).
+"""HTTP server for /metrics (Prometheus), /healthz (the process is alive) and /readyz (the process can do its work).
 
-Nothing is counted here: families are read when somebody asks.
+The server keeps no counts: it reads the metrics at each request.
 """
 
 import logging
@@ -18,15 +18,15 @@ from bridge.runtime import os_errors
 
 _log = logging.getLogger(__name__)
 
-#: who does not ask or listen for so long is let go; so many are answered at a time, and the oldest makes room for the next
+#: timeout of an idle connection; connections served at a time, the oldest of which is closed for a new one
 PATIENCE_S, AT_ONCE = 5.0, 8
-#: names that this machine is asked by, beside its addresses
+#: host names accepted in requests, beside addresses
 _NAMES = {"localhost", socket.gethostname().lower(), socket.gethostname().partition(".")[0].lower()}
 
 
 @dataclass(frozen=True, slots=True)
 class MetricFamily:
-    """One metric: its name after `truerate_`, and a value for each set of label values. A counter only grows."""
+    """One metric: its name without `truerate_`, and a value for each tuple of label values. counter: only ever grows."""
 
     name: str
     help: str
@@ -37,7 +37,10 @@ class MetricFamily:
 
 @dataclass(frozen=True, slots=True)
 class HealthSource:
-    """What is answered: each is called on a thread of the server. `sick` and `unready` say why, empty when all is well."""
+    """Callbacks of the health server, called on its threads.
+
+    `families` returns the metrics. `sick` and `unready` return reasons; empty when all is well.
+    """
 
     families: Callable[[], Iterable[MetricFamily]]
     sick: Callable[[], Sequence[str]]
@@ -45,7 +48,7 @@ class HealthSource:
 
 
 class HealthServer:
-    """Answers on (host, port) while it is open; raises OSError where it cannot listen."""
+    """Health server on (host, port), a context manager. Raises OSError if the address is unusable."""
 
     def __init__(self, address: tuple[str, int], asked: HealthSource) -> None:
         try:
@@ -67,9 +70,9 @@ class HealthServer:
 
 
 def own_host(host: str, names: Container[str]) -> bool:
-    """Whether a Host header names this machine: by an address, or by one of these names, in lower case.
+    """Whether a Host header names this machine: by any address, or by one of `names`, in lower case.
 
-    Any other name may be that of a foreign page which was led to our address (DNS rebinding).
+    Any other name may belong to a foreign page directed to this machine's address (DNS rebinding).
     """
     try:
         parts = urlsplit(f"//{host}")
@@ -84,7 +87,7 @@ def own_host(host: str, names: Container[str]) -> bool:
         ip_address(name)
     except ValueError:
         return False
-    return True  # an address cannot be led elsewhere
+    return True  # DNS rebinding needs a name
 
 
 class _Server(ThreadingHTTPServer):
@@ -103,12 +106,12 @@ class _Server(ThreadingHTTPServer):
         super().process_request(request, client_address)
 
     def asks(self, request: socket.socket) -> None:
-        """It has said what it wants."""
+        """Mark a connection as having sent its request."""
         self._guests.ask(request)
 
     def rendered(self, request: socket.socket) -> tuple[bytes, str]:
-        """All metrics, and as what, for one after the other: many at once would leave no time for a probe."""
-        from bridge.runtime.metrics import KIND, rendered  # noqa: PLC0415 - nobody's start waits for what is asked for later
+        """Render all metrics; return body and content type. One at a time, so that probes get their turn."""
+        from bridge.runtime.metrics import KIND, rendered  # noqa: PLC0415 - imported at the first request, for a fast start
 
         with self._rendering:
             return rendered(self.asked) if self._guests.is_here(request) else b"", KIND
@@ -122,7 +125,7 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Guests:
-    """Connections that are open, AT_ONCE at most. Who is only there gives way to who comes, before anybody who is answered."""
+    """Open connections, at most AT_ONCE. A new one replaces the oldest idle one, or else the oldest with a request."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -133,7 +136,7 @@ class _Guests:
         with self._lock:
             while len(self._waiting) + len(self._asking) >= AT_ONCE:
                 oldest = self._waiting or self._asking
-                with suppress(OSError):  # it has left; its thread wakes, and closes it
+                with suppress(OSError):  # already closed by the client; otherwise its thread wakes and closes it
                     oldest.pop(next(iter(oldest))).shutdown(socket.SHUT_RDWR)
             self._waiting[id(guest)] = guest
 

@@ -1,7 +1,7 @@
-"""What the programs log: a line for people, or a JSON object a line for machines. Nothing that was said makes a line of its own.
+"""Log format: one line of text per record for people, or one JSON object per line for machines.
 
-Texts of devices, files and people stand in messages. What cannot be printed is written as an escape, so that no text moves a
-terminal's cursor or begins a line that looks like ours. Keys and password hashes are left out, wherever they came from.
+Messages contain texts of devices, files and people. Unprintable characters are escaped, so that no such text moves a
+terminal's cursor or fakes a log line. Private keys and password hashes are always left out.
 """
 
 import json
@@ -14,7 +14,7 @@ from types import TracebackType
 
 TEXT, JSON = "text", "json"
 FORMATS = (TEXT, JSON)
-#: of a message; what is longer is cut
+#: characters of a message; a longer one is cut
 LONGEST = 4000
 HIDDEN = "(secret)"
 _SECRETS = re.compile(
@@ -23,43 +23,43 @@ _SECRETS = re.compile(
 
 
 def configure_logging(form: str = TEXT) -> None:
-    """Log to standard error from now on, in this form; also what ends a thread or the program."""
+    """Configure logging to standard error as text or JSON. JSON also covers uncaught exceptions."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonFormatter() if form == JSON else TextFormatter())
     logging.basicConfig(level=logging.INFO, handlers=[handler])
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # of fonts and folders of its own, which nobody asked about
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # its notices of fonts and folders are noise
     if form == JSON:
         sys.excepthook = _ended
         threading.excepthook = lambda said: _ended(said.exc_type, said.exc_value, said.exc_traceback)
 
 
 def printable(text: str) -> str:
-    """The text on one line, with escapes for what would not be seen as it is."""
+    """Return the text on one line: secrets hidden, cut at LONGEST characters, unprintable characters escaped."""
     hidden = _SECRETS.sub(HIDDEN, text)
     cut = hidden if len(hidden) <= LONGEST else f"{hidden[:LONGEST]}…"
     return cut if cut.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in cut)
 
 
 def printable_lines(text: str) -> str:
-    """The same, each line by itself; a key is many lines, and left out whole."""
+    """Return the text with each line made printable; a secret of several lines is hidden as a whole."""
     return "\n".join(map(printable, _SECRETS.sub(HIDDEN, text).split("\n")))
 
 
 class TextFormatter(logging.Formatter):
-    """`LEVEL where: message`; lines of a traceback begin with a bar."""
+    """Formats records as `LEVEL logger: message`; traceback lines begin with a bar."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """One line, and one for each of the traceback."""
+        """Format a record as one line, plus one line for each line of its traceback."""
         lines = [f"{record.levelname} {record.name}: {printable(record.getMessage())}"]
         lines += [f"  | {printable(line)}" for line in _trace(self, record).splitlines()]
         return "\n".join(lines)
 
 
 class JsonFormatter(logging.Formatter):
-    """A JSON object a line: time, level, logger, message, and trace where there is one."""
+    """Formats records as one JSON object per line: time, level, logger, message, and trace if any."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """One line."""
+        """Format a record as one line of JSON."""
         said = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),

@@ -1,4 +1,4 @@
-"""Metrics of a process in Prometheus' text format. The only file with prometheus_client."""
+"""Metrics of a process in Prometheus' text format. The only module that imports prometheus_client."""
 
 from collections.abc import Iterator
 from importlib.metadata import version
@@ -13,7 +13,7 @@ __all__ = ["KIND", "rendered"]
 
 
 def rendered(asked: HealthSource) -> bytes:
-    """All metrics as they are now, and those of the process."""
+    """Render all current metrics, including those of the process."""
     registry = CollectorRegistry()
     registry.register(_Collector(asked))
     ProcessCollector(registry=registry)

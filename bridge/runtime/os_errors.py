@@ -1,4 +1,4 @@
-"""Errors of the operating system in plain words: no number, no name of a constant."""
+"""Operating system errors in plain words, without error numbers or constants."""
 
 import errno
 import os
@@ -22,24 +22,24 @@ _WORDS = {
 
 
 def why(error: OSError) -> str:
-    """The cause alone, to be said after a name; of an error of our own its sentence."""
+    """Return the cause only, to follow a name; for an OSError without number, its own message."""
     if error.errno is None:
         return str(error)
     return _WORDS.get(error.errno) or (error.strerror or str(error)).lower()
 
 
 def sentence(error: OSError) -> str:
-    """The name, if there is one, and the cause."""
+    """Return the file name, if any, and the cause."""
     return why(error) if error.filename is None else f"{os.fsdecode(error.filename)}: {why(error)}"
 
 
 def said(error: Exception) -> str:
-    """Any error's sentence."""
+    """Return the sentence of any exception; an OSError as `sentence` does."""
     return sentence(error) if isinstance(error, OSError) else str(error)
 
 
 def unreadable(path: Path) -> str:
-    """Why a file cannot be read now, without opening it; empty if it can be."""
+    """Return why a file cannot be read; empty if it can be. Does not open the file."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""Stop a process on SIGTERM and SIGINT."""
+"""Orderly stop of a process on SIGTERM, SIGINT and SIGHUP."""
 
 import contextlib
 import logging
@@ -11,16 +11,16 @@ _log = logging.getLogger(__name__)
 
 
 def asked_by() -> list[signal.Signals]:
-    """Signals that ask this process to stop."""
+    """Return the signals that stop this process: SIGTERM, SIGINT and, unless ignored, SIGHUP."""
     hung_up = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
     return [signal.SIGTERM, signal.SIGINT, *hung_up]
 
 
 @contextlib.contextmanager
 def stopped_by_signal() -> Iterator[threading.Event]:
-    """An event that SIGTERM, SIGINT and SIGHUP set; a second signal ends the program the hard way. For the main thread.
+    """Provide an event that SIGTERM, SIGINT and SIGHUP set. A second signal kills the program. Main thread only.
 
-    Under nohup SIGHUP stays ignored.
+    Under nohup, SIGHUP stays ignored.
     """
     stop = threading.Event()
 

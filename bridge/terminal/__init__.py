@@ -1,4 +1,4 @@
-"""Text for people on a terminal: a console that prints foreign text as text, tables that fit, a progress bar, plurals.
+"""Terminal output: a console safe for foreign text, tables that fit the width, a progress bar, plurals.
 
 Begin at `console`.
 """

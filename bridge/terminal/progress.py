@@ -1,4 +1,4 @@
-"""A progress bar."""
+"""Progress bar on a terminal."""
 
 import time
 from collections.abc import Callable
@@ -8,12 +8,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from bridge.terminal.console import plain_console
 
-_PATIENCE_S = 2.0  # a bar is shown for what takes longer
+_PATIENCE_S = 2.0  # the bar appears only after this time
 _COLUMNS = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeRemainingColumn()
 
 
 class Bar:
-    """On standard error, of a terminal only, and only when somebody would wait for it."""
+    """Progress bar on standard error; shown only on a terminal and only for work longer than 2 s."""
 
     def __init__(self) -> None:
         self._console = plain_console(stderr=True)
@@ -21,7 +21,7 @@ class Bar:
         self._shown: Progress | None = None
 
     def on(self, what: str) -> Callable[[int, int], None]:
-        """A function to be told of progress in one thing: how much is done, and of how much."""
+        """Return a callback (done, of) that reports the progress of the task `what`."""
         return lambda done, of: self._tell(what, done, of)
 
     def _tell(self, what: str, done: int, of: int) -> None:

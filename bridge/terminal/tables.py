@@ -1,4 +1,4 @@
-"""Tables that fit the terminal they are shown in: a number is whole, or its column is left out; text is folded, never cut."""
+"""Tables that fit the terminal: text is folded, never cut; a column of numbers is shown whole or left out."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,9 +15,10 @@ _GAP = 2
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """number: aligned to the right, and never folded. least: a text may be folded to this width.
+    """Column of a table.
 
-    spare: left out where there is no room, the highest first; 0: never.
+    number: aligned right and never folded. least: smallest width to which text may be folded.
+    spare: columns are left out for lack of room, the highest `spare` first; 0: never.
     """
 
     heading: str
@@ -27,9 +28,9 @@ class Column:
 
 
 class Columns:
-    """Rows of cells under headings, or without any; something that a rich console can print.
+    """Table for a rich console: rows of cells, with or without headings.
 
-    Where even what is never left out has no room, each row is written as a line of its own.
+    If even the columns with `spare` 0 do not fit, each row is printed as a line of text.
     """
 
     def __init__(self, columns: Sequence[Column], *, title: str = "", headings: bool = True) -> None:
@@ -37,7 +38,7 @@ class Columns:
         self._rows: list[tuple[Text, ...]] = []
 
     def add(self, *cells: str | Text) -> None:
-        """One row; of cells that are missing at its end nothing is shown."""
+        """Add a row; missing cells at its end stay empty."""
         given = [cell if isinstance(cell, Text) else Text(printable(cell)) for cell in cells]
         self._rows.append((*given, *(Text() for _ in self._columns[len(given) :])))
 
@@ -63,7 +64,7 @@ class Columns:
         yield table
 
     def _fitting(self, width: int) -> dict[int, int] | None:
-        """The columns that are shown, each with its width; None where there is no room for those that must be."""
+        """Return the columns to show with their widths; None if the required columns do not fit."""
         natural = [self._natural(at) for at in range(len(self._columns))]
         least = [
             whole if column.number else min(whole, column.least)
@@ -84,7 +85,7 @@ class Columns:
         return {at: widths[at] for at in kept}
 
     def _natural(self, at: int) -> int:
-        """The widest cell of a column."""
+        """Return the width of a column's widest cell."""
         heading = self._columns[at].heading if self._headings else ""
         return max([1, cell_len(heading), *(row[at].cell_len for row in self._rows)])
 

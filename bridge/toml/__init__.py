@@ -1,4 +1,4 @@
-"""TOML files as frozen, typed objects: a value that does not fit is refused with its file, table, key and nearest name.
+"""Loads TOML files as frozen, typed objects; an error names the file, table, key and nearest valid name.
 
-Begin at `loader.load`; `shipped` finds the files that come with truerate.
+Begin at `loader.load`; `shipped` finds the files shipped with truerate.
 """

@@ -1,7 +1,7 @@
-"""One TOML file into one frozen, typed object: what does not fit is refused with its file, table, key and nearest name.
+"""Loads a TOML file as a frozen, typed object; an error names the file, table, key and nearest valid name.
 
-The type is a msgspec Struct of Structs that forbid unknown fields. A class that is no Struct may have `from_table`: it is
-given its table and returns itself, or raises ValueError with a sentence.
+The type is a msgspec Struct of Structs that forbid unknown fields. A class that is not a Struct may have a class method
+`from_table`, which takes the table and returns an object, or raises ValueError with a sentence.
 """
 
 import difflib
@@ -34,14 +34,14 @@ _WORDS = {
 
 
 class ConfigError(Exception):
-    """The configuration cannot be used: which file, where in it, and what is taken instead."""
+    """Invalid configuration: the message names the file, the place in it, and what is accepted."""
 
 
 def load(path: Path | str, kind: type[T]) -> T:
-    """Read a TOML file as `kind`; raises ConfigError, one line for a person."""
+    """Read a TOML file as an object of type `kind`. Raises ConfigError with one line for a person."""
     try:
         with Path(path).open("rb") as file:
-            tables = tomllib.loads(file.read().decode("utf-8-sig"))  # some editors put a mark before the text
+            tables = tomllib.loads(file.read().decode("utf-8-sig"))  # some editors write a byte order mark
     except FileNotFoundError:
         raise ConfigError(f"{path}: there is no such file") from None
     except OSError as error:
@@ -49,7 +49,7 @@ def load(path: Path | str, kind: type[T]) -> T:
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise ConfigError(f"{path}: line {line} is not UTF-8 text: save the file as UTF-8 in your editor") from None
-    except (ValueError, RecursionError) as error:  # of numbers and lists that are larger than any
+    except (ValueError, RecursionError) as error:  # also huge numbers and deeply nested lists
         raise ConfigError(f"{path}: not TOML: {error}") from None
     try:
         return msgspec.convert(tables, kind, dec_hook=_from_table)
@@ -58,7 +58,7 @@ def load(path: Path | str, kind: type[T]) -> T:
 
 
 def options(table: dict[str, Any], kind: type[T]) -> T:
-    """A table as `kind`, within `from_table`; raises ValueError with a sentence that names the key."""
+    """Convert a table to `kind`, for use in `from_table`. Raises ValueError with a sentence that names the key."""
     try:
         return msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
@@ -66,7 +66,7 @@ def options(table: dict[str, Any], kind: type[T]) -> T:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """What to say after an unknown name: the nearest known one, or all of them."""
+    """Return a hint for an unknown name: the nearest known name, or all known names."""
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     if close:
@@ -111,7 +111,7 @@ def _words(types: str) -> str:
 
 
 def _table(steps: list[str | int]) -> str:
-    """`[bridge]: `, `[[bridge.devices]] #2: `, or nothing at the top of the file."""
+    """Format a table's place: `[bridge]: `, `[[bridge.devices]] #2: `, or empty for the top level."""
     if not steps:
         return ""
     name = ".".join(step for step in steps if isinstance(step, str))
@@ -119,7 +119,7 @@ def _table(steps: list[str | int]) -> str:
 
 
 def _types(kind: inspection.Type, steps: list[str | int]) -> list[inspection.Type]:
-    """The types that the file may have at `steps`."""
+    """Return the types allowed at the path `steps`."""
     if isinstance(kind, inspection.UnionType):
         return [found for option in kind.types for found in _types(option, steps)]
     inner: list[inspection.Type] = []
@@ -135,13 +135,13 @@ def _types(kind: inspection.Type, steps: list[str | int]) -> list[inspection.Typ
 
 
 def _choices(kind: inspection.Type, steps: list[str | int]) -> list[str]:
-    """The values that the key at `steps` takes."""
+    """Return the values allowed for the key at the path `steps`."""
     found = _types(kind, steps)
     enums = [str(member.value) for one in found if isinstance(one, inspection.EnumType) for member in one.cls]
     return enums + [str(value) for one in found if isinstance(one, inspection.LiteralType) for value in one.values]
 
 
 def _names(kind: inspection.Type, steps: list[str | int]) -> list[str]:
-    """The keys that the table at `steps` takes."""
+    """Return the keys allowed in the table at the path `steps`."""
     structs = [one for one in _types(kind, steps) if isinstance(one, inspection.StructType)]
     return [field.encode_name for one in structs for field in one.fields]

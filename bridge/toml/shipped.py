@@ -1,4 +1,4 @@
-"""Descriptions that come with truerate, by name, beside files of one's own, by path."""
+"""Finds TOML files: shipped with truerate by name, own files by path."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -7,12 +7,15 @@ from bridge.toml.loader import ConfigError, nearest
 
 
 def shipped(folders: Iterable[Path]) -> dict[str, Path]:
-    """The TOML files in these folders: names and files."""
+    """Return the TOML files in these folders, by name without suffix."""
     return {path.stem: path for folder in folders for path in sorted(folder.glob("*.toml"))}
 
 
 def file_of(name: str | Path, what: str, folders: Iterable[Path]) -> Path:
-    """The file of one that comes with truerate, or any that ends in .toml; ConfigError where there is no such `what`."""
+    """Return the path of a shipped file by name, or an own file that ends in .toml.
+
+    what: kind of file, for the error message. Raises ConfigError for an unknown name.
+    """
     path = Path(name)
     if path.suffix == ".toml":
         return path

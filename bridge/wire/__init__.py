@@ -1,4 +1,4 @@
-"""Messages, keys and their encoding (docs/wire.md). Nothing invalid passes the decoder.
+"""Wire format: messages, keys and their encoding (docs/wire.md). The decoder rejects every invalid message.
 
-Begin at `messages`; `codec` is the public door to bytes, `keys` the only builder and parser of keys.
+Begin at `messages`. `codec` encodes and decodes; `keys` is the only builder and parser of keys.
 """

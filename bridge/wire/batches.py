@@ -1,6 +1,7 @@
-"""The two batches, through their twins in columns.proto.
+"""Encoding and decoding of sample batches and corrected batches.
 
-A packed column is a `bytes` field there: the same bytes on the wire, at memory speed.
+Uses the twin messages in columns.proto, where a packed column is a `bytes` field: the same bytes on the wire, at memory
+speed.
 """
 
 from collections.abc import Mapping
@@ -16,16 +17,16 @@ from bridge.wire.messages import VERSION, CorrectedBatch, Quality, SampleBatch, 
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.validation import clean
 
-MAX_SAMPLES = 1024  # the most that fit the size limit with every column
-MAX_RATE = 1000.0  # rad/s, of a reading or a bias; no gyroscope reaches it
+MAX_SAMPLES = 1024  # the most that fit into MAX_PAYLOAD with every column
+MAX_RATE = 1000.0  # rad/s, of a reading or a bias; beyond every gyroscope
 MAX_CORRECTED = 2000.0  # rad/s: the largest reading times a scale factor of 2
 MAX_ACCEL = 10_000.0  # m/s²
 MAX_CELSIUS = 500.0
 MAX_STD = 1e6
 MAX_SEQUENCE = 2**62
-#: what a corrected batch tells of its correction, three of each
+#: fields of a corrected batch that describe its correction, (3,) each
 TOLD = ("noise_std", "bias_std", "scale_std", "cross_std", "bias", "flicker_std")
-#: three deviations of who does not say them
+#: packed (3,) zeros, for a message without the column
 _NOT_SAID = bytes(12)
 _KNOWN_FLAGS = sum(SampleFlag)
 _FLOAT, _UINT64, _UINT32 = np.dtype("<f4"), np.dtype("<u8"), np.dtype("<u4")
@@ -34,7 +35,7 @@ Float32s = NDArray[np.float32]
 
 
 def encode_samples(batch: SampleBatch) -> bytes:
-    """The payload of raw/<bridge>/<device>."""
+    """Encode a SampleBatch, the payload of raw/<bridge>/<device>."""
     return columns.SampleBatch(
         version=VERSION,
         device=batch.device,
@@ -53,7 +54,7 @@ def encode_samples(batch: SampleBatch) -> bytes:
 
 
 def decode_samples(key: str, payload: bytes) -> SampleBatch:
-    """The batch published under raw/<bridge>/<device>."""
+    """Decode a SampleBatch, published under raw/<bridge>/<device>. Raises Refusal."""
     place = parse_key(key, "raw")
     raw = read(columns.SampleBatch, payload)
     same_id(raw.device, place, "device")
@@ -78,7 +79,7 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
 
 
 def encode_corrected(batch: CorrectedBatch) -> bytes:
-    """The payload of corrected/<device>."""
+    """Encode a CorrectedBatch, the payload of corrected/<device>."""
     encoder = CorrectedEncoder(batch.device, batch.epoch)
     encoder.corrected_by(batch.quality, batch.calibration, {name: getattr(batch, name) for name in TOLD})
     clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
@@ -87,17 +88,17 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
 
 
 class CorrectedEncoder:
-    """Encodes corrected samples of one device; what its messages have in common is set only when it changes."""
+    """Encoder for the corrected samples of one device; common fields are set only when they change."""
 
     def __init__(self, device: str, epoch: int = 0) -> None:
         self._message = columns.CorrectedBatch(version=VERSION, device=device, epoch=epoch)
 
     def under(self, epoch: int) -> None:
-        """What comes next is said under this epoch."""
+        """Set the epoch of all following messages."""
         self._message.epoch = epoch
 
     def corrected_by(self, quality: Quality, calibration: str, told: Mapping[str, Float32s]) -> None:
-        """What comes next was corrected by this calibration; told: (3,) each of TOLD."""
+        """Set quality and calibration of all following messages. told: a (3,) array for each name in TOLD."""
         message = self._message
         message.quality = int(quality)
         message.calibration = clean(calibration, validation.MAX_NAME)
@@ -115,7 +116,7 @@ class CorrectedEncoder:
         rate: bytes,
         flags: bytes,
     ) -> bytes:
-        """The payload of samples, the columns as they are packed."""
+        """Encode one message. ticks, rate and flags are packed columns, as of `column_of` and `packed_flags`."""
         message = self._message
         message.boot = boot
         message.sequence = sequence
@@ -129,7 +130,7 @@ class CorrectedEncoder:
 
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
-    """The batch published under corrected/<device>."""
+    """Decode a CorrectedBatch, published under corrected/<device>. Raises Refusal."""
     place = parse_key(key, "corrected")
     raw = read(columns.CorrectedBatch, payload)
     same_id(raw.device, place, "device")
@@ -160,14 +161,14 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
 
 
 class Rates(NamedTuple):
-    """How fast a device turns: rate (n, 3) float32 rad/s, of one message."""
+    """Corrected rates of one message: device id and rate (n, 3) float32 rad/s."""
 
     device: str
     rate: Float32s
 
 
 def decode_rates(key: str, payload: bytes) -> Rates:
-    """The rates alone of a batch published under corrected/<device>, for a quarter of the price: nothing else is looked at."""
+    """Decode only the rates of a CorrectedBatch, at a quarter of the cost; other fields are not checked. Raises Refusal."""
     place = parse_key(key, "corrected")
     raw = read(columns.CorrectedBatch, payload)
     same_id(raw.device, place, "device")
@@ -178,12 +179,12 @@ def decode_rates(key: str, payload: bytes) -> Rates:
 
 
 def column_of(column: NDArray[np.generic], dtype: np.dtype[Any]) -> bytes:
-    """A column as it is packed."""
+    """Pack a column as bytes of the given dtype."""
     return column.astype(dtype, copy=False).tobytes()
 
 
 def packed_flags(flags: NDArray[np.uint32]) -> bytes:
-    """Flags as they are packed: not at all where there are none."""
+    """Pack flags as bytes; empty if all flags are 0."""
     packed = column_of(flags, _UINT32)
     return packed if packed.strip(b"\0") else b""
 
@@ -199,7 +200,7 @@ def _ticks(column: bytes) -> NDArray[np.uint64]:
 
 
 def _times(raw: columns.SampleBatch | columns.CorrectedBatch, ticks: NDArray[np.uint64]) -> None:
-    """Whether the host's time of the first sample, and of the last, can be said."""
+    """Check that the host times of the first and the last sample are in range; raises Refusal."""
     start_ns = validation.time_ns(raw.start_time_ns, "start_time_ns")
     period_s = validation.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0)
     rate = validation.number(raw.clock_rate, "clock_rate", 1e-4, 1e4)
@@ -208,13 +209,13 @@ def _times(raw: columns.SampleBatch | columns.CorrectedBatch, ticks: NDArray[np.
 
 
 def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
-    """A read-only column of n float32 of magnitude up to limit."""
+    """Unpack a read-only column of n float32 with magnitudes up to limit. Raises Refusal; `name` is for its text."""
     if len(column) != 4 * n:
         raise Refusal(Reason.LENGTH, f"{name} has {len(column)} bytes; {4 * n} are expected")
     values = np.frombuffer(column, _FLOAT)
-    if np.vdot(values, values) <= limit * limit:  # the usual case, for half the price: then none of them is larger
+    if np.vdot(values, values) <= limit * limit:  # usual case, at half the cost: the norm bounds every value
         return values
-    # Without their sign, floats order as their bits do, and infinity and NaN come last: one comparison for all.
+    # Without the sign bit, floats sort like their bits, with infinity and NaN last: one comparison covers all.
     worst = int(np.maximum.reduce(values.view(_UINT32) & 0x7FFFFFFF))
     if worst > np.float32(limit).view(np.uint32):
         if worst >= 0x7F800000:
@@ -224,7 +225,7 @@ def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
 
 
 def stds_of(raw: columns.CorrectedBatch | columns.WindowBatch) -> NDArray[np.float32]:
-    """Read-only (5, 3), from 0 up: deviations by noise, bias, scale, the other axes, and by flicker, which may be left out."""
+    """Unpack read-only standard deviations (5, 3): noise, bias, scale, cross-axis, flicker (0 if absent). Raises Refusal."""
     said = {name: getattr(raw, name) for name in ("noise_std", "bias_std", "scale_std", "cross_std")}
     said["flicker_std"] = raw.flicker_std or _NOT_SAID
     for name, column in said.items():
@@ -237,7 +238,7 @@ def stds_of(raw: columns.CorrectedBatch | columns.WindowBatch) -> NDArray[np.flo
 
 
 def flags_of(column: bytes, n: int) -> NDArray[np.uint32]:
-    """A column of n flags, all 0 where there is none."""
+    """Unpack a column of n flags; an empty column means all 0. Raises Refusal."""
     if not column:
         return np.zeros(n, np.uint32)
     if len(column) != 4 * n:

@@ -1,4 +1,4 @@
-"""Encoding of messages between estimators: owned devices and checkpoints."""
+"""Encoding and decoding of messages between estimators: owned devices and checkpoints."""
 
 from bridge.wire import keys, validation
 from bridge.wire import truerate_pb2 as pb
@@ -11,15 +11,15 @@ from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_EPOCH
 
 MAX_HOLDINGS, MAX_MOVES, MAX_PARTS, MAX_ANSWERS = 512, 8, 64, 8
-#: bytes of a session's state; of more a device is gone on with by its calibration alone
+#: bytes of a session's state; a larger state is left out, and a takeover has only the calibration
 MAX_STATE = 56_000
 _MAX_LOAD = 1e4
-#: what every method of calibration determines, first in its covariance
+#: parameters that every calibration method determines, first in the covariance
 _DETERMINED = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
 
 def encode_owned(owned: Owned) -> bytes:
-    """The payload of owned/<estimator>."""
+    """Encode an Owned message, the payload of owned/<estimator>."""
     return pb.Owned(
         version=VERSION,
         estimator=owned.estimator,
@@ -36,7 +36,7 @@ def encode_owned(owned: Owned) -> bytes:
 
 
 def decode_owned(key: str, payload: bytes) -> Owned:
-    """What is published under owned/<estimator>."""
+    """Decode an Owned message, published under owned/<estimator>. Raises Refusal."""
     place = parse_key(key, "owned")
     raw = read(pb.Owned, payload)
     same_id(raw.estimator, place, "estimator")
@@ -59,7 +59,7 @@ def decode_owned(key: str, payload: bytes) -> Owned:
 
 
 def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
-    """The payload of checkpoint/<device>."""
+    """Encode a Checkpoint, the payload of checkpoint/<device>; keeps only the last MAX_ANSWERS answers."""
     return pb.Checkpoint(
         version=VERSION,
         device=checkpoint.device,
@@ -75,7 +75,10 @@ def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
 
 
 def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
-    """What is published under checkpoint/<device>; `state` is looked through by whoever restores a session from it."""
+    """Decode a Checkpoint, published under checkpoint/<device>. Raises Refusal.
+
+    `state` is not checked here; restoring a session checks it.
+    """
     place = parse_key(key, "checkpoint")
     raw = read(pb.Checkpoint, payload)
     same_id(raw.device, place, "device")
@@ -103,7 +106,7 @@ def _answer(raw: pb.Answer) -> tuple[str, CommandReply]:
 
 
 def _in_use(calibration: Calibration, device: str) -> Calibration:
-    """One that a device can be corrected by."""
+    """Return the calibration if it can correct the device: accepted, and with all parameters. Raises Refusal."""
     if calibration.device != device:
         raise Refusal(Reason.FOREIGN_ID, f"the calibration is of {calibration.device[:64]!r}, not of {device!r}")
     if calibration.verdict is not Verdict.ACCEPTED or calibration.parameters[: len(_DETERMINED)] != _DETERMINED:

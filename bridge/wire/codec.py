@@ -1,7 +1,7 @@
-"""The one door between messages and bytes.
+"""Codec: public functions to encode messages to bytes and to decode and validate them.
 
-Encoding trusts the program and makes its texts printable. Decoding trusts nothing: `decode_*(key, payload)` returns a
-whole, valid message or raises Refusal, and nothing else.
+Encoding trusts the program and makes texts printable. Decoding trusts nothing: `decode_*(key, payload)` returns a
+complete, valid message or raises Refusal, and no other exception.
 """
 
 from bridge.wire.batches import (

@@ -1,4 +1,4 @@
-"""Encoding of info, status, calibration, note, command and reply: once a second or less."""
+"""Encoding and decoding of info, status, calibration, note, command and reply: once a second or less."""
 
 from collections.abc import Sequence
 
@@ -31,7 +31,7 @@ _MAX_BRIDGES = 16
 
 
 def encode_info(info: DeviceInfo) -> bytes:
-    """The payload of info/<bridge>/<device>."""
+    """Encode a DeviceInfo, the payload of info/<bridge>/<device>."""
     return pb.DeviceInfo(
         version=VERSION,
         device=info.device,
@@ -60,7 +60,7 @@ def encode_info(info: DeviceInfo) -> bytes:
 
 
 def decode_info(key: str, payload: bytes) -> DeviceInfo:
-    """What is published under info/<bridge>/<device>."""
+    """Decode a DeviceInfo, published under info/<bridge>/<device>. Raises Refusal."""
     place = parse_key(key, "info")
     raw = read(pb.DeviceInfo, payload)
     same_id(raw.device, place, "device")
@@ -92,8 +92,8 @@ def decode_info(key: str, payload: bytes) -> DeviceInfo:
 
 
 def encode_status(status: Status) -> bytes:
-    """The payload of status/<device>."""
-    said = pb.Status()  # field by field: in half the time, and it is said of each device once a second
+    """Encode a Status, the payload of status/<device>."""
+    said = pb.Status()  # set field by field, in half the time: once a second for each device
     said.version = VERSION
     said.device, said.boot, said.time_ns = status.device, status.boot, status.time_ns
     said.state = status.state  # type: ignore[assignment] # an int, whatever the stub says
@@ -116,7 +116,7 @@ def encode_status(status: Status) -> bytes:
 
 
 def decode_status(key: str, payload: bytes) -> Status:
-    """What is published under status/<device>."""
+    """Decode a Status, published under status/<device>. Raises Refusal."""
     place = parse_key(key, "status")
     raw = read(pb.Status, payload)
     same_id(raw.device, place, "device")
@@ -151,12 +151,12 @@ def decode_status(key: str, payload: bytes) -> Status:
 
 
 def encode_calibration(calibration: Calibration) -> bytes:
-    """The payload of calibration/<device>."""
+    """Encode a Calibration, the payload of calibration/<device>."""
     return calibration_message(calibration).SerializeToString()
 
 
 def calibration_message(calibration: Calibration) -> pb.Calibration:
-    """It as it stands in a message."""
+    """Convert a Calibration to its protobuf message."""
     return pb.Calibration(
         version=VERSION,
         device=calibration.device,
@@ -186,7 +186,7 @@ def calibration_message(calibration: Calibration) -> pb.Calibration:
 
 
 def decode_calibration(key: str, payload: bytes) -> Calibration:
-    """What is published under calibration/<device>."""
+    """Decode a Calibration, published under calibration/<device>. Raises Refusal."""
     place = parse_key(key, "calibration")
     raw = read(pb.Calibration, payload)
     same_id(raw.device, place, "device")
@@ -194,7 +194,7 @@ def decode_calibration(key: str, payload: bytes) -> Calibration:
 
 
 def calibration_in(raw: pb.Calibration) -> Calibration:
-    """The calibration of a message."""
+    """Validate a protobuf calibration and convert it to a Calibration. Raises Refusal."""
     n = len(raw.parameters)
     if n > _MAX_PARAMETERS or len(raw.turns) > _MAX_TURNS:
         raise Refusal(Reason.LENGTH, f"{n} parameters and {len(raw.turns)} turns; at most 32 of each are taken")
@@ -223,7 +223,7 @@ def calibration_in(raw: pb.Calibration) -> Calibration:
 
 
 def encode_note(note: Note) -> bytes:
-    """The payload of note/<device>."""
+    """Encode a Note, the payload of note/<device>."""
     return pb.Note(
         version=VERSION,
         device=note.device,
@@ -235,7 +235,7 @@ def encode_note(note: Note) -> bytes:
 
 
 def decode_note(key: str, payload: bytes) -> Note:
-    """What is published under note/<device>."""
+    """Decode a Note, published under note/<device>. Raises Refusal."""
     place = parse_key(key, "note")
     raw = read(pb.Note, payload)
     same_id(raw.device, place, "device")
@@ -249,7 +249,7 @@ def decode_note(key: str, payload: bytes) -> Note:
 
 
 def encode_command(command: Command) -> bytes:
-    """The payload of a query to rpc/<device>/<verb>."""
+    """Encode a Command, the payload of a query to rpc/<device>/<verb>."""
     return pb.Command(
         version=VERSION,
         request_id=clean(command.request_id, validation.MAX_NAME),
@@ -259,7 +259,7 @@ def encode_command(command: Command) -> bytes:
 
 
 def decode_command(key: str, payload: bytes) -> Command:
-    """The request sent to rpc/<device>/<verb>, the verb one of keys.VERBS; a request id is required."""
+    """Decode a Command, sent to rpc/<device>/<verb>. Raises Refusal for a verb not in keys.VERBS, or without a request id."""
     place = parse_key(key, "rpc")
     if place.ids["verb"] not in keys.VERBS:
         raise Refusal(Reason.BAD_KEY, f"no command {place.ids['verb']!r}; there are {', '.join(keys.VERBS)}")
@@ -274,7 +274,7 @@ def decode_command(key: str, payload: bytes) -> Command:
 
 
 def encode_reply(reply: CommandReply) -> bytes:
-    """The answer to a command; never empty."""
+    """Encode the reply to a command; never empty."""
     return pb.CommandReply(
         version=VERSION,
         request_id=clean(reply.request_id, validation.MAX_NAME),
@@ -284,7 +284,7 @@ def encode_reply(reply: CommandReply) -> bytes:
 
 
 def decode_reply(payload: bytes) -> CommandReply:
-    """The answer to a command."""
+    """Decode the reply to a command. Raises Refusal."""
     raw = read(pb.CommandReply, payload)
     return CommandReply(
         request_id=validation.text(raw.request_id, "request_id"),

@@ -1,4 +1,4 @@
-"""What all messages have in common at the door: a key of the right kind, a size, a version, and the ids of the key."""
+"""Checks common to all received messages: kind of key, size, version, and ids equal to the key's."""
 
 from typing import TypeVar
 
@@ -15,7 +15,7 @@ M = TypeVar("M", bound=Message)
 
 
 def parse_key(key: str, what: str) -> Key:
-    """The parts of a key that must be of the kind `what`."""
+    """Parse a key of the kind `what`. Raises Refusal for any other key."""
     place = keys.parse(key)
     if place.what != what:
         raise Refusal(Reason.BAD_KEY, f"{key!r} is a key of {place.what}, not of {what}")
@@ -23,7 +23,7 @@ def parse_key(key: str, what: str) -> Key:
 
 
 def read(kind: type[M], payload: bytes) -> M:
-    """The protobuf message in a payload, of our version; its fields are not checked yet."""
+    """Parse a payload as a protobuf message and check size and version, but no other field. Raises Refusal."""
     if len(payload) > MAX_PAYLOAD:
         raise Refusal(Reason.TOO_LARGE, f"{len(payload)} bytes; at most {MAX_PAYLOAD} are taken")
     message = kind()
@@ -31,13 +31,13 @@ def read(kind: type[M], payload: bytes) -> M:
         message.ParseFromString(payload)
     except (DecodeError, UnicodeDecodeError, RuntimeWarning) as error:
         raise Refusal(Reason.MALFORMED, f"not a {kind.__name__}: {error}") from None
-    version = message.version  # type: ignore[attr-defined] # every message of ours begins with it
+    version = message.version  # type: ignore[attr-defined] # every message has this field
     if version != VERSION:
         raise Refusal(Reason.VERSION, f"a {kind.__name__} of version {version}; this program speaks {VERSION}")
     return message
 
 
 def same_id(said: str, place: Key, name: str) -> None:
-    """Refuse a payload that says another id than its key."""
+    """Raise Refusal if the payload and its key have different ids. name: the kind of id, for example `device`."""
     if said != place.ids[name]:
         raise Refusal(Reason.FOREIGN_ID, f"the payload says {name} {said[:64]!r}, the key {place.ids[name]!r}")

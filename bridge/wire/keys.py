@@ -1,6 +1,6 @@
-"""The only file that builds and parses keys: `truerate/@v1/<ward>/<what>/...`.
+"""Builds and parses bus keys: `truerate/@v1/<ward>/<what>/...`. No other module does.
 
-Every id is checked here, on the way out and on the way in: the bus itself accepts wildcards, newlines and quotes.
+Checks every id in both directions, because the bus itself accepts wildcards, newlines and quotes.
 """
 
 import functools
@@ -12,7 +12,7 @@ from bridge.wire.refusal import Reason, Refusal
 ROOT = "truerate/@v1"
 ID = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}\Z")
 VERBS = ("recalibrate", "cancel", "note")
-# what -> the names of the ids that follow it
+# kind of message -> names of the ids that follow in its key
 SHAPES: dict[str, tuple[str, ...]] = {
     "raw": ("bridge", "device"),
     "info": ("bridge", "device"),
@@ -31,15 +31,15 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "rpc": ("device", "verb"),
 }
 MAX_KEY = 200
-# What people look at, in every ward: for the router to tell apart from what programs depend on.
+# Keys for display, in every ward: the router may shed these, but not the keys that programs depend on.
 VIEWED = tuple(f"{ROOT}/*/{what}/*" for what in ("corrected", "status", "@windowed"))
-# What begins with an @ is matched by no wildcard, and so neither recorded nor made where nobody asks for it by name.
+# No wildcard matches a kind that begins with @: such messages are neither recorded nor made unless requested by name.
 BY_NAME = tuple(what for what in SHAPES if what.startswith("@"))
 
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A parsed key: its kind and its ids."""
+    """A parsed key: ward, kind of message (what), and ids by name."""
 
     ward: str
     what: str
@@ -47,12 +47,12 @@ class Key:
 
     @property
     def device(self) -> str:
-        """The device id; every kind but owned, alive/bridge and alive/estimator has one."""
+        """Device id. Raises KeyError for a kind without one: owned, alive/bridge, alive/estimator and alive/probe."""
         return self.ids["device"]
 
 
 def check_id(text: object, what: str = "id") -> str:
-    """Return text if it is a valid id, else raise Refusal(BAD_ID) saying what one looks like."""
+    """Return text if it is a valid id, else raise Refusal(BAD_ID) with the format. what: kind of id, for the message."""
     if not isinstance(text, str) or not ID.match(text):
         raise Refusal(
             Reason.BAD_ID,
@@ -62,7 +62,7 @@ def check_id(text: object, what: str = "id") -> str:
 
 
 def build(ward: str, what: str, **ids: str) -> str:
-    """The key of `what` with exactly the ids its shape names; raises Refusal(BAD_ID) on a bad one."""
+    """Build the key of `what`. Raises TypeError if ids are missing or extra, Refusal(BAD_ID) for an invalid id."""
     shape = SHAPES[what]
     if set(ids) != set(shape):
         raise TypeError(f"{what} takes {shape}, got {tuple(ids)}")
@@ -70,7 +70,7 @@ def build(ward: str, what: str, **ids: str) -> str:
 
 
 def pattern(ward: str, what: str, **ids: str) -> str:
-    """The key expression for subscribing to `what`, with `*` for every id not given."""
+    """Build the key expression for subscribing to `what`, with `*` for every id not given. Raises as `build` does."""
     shape = SHAPES[what]
     if not set(ids) <= set(shape):
         raise TypeError(f"{what} takes {shape}, got {tuple(ids)}")
@@ -78,18 +78,21 @@ def pattern(ward: str, what: str, **ids: str) -> str:
 
 
 def everything(ward: str) -> str:
-    """The key expression for subscribing to all that is published in a ward, but for what is heard BY_NAME only."""
+    """Build the key expression for subscribing to everything in a ward, except the kinds in BY_NAME."""
     return "/".join([ROOT, check_id(ward, "ward"), "**"])
 
 
 def boot_id(boot: int) -> str:
-    """A boot number as it stands in a key."""
+    """Format a boot id for a key: 16 hexadecimal digits."""
     return f"{boot:016x}"
 
 
-@functools.lru_cache(maxsize=8192)  # a ward says the same few keys for ever
+@functools.lru_cache(maxsize=8192)  # a ward uses the same few keys again and again
 def parse(key: str) -> Key:
-    """The parts of a received key, not to be written into; raises Refusal for a wildcard, a foreign shape or a bad id."""
+    """Parse a received key. Raises Refusal for a wildcard, an unknown shape or an invalid id.
+
+    The result is cached: do not modify it.
+    """
     if len(key) > MAX_KEY:
         raise Refusal(Reason.BAD_KEY, f"a key of {len(key)} characters; at most {MAX_KEY} are taken")
     if "*" in key or "$" in key:

@@ -1,7 +1,7 @@
-"""The messages as the program sees them: frozen, validated by the codec, arrays instead of lists.
+"""Message types: frozen dataclasses with NumPy arrays, validated by the codec.
 
-All rates are rad/s, accelerations m/s², times seconds unless the name says otherwise; vectors are in the sensor frame.
-Arrays are read-only by convention: nobody writes into a message.
+Rates are in rad/s, accelerations in m/s², times in seconds unless the name says otherwise. Vectors are in the sensor frame.
+Arrays are read-only by convention: no code writes into a message.
 """
 
 import math
@@ -18,18 +18,18 @@ from bridge.reasons.codes import Sentences
 VERSION = 1
 Floats = NDArray[np.float64]
 T = TypeVar("T")
-#: (3,) rad/s, the flicker of who says none
+#: (3,) rad/s: flicker_std of a message without one
 STEADY = np.zeros(3, np.float32)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def _frequent(*, eq: bool) -> Callable[[type[T]], type[T]]:
-    """A frozen dataclass to whoever checks types, and to nobody else: to make one that refuses takes eight times as long."""
+    """Declare a dataclass that is frozen for type checkers only: creating a really frozen one takes eight times as long."""
     return dataclass(slots=True, eq=eq)
 
 
 class SampleFlag(IntFlag):
-    """Bits of `flags`; see the .proto for what each means."""
+    """Bits of a sample's `flags`; truerate.proto defines each bit."""
 
     OK = 0
     AFTER_GAP = 1
@@ -40,7 +40,7 @@ class SampleFlag(IntFlag):
 
 
 class BootCause(IntEnum):
-    """How the bridge knows of a boot."""
+    """How the bridge detected a boot: reported by the device, or assumed when the port was opened."""
 
     UNKNOWN = 0
     POWER_UP = 1
@@ -48,7 +48,7 @@ class BootCause(IntEnum):
 
 
 class Quality(IntEnum):
-    """How far a corrected rate can be trusted."""
+    """Quality of a corrected rate, from NONE to GOOD; DEGRADED when evidence is old or contradicts. See truerate.proto."""
 
     NONE = 0
     PRIOR = 1
@@ -58,7 +58,7 @@ class Quality(IntEnum):
 
 
 class State(IntEnum):
-    """Where a device is in its life."""
+    """Life state of a device, from warming up through calibration to tracking."""
 
     UNKNOWN = 0
     WARMING = 1
@@ -71,7 +71,7 @@ class State(IntEnum):
 
 
 class Verdict(IntEnum):
-    """The outcome of a calibration."""
+    """Verdict of a calibration."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -81,10 +81,11 @@ class Verdict(IntEnum):
 
 @_frequent(eq=False)
 class SampleBatch:
-    """One run of n consecutive samples of one boot.
+    """Raw samples: n consecutive samples of one boot, without a gap.
 
-    ticks (n,) uint64 device time in ticks; gyro (n, 3) float32; accel (n, 3) float32 or None;
-    temperature_c (n,) float32 or None; flags (n,) uint32. `bridge` is who published it, from the key.
+    ticks (n,) uint64, device time in ticks; gyro (n, 3) float32 rad/s; accel (n, 3) float32 m/s² or None;
+    temperature_c (n,) float32 or None; flags (n,) uint32. `sequence` is the number of the first sample since boot.
+    `bridge` is the id of the publishing bridge, from the key.
     """
 
     device: str
@@ -130,9 +131,11 @@ class SampleBatch:
 
 @_frequent(eq=False)
 class CorrectedBatch:
-    """Corrected rates of one SampleBatch: rate (n, 3) float32; the deviations, and bias, (3,) float32.
+    """Corrected rates of one SampleBatch, with bias and standard deviations.
 
-    bias_std is of the bias on the mean of minutes, flicker_std of what it flickers by about that.
+    rate (n, 3) float32 rad/s; bias and every `_std` (3,) float32. noise_std, bias_std and flicker_std are in rad/s;
+    scale_std and cross_std are relative. bias_std is for the bias averaged over minutes, flicker_std for its flicker
+    about that average.
     """
 
     device: str
@@ -151,7 +154,7 @@ class CorrectedBatch:
     bias: NDArray[np.float32]
     calibration: str
     cross_std: NDArray[np.float32]
-    epoch: int = 0  # since when its estimator has the device: the higher, the later; 0 when not said
+    epoch: int = 0  # of the estimator's ownership of the device: a higher epoch is later; 0 when unknown
     flicker_std: NDArray[np.float32] = field(default_factory=lambda: STEADY)
 
     def __len__(self) -> int:
@@ -180,7 +183,7 @@ class CorrectedBatch:
 
     @property
     def rate_std(self) -> Floats:
-        """(n, 3) standard deviation of each corrected rate: noise, bias and its flicker, scale and misalignment together."""
+        """(n, 3) standard deviation of each corrected rate, rad/s: noise, bias, flicker, scale and misalignment combined."""
         return rate_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
@@ -197,7 +200,10 @@ def rate_std(
     cross_std: NDArray[np.floating],
     flicker_std: NDArray[np.floating],
 ) -> Floats:
-    """(n, 3) standard deviation of corrected rates (n, 3), from those of a CorrectedBatch: (3,), or (n, 3) each its own."""
+    """Return the (n, 3) standard deviation of corrected rates (n, 3), both rad/s.
+
+    The parts are those of a CorrectedBatch, each (3,) for all samples or (n, 3) per sample.
+    """
     rate_var = rate.astype(float) ** 2
     across_var = rate_var.sum(axis=1, keepdims=True) - rate_var
     var = rate_var * scale_std.astype(float) ** 2 + across_var * cross_std.astype(float) ** 2
@@ -207,7 +213,7 @@ def rate_std(
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """What a device is and what its bridge saw of it."""
+    """Device information: identity, settings, and counts of its bridge for this boot. Rates in Hz, gyro_range in rad/s."""
 
     device: str
     bridge: str
@@ -226,20 +232,20 @@ class DeviceInfo:
     samples: int = 0
     dropped: dict[str, int] = field(default_factory=dict)
     events: dict[str, int] = field(default_factory=dict)
-    trouble: Sentences = ()  # what keeps it from being read; empty when all is well
+    trouble: Sentences = ()  # why the device cannot be read; empty when all is well
     battery_percent: float = math.nan  # NaN when unknown
     charging: bool = False
-    notices: Sentences = ()  # what a person should know of the device
-    has_clock: bool = True  # its ticks are its own time, not made by the bridge of the count of its samples
+    notices: Sentences = ()  # what a person should know about the device
+    has_clock: bool = True  # ticks are device time; False: the bridge derived them from the sample count
 
 
-#: age of the evidence of a device of which no rest is known
+#: evidence_age_s of a device without a known rest
 NO_REST_S = 1e12
 
 
 @_frequent(eq=True)
 class Status:
-    """Where a device is in its life, and why. Vectors are tuples of three."""
+    """Status of a device: life state, quality, reason, bias and counts. Vectors are tuples of three, bias in rad/s."""
 
     device: str
     boot: int
@@ -261,14 +267,14 @@ class Status:
     samples_out: int
     dropped: dict[str, int] = field(default_factory=dict)
     events: dict[str, int] = field(default_factory=dict)
-    bridge: str = ""  # whose samples of it are taken
-    refused_bridges: tuple[str, ...] = ()  # others that send it now as well
+    bridge: str = ""  # the bridge whose samples are used
+    refused_bridges: tuple[str, ...] = ()  # other bridges that send the same device now
     epoch: int = 0  # as in CorrectedBatch
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One turn of a calibration: axis 0 x, 1 y, 2 z; angle and closure error in rad, corrected."""
+    """One turn of a calibration: axis 0 x, 1 y, 2 z; signed angle and closure error in rad, both after correction."""
 
     axis: int
     angle: float
@@ -278,7 +284,10 @@ class Turn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """corrected = matrix (reading - bias): matrix (3, 3), bias (3,) rad/s, covariance (p, p) of the p `parameters`."""
+    """Calibration result: corrected = matrix (reading - bias).
+
+    matrix (3, 3); bias (3,) rad/s; covariance (p, p) of the p `parameters`; noise_std (3,) rad/s of one reading.
+    """
 
     device: str
     boot: int
@@ -304,10 +313,13 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasRevision:
-    """The bias of past samples, known better now: m points, each a sample; between them it is linear in time.
+    """Revised bias of past samples: m points, each at a sample, linear in time between points.
 
-    It covers the CorrectedBatches of the same device, boot and calibration. matrix (3, 3), the one in use;
-    sequences (m,) uint64 and times_ns (m,) int64, host time, both rising; bias and bias_std (m, 3) float32 rad/s, of the reading.
+    A revision applies to the CorrectedBatches of the same device, boot and calibration.
+
+    matrix: (3, 3), the matrix in use.
+    sequences: (m,) uint64, rising. times_ns: (m,) int64, host time, rising.
+    bias, bias_std: (m, 3) float32 rad/s, of the reading, not of the corrected rate.
     """
 
     device: str
@@ -327,11 +339,12 @@ class BiasRevision:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowBatch:
-    """What samples were like in m windows of window_s device seconds: for who looks at a device.
+    """Statistics of samples in m windows of window_s device seconds each, for display.
 
-    sequences (m,) uint64 and times_ns (m,) int64, host time: of each window's last sample; samples (m,) how many there are in
-    it; flags (m,) uint32 of any of them. reading_… and rate_… (m, 3) float32 rad/s: of readings and corrected rates. The
-    others as in the CorrectedBatch of the last sample.
+    sequences: (m,) uint64, number of each window's last sample. times_ns: (m,) int64, host time of that sample.
+    samples: (m,) uint32, number of samples per window. flags: (m,) uint32, flags of all samples of a window combined.
+    reading_…, rate_…: (m, 3) float32 rad/s, statistics of readings and of corrected rates.
+    Other fields are as in the CorrectedBatch of the last sample.
     """
 
     device: str
@@ -363,15 +376,15 @@ class WindowBatch:
 
     @property
     def rate_mean_std(self) -> Floats:
-        """(m, 3) standard deviation of each mean corrected rate: noise lessens with the samples, the other errors do not."""
+        """(m, 3) standard deviation of each mean corrected rate, rad/s: averaging reduces noise, but not the other errors."""
         noise = self.noise_std / np.sqrt(self.samples.astype(float))[:, None]
         return rate_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
-class Holding(NamedTuple):  # by the hundred, five times a second
-    """A device that an estimator has since `epoch`; samples of this boot numbered below `next` are corrected and said.
+class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five times a second
+    """A device owned by an estimator since `epoch`. Samples of this boot numbered below `next` are corrected and published.
 
-    busy: turns of a calibration under way would be lost if another took it now.
+    busy: a calibration is under way; a takeover now would lose its turns.
     """
 
     device: str
@@ -383,7 +396,7 @@ class Holding(NamedTuple):  # by the hundred, five times a second
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """When so many devices came to an estimator or left it, and why."""
+    """Change of an estimator's devices: how many came and left, when, and why."""
 
     time_ns: int
     came: int
@@ -393,11 +406,14 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Owned:
-    """What an estimator has of the ward, or one of `parts` of it. load: processor seconds a second, of its process."""
+    """Devices owned by an estimator, in one or several parts.
+
+    load: processor seconds per second of the estimator's process.
+    """
 
     estimator: str
     time_ns: int
-    epoch: int  # the highest it has heard of or has used
+    epoch: int  # the highest epoch that the estimator has received or used
     load: float
     holdings: tuple[Holding, ...]
     moves: tuple[Move, ...] = ()
@@ -407,22 +423,22 @@ class Owned:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """What another estimator needs to go on with a device."""
+    """Checkpoint of a device: all that another estimator needs to take over the device."""
 
     device: str
     boot: int
     epoch: int
     time_ns: int
-    bridge: str = ""  # whose samples of it are taken
-    calibration: Calibration | None = None  # in use: of this boot, or of an earlier one
-    answers: tuple[tuple[str, "CommandReply"], ...] = ()  # verbs of the last few commands, and what they were answered
-    boot_repeated: bool = False  # another power-up had this number, too, and this one is not calibrated yet
-    state: bytes = b""  # of the session: see DeviceSession.restored
+    bridge: str = ""  # the bridge whose samples are used
+    calibration: Calibration | None = None  # in use: from this boot or an earlier one
+    answers: tuple[tuple[str, "CommandReply"], ...] = ()  # the last few commands: verb and reply
+    boot_repeated: bool = False  # an earlier power-up had the same boot id, and this one is not calibrated yet
+    state: bytes = b""  # state of the estimator's session: see DeviceSession.restored
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A moment somebody marked, and what they wrote of a device."""
+    """Note of a person about a device, with its time."""
 
     device: str
     boot: int
@@ -433,7 +449,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A request from a person or a program; the key names the verb."""
+    """Command of a person or a program to a device's estimator; the key holds the verb."""
 
     request_id: str
     who: str
@@ -442,7 +458,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class CommandReply:
-    """What became of a command; `message` says why."""
+    """Reply to a command: accepted or not; `message` gives the reason."""
 
     request_id: str
     accepted: bool

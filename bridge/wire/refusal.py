@@ -1,11 +1,11 @@
-"""Reasons for refused messages and samples, and the tally that counts them."""
+"""Refused messages and samples: reasons, the exception, and the tally that counts them."""
 
 from collections import Counter
 from enum import StrEnum
 
 
 class Reason(StrEnum):
-    """Why something from outside was not taken; the value is the label under which it is counted."""
+    """Reason for refusing external input; the value is the label under which refusals are counted."""
 
     BAD_KEY = "bad_key"
     WILDCARD_KEY = "wildcard_key"
@@ -25,7 +25,7 @@ class Reason(StrEnum):
 
 
 class Refusal(Exception):
-    """A door said no. `reason` is counted, `detail` says what came and what was expected."""
+    """Input was refused. `reason` is for counting; `detail` says what came and what was expected."""
 
     def __init__(self, reason: Reason, detail: str) -> None:
         super().__init__(f"{reason}: {detail}")
@@ -34,22 +34,22 @@ class Refusal(Exception):
 
 
 class Tally:
-    """Counts by label. A plain counter with one owner; copy it to publish it."""
+    """Counts by label. Not thread-safe: one thread owns a tally and publishes copies."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
 
     def add(self, label: str, n: int = 1) -> int:
-        """Count n more and return the new total of this label."""
+        """Add n to a label's count and return the new count."""
         self._counts[label] += n
         return self._counts[label]
 
     def as_dict(self) -> dict[str, int]:
-        """A copy of all counts above zero."""
+        """Return a copy of all counts above zero."""
         return {label: n for label, n in self._counts.items() if n}
 
     def total(self, begin: str = "") -> int:
-        """All counts together, of labels that begin so."""
+        """Return the sum of all counts, or of those whose labels start with `begin`."""
         if not begin:
             return sum(self._counts.values())
         return sum([n for label, n in self._counts.items() if label.startswith(begin)])

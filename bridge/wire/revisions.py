@@ -1,4 +1,4 @@
-"""What is revised of the past: a few times an hour, and up to a whole payload."""
+"""Encoding and decoding of bias revisions: a few per hour, each up to MAX_PAYLOAD bytes."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_TIME_NS, clean
 
-MIN_POINTS, MAX_POINTS = 2, 1536  # the most that fit the size limit with every text
-MAX_ELEMENT = 10.0  # of a matrix
+MIN_POINTS, MAX_POINTS = 2, 1536  # the most that fit into MAX_PAYLOAD with every text
+MAX_ELEMENT = 10.0  # magnitude of a matrix element
 
 
 def encode_revision(revision: BiasRevision) -> bytes:
-    """The payload of revision/<device>."""
+    """Encode a BiasRevision, the payload of revision/<device>."""
     return pb.BiasRevision(
         version=VERSION,
         device=revision.device,
@@ -33,7 +33,7 @@ def encode_revision(revision: BiasRevision) -> bytes:
 
 
 def decode_revision(key: str, payload: bytes) -> BiasRevision:
-    """What is published under revision/<device>."""
+    """Decode a BiasRevision, published under revision/<device>. Raises Refusal."""
     place = parse_key(key, "revision")
     raw = read(pb.BiasRevision, payload)
     same_id(raw.device, place, "device")

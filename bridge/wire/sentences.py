@@ -1,4 +1,4 @@
-"""Sentences in a message: codes with parameters, bounded and printable."""
+"""Encoding and decoding of sentences (reason codes with parameters), bounded and printable."""
 
 from collections.abc import Iterable, Sequence
 
@@ -11,14 +11,14 @@ _MAX_PARAMS = 8
 
 
 def encoded(sentences: Sentences) -> Iterable[pb.Sentence]:
-    """The sentences for a repeated field; of more than are taken the first."""
+    """Encode the first MAX_TEXTS sentences for a repeated field."""
     for code, params in sentences[:MAX_TEXTS]:
         values = {name: clean(value, MAX_SENTENCE) for name, value in params.items()}
         yield pb.Sentence(code=code, params=values)
 
 
 def decoded(raw: Sequence[pb.Sentence], name: str) -> Sentences:
-    """The sentences of a repeated field; any code is taken, also of a later version."""
+    """Decode the sentences of a repeated field. Accepts unknown codes, for later versions. Raises Refusal."""
     if len(raw) > MAX_TEXTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(raw)} sentences; at most {MAX_TEXTS} are taken")
     return tuple(_decoded(one, name) for one in raw)

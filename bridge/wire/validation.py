@@ -1,4 +1,4 @@
-"""Field checks of the decoder: each returns its value, typed, or raises Refusal with a reason that is counted."""
+"""Field checks of the decoder: each returns the typed value or raises Refusal. `name` is the field, for the message."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,14 +23,14 @@ MAX_EPOCH = 2**62
 
 
 def clean(text: str, limit: int) -> str:
-    """Text of ours made fit for the wire: what cannot be printed becomes a blank, what is too long is cut."""
+    """Make own text fit for the wire: replace unprintable characters by blanks and cut at `limit` characters."""
     if len(text) <= limit and text.isprintable():
         return text
     return "".join(c if c.isprintable() else " " for c in text[:limit])
 
 
 def text(value: str, name: str, limit: int = MAX_NAME) -> str:
-    """A received text of at most `limit` printable characters, on one line."""
+    """Check a received text: at most `limit` printable characters, on one line."""
     if len(value) > limit:
         raise Refusal(Reason.LENGTH, f"{name} has {len(value)} characters; at most {limit} are taken")
     if not value.isprintable():
@@ -39,7 +39,7 @@ def text(value: str, name: str, limit: int = MAX_NAME) -> str:
 
 
 def number(value: float, name: str, low: float, high: float) -> float:
-    """A finite number from low to high, both included."""
+    """Check a finite number from low to high, both included."""
     if not math.isfinite(value):
         raise Refusal(Reason.NON_FINITE, f"{name} is {value}")
     if not low <= value <= high:
@@ -48,24 +48,24 @@ def number(value: float, name: str, low: float, high: float) -> float:
 
 
 def number_or_nan(value: float, name: str, low: float, high: float) -> float:
-    """As `number`, with NaN for unknown."""
+    """Check a number as `number` does, but accept NaN for unknown."""
     return value if math.isnan(value) else number(value, name, low, high)
 
 
 def whole(value: int, name: str, high: int) -> int:
-    """A whole number from 0 to high."""
+    """Check a whole number from 0 to high."""
     if not 0 <= value <= high:
         raise Refusal(Reason.RANGE, f"{name} is {value}; 0 to {high} is taken")
     return value
 
 
 def time_ns(value: int, name: str) -> int:
-    """Nanoseconds since the Unix epoch; 0 stands for none."""
+    """Check a time in nanoseconds since the Unix epoch; 0 means none."""
     return whole(value, name, MAX_TIME_NS)
 
 
 def member(kind: type[E], value: int, name: str) -> E:
-    """A known value of an enumeration."""
+    """Convert a number to a known member of an enumeration."""
     try:
         return kind(value)
     except ValueError:
@@ -73,7 +73,7 @@ def member(kind: type[E], value: int, name: str) -> E:
 
 
 def vector(values: Iterable[float], name: str, n: int, low: float, high: float) -> NDArray[np.float64]:
-    """Exactly n finite numbers from low to high, as float64 (n,)."""
+    """Convert exactly n finite numbers from low to high to a float64 array (n,)."""
     array = np.array(values, dtype=np.float64)
     if len(array) == n and all(low <= value <= high for value in array.tolist()):
         return array
@@ -88,7 +88,7 @@ def vector(values: Iterable[float], name: str, n: int, low: float, high: float) 
 
 
 def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
-    """Whole numbers from 0 to high, each above the one before."""
+    """Check strictly rising whole numbers from 0 to high."""
     for before, value in pairwise((-1, *values)):
         if not before < value <= high:
             raise Refusal(Reason.RANGE, f"{name} has {value} after {before}; rising numbers from 0 to {high} are taken")
@@ -96,7 +96,7 @@ def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
 
 
 def counts(values: Mapping[str, int], name: str) -> dict[str, int]:
-    """Counts by label: at most MAX_COUNTS labels, each a short printable text."""
+    """Check counts by label: at most MAX_COUNTS labels, each a short printable text."""
     if len(values) > MAX_COUNTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(values)} labels; at most {MAX_COUNTS} are taken")
     return {text(label, f"a label of {name}"): n for label, n in values.items()}

@@ -1,4 +1,7 @@
-"""Windows of samples, once a second and device while somebody looks: columns, as the batches of samples are."""
+"""Encoding and decoding of windowed statistics: once a second per device, only while subscribed.
+
+Uses packed columns, as `batches` does.
+"""
 
 import numpy as np
 
@@ -21,13 +24,13 @@ from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.validation import MAX_TIME_NS, clean
 
 MAX_WINDOWS = 64
-#: no window has more samples
+#: largest number of samples in a window
 MAX_IN_WINDOW = 2**20
 _FLOAT, _INT64, _UINT64, _UINT32 = np.dtype("<f4"), np.dtype("<i8"), np.dtype("<u8"), np.dtype("<u4")
 
 
 def encode_windows(batch: WindowBatch) -> bytes:
-    """The payload of @windowed/<device>."""
+    """Encode a WindowBatch, the payload of @windowed/<device>."""
     return columns.WindowBatch(
         version=VERSION,
         device=batch.device,
@@ -57,7 +60,7 @@ def encode_windows(batch: WindowBatch) -> bytes:
 
 
 def decode_windows(key: str, payload: bytes) -> WindowBatch:
-    """What is published under @windowed/<device>."""
+    """Decode a WindowBatch, published under @windowed/<device>. Raises Refusal."""
     place = parse_key(key, "@windowed")
     raw = read(columns.WindowBatch, payload)
     same_id(raw.device, place, "device")
@@ -98,7 +101,7 @@ def decode_windows(key: str, payload: bytes) -> WindowBatch:
 
 
 def _rising(column: bytes, name: str, high: int) -> bytes:
-    """A column of 1 to MAX_WINDOWS whole numbers from 0 to high, each above the one before."""
+    """Check a packed column of 1 to MAX_WINDOWS strictly rising 64-bit whole numbers from 0 to high."""
     n, odd = divmod(len(column), 8)
     if odd or not 1 <= n <= MAX_WINDOWS:
         raise Refusal(
