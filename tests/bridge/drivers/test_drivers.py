@@ -234,7 +234,7 @@ def test_an_empty_capture_says_so_and_a_good_one_ends_quietly(tmp_path: Path, ca
     caplog.clear()
     path.write_bytes(b"".join(map(ximu3, range(20))))
     ended(opened(path, "ximu3"), "ximu3")
-    assert "the capture is over" in caplog.text
+    assert "The capture file://" in caplog.text
     assert not [record for record in caplog.records if record.levelname == "WARNING"]
 
 

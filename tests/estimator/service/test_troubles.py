@@ -221,7 +221,7 @@ def test_a_second_estimator_is_told_of_the_first_and_not_of_its_address(
 ) -> None:
     broker = MemoryBroker()
     monkeypatch.setattr(startup, "_LOOK_S", 0.1)
-    monkeypatch.setattr(signals, "_GONE_S", 0.3)
+    monkeypatch.setattr(startup, "_GONE_S", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as taken, MemoryBus(broker) as first:
         settings = Estimator(id="e1", store=str(tmp_path / "s.sqlite3"), health=f"127.0.0.1:{taken.getsockname()[1]}")
         ward = schema.Ward(ward=WARD, estimator=settings)
@@ -238,7 +238,7 @@ def test_a_store_is_not_opened_where_another_has_it(tmp_path: Path, monkeypatch:
     """Who it is may be the same one, started twice: that is said first."""
     path, broker, opened = str(tmp_path / "s.sqlite3"), MemoryBroker(), list[object]()
     monkeypatch.setattr(startup, "_LOOK_S", 0.1)
-    monkeypatch.setattr(signals, "_GONE_S", 0.3)
+    monkeypatch.setattr(startup, "_GONE_S", 0.3)
     monkeypatch.setattr(serve, "connected", lambda *_, **__: MemoryBus(broker))
     monkeypatch.setattr(serve, "Database", lambda *words, **_: opened.append(words))
     ward = schema.Ward(ward=WARD, estimator=Estimator(id="e1", store=path))
