@@ -147,4 +147,5 @@ def test_a_graceful_stop_loses_nothing_and_a_damaged_store_is_gone_on_with(runni
     assert "is damaged" in log
     assert "truerate-99999.sqlite3" in log
     assert list(running.store.parent.glob("truerate.sqlite3.aside-*"))
-    assert 'truerate_troubles_total{what="damage in the store"}' in get(running.estimator_port, "/metrics")[1]
+    damage = 'truerate_ward_events_total{event="damage in the store"}'
+    wait("the metric", lambda: damage in get(running.estimator_port, "/metrics")[1], running.watcher, running.ward)

@@ -225,7 +225,7 @@ def test_a_second_estimator_is_told_of_the_first_and_not_of_its_address(
     with socket.create_server(("127.0.0.1", 0)) as taken, MemoryBus(broker) as first:
         settings = Estimator(id="e1", store=str(tmp_path / "s.sqlite3"), health=f"127.0.0.1:{taken.getsockname()[1]}")
         ward = schema.Ward(ward=WARD, estimator=settings)
-        monkeypatch.setattr(serve, "connected", lambda *_, **__: MemoryBus(broker))
+        monkeypatch.setattr(serve, "wait_for_router", lambda *_, **__: MemoryBus(broker))
         token = first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))
         with pytest.raises(BusError, match="e1 serves ward w already"):
             serve.run(ward)
@@ -239,7 +239,7 @@ def test_a_store_is_not_opened_where_another_has_it(tmp_path: Path, monkeypatch:
     path, broker, opened = str(tmp_path / "s.sqlite3"), MemoryBroker(), list[object]()
     monkeypatch.setattr(startup, "_LOOK_S", 0.1)
     monkeypatch.setattr(startup, "_GONE_S", 0.3)
-    monkeypatch.setattr(serve, "connected", lambda *_, **__: MemoryBus(broker))
+    monkeypatch.setattr(serve, "wait_for_router", lambda *_, **__: MemoryBus(broker))
     monkeypatch.setattr(serve, "Database", lambda *words, **_: opened.append(words))
     ward = schema.Ward(ward=WARD, estimator=Estimator(id="e1", store=path))
     with owned(path), MemoryBus(broker) as first:
