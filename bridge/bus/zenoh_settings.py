@@ -21,7 +21,7 @@ CLIENT_LEASE_S, ROUTER_LEASE_S = 1.25, 1.5
 # meanwhile needs a new handshake and all messages it missed: at 30 % loss that never ends. A larger send buffer keeps
 # waiting data from delaying other readers.
 NETWORK_LEASE_S, NETWORK_BUFFER_BYTES = 5.0, 1 << 20
-# Keep-alives per lease: the more, the closer to the whole lease a process may pause.
+# Keep-alive messages per lease: the more, the closer to the whole lease a process may pause.
 SIGNS = 10
 # A handshake over a lossy line takes some TCP repeats, the first after a second. The connecting side waits longer, because TCP
 # repeats a first packet at growing intervals, which would delay finding a router again after it was cut off.
