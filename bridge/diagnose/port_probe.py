@@ -46,7 +46,7 @@ def bauds(tried: Iterable[Candidate]) -> list[int]:
 
 
 def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], seconds: float, say: Say) -> Verdict:
-    """Probe a port; `say` is called with progress messages. Opens the port once per speed, and sends nothing."""
+    """Listen at a port for `seconds` at each speed until a driver fits; `say` gets progress messages. Sends nothing."""
     is_serial = "://" not in found.port
     if is_serial and serial_errors.no_port(found.port):
         return Verdict(found, None, 0, english(Code.NOT_A_SERIAL_PORT(place=found.port)))

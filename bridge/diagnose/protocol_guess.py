@@ -20,9 +20,10 @@ _PORT = "scan"
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A driver and its options besides port and baud.
+    """A driver with options, tried on the bytes of a port.
 
-    baud: the usual speed of its devices, 0 if it has none.
+    table: the options as the ward file would have them, without port and baud. chosen: the same as the driver takes them.
+    baud: the usual speed of such devices, 0 if they have none.
     """
 
     kind: DriverKind

@@ -39,7 +39,7 @@ class BadPacket(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """A device's identity and boot."""
+    """A device's identity and boot. gyro_range: full scale in rad/s, 0 if unknown."""
 
     boot: int
     tick_period_s: float

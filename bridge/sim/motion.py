@@ -119,7 +119,7 @@ class Swing:
         return np.asarray(minimum_jerk(u)[:, None] * self.pose + waves)
 
     def attitude(self, time_s: Array) -> Array:
-        """See Piece."""
+        """Attitude (n, 4) wxyz at times (n,) s since the piece's start, relative to its first attitude."""
         return from_rotvec(self.rotvec(time_s))
 
 

@@ -161,7 +161,7 @@ class Problem:
         )
 
     def spread(self, theta: Floats, factors: Floats) -> Floats:
-        """Covariance of theta where the error variances are factors (3,) times the ones assumed in the weights."""
+        """Covariance (n, n) of theta (n,), in its units, if the error variances are factors (3,) times the assumed ones."""
         _, J, noise, parts = self._gravity(theta)
         C = noise + np.tensordot(factors, parts, axes=1)
         weighted = np.linalg.solve(self.unit * (noise + parts.sum(axis=0)), J)

@@ -73,7 +73,7 @@ class ReorderBuffer:
         self._waiting: set[_Boot] = set()
 
     def feed(self, batch: CorrectedBatch, now: float) -> None:
-        """Add a batch received at `now`."""
+        """Add a batch received at `now`, monotonic seconds; batches that are due go to `ready`."""
         boot, n = self._boot(batch), len(batch)
         if batch.sequence == boot.next and not boot.held and batch.epoch >= boot.latest.epoch:
             boot.next, boot.latest = batch.sequence + n, batch

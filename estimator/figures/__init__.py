@@ -10,6 +10,5 @@ from estimator.figures.recordings import corrected
 __all__ = [
     "allan",
     "corrected",
-    "demo",
     "history",
 ]

@@ -21,7 +21,7 @@ def nothing_gathered() -> tuple[Floats, Floats]:
 def let_go(state: Floats, moved: float | None) -> None:
     """Discard the unfinished second and the waiting windows, because the next windows are skipped.
 
-    moved: end time of the last moving window among those skipped, or None.
+    state (9,) is changed in place. moved: end time, s, of the last moving window among those skipped, or None.
     """
     state[1] = state[2] = 0.0
     state[0] = state[0] if moved is None else moved

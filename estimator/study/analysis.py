@@ -111,7 +111,7 @@ def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
 
 
 def work(of: AnalysisScenario, job: Job) -> Arrays:
-    """Run one job for all parameter sets; arrays as from `simulation.run`."""
+    """Run one job for all parameter sets; the arrays, one row a session, are those of `simulation.run`."""
     plan = plan_of(of, job)
     counts = [of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)]
     # Equal random numbers for each value of a factor, as far as possible: only the factor makes the difference.

@@ -239,7 +239,10 @@ class Tracker:
             self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
-        """Begin anew from a calibration: its bias, covariance (3, 3), at a time, s, and the rest after the last turn."""
+        """Start again from a calibration: its bias with covariance cov (3, 3) rad²/s² at `time`, s.
+
+        rest: the bias measured in the still period after the last turn.
+        """
         before = self._filter.state
         begun = start(
             model.bias, cov, time, self.knobs.bias, temperature_c=self.thermometer.at(time), powered=before.powered

@@ -60,7 +60,7 @@ class TraceTopic:
             )
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """The last seconds of rates, and the heading."""
+        """The kept raw and corrected rates of the device, and the heading."""
         if (kept := self._traces.kept()) is not None:
             yield self._frame(kept)
         yield self._headings()
