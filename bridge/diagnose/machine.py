@@ -60,6 +60,13 @@ def disk(
     return [_room(what, folder.absolute(), free) for what, folder in places.items()]
 
 
+def recordings(folder: Path) -> list[Finding]:
+    """Whether the recorder's folder exists, which the recorder does not make; a relative one depends on where it is started."""
+    if not folder.is_absolute() or os.path.exists(folder):  # noqa: PTH110
+        return []
+    return [warning("recordings", f"{folder} is not there, and the recorder does not make it", f"mkdir -p {folder}")]
+
+
 def bridges(proc: Path = PROC) -> list[Finding]:
     """Whether two bridges run with the same ward's file: they would compete for its ports."""
     files: dict[str, list[int]] = defaultdict(list)

@@ -51,7 +51,7 @@ class Folder:
     def __init__(self, path: Path, ward: str) -> None:
         self.path, self._ward = path, ward
         if not path.exists():
-            raise RecordingError(f"{path}: there is no such folder; make it first: mkdir {path}")
+            raise RecordingError(f"{path}: there is no such folder; make it first: mkdir -p {path}")
         if not path.is_dir():
             raise RecordingError(f"{path}: is a file; a folder is needed to record into")
         if not os.access(path, os.W_OK | os.X_OK):

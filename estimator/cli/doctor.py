@@ -90,7 +90,10 @@ def _look(path: Path | None) -> Iterable[Finding]:
         for words in capture_files.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
             yield trouble("files", words, "mend the path in the ward's file, or bring the file there")
         yield from port_access.doubled(devices)
-        yield from machine.disk(_places(ward))
+        places = _places(ward)
+        yield from machine.disk(places)
+        if "recordings" in places:
+            yield from machine.recordings(places["recordings"])
         if ward.estimator is not None:
             yield from _store(Path(ward.estimator.store))
         yield from _privacy(path, ward)

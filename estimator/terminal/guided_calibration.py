@@ -77,7 +77,8 @@ def calibrate(
     finally:
         screen.close()
         if (step := heard.guide.told().step) not in (Step.DONE, Step.CANCELLED, Step.IDLE):
-            said = _given_up(client, device, who) if asked else _left(t, step, device, time.monotonic() - begin)
+            after_s = time.monotonic() - begin
+            said = _given_up(client, device, who) if asked else _left(t, step, client.ward, device, after_s)
             console.print(Text(said, "dim"), end="\n" if said else "")
         heard.close()
     return _end(console, t, told, heard.story)
@@ -133,9 +134,9 @@ def _given_up(client: Client, device: str, who: str) -> str:
     return f"{device}: {said}"
 
 
-def _left(t: Texts, step: Step, device: str, after_s: float) -> str:
+def _left(t: Texts, step: Step, ward: str, device: str, after_s: float) -> str:
     """Say that a calibration asked for by another person goes on; that person may be at the device."""
-    return t("guide.goes_on", seconds=f"{after_s:.0f}", device=device) if step in _UNDER_WAY else ""
+    return t("guide.goes_on", seconds=f"{after_s:.0f}", device=device, ward=ward) if step in _UNDER_WAY else ""
 
 
 class GuideScreen:

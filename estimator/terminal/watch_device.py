@@ -31,7 +31,9 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
     with Client(endpoints, ward=ward) as client:
         statuses, infos = _said(client)
     if not infos and not statuses:
-        console.print(f"ward {ward}: no device is heard. Is a bridge running? Is the ward's name right?")
+        console.print(
+            f"ward {ward}: no device is heard. Is a bridge running? Is the ward's name right (--config or --ward)?"
+        )
         return 1
     console.print(_hardware(infos))
     console.print()
@@ -185,7 +187,7 @@ def _who_is_there(client: Client, device: str) -> str:
     if (info := infos.get(device)) is not None:
         return english(*(info.trouble or (Code.NO_ESTIMATOR_SPOKE(),)))
     if not names:
-        return f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
+        return f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right (--config or --ward)?"
     return f"heard in ward {client.ward}: {listed(names)}"
 
 

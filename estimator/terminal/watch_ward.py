@@ -74,7 +74,7 @@ def watch_ward(
     finally:
         screen.stop()
     if not heard:
-        words = f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
+        words = f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right (--config or --ward)?"
         print(words, file=sys.stderr)  # noqa: T201
     elif strange and (as_json or not (live or once)):
         print(_strange(strange, everything), file=sys.stderr)  # noqa: T201

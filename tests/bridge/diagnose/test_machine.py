@@ -36,6 +36,12 @@ def test_a_place_that_is_no_folder_cannot_be_written_to(tmp_path: Path) -> None:
     assert only(machine.disk({"store": tmp_path}))[1].startswith(str(tmp_path))
 
 
+def test_a_missing_folder_of_recordings_is_seen(tmp_path: Path) -> None:
+    level, _, do = only(machine.recordings(tmp_path / "a" / "b"))
+    assert (level, do) == (Level.WARNING, f"mkdir -p {tmp_path}/a/b")
+    assert machine.recordings(tmp_path) == machine.recordings(Path("recordings")) == []
+
+
 def test_two_bridges_of_one_file_are_seen(tmp_path: Path) -> None:
     def bridge(pid: int, folder: str, file: str) -> None:
         process(tmp_path, pid, "truerate", command=f"/v/bin/python /v/bin/truerate bridge run {file}")

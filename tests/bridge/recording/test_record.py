@@ -104,7 +104,7 @@ def test_no_router_is_said_after_a_while(tmp_path: Path) -> None:
 
 def test_where_it_cannot_write_it_does_not_begin(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
-    with pytest.raises(RecordingError, match=r"there is no such folder; make it first: mkdir"):
+    with pytest.raises(RecordingError, match=r"there is no such folder; make it first: mkdir -p"):
         Run(tmp_path / "none").record(1.0)
     with pytest.raises(RecordingError, match="is a file; a folder is needed"):
         Run(tmp_path / "file").record(1.0)

@@ -78,7 +78,7 @@ def test_what_somebody_else_asked_for_goes_on_and_that_is_said() -> None:
     talk.close()
     assert isinstance(console.file, io.StringIO)
     said = console.file.getvalue().splitlines()[-1]
-    assert said == "Given up after 1 s. The calibration goes on; `truerate cancel chest` stops it."
+    assert said == f"Given up after 1 s. The calibration goes on; `truerate cancel chest --ward {WARD}` stops it."
 
 
 def test_a_device_nobody_hears_of() -> None:
