@@ -14,6 +14,7 @@ from bridge.bus.startup import wait_for_router
 from bridge.config.schema import listening
 from bridge.pki.member import Role
 from bridge.runtime import os_errors
+from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import asked_by
 from estimator.client import Client
 from estimator.config.dashboard import Dashboard
@@ -64,7 +65,7 @@ class Server:
             why = os_errors.why(error)
             raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; --listen takes another") from error
         log.info("the dashboard of ward %s is at %s", self._ward, _place(host, listener.getsockname()[1]))
-        with listener:
+        with listener, supervised():
             await self.uvicorn.serve([listener])
 
     def stop(self) -> None:
