@@ -157,7 +157,7 @@ def _documents(share: Path, version: str) -> None:
 
 
 def _run(program: str, *words: str, env: dict[str, str] | None = None, check: bool = True) -> None:
-    beside = Path(sys.executable).with_name(program)
+    beside = Path(sys.executable).parent / program
     subprocess.run([str(beside) if beside.exists() else program, *words], check=check, env={**os.environ, **(env or {})}, cwd=ROOT)
 
 
