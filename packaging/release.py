@@ -120,14 +120,38 @@ def _debian(work: Path, wheels: Path, platform: str, version: str) -> None:
     environment, share = tree / "opt/truerate", tree / "usr/share"
     _run("uv", "venv", "-q", "--relocatable", "--python", PYTHON, str(environment))
     _run(
-        *("uv", "pip", "install", "-q", "--no-index", "--no-deps", "--link-mode", "copy", "--python", f"{environment}/bin/python"),
+        *(
+            "uv",
+            "pip",
+            "install",
+            "-q",
+            "--no-index",
+            "--no-deps",
+            "--link-mode",
+            "copy",
+            "--python",
+            f"{environment}/bin/python",
+        ),
         *("--python-platform", f"{platform}-manylinux_2_28"),
         *(str(one) for one in sorted(wheels.iterdir())),
     )
     for path in environment.rglob("*"):
-        if path.name in {"direct_url.json", "uv_cache.json", "REQUESTED", ".gitignore", ".lock"} or path.match("bin/activate*"):
+        if path.name in {"direct_url.json", "uv_cache.json", "REQUESTED", ".gitignore", ".lock"} or path.match(
+            "bin/activate*"
+        ):
             path.unlink()
-    _run(PYTHON, "-m", "compileall", "-q", "--invalidation-mode", "unchecked-hash", "-s", str(tree), str(environment), check=False)
+    _run(
+        PYTHON,
+        "-m",
+        "compileall",
+        "-q",
+        "--invalidation-mode",
+        "unchecked-hash",
+        "-s",
+        str(tree),
+        str(environment),
+        check=False,
+    )
     _documents(share, version)
     environ = {"ARCH": PLATFORMS[platform], "VERSION": version, "TREE": str(tree)}
     nfpm = work / "nfpm.yaml"
@@ -152,13 +176,26 @@ def _documents(share: Path, version: str) -> None:
     pages = share / "man/man1"
     pages.mkdir(parents=True)
     with tempfile.TemporaryDirectory() as out:
-        _run("sphinx-build", "-q", "-b", "man", "-D", "nb_execution_mode=off", "-D", f"release={version}", str(ROOT / "docs"), out)
+        _run(
+            "sphinx-build",
+            "-q",
+            "-b",
+            "man",
+            "-D",
+            "nb_execution_mode=off",
+            "-D",
+            f"release={version}",
+            str(ROOT / "docs"),
+            out,
+        )
         (pages / "truerate.1.gz").write_bytes(gzip.compress(Path(out, "truerate.1").read_bytes(), 9, mtime=0))
 
 
 def _run(program: str, *words: str, env: dict[str, str] | None = None, check: bool = True) -> None:
     beside = Path(sys.executable).parent / program
-    subprocess.run([str(beside) if beside.exists() else program, *words], check=check, env={**os.environ, **(env or {})}, cwd=ROOT)
+    subprocess.run(
+        [str(beside) if beside.exists() else program, *words], check=check, env={**os.environ, **(env or {})}, cwd=ROOT
+    )
 
 
 def _output(*words: str) -> str:

@@ -25,7 +25,8 @@ from bridge.terminal.tables import Column, Columns
 _MOST_DAYS = 36_500
 
 ROLES = """who: ROLE:NAME. Roles: bridge (its [bridge] id as the name), estimator (its [estimator] id), viewer (looks),
-commander (looks, and gives commands: a nurse station, a dashboard where somebody may), recorder, router.
+commander (looks, and gives commands: a nurse station, a dashboard where somebody may), recorder, router,
+page (the dashboard's certificate for browsers).
 examples:
   truerate pki init --ward ward-3
   truerate pki issue router:router-1 --host 10.0.0.5 --host ward-3.example
@@ -125,10 +126,12 @@ def _init(given: argparse.Namespace) -> int:
 
 def _issue(given: argparse.Namespace) -> int:
     folder, members = Folder(given.folder), _members(given)
-    if given.host and not any(member.role is Role.ROUTER for member in members):
-        raise ValueError("--host is for routers: nobody goes to another, and its certificate names no host")
+    if given.host and not any(member.role.serves for member in members):
+        raise ValueError(
+            "--host is for routers and pages: nobody connects to any other, and its certificate names no host"
+        )
     for member in members:
-        hosts = tuple(given.host) if member.role is Role.ROUTER else ()
+        hosts = tuple(given.host) if member.role.serves else ()
         _made(folder.issue(member, utc_now(), given.days, hosts))
     if again := [member for member in map(folder.current, members) if member.generation > 1]:
         names = ", ".join(member.common_name for member in again)
