@@ -70,7 +70,7 @@ def test_modem_manager_is_fine_only_with_a_rule(tmp_path: Path) -> None:
     (rules / "50-other.rules").write_text("# nothing")
     level, said, do = only(port_access.modem_manager(proc, [rules, tmp_path / "gone"]))
     assert level is Level.WARNING
-    assert "sends bytes to every device" in said
+    assert "to every device that is plugged in" in said
     assert str(port_access.RULES) in do
     (rules / RULES.name).write_text(RULES.read_text())
     assert only(port_access.modem_manager(proc, [rules]))[0] is Level.OK

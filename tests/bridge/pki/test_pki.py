@@ -80,9 +80,7 @@ def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest
     assert run(pki, "renew", "bridge:b1") == 2
     capsys.readouterr()
     assert run(pki, "issue", "bridge:b1") == 0
-    assert (
-        "bridge:b1:2: of another name than before: [bus] of its ward file names these files" in capsys.readouterr().out
-    )
+    assert "bridge:b1:2: the name is new. Enter the new files in [bus]" in capsys.readouterr().out
     assert run(pki, "revoke", "bridge:b1", "--reason", "again") == 0
     assert run(pki, "issue", "bridge:b1") == 0
     capsys.readouterr()
@@ -103,7 +101,7 @@ def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest
     ("arguments", "words"),
     [
         (["init"], "there is an authority here already"),
-        (["issue", "bridge:b1"], "is there already"),
+        (["issue", "bridge:b1"], "exists already"),
         (["issue", "router:r"], "say --host NAME"),
         (["issue", "nurse:n"], "is no role and name"),
         (["issue", "bridge:b2", "--days", "0"], "1 to 36500 is taken"),
@@ -121,7 +119,7 @@ def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest
         (["router", "router:r", "--ward", "w", "--listen", "tcp/127.0.0.1:1"], "goes by tls alone"),
         (["router", "router:r", "--ward", "w", "--listen", "tls/a:1", "--join", "tcp/b:1"], "goes by tls alone"),
         (["router", "router:r", "--ward", "w", "--listen", "tls/a:1"], "router:r: no certificate in"),
-        (["issue", "bridge:b2", "--host", "10.0.0.5"], "--host is for routers"),
+        (["issue", "bridge:b2", "--host", "10.0.0.5"], "--host applies to routers only"),
     ],
 )
 def test_what_cannot_be_is_said(

@@ -37,7 +37,7 @@ def test_a_router_by_whose_files_nobody_could_be_let_in_says_so_instead_of_liste
         f'certificate = "{files.certificate}"\nkey = "{files.key}"\n'
     )
     assert main(["router", "--config", str(ward)]) == 2
-    assert "which this one would not: `truerate pki router` writes" in capsys.readouterr().err
+    assert "would not check them. Write a router" in capsys.readouterr().err
 
 
 def test_a_router_goes_by_the_issuers_of_its_members_and_not_of_who_was_revoked(pki: Path) -> None:

@@ -78,13 +78,13 @@ BREAKS = [
     ('"close_link_on_expiration": true', '"close_link_on_expiration": false', "close_link_on_expiration is false"),
     ('"default_permission": "deny"', '"default_permission": "allow"', 'access_control.default_permission is "allow"'),
     ("ward-3/raw/bridge-1/*", "ward-3/raw/*/*", "access_control.rules[bridge:bridge-1 says (ward-3)].key_exprs is"),
-    ("tls/0.0.0.0:7447", "tcp/0.0.0.0:7447", "whoever reaches it reads and commands the ward"),
+    ("tls/0.0.0.0:7447", "tcp/0.0.0.0:7447", "every machine in reach can read and command the ward"),
     ('"cert_common_names": ["viewer:hall"]', '"interfaces": ["lo"]', "access_control.subjects[viewer:hall]"),
     ('"permission": "allow"', '"permission": "deny"', '.permission is "deny"'),
     ('"read": false', '"read": true', "adminspace.permissions.read is true"),
     ('"shared_memory": {"enabled": false}', '"shared_memory": {"enabled": true}', "transport.shared_memory.enabled is"),
     ('"mode": "router"', '"mode": "router", "plugins": {"rest": {"http_port": 8000}}', "plugins.rest"),
-    ("tls/0.0.0.0:7447", "tls/0.0.0.0:7447#enable_mtls=false", "enable_mtls: goes before what the file says"),
+    ("tls/0.0.0.0:7447", "tls/0.0.0.0:7447#enable_mtls=false", "enable_mtls: overrides the settings for all endpoints"),
     (
         '"size_limit": 65536',
         '"size_limit": 65537',
@@ -100,7 +100,7 @@ BREAKS = [
     (
         '"id": "bridge:bridge-2 says',
         '"id": "bridge:bridge-1 says',
-        "access_control.rules: two of them have the same id",
+        "access_control.rules: two entries have the same id",
     ),
     ('"cert_common_names": ["viewer:hall"]', '"cert_common_names": ["viewer:*"]', "cert_common_names is"),
 ]
@@ -108,7 +108,7 @@ JOINED = [
     ('"connect_certificate": "/etc/truerate/pki/router.hospital.pem",', "", "connect_certificate is null"),
     ('"verify_name_on_connect": true', '"verify_name_on_connect": false', "verify_name_on_connect is false"),
     ('"timeout_ms": -1', '"timeout_ms": 0', "connect.timeout_ms is 0"),
-    ('"tls/ward-3.example:7447"', '"tcp/10.0.0.5:7447"', "all of the ward would go there for everybody to read"),
+    ('"tls/ward-3.example:7447"', '"tcp/10.0.0.5:7447"', "the ward's data would travel unencrypted"),
 ]
 
 

@@ -91,7 +91,7 @@ def test_what_somebody_wrote_is_no_formula_of_a_spreadsheet(some: Recorded, tmp_
 
 def test_nothing_is_overwritten(some: Recorded, tmp_path: Path) -> None:
     export(some, tmp_path / "out", ".npz")
-    with pytest.raises(RecordingError, match=r"one_boot1.npz: is there already and is not overwritten"):
+    with pytest.raises(RecordingError, match=r"one_boot1.npz: exists already and is not overwritten"):
         export(some, tmp_path / "out", ".npz")
     with pytest.raises(RecordingError, match=r"there is no folder .*; make it first"):
         export(some, tmp_path / "no" / "such", ".npz")
@@ -133,7 +133,7 @@ def test_a_dataset_grows_by_subjects(some: Recorded, tmp_path: Path) -> None:
     for subject in ("07", "08"):
         export_bids(some, tmp_path / "set", Session(subject, "ward"))
     assert (tmp_path / "set" / "participants.tsv").read_text() == "participant_id\nsub-07\nsub-08\n"
-    with pytest.raises(RecordingError, match="is there already"):
+    with pytest.raises(RecordingError, match="exists already"):
         export_bids(some, tmp_path / "set", Session("08", "ward"))
     motion = tmp_path / "set" / "sub-09" / "motion"
     motion.mkdir(parents=True)

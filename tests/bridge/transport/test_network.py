@@ -218,7 +218,7 @@ def test_a_udp_port_is_busy_in_words(udp: int) -> None:
         with pytest.raises(DeviceUnavailable, match="is busy: another program"):
             opened(f"127.0.0.1:{udp}")
         assert address.state(f"udp://127.0.0.1:{udp}").startswith(f"udp://127.0.0.1:{udp} is busy: another program")
-    assert address.state(f"udp://127.0.0.1:{udp}") == "free to be listened on"
+    assert address.state(f"udp://127.0.0.1:{udp}") == "free"
     first = opened(f":{udp}")
     with pytest.raises(DeviceUnavailable, match=r"takes datagrams of anyone there. .*\?from="):
         opened(f"0.0.0.0:{udp}")
