@@ -25,7 +25,7 @@ def test_a_router_that_goes_and_comes_is_said_once_each(caplog: pytest.LogCaptur
 def test_who_was_held_up_says_so(caplog: pytest.LogCaptureFixture) -> None:
     _, said = told(caplog, [(0, True), (4.5, True), (5.5, False), (6.5, True), (20.5, True), (21.5, True), (30, False)])
     assert "this program was stopped for 3.5 s because the machine is too busy" in said[0]
-    assert "held up for 7.5 s" in said[2]
+    assert "stopped for 7.5 s" in said[2]
 
 
 def test_what_is_long_ago_is_not_to_blame(caplog: pytest.LogCaptureFixture) -> None:

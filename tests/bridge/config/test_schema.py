@@ -143,11 +143,11 @@ DEVICE = (
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "native"\nport = "q"\nbaud = -9600',
-            "[[bridge.devices]] #2: baud is -9600; 300 to 4000000 is taken, 115200 is usual",
+            "[[bridge.devices]] #2: baud is -9600: use 300 to 4000000, usually 115200",
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "native"\nport = ""',
-            "[[bridge.devices]] #2: port is empty; `truerate bridge scan` shows what is plugged in",
+            "[[bridge.devices]] #2: port is empty: name one; `truerate bridge scan` lists the connected devices",
         ),
         (
             'ward = "w"\n[bridge]\nid = "b"\n[bridge.devices]\nid = "x"',

@@ -24,8 +24,8 @@ def test_a_capture_is_tried(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         "counted:    119 samples a second in 2 s",
         "reads 12.8 % low",
         "1.500     -0.000     -3.000",
-        "line 1: '18\\t-0.31': 2 columns came, 3 were expected",
-        "line 245: '1.22\\t0.18': 2 columns came, 3 were expected",
+        "line 1: '18\\t-0.31': 2 columns found, 3 expected",
+        "line 245: '1.22\\t0.18': 2 columns found, 3 expected",
         "line 246: '1.22\\t0.18\\t-0.3x': '-0.3x' is no number",
     ]:
         assert words in said

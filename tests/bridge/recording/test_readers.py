@@ -129,7 +129,7 @@ def test_what_is_no_file_is_named_and_never_waited_for(tmp_path: Path, ending: s
     (tmp_path / f"empty.{ending}").touch()
     assert "cannot be read: a folder, but a file is expected" in refusal(tmp_path / f"folder.{ending}")
     assert "cannot be read: not a file" in refusal(tmp_path / f"pipe.{ending}")
-    assert "it is empty" in refusal(tmp_path / f"empty.{ending}")
+    assert "the file is empty" in refusal(tmp_path / f"empty.{ending}")
     with pytest.raises(RecordingError, match="cannot be read: not a file"):
         survey([tmp_path / f"pipe.{ending}"])
     with pytest.raises(RecordingError, match="cannot be read: not a file"):
@@ -173,7 +173,7 @@ def test_a_rate_in_a_file_that_contradicts_its_times_is_refused_and_a_told_one_r
     path = saved(tmp_path, **times, rate_hz=400.0)
     assert said in refusal(path)
     assert np.allclose(load(path, rate_hz=100.0).time_s, times["t_s"])
-    assert "its times are replaced by the rate that is told, 100 Hz" in caplog.text
+    assert "the times are replaced by the given rate, 100 Hz" in caplog.text
     assert load(saved(tmp_path, **times, rate_hz=104.0)).rate_hz == 104.0  # what the device is sold as
 
 
@@ -224,7 +224,7 @@ def test_readings_that_nothing_can_be_learnt_of_are_said(tmp_path: Path, caplog:
     load(saved(tmp_path, gyro_rad_s=np.radians(np.rint(read)), rate_hz=100.0))
     assert "the readings are rounded to 1 °/s" in caplog.text
     load(saved(tmp_path, gyro_rad_s=read, rate_hz=4.0))
-    assert "at 4 Hz no rest can be seen" in caplog.text
+    assert "at 4 Hz rests cannot be detected" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def test_where_it_cannot_write_it_does_not_begin(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(RecordingError, match=r"the folder does not exist; make it: mkdir -p"):
         Run(tmp_path / "none").record(1.0)
-    with pytest.raises(RecordingError, match="is a file; a folder is needed"):
+    with pytest.raises(RecordingError, match="a file, but a folder is needed"):
         Run(tmp_path / "file").record(1.0)
     with pytest.raises(RecordingError, match=r"no permission to write|read-only|cannot be written"):
         _on_a_disk_that_refuses(tmp_path)

@@ -184,7 +184,7 @@ def test_blanks_may_separate(tmp_path: Path) -> None:
 def test_the_ward_s_file_says_what_the_profile_leaves_open(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="rate_hz is missing: devices of profile 'icm-20948-sparkfun' send no time"):
         options({"port": "/dev/x", "profile": "icm-20948-sparkfun"}, TextOptions)
-    with pytest.raises(ValueError, match="no profile 'nano'"):
+    with pytest.raises(ValueError, match="unknown profile 'nano'"):
         options({"port": "/dev/x", "profile": "nano"}, TextOptions)
     given = options({"port": "/dev/x", "profile": "nano-33-ble", "gyro_range_dps": 500}, TextOptions)
     assert given.baud == 9600

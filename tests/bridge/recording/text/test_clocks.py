@@ -81,7 +81,7 @@ def test_rows_that_came_twice_are_dropped(tmp_path: Path) -> None:
         with_times.write_text("\n".join(rows))
         without.write_text("\n".join(row.split(",", 1)[1] for row in rows))
         assert "including the time" in right(with_times)
-        assert "equal to an earlier one in all values" in right(without, Reading(rate_hz=50.0))
+        assert "equal to an earlier row in all values" in right(without, Reading(rate_hz=50.0))
         # The advice that used to lead to a wrong scale: times with repeats in them, and a rate beside them.
         right(with_times, Reading(rate_hz=50.0))
 
@@ -103,13 +103,13 @@ def test_a_reboot_splits_the_file(tmp_path: Path) -> None:
     assert len(load(path, boot=1)) == 400
     assert len(load(path, boot=2)) == len(TIME) - 400
     assert "the device rebooted" in refusal(path, Reading(rate_hz=50.0))
-    assert "it has boots 1 to 2, not 3" in refusal(path, Reading(boot=3))
+    assert "--boot is 3, but the file has boots 1 to 2" in refusal(path, Reading(boot=3))
 
 
 def test_times_that_lost_their_digits_ask_for_the_rate(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", 1.73234e9 + TIME, form="%.5e")
     assert "the times are rounded" in refusal(path)
-    assert "its times are replaced by the rate that is told" in right(path, Reading(rate_hz=50.0))
+    assert "the times are replaced by the given rate" in right(path, Reading(rate_hz=50.0))
 
 
 def test_times_of_arrival_with_samples_missing_are_refused(tmp_path: Path) -> None:

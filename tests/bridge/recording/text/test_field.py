@@ -109,7 +109,7 @@ def test_10_a_capture_is_converted_and_calibrated(tmp_path: Path, capsys: pytest
     path, out = FIELD / "10-a-capture-cannot-be-worked-on" / "wit_sd.txt", tmp_path / "out.npz"
     assert "truerate recording convert" in refusal(path)
     assert main(["recording", "convert", str(path), str(out), "--driver", "witmotion"]) == 1
-    assert "say --rate-hz" in capsys.readouterr().err
+    assert "give the device's output data rate with --rate-hz" in capsys.readouterr().err
     assert main(["recording", "convert", str(path), str(out), "--driver", "witmotion", "--rate-hz", "50"]) == 0
     right(out)
 
