@@ -3,7 +3,9 @@
 import argparse
 from pathlib import Path
 
+from bridge.recording.error import RecordingError
 from bridge.recording.reading import Reading
+from bridge.toml.loader import ConfigError
 
 
 def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
@@ -32,7 +34,14 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
 
 
 def reading_of(given: argparse.Namespace) -> Reading:
-    """The Reading of the given options; raises RecordingError."""
+    """The Reading of the given options; raises ConfigError for an invalid option, which is wrong usage."""
+    try:
+        return _reading(given)
+    except RecordingError as error:
+        raise ConfigError(str(error)) from None
+
+
+def _reading(given: argparse.Namespace) -> Reading:
     return Reading(
         rate_hz=given.rate_hz,
         gyro_unit=given.gyro_unit,

@@ -96,7 +96,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="the .mcap files of one recording")
     verb.add_argument("--json", action="store_true", help="print one JSON object")
 
-    verb = _verb(inner, "export", _export, "write a recording as .npz, .csv or BIDS-Motion", EXPORT)
+    verb = _verb(
+        inner,
+        "export",
+        _export,
+        "write a recording as .npz, .csv or BIDS-Motion; exit code 1 if parts are unreadable",
+        EXPORT,
+    )
     verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="the .mcap files of one recording")
     form = verb.add_mutually_exclusive_group(required=True)
     for name in ("npz", "csv", "bids"):
@@ -237,7 +243,10 @@ def _convert(given: argparse.Namespace) -> None:
     from bridge.recording.convert import check_ending, convert  # noqa: PLC0415
     from bridge.recording.files import check_new  # noqa: PLC0415
 
-    check_ending(given.out)
+    try:
+        check_ending(given.out)
+    except RecordingError as error:
+        raise ConfigError(str(error)) from None
     check_new([given.out])
     recording = _loaded(given)
     begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
@@ -259,10 +268,13 @@ def _recover(given: argparse.Namespace) -> None:
         print(printable(line))
 
 
-def _export(given: argparse.Namespace) -> None:
+def _export(given: argparse.Namespace) -> int:
     from bridge.recording import bids, export, stretches  # noqa: PLC0415
 
-    session = bids.Session(given.subject, given.task, given.session)
+    try:
+        session = bids.Session(given.subject, given.task, given.session)
+    except RecordingError as error:
+        raise ConfigError(str(error)) from None
     with Bar() as bar:
         recorded = stretches.read(given.files, tell=bar.on("reading"))
     if given.device:
@@ -279,3 +291,4 @@ def _export(given: argparse.Namespace) -> None:
         print(path)
     for words in recorded.trouble:
         print(printable(f"note: {words}"))
+    return 1 if recorded.trouble else 0

@@ -14,7 +14,7 @@ from bridge.recording.reading import Reading
 from bridge.recording.recording import Floats, Recording
 from bridge.recording.table import Table, recording_of
 from bridge.terminal.plurals import count
-from bridge.toml.loader import nearest
+from bridge.toml.loader import ConfigError, nearest
 
 _CHUNK, _SETTLING = 4096, 1 << 16
 #: a decoder that does not know yet whether its device has a clock, or its rate, gets the beginning repeatedly
@@ -24,7 +24,7 @@ _NS_A_BYTE, _ROUNDS, _SETTLED_NS = 100_000, 8, 1_000_000_000_000
 def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Recording:
     """Decode a capture by a driver, or by a text profile.
 
-    Raises RecordingError, and ConfigError for an unknown profile.
+    Raises RecordingError, and ConfigError for an unknown driver or profile.
     """
     check_file(path)
     if path.stat().st_size > MAX_BYTES:
@@ -49,7 +49,7 @@ def _decoder(path: Path, driver: str, profile: str, reading: Reading) -> Callabl
         return lambda: TextDecoder(known, reading.rate_hz or 0.0, captured=True)
     able = {name: kind.decoder for name, kind in registry.kinds().items() if kind.decoder is not None}
     if driver not in able:
-        raise RecordingError(f"{path}: --driver {driver!r} cannot decode a file; {nearest(driver, able)}")
+        raise ConfigError(f"{path}: --driver {driver!r} cannot decode a file; {nearest(driver, able)}")
     of_driver = able[driver]
     return lambda: of_driver(None)
 

@@ -212,9 +212,9 @@ def test_a_capture_of_garbage_ends_with_words(tmp_path: Path, caplog: pytest.Log
     path = tmp_path / "garbage.bin"
     path.write_bytes(np.random.default_rng(3).bytes(20_000))
     ended(opened(path, "ximu3"), "ximu3")
-    (record,) = [record for record in caplog.records if "is over" in record.message]
+    (record,) = [record for record in caplog.records if "has 20000 bytes" in record.message]
     assert record.levelname == "WARNING"
-    for words in (str(path), "in 20000 bytes there was no sample of driver ximu3", "truerate bridge scan --port"):
+    for words in (str(path), "has 20000 bytes, but no sample of driver ximu3", "truerate bridge scan --port"):
         assert words in record.message
 
 
@@ -222,7 +222,7 @@ def test_a_capture_of_another_device_says_which(tmp_path: Path, caplog: pytest.L
     path = tmp_path / "other.bin"
     path.write_bytes(b"".join(map(mavlink, range(200))))
     ended(opened(path, "ximu3"), "ximu3")
-    assert "They look like driver = 'mavlink'" in caplog.text
+    assert "The data looks like driver = 'mavlink'" in caplog.text
 
 
 def test_an_empty_capture_says_so_and_a_good_one_ends_quietly(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -230,7 +230,7 @@ def test_an_empty_capture_says_so_and_a_good_one_ends_quietly(tmp_path: Path, ca
     path = tmp_path / "a.bin"
     path.write_bytes(b"")
     ended(opened(path, "ximu3"), "ximu3")
-    assert "is over, and there was nothing in it" in caplog.text
+    assert "is empty" in caplog.text
     caplog.clear()
     path.write_bytes(b"".join(map(ximu3, range(20))))
     ended(opened(path, "ximu3"), "ximu3")

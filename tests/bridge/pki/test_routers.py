@@ -20,7 +20,7 @@ def test_a_router_by_whose_files_nobody_could_be_let_in_says_so_instead_of_liste
     assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
     file, text = pki / "router.json5", capsys.readouterr().out
     for wrong, words in (
-        (("router.r.pem", "bridge.b1.pem"), "for bridge:b1, where a router is to be run"),
+        (("router.r.pem", "bridge.b1.pem"), "for bridge:b1, but this program is a router"),
         (("r.members", "x"), "x.pem: there"),
     ):
         file.write_text(text.replace(*wrong))

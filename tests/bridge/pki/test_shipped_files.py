@@ -39,15 +39,15 @@ def written() -> dict[str, str]:
     join = ["tls/ward-3.example:7447", "tls/ward-4.example:7447"]
     hospital = router_file.guarded(LISTEN, identity("router:hospital"), places, join)
     titles = {
-        "one-machine": "A ward on one machine: nobody else reaches its router, so nobody is asked who he is.",
+        "one-machine": "A ward on one machine: no other machine reaches its router, so it asks for no certificate.",
         "ward": (
-            "The router of ward-3 on machines of its own: who has a certificate is let in, to what its role may.\n"
-            "An example with names of its own; yours: truerate pki router router:router-3 --ward ward-3"
+            "The router of ward-3 on several machines: it accepts programs with a certificate, each with the rights of its role.\n"
+            "An example; write your own with: truerate pki router router:router-3 --ward ward-3"
             " --listen tls/0.0.0.0:7447 --at /etc/truerate/pki"
         ),
         "hospital": (
-            "A router that joins two wards: each ward's router speaks and listens for its own ward alone.\n"
-            "An example with names of its own; yours: truerate pki router router:hospital --ward ward-3 --ward ward-4\n"
+            "A router that joins two wards: it accepts each ward's router for its own ward only.\n"
+            "An example; write your own with: truerate pki router router:hospital --ward ward-3 --ward ward-4\n"
             "--member router:router-3@ward-3 --member router:router-4@ward-4 --member viewer:office --listen tls/0.0.0.0:7447\n"
             "--join tls/ward-3.example:7447 --join tls/ward-4.example:7447 --at /etc/truerate/pki"
         ),
@@ -137,7 +137,7 @@ def test_a_second_policy_gives_nobody_anothers_rights(tmp_path: Path) -> None:
     policies.insert(0, {"rules": desk["rules"], "subjects": ["viewer:hall"]})
     changed = tmp_path / "router.json5"
     changed.write_text(json.dumps(settings), "utf-8")
-    assert any("access_control.policies: two of them" in fault for fault in router_check.read(changed).faults)
+    assert any("access_control.policies: two entries" in fault for fault in router_check.read(changed).faults)
 
 
 def test_a_key_zenoh_does_not_know_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -143,7 +143,7 @@ def own_for_authority(files: Files) -> None:
     ("wrong", "words"),
     [
         (another_bridge, "the certificate is for bridge:b2; [bridge]: its id is 'b1'"),
-        (a_viewers, "for router:r, where a"),
+        (a_viewers, "for router:r, but this program is a"),
         (another_port, "no router listens at tls/127.0.0.1:7448; they do at tls/0.0.0.0:7447"),
         (one_device_twice, "device 'd1' of ward 'w' is in"),
         (other_knobs, "[estimator] silence_s is not that of"),
@@ -189,7 +189,7 @@ def test_a_role_that_would_be_denied_silently_says_so_itself(
     session = tmp_path / "session.csv"
     session.write_text("t_s,gx_dps,gy_dps,gz_dps\n" + "".join(f"{n / 100},0,0,0\n" for n in range(50)))
     for arguments, needed in (
-        (["bridge", "run", str(files.one)], "a certificate for bridge:b1 is needed"),
+        (["bridge", "run", str(files.one)], "needs a certificate for bridge:b1"),
         (["estimator", "serve", str(files.two)], "a certificate for estimator:e1 is needed"),
         (["recalibrate", "d1", "--config", str(files.one)], "a certificate for commander is needed"),
         (["note", "d1", "sat up", "--config", str(files.one)], "a certificate for commander is needed"),
@@ -234,7 +234,7 @@ def test_a_port_that_is_there_twice_is_said(tmp_path: Path, capsys: pytest.Captu
     ward = tmp_path / "ward.toml"
     ward.write_text('ward = "w"\n[bus]\nconnect = ["tcp/127.0.0.1:1", "tcp/127.0.0.1:1"]\n', "utf-8")
     assert main(["config", "check", str(ward)]) == 2
-    assert "'tcp/127.0.0.1:1' is there twice" in capsys.readouterr().err
+    assert "'tcp/127.0.0.1:1' is listed twice" in capsys.readouterr().err
     ward.write_text('ward = "w"\n[estimator]\nid = "e"\nhealth = "127.0.0.1:8090"\n', "utf-8")
     assert main(["config", "check", str(ward)]) == 2
     assert "as is the dashboard's listen" in capsys.readouterr().err

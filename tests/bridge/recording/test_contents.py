@@ -222,7 +222,7 @@ def test_what_is_refused_is_said_by_all_who_read_it(tmp_path: Path, caplog: pyte
     path.write_bytes(file.getvalue())
     found = read([path])
     assert list(found.stretches) == ["one"]
-    assert "20 messages skipped: with another device's or bridge's id in them" in found.trouble
+    assert "20 messages skipped: with the id of another device or bridge" in found.trouble
     assert replayed.devices(path) == ["one"]
     assert "20 messages skipped" in caplog.text
     caplog.clear()
@@ -265,7 +265,7 @@ def test_a_wards_recording_is_a_recording(tmp_path: Path) -> None:
         ({}, "2 devices; choose one with --device: one, two"),
         ({"device": "three"}, "no samples of --device 'three'; choose from one, two"),
         ({"device": "two"}, "2 boots of two; choose one with --boot: 1 (60 samples, 1 s), 2 (70 samples, 1 s)"),
-        ({"device": "two", "boot": 3}, "two has boots 1 to 2, not 3"),
+        ({"device": "two", "boot": 3}, "--boot is 3, but two has boots 1 to 2"),
     ):
         with pytest.raises(RecordingError) as refused:
             load(several, **kwargs)

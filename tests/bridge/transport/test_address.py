@@ -76,7 +76,7 @@ def test_a_capture_is_played_to_its_end_each_time(tmp_path: Path) -> None:
         data, lost = played(port)
         assert data == sent
         assert lost.over
-        assert "is over" in str(lost)
+        assert "has ended" in str(lost)
         port.close()
     with pytest.raises(DeviceLost, match="closed"):
         port.read(0.1)
