@@ -54,10 +54,10 @@ def for_a_viewer(pki: Path) -> Identity:
     [
         (other_key, "not the key of"),
         (open_key, "chmod 600"),
-        (locked_key, "locked with a password"),
-        (other_of_its_name, "another one of the same name"),
+        (locked_key, "the key has a password"),
+        (other_of_its_name, "another authority of the same name"),
         (no_file, "there is no such file"),
-        (no_certificate, "no certificate in PEM"),
+        (no_certificate, "not a PEM certificate"),
         (for_a_viewer, "for viewer:hall, but this program is a bridge"),
     ],
 )

@@ -144,16 +144,16 @@ def own_for_authority(files: Files) -> None:
     [
         (another_bridge, "the certificate is for bridge:b2; [bridge]: its id is 'b1'"),
         (a_viewers, "for router:r, but this program is a"),
-        (another_port, "no router listens at tls/127.0.0.1:7448; they do at tls/0.0.0.0:7447"),
+        (another_port, "no router listens at tls/127.0.0.1:7448; use tls/0.0.0.0:7447"),
         (one_device_twice, "device 'd1' of ward 'w' is in"),
-        (other_knobs, "[estimator] silence_s is not that of"),
-        (other_devices, "[devices] is not that of"),
+        (other_knobs, "[estimator] silence_s differs from"),
+        (other_devices, "[devices] differs from"),
         (by_another_name, "the router's certificate names only 127.0.0.1"),
         (expired, "expired on"),
         (a_key_for_all, "chmod 600"),
         (unknown, "ROUTER has no rules for bridge:b1 in ward 'w'"),
         (another_ward, "has no rules for bridge:b1 in ward 'w2' (it has for bridge:b1 in ward w)"),
-        (own_for_authority, "the certificate of 'bridge:b1' in it is no authority's"),
+        (own_for_authority, "the certificate of 'bridge:b1' is not an authority's"),
         (not_let_in, "refuses bridge:b1, viewer:hall, which the rules name"),
         (one_of_its_two_files, "accepts bridge:b1, which the rules lack"),
         (one_of_its_two_files, "refuses bridge:b1:2, which the rules name"),
@@ -190,15 +190,15 @@ def test_a_role_that_would_be_denied_silently_says_so_itself(
     session.write_text("t_s,gx_dps,gy_dps,gz_dps\n" + "".join(f"{n / 100},0,0,0\n" for n in range(50)))
     for arguments, needed in (
         (["bridge", "run", str(files.one)], "needs a certificate for bridge:b1"),
-        (["estimator", "serve", str(files.two)], "a certificate for estimator:e1 is needed"),
-        (["recalibrate", "d1", "--config", str(files.one)], "a certificate for commander is needed"),
-        (["note", "d1", "sat up", "--config", str(files.one)], "a certificate for commander is needed"),
-        (["record", "--config", str(files.one)], "a certificate for recorder is needed"),
-        (["bridge", "ximu3", "--config", str(files.one)], "a certificate for commander or recorder is needed"),
-        (["bridge", "ximu3", "--raw", "--config", str(files.one)], "a certificate for commander or recorder is needed"),
+        (["estimator", "serve", str(files.two)], "needs a certificate for estimator:e1"),
+        (["recalibrate", "d1", "--config", str(files.one)], "needs a certificate for commander"),
+        (["note", "d1", "sat up", "--config", str(files.one)], "needs a certificate for commander"),
+        (["record", "--config", str(files.one)], "needs a certificate for recorder"),
+        (["bridge", "ximu3", "--config", str(files.one)], "needs a certificate for commander or recorder"),
+        (["bridge", "ximu3", "--raw", "--config", str(files.one)], "needs a certificate for commander or recorder"),
         (
             ["bridge", "replay", str(session), "--device", "d1", "--config", str(files.one)],
-            "for bridge:replay-d1 is needed",
+            "for bridge:replay-d1",
         ),
     ):
         assert main(arguments) == 2
