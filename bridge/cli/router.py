@@ -54,10 +54,13 @@ def router(args: argparse.Namespace) -> int:
 
 
 def _looked_through(path: Path) -> RouterFile:
-    """Read and check a router's file; raises BusError if its certificate cannot be used."""
-    file = router_check.read(path)
+    """Read and check a router's file; raises ConfigError if the file or its certificate cannot be used."""
+    try:
+        file = router_check.read(path)
+    except BusError as error:
+        raise ConfigError(str(error)) from None
     if file.identity is not None and (wrong := faults(file.identity, datetime.now(UTC), (Role.ROUTER,))):
-        raise BusError("\n".join(wrong))
+        raise ConfigError("\n".join(wrong))
     for words in (*file.faults, *router_cross_checks.faults(file)):
         _log.warning("%s: %s", path, words)
     return file

@@ -41,7 +41,7 @@ def written() -> dict[str, str]:
     titles = {
         "one-machine": "A ward on one machine: no other machine reaches its router, so it asks for no certificate.",
         "ward": (
-            "The router of ward-3 on several machines: it accepts programs with a certificate, each with the rights of its role.\n"
+            "The router of ward-3 on several machines: programs with a certificate get the rights of their role.\n"
             "An example; write your own with: truerate pki router router:router-3 --ward ward-3"
             " --listen tls/0.0.0.0:7447 --at /etc/truerate/pki"
         ),
