@@ -49,12 +49,24 @@ def test_info_in_words_and_as_json(path: Path, capsys: Capture) -> None:
     assert found["devices"]["one"]["notes"] == [{"time_ns": NOW + 3 * S, "who": "anna", "text": "sat up"}]
 
 
+def test_a_wrong_option_is_wrong_usage(path: Path, tmp_path: Path) -> None:
+    for arguments in (
+        ["inspect", str(path), "--gyro-unit", "furlong"],
+        ["convert", str(path), str(tmp_path / "session.wav")],
+        ["convert", str(path), str(tmp_path / "session.npz"), "--driver", "none"],
+        ["export", str(path), "--bids", str(tmp_path / "dataset"), "--subject", "0 1"],
+    ):
+        assert main(["recording", *arguments]) == 2, arguments
+
+
 def test_a_torn_file_is_told_recovered_and_then_whole(path: Path, capsys: Capture) -> None:
     torn = path.with_name(path.name + ".part")
     torn.write_bytes(path.read_bytes()[:20_000])
     path.unlink()
     assert main(["recording", "info", str(torn)]) == 1
     assert "make a complete file with truerate recording recover" in " ".join(capsys.readouterr().out.split())
+    assert main(["recording", "export", str(torn), "--csv", str(torn.parent / "csv")]) == 1
+    capsys.readouterr()
     assert main(["recording", "recover", str(torn)]) == 0
     assert "torn record" in capsys.readouterr().out
     assert main(["recording", "info", str(path)]) == 0

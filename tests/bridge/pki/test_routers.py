@@ -24,11 +24,11 @@ def test_a_router_by_whose_files_nobody_could_be_let_in_says_so_instead_of_liste
         (("r.members", "x"), "x.pem: there"),
     ):
         file.write_text(text.replace(*wrong))
-        assert main(["router", "--config", str(file)]) == 1
+        assert main(["router", "--config", str(file)]) == 2
         assert words in capsys.readouterr().err
     file.write_text(text)
     folder.renew(router, utc_now(), days=0)
-    assert main(["router", "--config", str(file)]) == 1
+    assert main(["router", "--config", str(file)]) == 2
     assert "expired on" in capsys.readouterr().err
     ward = pki / "ward.toml"
     files = folder.identity(B1)
