@@ -105,7 +105,7 @@ DEVICE = (
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "simulated"\nspeed = 0',
-            "[[bridge.devices]] #2: speed is 0; 0.01 to 100 is taken",
+            "[[bridge.devices]] #2: speed is 0: use 0.01 to 100",
         ),
         (DEVICE + 'id = "d1"\ndriver = "simulated"', "[bridge]: devices #1 and #2 have the same id 'd1': rename one"),
         ('ward = "w"\n[brigde]', "unknown key 'brigde'; did you mean 'bridge'?"),
@@ -163,7 +163,7 @@ DEVICE = (
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "replayed"\nfile = "p"\nrate_hz = nan',
-            "[[bridge.devices]] #2: rate_hz is nan; more than 0, up to 10000, is taken",
+            "[[bridge.devices]] #2: rate_hz is nan: use a number above 0, up to 10000",
         ),
         ('ward = "w"\n[bridge]\nid = "b"\ndevices = [3]', "[[bridge.devices]] #1: expected a table, got int"),
     ],
