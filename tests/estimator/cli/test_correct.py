@@ -229,7 +229,7 @@ def test_readings_in_other_units_are_refused_or_not_used(
         saved({**right, "accel_m_s2": session.accel * scale})
         for verb in (["correct", "in.npz", "out.npz"], ["calibrate", "in.npz"]):
             assert main(verb) == 0
-            assert f"is it in {unit}, and taken as m/s²? It is not used; say --accel-unit {unit}" in caplog.text
+            assert f"The unit is probably {unit}, not m/s²; then give --accel-unit {unit}" in caplog.text
             caplog.clear()
         with np.load("out.npz") as file:
             assert "accel_m_s2" not in file
