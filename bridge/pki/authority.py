@@ -74,7 +74,7 @@ def issue(
     ca = x509.load_pem_x509_certificate(authority.certificate)
     if ends > ca.not_valid_after_utc:
         raise ValueError(
-            f"the authority itself ends on {ca.not_valid_after_utc:%Y-%m-%d}; say fewer --days, or make a new one"
+            f"the authority expires on {ca.not_valid_after_utc:%Y-%m-%d}: use fewer --days, or make a new authority"
         )
     own = ec.generate_private_key(ec.SECP256R1()) if key is None else _private(key)
     usage = list(usages) or _USAGES.get(member.role, [Usage.CLIENT_AUTH])
@@ -90,9 +90,8 @@ def issue(
 def check_hosts(member: Member, hosts: Sequence[str]) -> list[x509.GeneralName]:
     """Return subject alternative names. Raises ValueError for a router or page without hosts, and for an invalid host."""
     if member.role.serves and not hosts:
-        raise ValueError(
-            f"the certificate of a {member.role.value} names where it is reached: say --host NAME, or an address, for each"
-        )
+        role = member.role.value
+        raise ValueError(f"a {role}'s certificate needs the {role}'s host names or addresses: give each with --host")
     return [_host(host) for host in hosts] or [x509.UniformResourceIdentifier(f"urn:truerate:{member.common_name}")]
 
 
@@ -102,7 +101,7 @@ def _host(text: str) -> x509.GeneralName:
     except ValueError:
         if len(text) > 253 or not _NAME.match(text):
             raise ValueError(
-                f"--host {text!r} is no name and no address; one looks like ward-3.example or 10.0.0.5, without a port"
+                f"--host {text!r} is neither a name nor an address: write ward-3.example or 10.0.0.5, without a port"
             ) from None
     return x509.DNSName(text)
 
@@ -111,9 +110,9 @@ def _private(pem: bytes) -> ec.EllipticCurvePrivateKey:
     try:
         key = serialization.load_pem_private_key(pem, None)
     except TypeError:
-        raise ValueError("the private key is locked with a password: openssl pkey -in FILE unlocks it") from None
+        raise ValueError("the private key has a password: remove it with openssl pkey -in FILE -out NEW") from None
     if not isinstance(key, ec.EllipticCurvePrivateKey):
-        raise ValueError(f"a key of kind {type(key).__name__}, which truerate did not make: renew it where it was made")  # noqa: TRY004
+        raise ValueError(f"not a key by truerate, but {type(key).__name__}: renew the certificate where it was made")  # noqa: TRY004
     return key
 
 

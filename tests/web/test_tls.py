@@ -52,7 +52,7 @@ def test_a_browser_that_trusts_the_wards_authority_logs_in_over_tls(identity: Id
 def test_the_pages_certificate_lets_nobody_onto_the_bus(identity: Identity) -> None:
     assert not faults(identity, datetime.now(UTC), (Role.PAGE,))
     wrong = faults(identity, datetime.now(UTC), (Role.VIEWER, Role.ROUTER))
-    assert any("for page:ward, where a viewer or router is to be run" in words for words in wrong)
+    assert any("for page:ward, but this program is a viewer or router" in words for words in wrong)
 
 
 def test_a_certificate_that_cannot_be_used_is_named(tmp_path: Path, identity: Identity) -> None:
