@@ -172,11 +172,11 @@ def test_only_what_it_wrote_before_is_replaced(
         (["missing.npz", "out.npz"], 1, "cannot be read"),
         (["IN", "out.npz", "--calibration", "missing.json"], 1, "missing.json: cannot be read"),
         (["IN", "out.npz", "--calibration", "IN"], 1, "not a calibration"),
-        (["IN", "out.npz", "--other-boot"], 2, "needs --calibration FILE"),
+        (["IN", "out.npz", "--other-boot"], 2, "add --calibration FILE"),
         (["IN", "out.npz", "--range-dps", "nan"], 2, "--range-dps is nan"),
         (["IN", "out.npz", "--range-dps", "5"], 1, "more than twice the range given, 5 °/s"),
         (["IN", "out.npz", "--picture", "p.xyz"], 2, "--picture p.xyz"),
-        (["IN", "out.npz", "--picture", "out.npz/p.png"], 2, "out.npz is to be a file"),
+        (["IN", "out.npz", "--picture", "out.npz/p.png"], 2, "out.npz is the output file, not a folder"),
     ],
 )
 def test_wrong_use_is_one_line(
