@@ -33,7 +33,7 @@ def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = 
             reached.append(endpoint)
         except BusError as error:
             silent[endpoint] = str(error)
-    do = "start it: `truerate router` on its machine, or zenohd; or set `connect` in [bus] to where it is"
+    do = "start the router on its machine, or set `connect` in [bus] to its address"
     worse = warning if reached else trouble
     found = [worse("router", words, do) for words in silent.values()]
     return [*([ok("router", f"reached at {', '.join(reached)}")] if reached else []), *found]

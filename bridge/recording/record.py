@@ -124,7 +124,8 @@ def _nobody(ward: str, endpoints: Sequence[str], settings: Recorder) -> str:
     whom = f"none of {', '.join(settings.devices)}" if settings.devices else "no device"
     return (
         f"{whom} was heard within {settings.wait_s:g} s, so nothing is recorded. Listened to {keys.everything(ward)} at "
-        f"{', '.join(endpoints)}. Is the ward's name right? Is a bridge running? `truerate devices` shows who is there"
+        f"{', '.join(endpoints)}. Name the ward with --config WARD.toml or --ward NAME, or start its bridge with "
+        "`truerate bridge run WARD.toml`"
     )
 
 

@@ -11,7 +11,7 @@ from bridge.reasons.catalogue import english
 from bridge.terminal.console import plain_console
 from bridge.terminal.plurals import count
 from bridge.terminal.tables import Column, Columns
-from estimator.cli.ward_options import ward_of
+from estimator.cli.ward_options import listening, ward_of
 from estimator.overview.cluster import ClusterView, as_json, cluster_view
 
 
@@ -31,9 +31,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _status(given: argparse.Namespace) -> int:
+    ward, endpoints = ward_of(given)
+    listening(given, ward)
     from estimator.client import Client  # noqa: PLC0415
 
-    ward, endpoints = ward_of(given)
     with Client(endpoints, ward=ward) as client:
         alive = client.alive("estimator")
         view = cluster_view(ward, alive, client.owned())

@@ -92,7 +92,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
 
 
-def _correct(given: argparse.Namespace) -> None:
+def _correct(given: argparse.Namespace) -> int:
     from estimator.config.device_settings import knobs_of  # noqa: PLC0415
     from estimator.offline import calibration_file, corrected_file  # noqa: PLC0415
     from estimator.offline.recordings import correct  # noqa: PLC0415
@@ -132,7 +132,7 @@ def _correct(given: argparse.Namespace) -> None:
         figures.corrected(recording, corrected, given.picture)
     if given.json:
         print(json.dumps(correction.as_json(corrected, recording, given.out)))
-        return
+        return 0 if correction.bias_known(corrected) else 1
     console = plain_console()
     for words in correction.said(corrected):
         console.print(words, style="dim", highlight=False, soft_wrap=True)
@@ -140,3 +140,4 @@ def _correct(given: argparse.Namespace) -> None:
         console.print(words, highlight=False, soft_wrap=True)
     if given.picture is not None:
         console.print(f"picture: {given.picture}", highlight=False, soft_wrap=True)
+    return 0 if correction.bias_known(corrected) else 1

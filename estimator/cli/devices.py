@@ -7,7 +7,7 @@ from bridge.cli.ward_options import add_ward
 from bridge.config.schema import ConfigError
 from bridge.terminal.console import plain_console
 from bridge.wire.keys import check_id
-from estimator.cli.ward_options import ward_of
+from estimator.cli.ward_options import listening, ward_of
 
 _ONLY = (
     "show devices in this state (degraded, awaiting-still …) or with this id (* and ? are wildcards); may be repeated"
@@ -35,16 +35,18 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _devices(given: argparse.Namespace) -> int:
+    ward, endpoints = ward_of(given)
+    listening(given, ward)
     from estimator.terminal.watch_device import show_devices  # noqa: PLC0415
 
-    ward, endpoints = ward_of(given)
     return show_devices(plain_console(), ward, endpoints)
 
 
 def _status(given: argparse.Namespace) -> int:
+    ward, endpoints = ward_of(given)
+    listening(given, ward)
     from estimator.terminal.watch_device import show_status  # noqa: PLC0415
 
-    ward, endpoints = ward_of(given)
     return show_status(plain_console(), ward, endpoints, as_json=given.json)
 
 

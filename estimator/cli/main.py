@@ -1,6 +1,7 @@
 """The command `truerate`: parses the arguments and runs one verb.
 
-An error is one line on standard error. Exit code 2 means wrong use, 1 a failure.
+An error is one line on standard error. Exit codes: 0 done, 1 a finding, a refusal by the data or a failure, 2 wrong
+usage or a wrong ward file, 130 Ctrl-C.
 """
 
 import argparse

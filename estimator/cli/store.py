@@ -102,6 +102,7 @@ def _place(given: argparse.Namespace) -> "Backups":
 
 
 def _history(given: argparse.Namespace) -> int:
+    from estimator.database import StoreError  # noqa: PLC0415
     from estimator.reports import history as report_history  # noqa: PLC0415
     from estimator.service import history  # noqa: PLC0415
     from estimator.service.store import Store  # noqa: PLC0415
@@ -135,7 +136,7 @@ def _history(given: argparse.Namespace) -> int:
     if not found:
         when = f" since {given.since}" if given.since else ""
         others = f"it has entries of {', '.join(known)}" if known else "it has no entries yet"
-        raise ConfigError(f"store {store.path} has no entries of {device}{when}; {others}")
+        raise StoreError(f"store {store.path} has no entries of {device}{when}; {others}")
     if given.plot is not None:
         from estimator import figures  # noqa: PLC0415
 

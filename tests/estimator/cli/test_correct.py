@@ -83,11 +83,11 @@ def test_it_says_in_words_what_became_of_it(recorded: Path, tmp_path: Path, caps
     printed, err = capsys.readouterr()
     recording = load(recorded)
     assert f"{len(recording)} samples" in printed
-    assert "as it would have been live" in printed
+    assert "as in a live ward" in printed
     assert "GOOD" in printed
     assert "TURNING -> TRACKING: The device is calibrated. Three turns closed to" in printed
     assert "temperature: 25.0 to" in printed
-    assert f"written to {tmp_path / 'c.npz'}" in printed
+    assert f"written: {tmp_path / 'c.npz'}" in printed
     assert err == "", "no bar where there is no terminal"
 
 
@@ -157,6 +157,18 @@ def test_only_what_it_wrote_before_is_replaced(
     assert main(["correct", str(recorded), str(other)]) == 1
     assert "is no corrected recording; give another name" in capsys.readouterr().err
     assert other.read_bytes() == before
+
+
+def test_a_recording_without_rests_says_that_nothing_is_corrected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s = np.arange(3000) / 100
+    gyro = np.sin(np.pi * time_s[:, None] + np.arange(3)) * 1.5
+    np.savez(tmp_path / "day.npz", gyro_rad_s=gyro, t_s=time_s)
+    assert main(["correct", str(tmp_path / "day.npz"), str(tmp_path / "out.npz")]) == 1
+    said = capsys.readouterr().out
+    assert "The bias is not corrected" in said
+    assert "Record again" in said
 
 
 @pytest.mark.parametrize(
