@@ -53,15 +53,15 @@ class BridgeHealth:
         """All metrics; the labels are devices of the configuration, and reasons of drops."""
         infos = self._infos()
         yield from certificate(self._routers)
-        yield MetricFamily("bridge_connected", "Whether there is a router.", (), {(): float(self._connected())})
+        yield MetricFamily("bridge_connected", "1 while a router is connected.", (), {(): float(self._connected())})
         heard = {(i.device,): float(bool(i.boot) and not i.trouble) for i in infos}
-        yield MetricFamily("bridge_device_connected", "Whether a device sends samples.", ("device",), heard)
+        yield MetricFamily("bridge_device_connected", "1 while a device sends samples.", ("device",), heard)
         read = {(i.device,): float(i.samples) for i in infos}
-        yield MetricFamily("bridge_samples", "Samples read in this boot.", ("device",), read, counter=True)
+        yield MetricFamily("bridge_samples", "Samples read in the present boot.", ("device",), read, counter=True)
         rate = {(i.device,): i.measured_rate_hz for i in infos}
-        yield MetricFamily("bridge_rate_hz", "Samples a second, as measured.", ("device",), rate)
+        yield MetricFamily("bridge_rate_hz", "Measured samples per second.", ("device",), rate)
         battery = {(i.device,): i.battery_percent for i in infos if i.battery_percent == i.battery_percent}
-        yield MetricFamily("bridge_battery_percent", "Charge of a device.", ("device",), battery)
+        yield MetricFamily("bridge_battery_percent", "Battery charge of a device, percent.", ("device",), battery)
         dropped = {(i.device, reason): float(n) for i in infos for reason, n in i.dropped.items()}
         yield MetricFamily(
             "bridge_samples_dropped", "Samples or bytes dropped.", ("device", "reason"), dropped, counter=True
