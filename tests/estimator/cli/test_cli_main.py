@@ -229,7 +229,7 @@ def test_a_study_of_the_paper_needs_a_scenario_it_can_read(tmp_path: Path, capsy
     assert main(["study", "errors", "--config", "eror", "--out", str(tmp_path)]) == 2
     assert "there is no study 'eror'; did you mean 'errors'?" in capsys.readouterr().err
     assert main(["study", "real", "--out", str(tmp_path)]) == 2
-    assert "give it by --recording FILE" in capsys.readouterr().err
+    assert "give the file with --recording FILE" in capsys.readouterr().err
 
 
 def test_where_no_picture_can_be_is_said_before_the_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -155,7 +155,7 @@ def test_only_what_it_wrote_before_is_replaced(
         other.write_text("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n")
     before = other.read_bytes()
     assert main(["correct", str(recorded), str(other)]) == 1
-    assert "is no corrected recording; give another name" in capsys.readouterr().err
+    assert "is not a corrected recording; give another name" in capsys.readouterr().err
     assert other.read_bytes() == before
 
 

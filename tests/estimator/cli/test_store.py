@@ -85,9 +85,9 @@ def test_history_of_nothing_says_what_there_is(
     assert main(["history", "wrist", "--store", store.path]) == 1
     assert f"it has entries of {NAME}" in capsys.readouterr().err
     assert main(["history", NAME, "--store", str(tmp_path / "none")]) == 1
-    assert "no such file; `[estimator] store` in the ward's file says where it is: --config" in capsys.readouterr().err
+    assert "no such file; name the ward file with --config" in capsys.readouterr().err
     assert main(["store", "check", str(tmp_path / "none")]) == 1
-    assert "no such file; `[estimator] store` in the ward's file says where it is: --config" in capsys.readouterr().err
+    assert "no such file; name the ward file with --config" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
     assert history(store, "--since", "2300-01-01") == 1
     assert f"has no entries of {NAME} since 2300-01-01" in capsys.readouterr().err
@@ -209,7 +209,7 @@ def test_what_is_empty_or_no_store_is_said_with_what_to_do(
     noise = np.random.default_rng(1).bytes(20_000)
     for content, words in (
         *([(b"", ("is an empty file", "backup"))] if verb != ["store", "check"] else []),
-        *((noise[:n], ("is not a store", "--config")) for n in (1, 100, 1000, 4096, 20_000)),
+        *((noise[:n], ("is not a truerate store", "--config")) for n in (1, 100, 1000, 4096, 20_000)),
     ):
         file.write_bytes(content)
         assert main([*verb, "--store", str(file)]) == 1
