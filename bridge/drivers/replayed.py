@@ -11,11 +11,9 @@ import secrets
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
-from msgspec import Struct
 
 from bridge.drivers.driver import DriverKind, Event, Readings
 from bridge.drivers.replay_segments import ReplaySegment
@@ -28,32 +26,21 @@ from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.wire.refusal import Tally
 
 _MAX_CHUNK = 4096  # samples
-_READING = [one.name for one in fields(Reading) if one.name not in {"device", "accel_file"}]
 _SALT = secrets.randbits(64)  # one for all devices of a playback, so that devices sharing a boot number still share it
 _reading = threading.Lock()
 _log = logging.getLogger(__name__)
 
 
-class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a replay: file, speed, and properties missing in the file, as in recording.Reading.
+class ReplayedOptions(Reading, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Options of a replay: file, speed, gyro range, and properties missing in the file, as in recording.Reading.
 
     recorded_device: the device of a .mcap to play, if there are several.
     """
 
     file: str
     speed: float = 1.0
-    rate_hz: float | None = None
     gyro_range_dps: float = 0.0
     recorded_device: str | None = None
-    gyro_unit: str | None = None
-    accel_unit: str | None = None
-    time_unit: str | None = None
-    gyro_sensitivity: float | None = None
-    accel_sensitivity: float | None = None
-    columns: tuple[str, ...] = ()
-    time_column: str | None = None
-    accel_file: str | None = None
-    boot: int | None = None
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.speed <= 1000:
@@ -62,6 +49,10 @@ class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
             raise ValueError(f"rate_hz is {self.rate_hz:g}; more than 0, up to 10000, is taken")
         if not 0 <= self.gyro_range_dps <= 10_000:
             raise ValueError(f"gyro_range_dps is {self.gyro_range_dps:g}; 0 (unknown) to 10000 is taken")
+        try:
+            Reading.__post_init__(self)
+        except RecordingError as error:
+            raise ValueError(str(error)) from None
 
 
 class Playback:
@@ -144,9 +135,7 @@ def _takes(options: ReplayedOptions) -> list[ReplaySegment]:
     gyro_range = math.radians(options.gyro_range_dps)
     path = Path(options.file)
     if path.suffix != ".mcap":
-        told = {name: getattr(options, name) for name in _READING}
-        reading = Reading(**told, accel_file=Path(options.accel_file) if options.accel_file else None)
-        return [ReplaySegment.of_recording(load(path, reading=reading), secrets.randbits(64), gyro_range)]
+        return [ReplaySegment.of_recording(load(path, reading=options), secrets.randbits(64), gyro_range)]
     recorded, whom = _recorded(path), options.recorded_device
     found = devices(path)
     if whom is None and len(found) > 1:

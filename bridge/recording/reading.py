@@ -1,14 +1,12 @@
 """Options for reading a recording: what its file does not say, or says wrongly."""
 
-from dataclasses import dataclass, fields
-from pathlib import Path
+from msgspec import Struct
 
 from bridge.recording.error import RecordingError
 from bridge.recording.units import ACCEL, GYRO, TIME, unit_in
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How to read one file. An option that is given replaces what the file says.
 
     rate_hz: output data rate in Hz; it replaces the times.
@@ -31,7 +29,7 @@ class Reading:
     accel_sensitivity: float | None = None
     columns: tuple[str, ...] = ()
     time_column: str | None = None
-    accel_file: Path | None = None
+    accel_file: str | None = None
     device: str | None = None
     boot: int | None = None
 
@@ -80,6 +78,5 @@ AS_SAID = Reading()
 
 def as_table(reading: Reading) -> dict[str, object]:
     """Return the given options as keys of a replayed device in a ward's file."""
-    told = {one.name: getattr(reading, one.name) for one in fields(reading)}
-    keys = {name: str(value) if isinstance(value, Path) else value for name, value in told.items()}
-    return {name: value for name, value in keys.items() if value not in (None, ())}
+    told = {name: getattr(reading, name) for name in reading.__struct_fields__}
+    return {name: value for name, value in told.items() if value not in (None, ())}

@@ -184,7 +184,7 @@ class CorrectedBatch:
     @property
     def rate_std(self) -> Floats:
         """(n, 3) standard deviation of each corrected rate, rad/s: noise, bias, flicker, scale and misalignment combined."""
-        return rate_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
+        return combined_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
 def _host_ns(batch: SampleBatch | CorrectedBatch) -> NDArray[np.int64]:
@@ -192,7 +192,7 @@ def _host_ns(batch: SampleBatch | CorrectedBatch) -> NDArray[np.int64]:
     return np.asarray(np.rint(since_first).astype(np.int64) + batch.start_time_ns, dtype=np.int64)
 
 
-def rate_std(
+def combined_std(
     rate: NDArray[np.floating],
     noise_std: NDArray[np.floating],
     bias_std: NDArray[np.floating],
@@ -378,7 +378,7 @@ class WindowBatch:
     def rate_mean_std(self) -> Floats:
         """(m, 3) standard deviation of each mean corrected rate, rad/s: averaging reduces noise, but not the other errors."""
         noise = self.noise_std / np.sqrt(self.samples.astype(float))[:, None]
-        return rate_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
+        return combined_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
 class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five times a second

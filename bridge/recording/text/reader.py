@@ -36,8 +36,9 @@ def read_text(path: Path, reading: Reading) -> Table:
     """
     table = _read(path, reading, only_accel=False)
     if reading.accel_file is not None:
-        other = _read(reading.accel_file, reading, only_accel=True)
-        _join(path, table, reading.accel_file, other)
+        accel_file = Path(reading.accel_file)
+        other = _read(accel_file, reading, only_accel=True)
+        _join(path, table, accel_file, other)
     return table
 
 
