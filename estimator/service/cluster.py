@@ -8,13 +8,14 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from bridge.bus.contract import Bus, Message
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
-from bridge.wire.messages import Checkpoint, Holding, Move, Owned
+from bridge.wire.messages import Checkpoint, Holding, Owned
 from bridge.wire.refusal import Refusal, Tally
 from estimator.client.decoder import Decoder
 from estimator.service.checkpoints import Checkpoints, checkpoint_of
 from estimator.service.device import Device
 from estimator.service.device_roster import MAX_DEVICES
 from estimator.service.membership import LEASE_S, Membership
+from estimator.service.moves import Moves
 from estimator.service.ownership import BEYOND
 from estimator.service.replay_log import ReplayLog
 
@@ -26,7 +27,7 @@ SAY_S, SAY_ALONE_S = 0.25, 1.0
 TAKEN_AT_ONCE = 8
 #: a round that starts this long after the last was delayed here; the others' silence is then excused, s
 HELD_UP_S = 0.5
-_MOVES, _TOKENS, _SAID = 8, 65536, 64
+_TOKENS, _SAID = 65536, 64
 #: messages of another estimator with this estimator's id are counted under this name
 DOUBLE = "messages of another estimator with our id"
 
@@ -65,7 +66,7 @@ class Cluster:
         self._kept = bus.subscribe(keys.pattern(ward, "checkpoint"), history=True, prompt=False)
         self._watch = bus.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
         self._looked, self._deaf_s, self._next_say, self._scan = now, 0.0, 0.0, True
-        self._moves: deque[Move] = deque(maxlen=_MOVES)
+        self._moves = Moves(now_ns)
         self._came = False
         self._why: Sentences = ()
         self._calibrated: list[Checkpoint] = []
@@ -113,7 +114,7 @@ class Cluster:
             membership.lose(device, taker, now)
         for name in sorted(set(lost.values())):
             left = sum(taker == name for taker in lost.values())
-            self._moves.append(Move(self._now_ns(), 0, left, (Code.ESTIMATOR_TOOK(estimator=name),)))
+            self._moves.left(left, name)
         return list(lost)
 
     def look_round(self, now: float, devices: Collection[str]) -> None:
@@ -240,7 +241,7 @@ class Cluster:
                     membership.highest,
                     self._load,
                     some,
-                    tuple(self._moves),
+                    tuple(self._moves.latest),
                     part,
                     parts,
                 )
@@ -262,9 +263,7 @@ class Cluster:
             device.say_checkpoint(codec.encode_checkpoint(checkpoint))
 
     def _moved(self, came: int, why: Sentences) -> None:
-        if self._moves and self._moves[-1].came and self._moves[-1].reason == why:
-            came += self._moves.pop().came
-        self._moves.append(Move(self._now_ns(), came, 0, why))
+        self._moves.came(came, why)
         self._next_say = 0.0  # publish ownership before any message under the new epoch, which is unknown to the others
         if not self._scan:
             self._why = ()

@@ -6,15 +6,16 @@ from bridge.bus.contract import Message
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal
 from estimator.service.cluster import Cluster
+from estimator.service.device_roster import DeviceRoster
 from estimator.service.enrolment_gate import EnrolmentGate
-from estimator.service.newcomers import Newcomers
+from estimator.service.newcomers import FORGET_S, Newcomers
 
 #: most keys remembered as admitted
 _KEYS = 16_384
 
 
 class Entrance:
-    """Sorts messages by owner of their device. A key is judged once, and anew after `forget`, once a second.
+    """Sorts messages by owner of their device. A key is judged once, and anew after `look`, once a second.
 
     newcomers: bounds new devices where no `[devices]` list names the ward's devices; None where one does.
     """
@@ -43,8 +44,12 @@ class Entrance:
                 replay.add(device, message, now)
         return ours, others
 
-    def forget(self) -> None:
-        """Judge every key anew: enrolment and the number of new devices may have changed."""
+    def look(self, now: float, devices: DeviceRoster) -> None:
+        """Once a second: reload enrolment, forget silent new devices, and judge every key anew."""
+        self._gate.look(now)
+        if self.newcomers is not None:
+            devices.forget(now, FORGET_S)
+            self.newcomers.look(now, kept=devices.__contains__, proven=devices.proven)
         self._admitted.clear()
 
     def _judge(self, message: Message, now: float) -> str | None:

@@ -15,7 +15,6 @@ from bridge.wire import keys
 from bridge.wire.refusal import Tally
 from estimator.config.schema import Estimator
 from estimator.device.lifecycle import Event
-from estimator.device.outcome import Outcome
 from estimator.service.boot_start import Boots
 from estimator.service.cluster import Cluster
 from estimator.service.command_handling import CommandHandler
@@ -29,7 +28,8 @@ from estimator.service.entrance import Entrance
 from estimator.service.fault_isolation import FaultIsolation
 from estimator.service.health import ServiceHealth
 from estimator.service.intake import Intake
-from estimator.service.newcomers import FORGET_S, Newcomers
+from estimator.service.newcomers import Newcomers
+from estimator.service.outcomes import Outcomes
 from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks, Totals
@@ -99,19 +99,21 @@ class Service:
         resumed = Resumed(self._record.reached(), time.monotonic())
         self._stock = PeriodicChecks(self._devices, self.counts, vitals or ServiceHealth())
         boots = Boots(self._devices, self._record, self._guarded)
-        self._starts = DeviceStarts(parts, boots, resumed, self._tell)
-        self._intake = Intake(parts, boots, self._stock, resumed, self._tell, self._starts.begin)
-        self._presence, self._views = Presence(self.counts), WindowViews(self.counts)
+        self._views = WindowViews(self.counts)
+        self._outcomes = Outcomes(parts, self._views)
+        self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell)
+        self._intake = Intake(parts, boots, self._stock, resumed, self._outcomes.tell, self._starts.begin)
+        self._presence = Presence(self.counts)
         self._gate = EnrolmentGate(enrolment, self.counts)
         self._notices = Notices(bus, ward, self._gate)
         newcomers = None if enrolment is not None else Newcomers(self._is_known, self.counts)
         self._entrance = Entrance(self._gate, newcomers, self._cluster)
         self._quotas = Quotas(self._flooded, time.monotonic)
-        self._takeover = Takeover(parts, self._starts, self._intake, self._quotas, self._stock, self._learn)
+        self._takeover = Takeover(parts, self._starts, self._intake, self._quotas, self._stock, self._outcomes.learn)
         self._overload = Overload(time.monotonic())
         self._lost = DeviceLoss(self._presence, self._gate, self._quotas, settings.silence_s)
-        #: devices with a block to learn from, and devices due for the once-a-second work, in order
-        self._to_learn, self._to_look = dict[str, None](), dict[str, None]()
+        #: devices due for the once-a-second work, in order
+        self._to_look = dict[str, None]()
         self._orders = CommandHandler(self._devices, self._record, self._gate, self._guarded, self.counts, now_ns)
         self._commands = Commands(self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status, self._looked = 0.0, time.monotonic()
@@ -159,7 +161,7 @@ class Service:
     def step(self, timeout_s: float) -> int:
         """Run one round: samples, commands and due work. Returns how many sample messages arrived or still wait."""
         waits = time.monotonic()
-        hurry = len(self._quotas) > 0 or bool(self._to_learn) or bool(self._to_look)
+        hurry = len(self._quotas) > 0 or bool(self._outcomes.to_learn) or bool(self._to_look)
         messages = self._raw.drain(QUEUE, 0.0 if hurry else timeout_s)
         began = time.monotonic()
         self._overload.idle(began - waits)
@@ -187,7 +189,7 @@ class Service:
 
     def work(self, until: float = math.inf) -> None:
         """Learn from blocks and do the devices' once-a-second work until a monotonic time; the rest waits."""
-        for waiting, do in ((self._to_learn, self._learn), (self._to_look, self._look_after)):
+        for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:
                     do(device)
@@ -200,49 +202,17 @@ class Service:
     def _is_known(self, name: str) -> bool:
         return name in self._devices or self._cluster.replicas.of(name) is not None or self._record.knows(name)
 
-    def _forget_strangers(self, now: float) -> None:
-        if (newcomers := self._entrance.newcomers) is not None:
-            self._devices.forget(now, FORGET_S)
-            newcomers.look(now, kept=self._devices.__contains__, proven=self._devices.proven)
-        self._entrance.forget()
-
     def _flooded(self, key: str, messages: int) -> None:
         self.counts.add(FLOODED, messages)
         device = self._devices.get(key.rpartition("/")[2])
         if device is not None and device.session.sequence.events.add(FLOODED, messages) == messages:
             log.warning("%s: sends more than can be handled; the oldest is dropped (more is only counted)", device.name)
 
-    def _learn(self, device: Device) -> None:
-        if device.session.to_learn:
-            self._guarded(device, self._learnt, device)
-
-    def _learnt(self, device: Device) -> None:
-        self._tell(device, device.session.learn())
-
     # ---- what goes out --------------------------------------------------------------------------------------------
-
-    def _tell(self, device: Device, outcome: Outcome) -> None:
-        for words in outcome.said:
-            log.info("%s: %s", device.name, words)
-        for made in outcome.calibrations:
-            if device.session.calibration is made:
-                device.repeated = None
-            self._record.calibration(device, made, time.monotonic())
-        if outcome.seconds:
-            self._views.take(device, outcome.seconds)
-        for revision in outcome.revisions:
-            device.say_revision(revision)
-        if outcome.changed:
-            device.say_status(self._now_ns())
-            if device.session.learnt.turned:
-                self._cluster.tell(device)  # the other estimators must know that turns would be lost with us
-        if device.session.to_learn:
-            self._to_learn[device.name] = None
 
     def _every_second(self, now: float) -> None:
         self._stock.check()
-        self._gate.look(now)
-        self._forget_strangers(now)
+        self._entrance.look(now, self._devices)
         self._notices.say(self._now_ns(), self._devices)
         self._takeover.tidy(now)
         self._presence.note(now)
