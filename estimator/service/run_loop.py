@@ -98,7 +98,7 @@ class Service:
         )
         resumed = Resumed(self._record.reached(), time.monotonic())
         self._stock = PeriodicChecks(self._devices, self.counts, vitals or ServiceHealth())
-        boots = Boots(self._devices, self._record, self._guarded)
+        boots = Boots(parts)
         self._views = WindowViews(self.counts)
         self._outcomes = Outcomes(parts, self._views)
         self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell)
@@ -114,7 +114,7 @@ class Service:
         self._lost = DeviceLoss(self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
-        self._orders = CommandHandler(self._devices, self._record, self._gate, self._guarded, self.counts, now_ns)
+        self._orders = CommandHandler(parts, self._gate)
         self._commands = Commands(self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status, self._looked = 0.0, time.monotonic()
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
