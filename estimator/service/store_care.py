@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Protocol
 
 from bridge.wire.refusal import Tally
 from estimator.service.store import Store, StoreError
@@ -10,13 +9,6 @@ from estimator.service.store_writer import StoreWriter
 
 #: interval of thinning a device's past, and of checking whether a backup is due, s
 THIN_S, BACKUP_S = 86400.0, 3600.0
-
-
-class QueueWrite(Protocol):
-    """Queues a write to the store."""
-
-    def __call__(self, write: Callable[[], None], *, soon: bool = True) -> None:
-        """Queue it."""
 
 
 class StoreCare:
@@ -29,7 +21,7 @@ class StoreCare:
         now_ns: Callable[[], int],
         clerk: StoreWriter,
         highest: Callable[[], int],
-        write: QueueWrite,
+        write: Callable[[Callable[[], None]], None],
     ) -> None:
         self._store, self._counts, self._now_ns, self._clerk = store, counts, now_ns, clerk
         self._highest, self._write = highest, write
@@ -66,7 +58,7 @@ class StoreCare:
             self._clerk.look_up(lambda: self._to_thin.extend(self._store.devices()))
         if self._to_thin:
             device, now_ns = self._to_thin.pop(), self._now_ns()
-            self._write(lambda: self._store.thin(device, now_ns), soon=False)
+            self._write(lambda: self._store.thin(device, now_ns))
 
     def _has_looked(self, _: StoreError | None) -> None:
         self._looked = True
