@@ -23,6 +23,7 @@ from bridge.pki.member import Role
 from bridge.recording.error import RecordingError
 from bridge.recording.reading import as_table
 from bridge.runtime.health_server import HealthServer
+from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
 from bridge.terminal.console import plain_console
 from bridge.terminal.plurals import count
@@ -132,7 +133,7 @@ def _replayed(args: argparse.Namespace) -> dict[str, object]:
 
 def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int:
     """Publish until stopped, or until every recording has ended. patient: wait for a router instead of giving up."""
-    with stopped_by_signal() as stop:
+    with stopped_by_signal() as stop, supervised():
         bus = wait_for_router(connect, stop, patient=patient)
         if bus is None:
             return _DONE

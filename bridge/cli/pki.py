@@ -25,7 +25,8 @@ from bridge.terminal.tables import Column, Columns
 _MOST_DAYS = 36_500
 
 ROLES = """ROLE:NAME is a role and a name. Roles: bridge (NAME is the id in [bridge]), estimator (NAME is the id in
-[estimator]), viewer (reads only), commander (reads and gives commands: a nurse station or dashboard), recorder, router.
+[estimator]), viewer (reads only), commander (reads and gives commands: a nurse station or dashboard), recorder, router,
+page (the dashboard's certificate for browsers).
 examples:
   truerate pki init --ward ward-3
   truerate pki issue router:router-1 --host 10.0.0.5 --host ward-3.example
@@ -149,10 +150,12 @@ def _init(given: argparse.Namespace) -> int:
 
 def _issue(given: argparse.Namespace) -> int:
     folder, members = Folder(given.folder), _members(given)
-    if given.host and not any(member.role is Role.ROUTER for member in members):
-        raise ValueError("--host applies to routers only: leave it out, or issue a router, such as router:router-1")
+    if given.host and not any(member.role.serves for member in members):
+        raise ValueError(
+            "--host applies to routers and pages only: leave it out, or issue a router, such as router:router-1"
+        )
     for member in members:
-        hosts = tuple(given.host) if member.role is Role.ROUTER else ()
+        hosts = tuple(given.host) if member.role.serves else ()
         _made(folder.issue(member, utc_now(), given.days, hosts))
     if again := [member for member in map(folder.current, members) if member.generation > 1]:
         names = ", ".join(member.common_name for member in again)

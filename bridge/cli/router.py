@@ -15,6 +15,7 @@ from bridge.config import router_cross_checks
 from bridge.config.schema import LOCAL, ConfigError, Root, check_endpoints, load
 from bridge.pki.certificate_checks import faults
 from bridge.pki.member import Role
+from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
 from bridge.wire import keys
 
@@ -44,7 +45,7 @@ def router(args: argparse.Namespace) -> int:
     written = args.config and args.config.suffix in (".json5", ".json")
     file = _looked_through(args.config) if written else None
     lasts = Routers(file.listen, file.identity).lasts() if file else None
-    with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as running:
+    with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as running, supervised():
         _log.info("router: listening on %s", ", ".join(running.listen))
         while True:  # checks the certificate of the start: the router does not load a renewed one
             if lasts and datetime.now(UTC) >= lasts.soon:

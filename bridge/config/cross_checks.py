@@ -65,7 +65,7 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
     yield from (f"[router]: listen: {words}" for words in open_to_others(root.router.listen))
     if root.bus.identity is None:
         return
-    wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if role is not Role.ROUTER))
+    wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if not role.serves))
     yield from (f"[bus]: {words}" for words in wrong)
     if (member := _member(root)) is None:
         return

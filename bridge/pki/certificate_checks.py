@@ -140,7 +140,8 @@ def _key_faults(identity: Identity, own: x509.Certificate | None) -> Iterator[st
 
 
 def _role_faults(own: x509.Certificate, roles: tuple[Role, ...]) -> Iterator[str]:
-    needed = {"ask a router (client authentication)": Usage.CLIENT_AUTH}
+    ask, serve = "ask a router (client authentication)", "serve (server authentication)"
+    needed = {ask: Usage.CLIENT_AUTH}
     try:
         member = Member.parse(common_name(own))
     except ValueError as error:
@@ -149,10 +150,11 @@ def _role_faults(own: x509.Certificate, roles: tuple[Role, ...]) -> Iterator[str
         if member.role not in roles:
             wanted = " or ".join(role.value for role in roles)
             yield f"for {member.label}, but this program is a {wanted}: issue a certificate for it (truerate pki issue)"
-        if member.role is Role.ROUTER:
-            needed["serve (server authentication)"] = Usage.SERVER_AUTH
+        if member.role.serves:
+            needed = {**(needed if member.role is Role.ROUTER else {}), serve: Usage.SERVER_AUTH}
             if not hosts_of(own):
-                yield "it names no host (subject alternative name), so every program refuses this router: issue it with --host"
+                role = member.role.value
+                yield f"it names no host (subject alternative name), so every program refuses this {role}: issue it with --host"
     try:
         usages = list(own.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value)
     except x509.ExtensionNotFound:

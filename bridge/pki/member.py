@@ -17,6 +17,12 @@ class Role(Enum):
     COMMANDER = "commander"
     RECORDER = "recorder"
     ROUTER = "router"
+    PAGE = "page"
+
+    @property
+    def serves(self) -> bool:
+        """Whether others connect to the holder, by the hosts in its certificate."""
+        return self in (Role.ROUTER, Role.PAGE)
 
 
 @dataclass(frozen=True, slots=True)

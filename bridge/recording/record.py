@@ -19,6 +19,7 @@ from bridge.recording.message_kinds import KINDS, SAMPLES
 from bridge.recording.progress import Screen, line
 from bridge.recording.recorder import MOST_REPEATED, Knobs, WardRecorder
 from bridge.recording.settings import Recorder
+from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
 from bridge.wire import keys
 from bridge.wire.keys import Key
@@ -57,7 +58,7 @@ def record(
         rotate_bytes=settings.rotate_mb * 1e6,
         keep_free_bytes=settings.keep_free_mb * 1e6,
     )
-    with stopped_by_signal() as stop:
+    with stopped_by_signal() as stop, supervised():
         deadline = time.monotonic() + settings.wait_s
         with _connected(open_bus, endpoints, stop, deadline) as bus:
             subscription = bus.subscribe(keys.everything(ward), history=True, capacity=QUEUE)
