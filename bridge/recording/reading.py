@@ -21,16 +21,27 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     Raises RecordingError for an invalid option.
     """
 
+    #: output data rate, Hz, for example 104; replaces the times of the file
     rate_hz: float | None = None
+    #: unit of the rates in the file: `deg/s`, `rad/s` or `mdeg/s`; default: as the file says
     gyro_unit: str | None = None
+    #: unit of the accelerations in the file: `g`, `m/s2` or `mg`; default: as the file says
     accel_unit: str | None = None
+    #: unit of the times in the file: `s`, `ms`, `us` or `ns`; default: as the file says
     time_unit: str | None = None
+    #: raw counts per °/s, for example 131, if the file holds the gyro's raw counts
     gyro_sensitivity: float | None = None
+    #: raw counts per g, for example 16384, if the file holds the accelerometer's raw counts
     accel_sensitivity: float | None = None
+    #: names or numbers (from 1) of the columns of the gyro's x, y, z, then of the accelerometer's x, y, z; or one tool's name
     columns: tuple[str, ...] = ()
+    #: name or number (from 1) of the column with the sample times
     time_column: str | None = None
+    #: second file that holds the accelerometer's samples, for example `acc.csv`
     accel_file: str | None = None
+    #: id of the recorded device to read, where a recording holds several
     device: str | None = None
+    #: number of the boot to play, from 1, if the device was switched on several times
     boot: int | None = None
 
     def __post_init__(self) -> None:
@@ -40,17 +51,17 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             ("--time-unit", self.time_unit, TIME),
         ):
             if given is not None and unit_in(given, known) is None:
-                raise RecordingError(f"{option} is {given!r}; one of {', '.join(known)} is taken")
+                raise RecordingError(f"{option} is {given!r}: use one of {', '.join(known)}")
         for option, counts in (
             ("--gyro-sensitivity", self.gyro_sensitivity),
             ("--accel-sensitivity", self.accel_sensitivity),
         ):
             if counts is not None and not 0 < counts < 1e9:
-                raise RecordingError(f"{option} is {counts:g}; counts per °/s, or per g, are expected: more than 0")
+                raise RecordingError(f"{option} is {counts:g}: give the counts per °/s or per g, a number above 0")
         if len(self.columns) not in (0, 1, 3, 6):
             raise RecordingError(
-                f"--columns names {len(self.columns)} columns; 3 (gyro x,y,z), 6 (and accelerometer x,y,z), "
-                "or a tool's name or .toml are expected"
+                f"--columns names {len(self.columns)} columns: name 3 (gyro x,y,z), 6 (then accelerometer x,y,z), "
+                "or one tool's name or .toml"
             )
 
     @property
