@@ -1,5 +1,7 @@
 """Access rules per role, in the format of zenoh's access control: everything else is denied. Pure.
 
+Who may recalibrate: a commander, and behind the dashboard its people; docs/security.md states both.
+
 zenoh identifies a member by the exact common name of its certificate, so the rules name every member. zenoh denies
 silently, and a subscription wider than its rule gets nothing. For the key of an advanced publisher, `KEY/@adv/**` carries
 heartbeats, history and, for publishers of other programs, the announcement of the publisher. `**` does not match `@adv`.

@@ -1,4 +1,7 @@
-"""The table [dashboard] of a ward's file: where the page listens, and who may give commands."""
+"""The table [dashboard] of a ward's file: where the page listens, and which people may give commands.
+
+Which programs may recalibrate is the router's rule; docs/security.md states both.
+"""
 
 from ipaddress import ip_address
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.recording import Recording, RecordingError
-from bridge.wire.messages import CorrectedBatch, Quality, rate_std
+from bridge.wire.messages import CorrectedBatch, Quality, combined_std
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.offline.corrected_recording import Floats, Rows
@@ -42,7 +42,7 @@ def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: 
         rate = (recording.gyro[part] - bias_now) @ matrix.T
         left = np.sqrt(np.square(bias_std) @ np.square(matrix).T)
         rows.rate[part], rows.bias[part], rows.bias_std[part] = rate, bias_now, bias_std
-        rows.rate_std[part] = rate_std(rate, last.noise_std, left, last.scale_std, last.cross_std, last.flicker_std)
+        rows.rate_std[part] = combined_std(rate, last.noise_std, left, last.scale_std, last.cross_std, last.flicker_std)
     rows.quality[:] = _quality(rows, session)
 
 

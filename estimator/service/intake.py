@@ -10,7 +10,7 @@ from bridge.bus.contract import Message
 from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.wire import codec, keys
-from bridge.wire.refusal import Refusal, Tally
+from bridge.wire.refusal import Refusal
 from estimator.client.decoder import Decoder
 from estimator.device.batch_correction import Cut, correct
 from estimator.device.bridge_choice import BEGINS, Ruling
@@ -19,8 +19,7 @@ from estimator.samples.sample_buffer import Samples
 from estimator.service.boot_start import Boots
 from estimator.service.decode import decode
 from estimator.service.device import Device
-from estimator.service.device_roster import DeviceRoster
-from estimator.service.fault_isolation import FaultIsolation
+from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.replay_log import DONE, Resumed
 
@@ -38,17 +37,15 @@ class Intake:
 
     def __init__(
         self,
-        devices: DeviceRoster,
+        parts: Parts,
         boots: Boots,
         stock: PeriodicChecks,
-        guarded: FaultIsolation,
         resumed: Resumed,
-        counts: Tally,
         tell: Callable[[Device, Outcome], None],
         newcomer: Callable[[Samples, float], Device | None],
     ) -> None:
-        self._devices, self._boots, self._guarded = devices, boots, guarded
-        self._resumed, self._counts = resumed, counts
+        self._devices, self._boots, self._guarded = parts.devices, boots, parts.guarded
+        self._resumed, self._counts = resumed, parts.counts
         self._say, self._newcomer, self._came = tell, newcomer, stock.came
         self._samples = Decoder("sample", codec.decode_samples, self._refused)
         self._infos = Decoder("info", codec.decode_info, self._refused)
@@ -106,7 +103,6 @@ class Intake:
         """Release a device taken by another estimator; batches that wait for their turn are counted as MOVED."""
         self._holding.pop(device.name, None)
         device.admission.leave(MOVED)
-        device.drop_waiting()
 
     def refused(self) -> dict[str, int]:
         """Number of messages that could not be decoded, by kind and reason."""
@@ -159,7 +155,6 @@ class Intake:
         self._handle(device, released)
         if ruling in BEGINS:
             self._publish()  # publish the samples of the boot before
-            device.drop_waiting()
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
         ready = admission.in_order(batch, now)
         if len(ready) == 1:

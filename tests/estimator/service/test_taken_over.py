@@ -176,7 +176,7 @@ def test_messages_that_wait_are_not_handled_once_their_device_is_given_away(
     ward: Ward, batches: list[SampleBatch]
 ) -> None:
     bridge = MemoryBus(ward.broker)
-    ward.service._newcomers = None  # all of them are admitted at once
+    ward.service._entrance.newcomers = None  # all of them are admitted at once
     for n in range(ROUND + 2):
         name = f"wrist-{n}"
         key = keys.build(WARD, "raw", bridge="bridge", device=name)
