@@ -14,6 +14,7 @@ import pytest
 from bridge.bus.contract import BusError
 from bridge.bus.embedded_router import Router
 from bridge.bus.zenoh_bus import ZenohBus
+from estimator.demo.ward import free_port
 
 pytestmark = pytest.mark.ward
 
@@ -81,8 +82,7 @@ def processes() -> Iterator[Processes]:
 
 
 def free_endpoint() -> str:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 def test_a_killed_router_costs_nothing(processes: Processes) -> None:

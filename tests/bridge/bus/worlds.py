@@ -1,7 +1,6 @@
 """Where buses meet in tests: zenoh through a router in this process, and its twin in memory; and what is waited for there."""
 
 import contextlib
-import socket
 import time
 from collections.abc import Callable
 from typing import Protocol
@@ -9,6 +8,7 @@ from typing import Protocol
 from bridge.bus.contract import Bus, BusError, Message, Publisher, Subscription
 from bridge.bus.embedded_router import Router
 from bridge.bus.zenoh_bus import ZenohBus
+from estimator.demo.ward import free_port
 from tests.memory_bus import MemoryBroker, MemoryBus
 
 
@@ -32,8 +32,7 @@ class MemoryWorld:
 class ZenohWorld:
     def __init__(self) -> None:
         while not hasattr(self, "_router"):  # another test process may take the free port first
-            with socket.create_server(("127.0.0.1", 0)) as probe:
-                self._endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+            self._endpoint = f"tcp/127.0.0.1:{free_port()}"
             with contextlib.suppress(BusError):
                 self.start()
 

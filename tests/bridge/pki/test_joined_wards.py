@@ -13,7 +13,8 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.member import Member
 from bridge.wire import keys
-from tests.bridge.pki.guarded_ward import HOSTS, free_port, running_router
+from estimator.demo.ward import free_port
+from tests.bridge.pki.guarded_ward import HOSTS, running_router
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: joined_wards")]
 
