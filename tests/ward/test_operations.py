@@ -52,7 +52,7 @@ def running(tmp_path: Path) -> Iterator[Running]:
             text = text.replace(f'id = "{name}"', f'id = "{name}"\nhealth = "127.0.0.1:{port}"')
         ward.config.write_text(text, encoding="utf-8")
         ward.start("estimator")
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 60
         while "waiting for it" not in ward.log("estimator") and time.monotonic() < deadline:
             time.sleep(0.05)
         assert get(ports[1], "/healthz") == (200, "ok\n"), "it lives while it waits for a router"

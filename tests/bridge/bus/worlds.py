@@ -46,7 +46,7 @@ class ZenohWorld:
         self._router.close()
 
 
-def eventually(true: Callable[[], bool], timeout_s: float = 10.0) -> None:
+def eventually(true: Callable[[], bool], timeout_s: float = 60.0) -> None:
     deadline = time.monotonic() + timeout_s
     while not true():
         assert time.monotonic() < deadline, "it never came true"
@@ -63,10 +63,18 @@ def meet(publisher: Publisher, subscription: Subscription) -> None:
     assert any(_arrives(publisher, subscription) for _ in range(3))
 
 
+def settled(a: Bus, b: Bus) -> None:
+    """Wait until everything that `a` has put so far has passed the router: a session's messages stay in order."""
+    publisher, subscription = a.publisher("settled"), b.subscribe("settled")
+    meet(publisher, subscription)
+    publisher.close()
+    subscription.close()
+
+
 def _arrives(publisher: Publisher, subscription: Subscription) -> bool:
     last = b"%d" % time.monotonic_ns()
     publisher.put(last)
-    while (message := subscription.receive(5.0)) is not None:
+    while (message := subscription.receive(10.0)) is not None:
         if message.payload == last:
             return True
     return False
@@ -76,7 +84,7 @@ def numbers(messages: list[Message]) -> list[int]:
     return [int(m.payload) for m in messages]
 
 
-def collect(subscription: Subscription, count: int, timeout_s: float = 20.0) -> list[Message]:
+def collect(subscription: Subscription, count: int, timeout_s: float = 60.0) -> list[Message]:
     """Up to count messages, then whatever else comes within a moment."""
     got: list[Message] = []
     deadline = time.monotonic() + timeout_s

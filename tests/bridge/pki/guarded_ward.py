@@ -84,7 +84,7 @@ def running_router(file: Path, endpoint: str) -> Iterator[None]:
     finally:
         process.terminate()
         try:
-            process.communicate(timeout=5)
+            process.communicate(timeout=60)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()

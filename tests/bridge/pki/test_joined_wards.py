@@ -65,7 +65,7 @@ def hospital(tmp_path: Path) -> Iterator[Hospital]:
 def some(subscription: Subscription, count: int) -> list[bytes]:
     """The payloads of so many messages, or of those that come before a long silence."""
     found: list[bytes] = []
-    while len(found) < count and (message := subscription.receive(5.0)) is not None:
+    while len(found) < count and (message := subscription.receive(30.0)) is not None:
         found.append(message.payload)
     return found
 

@@ -110,6 +110,6 @@ def test_an_address() -> None:
 )
 def test_a_foreign_name_that_leads_here_is_told_nothing(health: HealthServer, host: str, code: int) -> None:
     for path in ("/metrics", "/readyz"):
-        with closing(http.client.HTTPConnection("127.0.0.1", health.port, timeout=5)) as connection:
+        with closing(http.client.HTTPConnection("127.0.0.1", health.port, timeout=60)) as connection:
             connection.request("GET", path, headers={"Host": host})
             assert connection.getresponse().status == code

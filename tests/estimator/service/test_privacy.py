@@ -34,7 +34,7 @@ def test_nothing_that_is_written_is_readable_by_others_and_a_hang_up_ends_it_in_
 ) -> None:
     command = [sys.executable, "-m", "estimator.cli.main", "estimator", "serve", str(ward(tmp_path))]
     serving = subprocess.Popen(command, umask=umask, stderr=subprocess.DEVNULL)
-    store, until = tmp_path / "kept" / "t.sqlite3", time.monotonic() + 30
+    store, until = tmp_path / "kept" / "t.sqlite3", time.monotonic() + 60
     while not store.with_name("t.sqlite3-wal").exists():
         assert time.monotonic() < until
         assert serving.poll() is None
@@ -43,7 +43,7 @@ def test_nothing_that_is_written_is_readable_by_others_and_a_hang_up_ends_it_in_
     assert len(written) >= 4
     assert {path.name: oct(mode) for path, mode in written.items() if mode & 0o027} == {}
     serving.send_signal(signal.SIGHUP)
-    assert serving.wait(20) == 0
+    assert serving.wait(60) == 0
 
 
 @pytest.fixture

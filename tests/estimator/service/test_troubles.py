@@ -27,7 +27,7 @@ from estimator.samples.sample_buffer import Samples
 from estimator.service import device_roster, serve
 from estimator.service.overload import OVERLOADED
 from tests.estimator.database.faults import full_disk
-from tests.estimator.memory_ward import WARD, Ward
+from tests.estimator.memory_ward import SILENCE_S, WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
 from tests.memory_bus import MemoryBroker, MemoryBus
 
@@ -99,7 +99,7 @@ def test_a_second_bridge_silences_nobody(
     assert (status.bridge, status.refused_bridges) == ("bridge", ("second",))
     said = english(Code.TWO_BRIDGES(devices=NAME, owner="bridge", refused="second"))
     assert caplog.text.count(said) == 1
-    clock[0] += 4.0  # the second is silent
+    clock[0] += SILENCE_S + 3.0  # the second is silent
     ward.service.step(0.0)
     assert ward.latest().refused_bridges == ()
 
@@ -133,7 +133,7 @@ def test_phantoms_are_forgotten_for_a_real_device(
         )
     assert ward.service.counts.as_dict()[device_roster.TOO_MANY] == 20
     assert caplog.text.count("no more are taken") == 1
-    clock[0] += 10.0
+    clock[0] += SILENCE_S + 9.0
     put(ward, replace(batch, device="real"))
     assert set(ward.service._devices) == {NAME, "real"}, "the calibrated one is lost too, but not forgotten"
     assert ward.service.counts.as_dict()["devices forgotten"] == 2

@@ -42,7 +42,7 @@ def guided(pieces: list[Piece], language: str = "en", skip: int = 0) -> tuple[in
     while skip and not talk.asked and thread.is_alive():
         time.sleep(0.02)
     played.play(played._ends[-1] - played._time_s + 2.0)
-    thread.join(30)
+    thread.join(60)
     talk.close()
     assert isinstance(console.file, io.StringIO)
     return found[0], console.file.getvalue()
