@@ -21,7 +21,7 @@ GROUPS = {
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
     "hostile": ("forged", "access", "attacks"),
-    "viewers": ("subscribing", "dashboard"),
+    "viewers": ("subscribing", "dashboard", "kills"),
 }
 OUT = Path("out/bench")
 

@@ -15,6 +15,7 @@ from bridge.bus.contract import BusError
 from bridge.bus.embedded_router import Router
 from bridge.bus.zenoh_bus import ZenohBus
 from estimator.demo.ward import free_port
+from tests.bridge.bus.worlds import eventually
 
 pytestmark = pytest.mark.ward
 
@@ -111,30 +112,36 @@ def test_a_killed_router_costs_nothing(processes: Processes) -> None:
 
 
 def test_a_frozen_reader_does_not_silence_the_others(processes: Processes) -> None:
+    # A machine that is busy stands still now and then; a frozen reader that silences others does so each time.
+    assert any(longest_silence_beside_a_frozen_reader(processes) < 1.0 for _ in range(4))
+
+
+def longest_silence_beside_a_frozen_reader(processes: Processes) -> float:
+    """How long a put took, or nothing came, at most, s; nothing is lost meanwhile."""
     endpoint = free_endpoint()
     processes.start(ROUTER, endpoint, "t/**")
     frozen = processes.start(READER, endpoint)
     with ZenohBus([endpoint]) as a, ZenohBus([endpoint]) as b:
         publisher, subscription = a.publisher("t/raw", cache=5000), b.subscribe("t/raw", history=True)
-        time.sleep(0.1)
         payload = bytes(4096)
-        got, longest_put, longest_gap, last = 0, 0.0, 0.0, time.monotonic()
+        publisher.put(payload)
+        eventually(lambda: bool(subscription.drain(1000, 0.1)))
+        got, longest, last = 1, 0.0, time.monotonic()
         began = last
         for n in range(4000):  # 8 MB/s, more than the buffers between here and the frozen reader hold
             if n == 500:
                 frozen.send_signal(signal.SIGSTOP)
             before = time.monotonic()
             publisher.put(payload)
-            longest_put = max(longest_put, time.monotonic() - before)
+            longest = max(longest, time.monotonic() - before)
             if new := len(subscription.drain(1000, 0)):
-                longest_gap, last = max(longest_gap, time.monotonic() - last), time.monotonic()
+                longest, last = max(longest, time.monotonic() - last), time.monotonic()
                 got += new
             time.sleep(max(0.0, began + n * 0.0005 - time.monotonic()))
-        while got < 4000 and (new := len(subscription.drain(1000, 2.0))):
+        while got < 4001 and (new := len(subscription.drain(1000, 10.0))):
             got += new
-        assert (got, subscription.missed) == (4000, 0)
-        assert longest_put < 1.0
-        assert longest_gap < 1.0
+        assert (got, subscription.missed) == (4001, 0)
+    return longest
 
 
 def test_a_second_endpoint_is_used_when_the_first_is_dead_or_dies(processes: Processes) -> None:
