@@ -13,7 +13,7 @@ from rich.console import Console
 from bridge.terminal.tables import Column, Columns
 
 GROUPS = {
-    "calibration": ("calibration", "closure_honesty", "gravity_methods", "machines", "clipping"),
+    "calibration": ("closure_honesty", "gravity_methods", "machines", "clipping"),
     "tracking": ("tracking", "cost", "temperature", "warming", "honesty"),
     "load": ("load",),
     "bridge": ("hotplug",),
