@@ -174,7 +174,7 @@ def _spaced(time: Floats) -> tuple[Floats, str, bool]:
     distinct = int(np.count_nonzero(steps > 0)) + 1
     if len(time) < 2:
         return time, "", False
-    if distinct < 8 and len(time) > 4 * distinct:
+    if (distinct < 3 and distinct < len(time)) or (distinct < 8 and len(time) > 4 * distinct):
         raise ClockFault(
             f"its times have lost their digits: {distinct} different ones in {count(len(time), 'row')}; export them with more "
             "digits, or say the device's rate: --rate-hz"

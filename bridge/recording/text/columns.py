@@ -55,11 +55,14 @@ class Columns:
     notes: list[str] = field(default_factory=list)
 
 
-def find(path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False) -> Columns:
+def find(
+    path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False, tag: str = ""
+) -> Columns:
     """Find the columns of a table whose first row has these cells. Raises RecordingError.
 
-    only_accel: look for an accelerometer alone.
+    only_accel: look for an accelerometer alone. tag: of the rows, if they have one.
     """
+    sensor = f"{path.name} {tag}".lower()
     names = [understood(name) for name in layout.names]
     found = Columns([])
     chosen = _chosen(path, layout, reading)
@@ -70,9 +73,9 @@ def find(path: Path, layout: Layout, reading: Reading, cells: list[str], *, only
         found.gyro = [_triple(indices[:3], names)]
         found.accel = [_triple(indices[3:], names)] if indices[3:] else []
     if not found.gyro and not only_accel:
-        found.gyro = _vector(path, layout, names, "gyro", GYRO)
+        found.gyro = _vector(path, layout, names, "gyro", sensor)
     if not found.accel and len(reading.columns) != 3:
-        found.accel = _accel(path, layout, names, found)
+        found.accel = _accel(path, layout, names, found, sensor)
     if not found.gyro and not only_accel:
         raise RecordingError(f"{path}: {_no_gyro(layout)}")
     if only_accel:
@@ -136,10 +139,11 @@ def _triple(indices: list[int], names: list[Name]) -> Triple:
     return Triple((indices[0], indices[1], indices[2]), {**GYRO, **ACCEL}.get(unit), unit)
 
 
-def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dict[str, float]) -> list[Triple]:
+def _vector(path: Path, layout: Layout, names: list[Name], kind: str, sensor: str) -> list[Triple]:
     """Return the triples of columns of one kind: one, or the same vector in several units. Raises RecordingError."""
-    # Columns named x, y, z alone belong to the sensor in the file's name.
-    bare = {"gyro": "gyr", "accel": "acc"}[kind] in path.name.lower()
+    # Columns named x, y, z alone belong to the sensor in the name of the file or in the rows' tag.
+    word, units = {"gyro": ("gyr", GYRO), "accel": ("acc", ACCEL)}[kind]
+    bare = word in sensor
     for wanted in (kind, "axis"):
         alike = [
             (name, at)
@@ -170,10 +174,10 @@ def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dic
     return []
 
 
-def _accel(path: Path, layout: Layout, names: list[Name], found: Columns) -> list[Triple]:
+def _accel(path: Path, layout: Layout, names: list[Name], found: Columns, sensor: str) -> list[Triple]:
     """Return the accelerometer's columns; none, with a note, if several sensors have some."""
     try:
-        return _vector(path, layout, names, "accel", ACCEL)
+        return _vector(path, layout, names, "accel", sensor)
     except RecordingError as several:
         found.notes.append(
             f"no accelerometer is used: {str(several).removeprefix(f'{path}: ')}, after those of the gyro"

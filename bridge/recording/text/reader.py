@@ -1,5 +1,6 @@
 """Reads text tables as the columns of a recording, in SI units."""
 
+from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -11,6 +12,7 @@ from bridge.recording.reading import Reading
 from bridge.recording.recording import Floats
 from bridge.recording.table import Table
 from bridge.recording.text.columns import Clock, Columns, Triple, find, shown
+from bridge.recording.text.interleaved import tags_of
 from bridge.recording.text.layout import Layout, layout_of, split
 from bridge.recording.text.rows import Read, TooLong, read_rows
 from bridge.recording.text.source import blocks
@@ -34,15 +36,22 @@ def read_text(path: Path, reading: Reading) -> Table:
 
     Raises RecordingError, which names the options for what is missing.
     """
-    table = _read(path, reading, only_accel=False)
-    if reading.accel_file is not None:
-        other = _read(reading.accel_file, reading, only_accel=True)
-        _join(path, table, reading.accel_file, other)
+    tags = tags_of(next(blocks(path), []))
+    if tags is None:
+        table = _read(path, blocks(path), reading)
+    else:
+        table = _read(path, tags.rows_of(tags.gyro, blocks(path)), reading, tag=tags.gyro)
+    if (other := reading.accel_file) is not None:
+        _join(path, table, other, _read(other, blocks(other), reading, only_accel=True))
+    elif tags is not None and tags.accel and "accel_m_s2" not in table.columns:
+        accel = _read(path, tags.rows_of(tags.accel, blocks(path)), reading, only_accel=True, tag=tags.accel)
+        _join(path, table, path, accel)
     return table
 
 
-def _read(path: Path, reading: Reading, *, only_accel: bool) -> Table:
-    source = blocks(path)
+def _read(
+    path: Path, source: Iterator[list[str]], reading: Reading, *, only_accel: bool = False, tag: str = ""
+) -> Table:
     start = next(source, [])
     if not any(line.strip() for line in start):
         raise RecordingError(
@@ -55,7 +64,7 @@ def _read(path: Path, reading: Reading, *, only_accel: bool) -> Table:
             "and a row a sample, are needed"
         )
     cells = [*split(start[layout.first], layout.separator), *[""] * layout.width][: layout.width]
-    columns = find(path, layout, reading, cells, only_accel=only_accel)
+    columns = find(path, layout, reading, cells, only_accel=only_accel, tag=tag)
     if asked := _asked(reading, layout, columns, only_accel=only_accel):
         raise RecordingError(f"{path}: {asked}")
     triples = [*columns.gyro, *columns.accel]

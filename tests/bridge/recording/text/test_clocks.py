@@ -220,3 +220,8 @@ def test_a_device_that_corrects_itself_and_a_dead_axis_are_said(tmp_path: Path) 
     dead[:, 0] = 0.8
     path = written(tmp_path / "b.csv", TIME, gyro=dead)
     assert "x of the gyro reads the same throughout" in "; ".join(load(path).notes)
+
+
+def test_a_clock_of_two_readings_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "session.csv", np.array([0.0, 0.0, 0.0, 0.02, 0.02]), gyro=GYRO[:5])
+    assert "2 different ones in 5 rows" in refusal(path)

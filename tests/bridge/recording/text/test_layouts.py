@@ -126,6 +126,29 @@ SAID["iOS"] = (
 )
 
 
+SAID["names over three columns, and units"] = (
+    ["Time,Accelerometer,,,Gyroscope,,,Barometer", "us,m/s^2,m/s^2,m/s^2,rad/s,rad/s,rad/s,kPa"],
+    table([TIME * 1e6, M_S2, RAD, np.full(len(TIME), 101.3)]),
+)
+SAID["the sensor's name before the quantity's"] = (
+    [
+        "X[s],Gyro 1: Gyro.X 1 [deg/s],Gyro 1: Gyro.Y 1 [deg/s],Gyro 1: Gyro.Z 1 [deg/s],Gyro 1: Acc.X 1 [g],Gyro 1: Acc.Y 1 [g],Gyro 1: Acc.Z 1 [g]"
+    ],
+    table([TIME, GYRO, ACCEL]),
+)
+SAID["a row per reading"] = (
+    [
+        "% ACCE;AppTimestamp(s);SensorTimestamp(s);Acc_X(m/s^2);Acc_Y(m/s^2);Acc_Z(m/s^2);Accuracy(integer)",
+        "% GYRO;AppTimestamp(s);SensorTimestamp(s);Gyr_X(rad/s);Gyr_Y(rad/s);Gyr_Z(rad/s);Accuracy(integer)",
+    ],
+    [
+        f"{tag};{row};3"
+        for a, g in zip(table([TIME, TIME, M_S2], ";"), table([TIME, TIME, RAD], ";"), strict=True)
+        for tag, row in (("ACCE", a), ("GYRO", g))
+    ],
+)
+
+
 @pytest.mark.parametrize("tool", SAID)
 def test_what_says_its_units_is_read_as_it_is(tmp_path: Path, tool: str) -> None:
     header, rows = SAID[tool]
@@ -145,6 +168,16 @@ ASKED = {
     ),
     "no time": (["gyro_x (deg/s),gyro_y (deg/s),gyro_z (deg/s)"], table([GYRO]), "--rate-hz", Reading(rate_hz=50.0)),
     "no header": ([], table([TIME, GYRO, ACCEL]), "--columns 2,3,4 --gyro-unit deg/s", Reading(columns=("2", "3", "4"), gyro_unit="deg/s", time_column="1")),
+    "a row per reading": (
+        ["sensor,time_ns,x,y,z"],
+        [
+            f"{tag},{row}"
+            for a, g in zip(table([TIME * 1e9, M_S2]), table([TIME * 1e9, RAD]), strict=True)
+            for tag, row in (("accelerometer", a), ("gyroscope", g))
+        ],
+        "--gyro-unit rad/s",
+        Reading(gyro_unit="rad/s"),
+    ),
     "names of nothing": (
         ["a1;a2;a3;a4"],
         table([TIME, GYRO], ";"),
@@ -223,6 +256,15 @@ def test_the_accelerometer_may_be_in_a_file_of_its_own(tmp_path: Path) -> None:
     recording = load(tmp_path / "Gyroscope.csv", reading=reading)
     assert recording.accel is not None
     assert np.allclose(recording.accel[:-1:2], M_S2[half], atol=1e-4)
+
+
+def test_rows_of_several_sensors_keep_their_accelerometer(tmp_path: Path) -> None:
+    path = tmp_path / "session.csv"
+    header, rows = SAID["a row per reading"]
+    path.write_text("\n".join([*header, *rows]))
+    accel = load(path).accel
+    assert accel is not None
+    assert np.allclose(accel, M_S2, atol=1e-5)
 
 
 def test_a_tool_of_ones_own(tmp_path: Path) -> None:
