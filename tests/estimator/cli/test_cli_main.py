@@ -225,7 +225,7 @@ def test_a_study_of_the_paper_needs_a_scenario_it_can_read(tmp_path: Path, capsy
         assert main(["study", "errors", "--config", str(own), "--out", str(tmp_path)]) == 2
         assert said in capsys.readouterr().err
     assert main(["study", "errors", "--config", "eror", "--out", str(tmp_path)]) == 2
-    assert "there is no study 'eror'; did you mean 'errors'?" in capsys.readouterr().err
+    assert "unknown study 'eror'; did you mean 'errors'?" in capsys.readouterr().err
     assert main(["study", "real", "--out", str(tmp_path)]) == 2
     assert "give the file with --recording FILE" in capsys.readouterr().err
 

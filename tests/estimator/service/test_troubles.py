@@ -227,7 +227,7 @@ def test_a_second_estimator_is_told_of_the_first_and_not_of_its_address(
         ward = schema.Ward(ward=WARD, estimator=settings)
         monkeypatch.setattr(serve, "wait_for_router", lambda *_, **__: MemoryBus(broker))
         token = first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))
-        with pytest.raises(BusError, match="e1 serves ward w already"):
+        with pytest.raises(BusError, match="e1 already serves ward w"):
             serve.run(ward)
         token.close()
         with pytest.raises(OSError, match="in use by another program; choose another `health`"):
@@ -247,7 +247,7 @@ def test_a_store_is_not_opened_where_another_has_it(tmp_path: Path, monkeypatch:
             serve.run(ward)
         with (
             closing(first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))),
-            pytest.raises(BusError, match="e1 serves ward w already"),
+            pytest.raises(BusError, match="e1 already serves ward w"),
         ):
             serve.run(ward)
     assert not opened
