@@ -108,7 +108,7 @@ def pty(tmp_path: Path) -> Iterator[PtyPort]:
         yield port
 
 
-def read_until(driver: StreamDriver | SimulatedDriver | ReplayedDriver, n: int, limit_s: float = 5.0) -> list[Event]:
+def read_until(driver: StreamDriver | SimulatedDriver | ReplayedDriver, n: int, limit_s: float = 60.0) -> list[Event]:
     events: list[Event] = []
     end = time.monotonic() + limit_s
     while sum(isinstance(event, Readings) for event in events) < n:

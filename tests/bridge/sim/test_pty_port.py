@@ -31,7 +31,7 @@ class Reader:
     def ask(self) -> None:
         self.port.write(frame(encode_identify()))
 
-    def until(self, done: Callable[[], bool], timeout_s: float = 20.0) -> None:
+    def until(self, done: Callable[[], bool], timeout_s: float = 60.0) -> None:
         end = time.monotonic() + timeout_s
         while not done():
             assert time.monotonic() < end, f"not within {timeout_s} s, {len(self.said)} packets came"

@@ -12,15 +12,9 @@ from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.tcp_port import TcpPort
 from bridge.transport.transport import Chunk, Transport
 from bridge.transport.udp_port import OTHERS, OVERFLOW, UdpPort
+from estimator.demo.ward import free_port
 
-PATIENCE_S = 5.0
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    with socket.socket(type=kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+PATIENCE_S = 30.0
 
 
 def read(port: Transport, n: int) -> bytes:
@@ -131,7 +125,7 @@ class Sender:
 
 @pytest.fixture
 def udp() -> int:
-    return free_port(socket.SOCK_DGRAM)
+    return free_port()
 
 
 @pytest.fixture

@@ -36,9 +36,7 @@ def test_a_device_with_a_slash_is_wrong_use(verb: str, capsys: pytest.CaptureFix
     assert "not valid" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "words", [["watch", "chest", "--seconds", "1"], ["devices"], ["status"], ["recalibrate", "chest"]]
-)
+@pytest.mark.parametrize("words", [["status"], ["recalibrate", "chest"]])
 def test_without_a_router_one_line_says_what_to_do(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*words, "--connect", "tcp/127.0.0.1:1"]) == 1
     *before, said = capsys.readouterr().err.splitlines()
@@ -227,7 +225,7 @@ def test_a_study_of_the_paper_needs_a_scenario_it_can_read(tmp_path: Path, capsy
         assert main(["study", "errors", "--config", str(own), "--out", str(tmp_path)]) == 2
         assert said in capsys.readouterr().err
     assert main(["study", "errors", "--config", "eror", "--out", str(tmp_path)]) == 2
-    assert "there is no study 'eror'; did you mean 'errors'?" in capsys.readouterr().err
+    assert "unknown study 'eror'; did you mean 'errors'?" in capsys.readouterr().err
     assert main(["study", "real", "--out", str(tmp_path)]) == 2
     assert "give the file with --recording FILE" in capsys.readouterr().err
 
