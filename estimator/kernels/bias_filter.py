@@ -12,16 +12,13 @@ from estimator.kernels.compiled import compiled
 Floats = NDArray[np.float64]
 
 
-@compiled("Tuple((f8[::1], f8[:, ::1], f8, f8))(f8[:], f8[:, :], f8[:, :], f8[:], f8[:, :], f8[:, :], i8)")
-def weighed(
-    z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, M: Floats, first: int
-) -> tuple[Floats, Floats, float, float]:
+@compiled("Tuple((f8[::1], f8[:, ::1], f8, f8))(f8[:], f8[:, :], f8[:, :], f8[:], f8[:, :], i8)")
+def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, first: int) -> tuple[Floats, Floats, float, float]:
     """Innovation (m,) of z = H x, its covariance S (m, m), and the NIS of the first `first` elements of z and of the others.
 
     Innovation, S and NIS of the other elements are conditional on the first ones. S then has zeros between the two
     groups.
     An NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.
-    M (n, m): covariance of the error of x with the noise of z; (n, 0) where they are independent.
     """
     m, n = H.shape
     y, S, seen, sound = np.empty(m), np.empty((m, m)), np.zeros((m, n)), True
@@ -38,9 +35,6 @@ def weighed(
             S[i, j] = R[i, j]
             for k in range(n):
                 S[i, j] += seen[i, k] * H[j, k]
-            if M.shape[1]:
-                for k in range(n):
-                    S[i, j] += H[i, k] * M[k, j] + M[k, i] * H[j, k]
             sound &= np.isfinite(S[i, j])
     # Cholesky: S = L L', L a = y, NIS = a' a.
     L, a, before, nis = np.zeros((m, m)), np.empty(m), 0.0, 0.0
@@ -90,17 +84,14 @@ def inverse(S: Floats) -> Floats:
     return found
 
 
-@compiled("f8[::1](f8[:], f8[:, :], f8[:, :], f8, f8, f8[:], f8)")
-def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> Floats:
-    """Variance (3,) that the bias gains in a filter step; writes bias and slope into x (n,), F and Q (n, n).
+@compiled("void(f8[:], f8[:, :], f8[:, :], f8, f8, f8[:], f8)")
+def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> None:
+    """Write a filter step of bias and slope into x (n,), F and Q (n, n).
 
     The bias moves by its slope over `warmer` K, by over / 2 times bend (3,), and by a random walk of variance var.
     bend: standard deviation of the slope's change over `over` K.
     """
-    by = np.empty(3)
     for i in range(3):
-        by[i] = (over / 2 * bend[i]) ** 2 + var
         x[i] += warmer * x[3 + i]
         F[i, 3 + i] = warmer
-        Q[i, i], Q[3 + i, 3 + i] = by[i], bend[i] ** 2
-    return by
+        Q[i, i], Q[3 + i, 3 + i] = (over / 2 * bend[i]) ** 2 + var, bend[i] ** 2
