@@ -302,6 +302,7 @@ class Tracker:
 
     def learn(self, second: Second) -> list[Receipt]:
         """Learn from the next second; returns receipts of rests."""
+        self.thermometer.read(second.end, second.celsius)
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:
             self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.state.rested)

@@ -163,8 +163,8 @@ class Zaru:
     def _judge(self, bias: BiasFilter) -> None:
         """Judge the waiting measurements now, without the ones that would have followed."""
         if self.state.waiting:
-            evidence, *when = self.state.waiting.pop()
-            self.state.waiting.append((self._at_edge(evidence), *when))
+            evidence, begun, ended, celsius = self.state.waiting.pop()
+            self.state.waiting.append((self._at_edge(evidence), begun, ended, celsius))
         while self.state.waiting:
             self.state.judged.append(self._late(bias))
 
