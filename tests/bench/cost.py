@@ -9,7 +9,7 @@ import tracemalloc
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from time import perf_counter, process_time
+from time import process_time
 from typing import Any
 from unittest.mock import patch
 
@@ -58,12 +58,12 @@ def staged(spent: dict[str, float]) -> Iterator[None]:
 
     def timed(stage: str, method: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any, **named: Any) -> Any:
-            begun = perf_counter()
+            begun = process_time()
             running.append(0.0)
             try:
                 return method(*args, **named)
             finally:
-                all_of_it = perf_counter() - begun
+                all_of_it = process_time() - begun
                 spent[stage] += all_of_it - running.pop()
                 if running:
                     running[-1] += all_of_it
