@@ -37,11 +37,6 @@ class CalibrationProgress:
         return bool(self.turned) or not self._capture.rested
 
     @property
-    def near(self) -> bool:
-        """Whether the next samples may complete the calibration, which takes as long as hundreds of batches."""
-        return self._capture.near
-
-    @property
     def turned(self) -> tuple[int, ...]:
         """Axes whose turns are taken (0 to 2)."""
         return self._capture.done()

@@ -37,7 +37,7 @@ from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import Tracker
 
 #: version of the bytes from `state`; any other version is refused
-VERSION = 1
+VERSION = 2
 #: event name for turns of a calibration lost when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
 #: s; after a longer silence the bias is less certain from the first sample on, before the next second is judged

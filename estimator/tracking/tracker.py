@@ -128,7 +128,7 @@ class Tracker:
             self._law,
             self.law_refuted,
             self._gravity.state,
-            self._zaru.saved(self._filter),
+            self._zaru.saved(),
             self._bounded.state,
             self.seconds.state,
             self.thermometer.state,
@@ -150,7 +150,7 @@ class Tracker:
         if len(self._filter.x) not in (OWN, SIZE):
             raise ValueError("damaged state: no state of a bias filter")
         self._gravity.restore(saved.gravity)
-        self._zaru.restore(saved.zaru, self._filter)
+        self._zaru.restore(saved.zaru)
         self._bounded.restore(saved.bounded)
         self.seconds.restore(saved.seconds, first, samples)
         self.thermometer.state, self._accelerometer.state = saved.thermometer, saved.accelerometer
@@ -302,6 +302,7 @@ class Tracker:
 
     def learn(self, second: Second) -> list[Receipt]:
         """Learn from the next second; returns receipts of rests."""
+        self.thermometer.read(second.end, second.celsius)
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:
             self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.state.rested)
@@ -388,7 +389,7 @@ class Tracker:
         quiet = max(second.std.tolist()) < self.knobs.quiet_gyro and (
             second.accel_std is None or max(second.accel_std.tolist()) < self.knobs.quiet_accel
         )
-        resting = quiet and self._zaru.at_rest(second, self._filter)
+        resting = quiet and self._zaru.at_rest(second)
         gravity, up = None, None
         if span is not None:
             gravity, up = self._gravity.evidence(span, resting=resting), self._filter.x[GRAVITY]
