@@ -41,7 +41,10 @@ CAUSES: dict[Event, str] = {
     Event.TURNED: "a whole turn about an axis was taken",
     Event.CALIBRATED: "the turns fit together",
     Event.NOT_CALIBRATED: "they do not: some are to be repeated",
-    Event.RESTORED: "the estimator was restarted, the device was not: its calibration and filter go on",
+    Event.RESTORED: (
+        "the estimator was restarted, the device was not: its calibration and filter go on; "
+        "or the device has calibrated itself"
+    ),
     Event.CHANGED: (
         "its model, firmware or range is another one within the boot, or the rate of a device that tells no time: "
         "its calibration is void"
