@@ -22,6 +22,8 @@ CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note"
 _ASKED_FOR = "corrected", "calibration", "checkpoint"
 #: a device is announced once it has sent this many samples, since an id alone costs next to nothing
 ANNOUNCED_AT = 5
+#: a newcomer that no list names is announced once it has lived for so long, device s: its publishers cost much more
+NEWCOMER_S = 2.0
 #: the first checkpoint is due after this time, s; until then the former owner's checkpoint still serves
 FIRST_CHECKPOINT_S = 1.0
 #: silence after which the status states how old its information is, s
@@ -77,6 +79,9 @@ class Device:
         self._gone = False
         #: samples after which the device is announced; 0 where another estimator has published its checkpoint
         self.announced_at = ANNOUNCED_AT
+        #: device s after which it is announced; NEWCOMER_S where neither a list nor the past knows it
+        self.announced_after_s = 0.0
+        self._first_s, self._lived_s = math.nan, 0.0
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
         self._encoder = output.Encoder(name, epoch)
@@ -100,6 +105,9 @@ class Device:
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
         """Publish corrected samples, or keep the first few until the device is announced."""
         payload = self._encoder.encode(cut, rates)
+        if not self._publishers:
+            self._first_s = cut.samples.first_s if math.isnan(self._first_s) else self._first_s
+            self._lived_s = cut.samples.last_s - self._first_s
         if not self._publishers and not self._announced():
             self._waiting.append((payload, cut.n))
             return
@@ -114,6 +122,7 @@ class Device:
     def drop_waiting(self) -> None:
         """Drop unpublished samples of the previous boot as OLD_BOOT, since a new boot began before the announcement."""
         waiting, self._waiting = sum(n for _, n in self._waiting), []
+        self._first_s, self._lived_s = math.nan, 0.0
         if waiting:
             self.session.sequence.drop(Reason.OLD_BOOT, waiting)
             self.told -= waiting
@@ -244,8 +253,13 @@ class Device:
         self._publishers, self._windowed = {}, None
 
     def _announced(self) -> bool:
-        if self._gone or self.session.sequence.samples_out < self.announced_at:
+        if (
+            self._gone
+            or self.session.sequence.samples_out < self.announced_at
+            or self._lived_s < self.announced_after_s
+        ):
             return False
+        self.announced_after_s = 0.0
         put = self._publisher("corrected").put
         self._put = self._held.append if self._unsaid else put
         return True

@@ -28,7 +28,7 @@ from estimator.service.checkpoints import calibrated
 from estimator.service.cluster import Cluster
 from estimator.service.command_handling import CommandHandler
 from estimator.service.commands import Commands
-from estimator.service.device import Device
+from estimator.service.device import NEWCOMER_S, Device
 from estimator.service.device_loss import SILENT, DeviceLoss
 from estimator.service.device_roster import DeviceRoster
 from estimator.service.enrolment_gate import EnrolmentGate, Notices
@@ -284,6 +284,8 @@ class Service:
         device = Device(self._bus, self.ward, name, knobs, self.settings.silence_s, now, epoch, began)
         if self._cluster.replicas.of(name) is not None:
             device.announced_at = 0
+        elif self._newcomers is not None and not self._record.knows(name):
+            device.announced_after_s = NEWCOMER_S
         return device
 
     def _adopt(self, known: Checkpoint) -> None:
