@@ -130,6 +130,12 @@ class Code(StrEnum):
     NO_CHECKED_MOVEMENT = "no_checked_movement"
     ACCELEROMETER_NOT_GRAVITY = "accelerometer_not_gravity", "reading_m_s2"
 
+    # Calibrations that devices make themselves
+    OWN_ACCEPTED = "own_accepted"
+    OWN_OF_ANOTHER_BOOT = "own_of_another_boot"
+    OWN_BIAS_LARGE = "own_bias_large", "bias_dps", "most_dps"
+    OWN_BIAS_CONTRADICTED = "own_bias_contradicted", "own_dps", "seen_dps"
+
     # Verdicts
     TURNS_CLOSED = "turns_closed", "angle_deg"
     TURNS_ASSUMED = "turns_assumed"

@@ -84,6 +84,19 @@ class Verdict(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class DeviceCalibration:
+    """Calibration that a device made itself: corrected = scale (reading - bias), axis by axis. bias in rad/s.
+
+    sequence: number of the last sample it was made of, as the device counts: 32 bits.
+    """
+
+    boot: int
+    sequence: int
+    scale: tuple[float, ...]
+    bias: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class DeviceInfo:
     """Device information: identity, settings, and counts of its bridge for this boot. Rates in Hz, gyro_range in rad/s."""
 
@@ -109,6 +122,7 @@ class DeviceInfo:
     charging: bool = False
     notices: Sentences = ()  # what a person should know about the device
     has_clock: bool = True  # ticks are device time; False: the bridge derived them from the sample count
+    calibration: DeviceCalibration | None = None  # the latest that the device made itself in this boot
 
 
 #: evidence_age_s of a device without a known rest

@@ -172,6 +172,29 @@ class BootEstimation:
             self.tracker.doubt.why = (Code.CALIBRATED(), *_WAS_DOUBTED)
             self._life.on(Event.DOUBTED, self.tracker.doubt.why)
 
+    def accept(self, calibration: Calibration, reason: Sentences) -> None:
+        """Use a calibration that the device made itself in this boot; a bias that rests have shown is kept."""
+        if self.tracker.sure and not self.tracker.doubt.stands:
+            self.calibration, self.prior, self.under_way = calibration, None, None
+            self._belief = believed(calibration, None, self._knobs.prior)
+            self.tracker.rescaled(self._belief.model)
+            self._slope_learnt = self._law is not None
+            self._life.on(Event.RESTORED)
+        else:
+            self.restore(PriorKnowledge(calibration, None), calibration, self.tracker.thermometer.reading)
+        self.scratch = ()
+        self._life.say(reason)
+
+    @property
+    def seen(self) -> tuple[Floats, Floats] | None:
+        """Bias (3,) that rests of this boot have shown and its standard deviation (3,), rad/s; None while not sure."""
+        return (self.tracker.bias, self.tracker.std) if self.tracker.sure else None
+
+    @property
+    def noise_std(self) -> Floats:
+        """White noise (3,) of a reading, rad/s: as rests show it, or that of the model."""
+        return reading_std(self._stillness.noise_std) if self._stillness.noise_known else self._belief.model.noise_std
+
     def resume(self, remembered: PriorKnowledge, temperature_c: float | None) -> bool:
         """Continue with the remembered bias of an uncalibrated boot; False if there is none."""
         kept = remembered.bias_at(self.now, self._knobs.track.bias_std)

@@ -13,7 +13,17 @@ import numpy as np
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence, Sentences
-from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, Quality, SampleBatch, State, Status
+from bridge.wire.messages import (
+    NO_REST_S,
+    Calibration,
+    DeviceCalibration,
+    DeviceInfo,
+    Quality,
+    SampleBatch,
+    State,
+    Status,
+    Verdict,
+)
 from bridge.wire.refusal import Reason
 from estimator.calibration.result import Result
 from estimator.device.batch_correction import Cut, batch_of, correct
@@ -22,6 +32,7 @@ from estimator.device.calibration_progress import CalibrationProgress
 from estimator.device.correction import Correction
 from estimator.device.lifecycle import Event, Lifecycle
 from estimator.device.outcome import Outcome
+from estimator.device.own_calibration import METHOD, judged
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.sequence_numbers import SequenceNumbers
 from estimator.device.session_knobs import SessionKnobs
@@ -40,6 +51,8 @@ from estimator.tracking.tracker import Tracker
 VERSION = 2
 #: event name for turns of a calibration lost when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
+#: event name for calibrations of the device's own that were not plausible
+OWN_REFUSED = "own calibration refused"
 #: s; after a longer silence the bias is less certain from the first sample on, before the next second is judged
 SILENCE_S = 5.0
 
@@ -91,6 +104,7 @@ class DeviceSession:
         #: whether summaries per window (`window_summary`) are wanted; only then the samples of a block are kept for them
         self.windowed = False
         self._away_s = 0.0  # s since the previous admitted batch, by the host's clock
+        self._offered: DeviceCalibration | None = None  # the device's own calibration that was judged last
         self._begin(began)
         self._unused = True  # no boot has begun since `_begin`
 
@@ -180,6 +194,26 @@ class DeviceSession:
         """Adopt a calibration that another estimator made in this very boot; a calibration in progress ends."""
         self._restore(remembered, calibration, self.tracker.thermometer.reading)
         self.learnt.scratch = ()
+
+    def offered(self, own: DeviceCalibration, now_ns: int) -> Outcome:
+        """Judge a calibration that the device made itself, and use it if it is plausible.
+
+        It never replaces a calibration made here in this boot, and waits while turns are under way here.
+        """
+        learnt, known = self.learnt, self.calibration
+        if own == self._offered or self.life.away or learnt.turned or learnt.asked:
+            return Outcome()
+        if known is not None and (known.method != METHOD or _same(own, known)):
+            return Outcome()
+        self._offered = own
+        result = judged(own, self.boot or 0, learnt.seen, learnt.noise_std)
+        made = _as_message(self, result, "", now_ns)
+        if result.verdict is Verdict.ACCEPTED:
+            learnt.accept(made, (Code.CALIBRATED(), *result.reason))
+            self._apply()
+        else:
+            self.count_event(OWN_REFUSED)
+        return Outcome(calibrations=[made], changed=True, said=[english(*result.reason)])
 
     # ---- saving and restoring -------------------------------------------------------------------------------------
 
@@ -489,6 +523,11 @@ class DeviceSession:
     def _rate(self) -> float:
         seconds = self._blocks.seconds
         return (self.sequence.seen - 1) / seconds if seconds > 0 else 0.0
+
+
+def _same(own: DeviceCalibration, known: Calibration) -> bool:
+    """Whether a calibration in use has these values."""
+    return np.array_equal(own.scale, known.matrix.diagonal()) and np.array_equal(own.bias, known.bias)
 
 
 def _as_message(session: DeviceSession, result: Result, who: str, now_ns: int) -> Calibration:

@@ -18,6 +18,8 @@ from estimator.service.overload import OVERLOADED, UNKEPT
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
 #: kept open for a time after a takeover: rates, the calibrations they name, and checkpoints for a cut-off estimator
 _ASKED_FOR = "corrected", "calibration", "checkpoint"
+#: a newcomer that no list names is announced once it has lived for so long, device s: its publishers cost much
+NEWCOMER_S = 2.0
 #: the first checkpoint is due after this time, s; until then the former owner's checkpoint still serves
 FIRST_CHECKPOINT_S = 1.0
 #: silence after which the status states how old its information is, s
@@ -53,6 +55,9 @@ class Device:
         #: encoded calibrations to be published once stored; messages that refer to them wait in `_held`
         self._unsaid: dict[str, bytes] = {}
         self._held: list[bytes] = []
+        #: device s after which the device is announced: NEWCOMER_S where neither a list nor the store knows it, else 0
+        self.announced_after_s = 0.0
+        self._first_s = math.inf  # device time of the first sample of a device that is not announced
         self._told = ""  # id of the calibration published last
         #: how long the estimator has not kept up with its devices, s; 0 when it keeps up
         self.overloaded_s = 0
@@ -79,17 +84,23 @@ class Device:
         return self.admission.waiting.samples, sequence.samples_in, sequence.samples_out, self.told
 
     @property
+    def announced(self) -> bool:
+        """Whether the device's messages are published; a newcomer's are only once it has lived for NEWCOMER_S."""
+        return not self.announced_after_s
+
+    @property
     def worthless(self) -> bool:
         """Whether the device can be forgotten without loss: it has neither calibration nor prior."""
         return self.session.calibration is None and self.session.prior is None
 
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
-        """Publish corrected samples, or keep them while their calibration waits to be stored."""
-        payload = self._encoder.encode(cut, rates)
-        if self._unsaid:
-            self._held.append(payload)
-        else:
-            self._say("corrected", payload)
+        """Publish corrected samples, or keep them: of a newcomer, and while their calibration waits to be stored."""
+        self._held.append(self._encoder.encode(cut, rates))
+        if not self.announced:
+            self._first_s = min(self._first_s, cut.samples.first_s)
+            if cut.samples.last_s - self._first_s >= self.announced_after_s:
+                self.announced_after_s = 0.0
+        self._say_held()
         if self._delay_s is None:
             self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
 
@@ -128,11 +139,14 @@ class Device:
         if payload is None:
             return False
         self.say_calibration(calibration, payload)
-        if not self._unsaid:
-            held, self._held = self._held, []
-            for waited in held:
-                self._say("corrected", waited)
+        self._say_held()
         return True
+
+    def _say_held(self) -> None:
+        if self.announced and not self._unsaid:
+            held, self._held = self._held, []
+            for payload in held:
+                self._say("corrected", payload)
 
     def _say_unsaid(self) -> None:
         """Publish everything that waits for the disk."""
@@ -214,8 +228,8 @@ class Device:
         self._publishers, self._windowed = {}, None
 
     def _say(self, what: str, payload: bytes) -> None:
-        """Publish a message, unless the device has left; publishers are declared on first use to keep a takeover fast."""
-        if self._gone:
+        """Publish a message of an announced device; publishers are declared on first use to keep a takeover fast."""
+        if self._gone or not self.announced:
             return
         if (publisher := self._publishers.get(what)) is None:
             key = keys.build(self._ward, what, device=self.name)

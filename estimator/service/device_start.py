@@ -12,7 +12,7 @@ from estimator.device.restore_key import changed
 from estimator.samples.sample_buffer import Samples
 from estimator.service.boot_start import Boots
 from estimator.service.checkpoints import calibrated
-from estimator.service.device import Device
+from estimator.service.device import NEWCOMER_S, Device
 from estimator.service.parts import Parts
 from estimator.service.replay_log import Resumed
 
@@ -20,9 +20,15 @@ log = logging.getLogger(__name__)
 
 
 class DeviceStarts:
-    """Puts devices into the roster. resumed: what was reached before a restart. tell: reports a session's outcome."""
+    """Puts devices into the roster.
 
-    def __init__(self, parts: Parts, boots: Boots, resumed: Resumed, tell: Callable[[Device, Outcome], None]) -> None:
+    resumed: what was reached before a restart. tell: reports a session's outcome. listed: a `[devices]` list names all devices.
+    """
+
+    def __init__(
+        self, parts: Parts, boots: Boots, resumed: Resumed, tell: Callable[[Device, Outcome], None], *, listed: bool
+    ) -> None:
+        self._listed = listed
         self._parts, self._boots, self._resumed, self._tell = parts, boots, resumed, tell
         self._treatment = treatment(parts.settings)
         #: calibrations of another estimator, to be adopted once their device is heard again
@@ -101,7 +107,10 @@ class DeviceStarts:
         """Create a device owned by us. began: device time in s of the start of its boot, if known."""
         parts = self._parts
         knobs, epoch = self._treatment.of(name), parts.cluster.epoch(name)
-        return Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began)
+        device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began)
+        known = self._listed or parts.record.knows(name) or parts.cluster.replicas.of(name) is not None
+        device.announced_after_s = 0.0 if known else NEWCOMER_S
+        return device
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:
         """Whether a device continues from a checkpoint; a damaged checkpoint changes nothing and is counted."""

@@ -83,6 +83,8 @@ class Intake:
         def introduced() -> None:
             if (outcome := self._boots.introduced(device, info, before)) is not None:
                 self._tell(device, outcome)
+            if info.calibration is not None and device.announced:  # a refusal could not be published before
+                self._tell(device, device.session.offered(info.calibration, time.time_ns()))
 
         self._guarded(device, introduced)
 

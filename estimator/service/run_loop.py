@@ -101,7 +101,7 @@ class Service:
         boots = Boots(parts)
         self._views = WindowViews(self.counts)
         self._outcomes = Outcomes(parts, self._views)
-        self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell)
+        self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell, listed=enrolment is not None)
         self._intake = Intake(parts, boots, self._stock, resumed, self._outcomes.tell, self._starts.begin)
         self._presence = Presence(self.counts)
         self._gate = EnrolmentGate(enrolment, self.counts)

@@ -1,5 +1,6 @@
 """Printable reports: certificate of a calibration, summary of the ward, and a chart of a device's bias."""
 
+import gc
 import time
 from datetime import UTC, datetime
 from http import HTTPStatus
@@ -60,6 +61,7 @@ def _drawn(of: History) -> bytes:
 
     drawn = BytesIO()
     history(of, drawn, datetime.now().astimezone().tzinfo or UTC, words=False)
+    gc.collect()  # a figure is a cycle of references with megabytes of pixels: else ten of them wait to be freed
     return drawn.getvalue()
 
 

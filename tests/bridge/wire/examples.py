@@ -17,6 +17,7 @@ from bridge.wire.messages import (
     Command,
     CommandReply,
     CorrectedBatch,
+    DeviceCalibration,
     DeviceInfo,
     Holding,
     Move,
@@ -68,6 +69,7 @@ CAL = Calibration(
 SURE = DeviceInfo(
     "d1", "b1", 7, BootCause.POWER_UP, "m", "f", "native", "/dev/x", 100, 99.9, 4.3, True, True, 1, 5, {"a": 1},
     battery_percent=71.5, charging=True, notices=(Code.CORRECTS_ITSELF(),),
+    calibration=DeviceCalibration(7, 3, (0.9, 1.0, 1.1), (0.0, -0.25, 0.5)),
 )  # fmt: skip
 FIXED = CorrectedBatch(
     "d1", 7, 1, 1, 1e-6, 1.0, np.arange(3, dtype=np.uint64), np.ones((3, 3), np.float32), np.zeros(3, np.uint32),

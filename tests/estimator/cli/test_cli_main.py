@@ -262,3 +262,18 @@ sys.argv[1:] = ["config", "check", {str(DEMO)!r}]
 sys.exit(main())"""
     ended = subprocess.run([sys.executable, "-c", interrupted], capture_output=True, text=True, timeout=60, check=False)
     assert (ended.returncode, ended.stderr) == (130, "")
+
+
+@pytest.mark.parametrize("megabytes", [50, 150, 250])
+def test_too_little_memory_is_one_sentence(megabytes: int, tmp_path: Path) -> None:
+    """Loading a library or computing: whatever did not fit, no traceback."""
+    command = f"ulimit -v {megabytes * 1024}; exec {sys.executable} -m estimator.cli.main calibrate {tmp_path}/none.npz"
+    done = subprocess.run(
+        ["bash", "-c", command],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        check=False,
+    )
+    assert done.returncode == 1 or "none.npz" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -109,11 +109,11 @@ def test_revisions_are_published_after_what_they_revise(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     handle = DeviceSession.take
-    batches = once.part(0, 40).batches()
+    batches = once.part(0, 260).batches()
 
     def revising(session: DeviceSession, batch: Samples, cuts: list[Cut]) -> Outcome | None:
         outcome = handle(session, batch, cuts)
-        if batch.sequence == 30:
+        if batch.sequence == 230:
             outcome = outcome or Outcome()
             outcome.revisions += [replace(REVISION, device=NAME, reason=free(reason)) for reason in ("one", "another")]
         return outcome

@@ -65,7 +65,7 @@ def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
         return outcome
 
     monkeypatch.setattr(DeviceSession, "take", failing)
-    (other,) = once.part(0, 10).batches([])
+    (other,) = once.part(0, 250).batches([])
     put(ward, replace(other, device="other"))
     ward.send(batches[-20:])
     after = list(ward.subscriber)
