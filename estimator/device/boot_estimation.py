@@ -19,7 +19,7 @@ from estimator.device.revision_sequences import RevisionSequences
 from estimator.device.saved_samples import SavedSamples
 from estimator.device.session_knobs import SessionKnobs
 from estimator.geometry.gyro_model import reading_std
-from estimator.samples.sample_buffer import SampleBuffer
+from estimator.samples.sample_buffer import Floats, SampleBuffer
 from estimator.state import StateStruct
 from estimator.stillness.detector import Stillness, StillnessState, Windows
 from estimator.tracking.bias_filter import BiasState
