@@ -13,7 +13,7 @@ from estimator.language.texts import Texts
 from estimator.service.history import Biases, History
 from estimator.web import number_format
 from estimator.web.guide_view import Axis, against, rows
-from estimator.web.tiles import NEEDS, toned, troubles, word
+from estimator.web.tiles import toned, troubles, word
 from estimator.web.ward_state import Known, Story
 
 #: a bias this many times less certain than the best point is left out of a chart
@@ -138,7 +138,7 @@ def summary(known: Known, now: float, t: Texts) -> Summary:
         tracking=sum(row.state == "tracking" for row in found),
         of=len(found),
         troubles=troubles(known, t),
-        needs=[lines[row.device] for row in found if lines[row.device].tone in NEEDS],
+        needs=[lines[row.device] for row in found if row.needs_person],
         devices=[lines[name] for name in sorted(lines)],
     )
 

@@ -55,7 +55,7 @@ MANY = view(
 
 def test_those_that_need_somebody_come_first() -> None:
     assert [row.device for row in MANY.rows(10.0)] == [
-        "lost", "unheard", "awaiting_still", "empty", "bias_only", "degraded", "turning", "warming", "noticed", "charging", "ok",
+        "lost", "unheard", "empty", "awaiting_still", "bias_only", "degraded", "turning", "warming", "noticed", "charging", "ok",
     ]  # fmt: skip
 
 
