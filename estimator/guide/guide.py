@@ -277,5 +277,11 @@ class Guide:
 
 
 def wrong_in(reason: Sentences) -> Sentences:
-    """The faults among a status's reasons, without the usual messages."""
+    """The faults among a status's reasons, without the usual messages.
+
+    After the turns still needed comes why an earlier verdict refused: a turn that was taken since is no fault.
+    """
+    codes = [one.code for one in reason]
+    if Code.TURN_TAKEN in codes and Code.TURNS_NEEDED in codes:
+        reason = reason[: codes.index(Code.TURNS_NEEDED)]
     return tuple(one for one in reason if one.code not in _USUAL)

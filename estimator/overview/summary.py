@@ -11,11 +11,19 @@ from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import DeviceInfo, State, Status
 from estimator.device.attention import complaints, needs_person
 from estimator.device.bridge_choice import ELSEWHERE
+from estimator.overview.ward import listed
 from estimator.service import overload
 from estimator.service.conservation import EVENT
 from estimator.service.quota import FLOODED
 
 _MOST = 3  # most reasons shown
+#: settings of the ward's file that are probably wrong where several devices give the same reason
+_SETTINGS = {
+    Code.NOT_ONE_TURN: "model",
+    Code.SENSITIVITY_WRONG: "model",
+    Code.RATE_WRONG: "rate_hz",
+    Code.RATE_OFF_BY_TWO: "rate_hz",
+}
 #: notices that a device's rate is not as expected
 _OF_RATE = (Code.RATE_CHANGED, Code.RATE_DIFFERS, Code.CLOCK_DIFFERS)
 _URGENT = (
@@ -84,6 +92,7 @@ def summarise(
         *duplicate_bridges.found(statuses.values()),
         *overload.found(statuses.values()),
         *overload.unkept(statuses.values()),
+        *_alike(statuses),
     ]
     return WardSummary(
         ward=ward,
@@ -99,6 +108,19 @@ def summarise(
         bridges=sorted(bridges),
         estimators=sorted(estimators),
         troubles=tuple(troubles) if names else (*troubles, Code.NO_DEVICE(), *_misnamed(ward, bridges, estimators)),
+    )
+
+
+def _alike(statuses: Mapping[str, Status]) -> Sentences:
+    """Settings that are doubted, as several devices are refused for the same reason."""
+    found: dict[str, list[str]] = {}
+    for name, status in sorted(statuses.items()):
+        for setting in {_SETTINGS[Code(one.code)] for one in status.reason if one.code in _SETTINGS}:
+            found.setdefault(setting, []).append(name)
+    return tuple(
+        Code.SETTING_DOUBTED(devices=len(names), names=listed(names), setting=setting)
+        for setting, names in found.items()
+        if len(names) > 1
     )
 
 
