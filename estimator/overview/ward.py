@@ -20,6 +20,8 @@ SILENT, UNKNOWN, TRACKING = "silent", "unknown", "tracking"
 URGENCY = ("lost", SILENT, UNKNOWN, "awaiting still", "bias only", "degraded", "turning", "warming", TRACKING)
 #: of a device that tracks and yet needs a person
 _ASKS = URGENCY.index("awaiting still")
+#: states of devices that wait for turns by hand
+_WAIT = ("awaiting still", "bias only", "warming", "turning")
 _LISTED = 20
 #: most bridges per device whose info is kept
 _BRIDGES = 8
@@ -174,6 +176,12 @@ def _unless_silent(status: Status, for_s: float) -> Status:
         return status
     quality = Quality.DEGRADED if status.quality is Quality.GOOD else status.quality
     return replace(status, state=State.UNKNOWN, quality=quality, reason=silence)
+
+
+def to_calibrate(rows: Iterable[DeviceRow]) -> list[str]:
+    """Return the devices that wait for turns by hand, those that nobody has begun with first."""
+    waits = sorted((row for row in rows if row.state in _WAIT), key=lambda row: _WAIT.index(row.state))
+    return [row.device for row in waits]
 
 
 def counted(rows: Iterable[DeviceRow]) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from bridge.wire.messages import State
 from estimator.geometry.gyro_model import AXES
 from estimator.language.texts import Texts
-from estimator.overview.ward import SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow
+from estimator.overview.ward import SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, to_calibrate
 from estimator.web import number_format
 from estimator.web.ward_state import Known, Story
 
@@ -31,7 +31,7 @@ _BY_HAND = ("awaiting still", "bias only", "degraded", "turning", "warming")
 class Tile:
     """Tile of one device, in words of one language, shown as they are. Numbers are for sorting, None last.
 
-    state: name for programs; word: name for people.
+    state: name for programs; word: name for people. advice: one plain sentence, which says what to do.
     """
 
     id: str
@@ -40,6 +40,7 @@ class Tile:
     word: str
     tone: str
     needs: bool
+    advice: str
     reason: str
     notices: str
     quality: str
@@ -64,7 +65,8 @@ class Tile:
 class WardPage:
     """Everything the ward page shows.
 
-    `troubles` concern the ward itself; `counts` holds name, tone, number and word of each state.
+    `troubles` concern the ward itself; `queue` lists the devices that wait for turns by hand. `counts` holds
+    name, tone, number and word of each state.
     """
 
     ward: str
@@ -76,6 +78,7 @@ class WardPage:
     of: int
     counts: Sequence[tuple[str, str, int, str]]
     troubles: Sequence[str]
+    queue: Sequence[str]
     tiles: Sequence[Tile]
 
 
@@ -96,6 +99,7 @@ def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
         of=len(rows),
         counts=counts,
         troubles=troubles(known, t),
+        queue=to_calibrate(rows),
         tiles=tiles,
     )
 
@@ -123,6 +127,7 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         word=word(row.state, t),
         tone=toned(row),
         needs=row.needs_person,
+        advice=_advice(row, story, t),
         reason=t.text(row.reason),
         notices=t.text(row.notices),
         quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
@@ -153,6 +158,16 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
 def toned(row: DeviceRow) -> str:
     """Tone of a device: whatever its state, a device that needs a person never looks well."""
     return "ask" if row.needs_person and TONES[row.state] in ("busy", "well") else TONES[row.state]
+
+
+def _advice(row: DeviceRow, story: Story, t: Texts) -> str:
+    """What a person is to do with the device, in one plain sentence."""
+    key, done = row.state.replace(" ", "_"), len(story.status.axes_done) if story.status else 0
+    if row.state == TRACKING and row.needs_person:
+        key = "charge" if row.low_battery else "bad_samples"
+    elif row.state in ("awaiting still", "bias only") and rebooted(story):
+        key = "rebooted"
+    return t(f"tile.{key}", done=done)
 
 
 def _rest(row: DeviceRow, now_ns: int, t: Texts) -> str:

@@ -15,7 +15,7 @@ from tests.estimator.stream import NAME, calibration
 
 
 def refused(seed: int) -> tuple[Status, list[str]]:
-    """A device whose scale is several percent off, turned well under a model of one percent, then nudged: status, and what the guide tells."""
+    """Status of a device that is several percent off, turned well under a model of one percent, and what the guide tells."""
     knobs = Treatment(model="factory-calibrated").of(NAME)
     nudge = Turn(1.0, np.array([1.0, 0.0, 0.0]), 0.2, np.array([[0.0, 1.0, 1.0]]))
     device, plan = DeviceSession(NAME, knobs), (TurnPlan(2), TurnPlan(0), TurnPlan(1))
