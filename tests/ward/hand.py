@@ -63,7 +63,7 @@ class Hand:
     def from_the_ward_page(self, name: str) -> None:
         """Open what the ward page offers for a device that needs a person."""
         tile = self._page.locator(f'.tile[data-id="{name}"]')
-        offered = tile.get_by_role("link", name="Calibrate, step by step")
+        offered = tile.get_by_role("link", name="Calibrate")
         expect(offered).to_be_visible()
         self.reads()
         offered.click()
