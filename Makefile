@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 BENCHES := bench-calibration bench-tracking bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-viewers
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench $(BENCHES) pins supply fuzz soak nemesis docs test-lowest clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench $(BENCHES) pins supply fuzz soak nemesis docs release test-lowest clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -40,6 +40,11 @@ test-lowest: setup-dev
 docs: setup-dev
 	$(BIN)/python -m pip install --quiet --group docs
 	$(BIN)/sphinx-build -q -W --keep-going -b html docs out/docs
+
+# A release in dist/: wheel, sdist, Debian packages, bundles for machines without a network. ARGS=x86_64 for one platform.
+release: setup-dev
+	$(BIN)/python -m pip install --quiet --group docs --group release
+	$(BIN)/python packaging/release.py $(ARGS)
 
 check: lint types contracts
 

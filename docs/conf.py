@@ -11,6 +11,7 @@ from generate import codes, command_line, configuration
 project = "truerate"
 author = copyright = "truerate maintainers"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx-mathjax-offline"]
+man_pages = [("reference/command-line", "truerate", "corrected rates of wearable IMUs", [author], 1)]
 html_theme = "furo"
 html_title = "truerate"
 html_extra_path = ["card"]

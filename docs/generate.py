@@ -27,13 +27,21 @@ TABLES = {
     "dashboard": Dashboard,
 }
 
+#: the rule for every verb
+EXIT_CODES = """| exit code | meaning |
+|---|---|
+| 0 | done |
+| 1 | done, but with a finding that needs a person; or refused because of the data: a recording, a device, the store, the bus |
+| 2 | wrong usage: an option, an argument, or a file of settings (ward file, profile, certificates) that cannot be used |
+| 130 | interrupted by Ctrl-C; a verb that runs until it is stopped ends with 0 |"""
+
 
 def command_line() -> str:
     """The help of every command, as Markdown."""
     pages = "\n\n".join(
         f"## {parser.prog}\n\n```text\n{parser.format_help().rstrip()}\n```" for parser in _all(build())
     )
-    return f"# Command line\n\nEvery command with its options, as `--help` prints them.\n\n{pages}\n"
+    return f"# Command line\n\nEvery command with its options, as `--help` prints them.\n\n{EXIT_CODES}\n\n{pages}\n"
 
 
 def _all(parser: Parser) -> Iterator[Parser]:

@@ -67,7 +67,8 @@ def _glance(seen: WardSummary) -> Group:
     needs = Columns([Column("device", least=20), Column("state"), Column("why", least=20)], headings=False)
     for need in seen.needs:
         needs.add(need.device, word(need.state), english(*need.reason))
-    law = f"in = out + dropped: {seen.samples_in} = {seen.samples_out} + {seen.dropped}"
+    corrected = f"{seen.samples_out:,} of {seen.samples_in:,}" if seen.dropped else f"All {seen.samples_in:,}"
+    law = f"{corrected} samples corrected, {seen.dropped:,} dropped."
     rows: list[RenderableType] = [Text(f"{seen.ward}: {seen.tracking} of {seen.devices} tracking", "bold")]
     rows += [needs] if seen.needs else []
     rows += [Text(english(trouble), "bold red") for trouble in seen.troubles]

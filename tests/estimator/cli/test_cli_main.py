@@ -90,17 +90,17 @@ MODELS = '[estimator]\nid = "e"\nmodels = { chst = "lsm9ds1", chest = "lsm9ds1" 
         (
             WARD + '[devices]\nenrolled = ["b/chest", "wrist"]\n',
             "",
-            "'chst' is not enrolled, nor a device of these files",
+            "'chst' is neither enrolled nor a device of these files",
         ),
         (
             WARD + DEVICE,
             "",
-            "'chst' is not enrolled, nor a device of these files",
+            "'chst' is neither enrolled nor a device of these files",
         ),
         (
             WARD,
             WARD + DEVICE,
-            "'chst' is not enrolled, nor a device of these files",
+            "'chst' is neither enrolled nor a device of these files",
         ),
         (WARD, 'ward = "another"\n' + DEVICE, ""),
         (WARD, "", ""),
@@ -155,7 +155,7 @@ def test_who_misspells_a_verb_is_told_of_the_nearest(capsys: pytest.CaptureFixtu
         ),
         (["bridge", "run", "a.toml", "--cofig=x"], "truerate bridge run: unknown option '--cofig'; "),
         (["calibrate", "a.npz", "b.npz"], "truerate calibrate: unexpected 'b.npz'"),
-        (["demo", "--seed", "-1"], "'-1': a whole number from 0 to"),
+        (["demo", "--seed", "-1"], "'-1': use a whole number from 0 to"),
     ],
 )
 def test_what_no_verb_takes_is_refused_in_a_line(

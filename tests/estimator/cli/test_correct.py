@@ -216,9 +216,9 @@ def test_readings_in_other_units_are_refused_or_not_used(
     right = {"gyro_rad_s": session.gyro, "accel_m_s2": session.accel, "t_s": session.time_s}
     for wrong, said in (
         ({"gyro_rad_s": np.degrees(session.gyro)}, "are probably degrees per second, given as rad/s"),
-        ({"t_s": session.time_s * 1e3}, "is it in another unit? Say --time-unit ms"),
-        ({"t_s": session.time_s * 1e6}, "is it in another unit? Say --time-unit ms (us"),
-        ({"t_s": session.time_s * 1e-3}, "is it in another unit?"),
+        ({"t_s": session.time_s * 1e3}, "Give the right --time-unit (ms"),
+        ({"t_s": session.time_s * 1e6}, "Give the right --time-unit (ms, us"),
+        ({"t_s": session.time_s * 1e-3}, "Give the right --time-unit"),
     ):
         saved({**right, **wrong})
         for verb in (["correct", "in.npz", "out.npz"], ["calibrate", "in.npz"]):
@@ -229,7 +229,7 @@ def test_readings_in_other_units_are_refused_or_not_used(
         saved({**right, "accel_m_s2": session.accel * scale})
         for verb in (["correct", "in.npz", "out.npz"], ["calibrate", "in.npz"]):
             assert main(verb) == 0
-            assert f"is it in {unit}, and taken as m/s²? It is not used; say --accel-unit {unit}" in caplog.text
+            assert f"The unit is probably {unit}, not m/s²; then give --accel-unit {unit}" in caplog.text
             caplog.clear()
         with np.load("out.npz") as file:
             assert "accel_m_s2" not in file
