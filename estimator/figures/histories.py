@@ -26,6 +26,7 @@ _WIDE, _UNKNOWN = 5.0, 1.0
 _DARK: dict[Any, str] = dict.fromkeys(
     ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), "#e8edf1"
 )
+_BRIGHT = ("#7fbaff", "#ffb066", "#4fcfa8")
 _DARK |= {"figure.facecolor": "#171e24", "axes.facecolor": "#171e24", "savefig.facecolor": "#171e24"}
 #: date formats without month names: for years, months, days, hours, minutes, seconds
 _NUMBERS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S.%f"]
@@ -53,7 +54,7 @@ def history(
         figure = Figure(figsize=(4.4, 6.6) if narrow else (12, 7), dpi=130)
         panels = figure.subplots(3 + warm, 1, sharex=True)
         for axis, panel in enumerate(panels[:3]):
-            _bias(panel, axis, of.biases, zone, words=words)
+            _bias(panel, axis, of.biases, zone, (_BRIGHT if dark else COLOURS)[axis], words=words)
         for boot in of.biases if warm else ():
             panels[3].plot(_dates(boot.time_ns, zone), boot.temperature_c, color=COLOURS[5], marker=_marker(boot))
         if warm:
@@ -72,12 +73,12 @@ def history(
         figure.savefig(path)
 
 
-def _bias(panel: Any, axis: int, biases: Sequence[Biases], zone: tzinfo, *, words: bool) -> None:
+def _bias(panel: Any, axis: int, biases: Sequence[Biases], zone: tzinfo, colour: str, *, words: bool) -> None:
     """Draw the bias of one axis, a line and a band for each boot."""
     for boot in biases:
         when, (bias, wide) = _dates(boot.time_ns, zone), (of_axes[:, axis] for of_axes in _band(boot))
-        panel.fill_between(when, bias - wide, bias + wide, color=COLOURS[axis], alpha=0.25, linewidth=0)
-        panel.plot(when, bias, color=COLOURS[axis], marker=_marker(boot), linewidth=1.2)
+        panel.fill_between(when, bias - wide, bias + wide, color=colour, alpha=0.25, linewidth=0)
+        panel.plot(when, bias, color=colour, marker=_marker(boot), linewidth=1.2)
     cut = _fit(panel, biases, axis)
     panel.set(ylabel=f"{AXES[axis]}, °/s{', cut off' if cut and words else ''}")
 

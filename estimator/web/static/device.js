@@ -4,7 +4,7 @@ import { chart, post, stripe } from "./charts.js";
 import { fill, tone } from "./fields.js";
 import { say, spoken, trouble, unwatch, watch } from "./live.js";
 
-const AXES = ["x", "y", "z"], WINDOW_S = 20, BACK_S = 1;
+const AXES = ["x", "y", "z"], WINDOW_S = 20, BACK_S = 1, PAUSE_S = 0.5; // no line leads across a longer pause
 const page = document.querySelector(".device"), id = page.dataset.id;
 const $ = (name) => document.getElementById(name);
 let trail = { rests: [], marks: [] };
@@ -80,6 +80,7 @@ function trace(data) {
   for (let i = 0; i < n; i++) {
     if (time[i] <= newest - BACK_S) for (const column of all) column.length = 0; // the host's clock was set back, or is another's
     else if (time[i] <= newest) continue;
+    if (newest && time[i] - newest > PAUSE_S) { columns.time.push(newest + 0.001); for (const column of all.slice(1)) column.push(null); }
     newest = time[i];
     columns.time.push(time[i]);
     for (let axis = 0; axis < 3; axis++) {
