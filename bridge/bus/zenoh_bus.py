@@ -210,12 +210,11 @@ def _why(routers: Routers) -> str:
     silent = {endpoint: words for endpoint in routers if (words := why_unreachable(endpoint))}
     said = [f"{endpoint}: {words}" if len(routers) > 1 else words for endpoint, words in silent.items()]
     if len(silent) == len(routers):
-        return f": {'; '.join(said)}; start one with `truerate router`"
+        how = f"--listen {routers[0]}" if routers.identity is None else "--config ROUTER.json5"
+        return f": {'; '.join(said)}; start one with `truerate router {how}`, or correct the address"
     there = ", ".join(endpoint for endpoint in routers if endpoint not in silent)
     if routers.identity is None:
-        said.append(
-            f"the program at {there} may want a certificate (tls/...), or may not be a router: start one with `truerate router`"
-        )
+        said.append(f"the program at {there} may ask for a certificate (tls/...), or be no router: correct the address")
     else:
         said.append(
             f"if a router runs at {there}, see its log: it may refuse this program's certificate (`truerate pki router` writes"

@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from packaging.requirements import Requirement
 
@@ -119,8 +120,13 @@ def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
     check = f"disk, {what}"
     # Path.exists raises an error where access is denied.
     there = next(path for path in (folder, *folder.parents) if os.path.exists(path))  # noqa: PTH110
-    if not there.is_dir() or not os.access(there, os.W_OK):
-        return trouble(check, f"{there} is not writable", f"sudo install -d -o $USER {folder}, or choose another place")
+    if not there.is_dir():
+        return trouble(check, f"{there} is a file, not a folder", "choose another place in the ward file")
+    try:
+        TemporaryFile(dir=there).close()  # tells more than the permissions do, and leaves nothing
+    except OSError as error:
+        do = f"sudo install -d -o $USER {folder}, or choose another place in the ward file"
+        return trouble(check, f"{there} cannot be written to: {error.strerror}", do)
     bytes_free = free(there)
     said = f"{there}: {bytes_free / 1e9:.1f} GB free"
     if bytes_free < _NONE_BYTES:

@@ -122,8 +122,9 @@ def _wanted(message: Message, devices: Sequence[str]) -> Key | None:
 def _nobody(ward: str, endpoints: Sequence[str], settings: Recorder) -> str:
     whom = f"none of {', '.join(settings.devices)}" if settings.devices else "no device"
     return (
-        f"{whom} was heard within {settings.wait_s:g} s, so nothing is recorded. Keys: {keys.everything(ward)}, router: "
-        f"{', '.join(endpoints)}. Check the ward's name and that a bridge runs; `truerate devices` lists the devices"
+        f"{whom} was heard within {settings.wait_s:g} s, so nothing is recorded. Listened to {keys.everything(ward)} at "
+        f"{', '.join(endpoints)}. Name the ward with --config WARD.toml or --ward NAME, or start its bridge with "
+        "`truerate bridge run WARD.toml`"
     )
 
 

@@ -20,7 +20,7 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def __post_init__(self) -> None:
         check(self.name, "name")
         if not self.password.startswith(HASHED):
-            raise ValueError(f"password of {self.name!r} is no hash; `truerate dashboard password` makes one")
+            raise ValueError(f"password of {self.name!r} is not a hash: make one with `truerate dashboard password`")
 
 
 class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

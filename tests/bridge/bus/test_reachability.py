@@ -35,9 +35,10 @@ def test_what_cannot_be_reached_is_said_with_its_address_and_without_zenohs_own_
     with pytest.raises(BusError) as nothing:
         ZenohBus([gone], open_timeout_s=0.2)
     assert str(nothing.value) == (
-        f"no router answered at {gone} within 0.2 s: no program listens there; start one with `truerate router`"
+        f"no router answered at {gone} within 0.2 s: no program listens there; "
+        f"start one with `truerate router --listen {gone}`, or correct the address"
     )
     with pytest.raises(BusError) as either:
         ZenohBus([gone, there], open_timeout_s=0.2)
-    assert f"{gone}: no program listens there; the program at {there} may want a certificate" in str(either.value)
+    assert f"{gone}: no program listens there; the program at {there} may ask for a certificate" in str(either.value)
     assert "Unable to connect" not in str(either.value)

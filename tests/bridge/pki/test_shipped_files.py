@@ -153,7 +153,7 @@ def test_a_key_zenoh_does_not_know_is_refused(tmp_path: Path, capsys: pytest.Cap
 
 def test_one_machine_is_right_and_a_ward_lacks_only_its_certificates(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["config", "check", str(FILES / "one-machine.json5")]) == 0
-    assert "right. A router at tcp/127.0.0.1:7447" in capsys.readouterr().out
+    assert "valid. Router at tcp/127.0.0.1:7447" in capsys.readouterr().out
     assert main(["config", "check", str(FILES / "ward.json5")]) == 2
     said = capsys.readouterr().err
     assert "/etc/truerate/pki/router.router-3.members.pem: there is no such file or folder" in said

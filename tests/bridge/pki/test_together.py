@@ -68,7 +68,7 @@ def files(tmp_path: Path) -> Files:
 
 def test_files_that_go_together_are_right(files: Files, capsys: pytest.CaptureFixture[str]) -> None:
     assert files.check() == 0
-    assert capsys.readouterr().out.count(": right.") == 3
+    assert capsys.readouterr().out.count(": valid.") == 3
 
 
 def another_bridge(files: Files) -> None:

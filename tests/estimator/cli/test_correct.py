@@ -83,11 +83,11 @@ def test_it_says_in_words_what_became_of_it(recorded: Path, tmp_path: Path, caps
     printed, err = capsys.readouterr()
     recording = load(recorded)
     assert f"{len(recording)} samples" in printed
-    assert "as it would have been live" in printed
+    assert "as in a live ward" in printed
     assert "GOOD" in printed
     assert "TURNING -> TRACKING: The device is calibrated. Three turns closed to" in printed
     assert "temperature: 25.0 to" in printed
-    assert f"written to {tmp_path / 'c.npz'}" in printed
+    assert f"written: {tmp_path / 'c.npz'}" in printed
     assert err == "", "no bar where there is no terminal"
 
 
@@ -155,8 +155,20 @@ def test_only_what_it_wrote_before_is_replaced(
         other.write_text("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n")
     before = other.read_bytes()
     assert main(["correct", str(recorded), str(other)]) == 1
-    assert "is no corrected recording; give another name" in capsys.readouterr().err
+    assert "is not a corrected recording; give another name" in capsys.readouterr().err
     assert other.read_bytes() == before
+
+
+def test_a_recording_without_rests_says_that_nothing_is_corrected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s = np.arange(3000) / 100
+    gyro = np.sin(np.pi * time_s[:, None] + np.arange(3)) * 1.5
+    np.savez(tmp_path / "day.npz", gyro_rad_s=gyro, t_s=time_s)
+    assert main(["correct", str(tmp_path / "day.npz"), str(tmp_path / "out.npz")]) == 1
+    said = capsys.readouterr().out
+    assert "The bias is not corrected" in said
+    assert "Record again" in said
 
 
 @pytest.mark.parametrize(
@@ -172,11 +184,11 @@ def test_only_what_it_wrote_before_is_replaced(
         (["missing.npz", "out.npz"], 1, "cannot be read"),
         (["IN", "out.npz", "--calibration", "missing.json"], 1, "missing.json: cannot be read"),
         (["IN", "out.npz", "--calibration", "IN"], 1, "not a calibration"),
-        (["IN", "out.npz", "--other-boot"], 2, "needs --calibration FILE"),
+        (["IN", "out.npz", "--other-boot"], 2, "add --calibration FILE"),
         (["IN", "out.npz", "--range-dps", "nan"], 2, "--range-dps is nan"),
         (["IN", "out.npz", "--range-dps", "5"], 1, "more than twice the range given, 5 °/s"),
         (["IN", "out.npz", "--picture", "p.xyz"], 2, "--picture p.xyz"),
-        (["IN", "out.npz", "--picture", "out.npz/p.png"], 2, "out.npz is to be a file"),
+        (["IN", "out.npz", "--picture", "out.npz/p.png"], 2, "out.npz is the output file, not a folder"),
     ],
 )
 def test_wrong_use_is_one_line(
