@@ -73,3 +73,8 @@ class Instruction:
     laid: bool = False
     sides: tuple[int, ...] | None = None
     ways: tuple[Picture, Picture, Picture] = (Picture.ALONG, Picture.ACROSS, Picture.FLAT)
+
+    @property
+    def how(self) -> str:
+        """Key of the text that says how to do it."""
+        return "laid" if self.laid else self.step.value

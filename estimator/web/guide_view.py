@@ -149,7 +149,7 @@ def _said(
     progress |= dict.fromkeys(_RESTS, t("guide.rest", percent=percent))
     return Said(
         head=t.say("head", told.head),
-        how=t("how.laid" if told.laid else f"how.{told.step}"),
+        how=t(f"how.{told.how}"),
         wrong=[t.text((one,)) for one in told.wrong],
         rebooted=t("guide.rebooted") if told.rebooted else "",
         progress=progress.get(told.step, ""),
