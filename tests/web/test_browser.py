@@ -227,7 +227,7 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
     assert serious(page) == []
     for bus in site.buses:
         bus.detach()
-    expect(page.locator("#troubles")).to_contain_text("router is not there")
+    expect(page.locator("#troubles")).to_contain_text("router is gone")
     expect(page.locator(".tile .state").first).to_have_text("unknown")
     expect(page.locator(".tile .reason").first).to_contain_text("The router is gone")
     shot("ward-without-router")

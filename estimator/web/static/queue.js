@@ -17,15 +17,15 @@ function follow(id, card) {
     say(wrong, said.wrong.join(" "));
     wrong.hidden = !said.wrong.length;
     card.querySelector("progress").value = OVER.has(now.step) ? 100 : now.percent;
-    if (now.step === "done" && !leaving.has(id)) leaving.set(id, performance.now());
   });
 }
 
 watch(spoken("ward"), (now) => {
   trouble(now.troubles);
   for (const [id, card] of cards) {
-    const stays = now.queue.includes(id) || (leaving.has(id) && performance.now() - leaving.get(id) < STAYS_MS);
-    if (stays) continue;
+    if (now.queue.includes(id)) { leaving.delete(id); continue; }
+    if (!leaving.has(id)) leaving.set(id, performance.now());
+    if (performance.now() - leaving.get(id) < STAYS_MS) continue; // its "Done" is read
     unwatch(`guide/${id}`);
     card.remove();
     cards.delete(id);
@@ -43,5 +43,5 @@ watch(spoken("ward"), (now) => {
   const rest = now.queue.filter((id) => !cards.has(id));
   others.hidden = !rest.length;
   say(others, others.dataset.words.replace("{names}", rest.join(", ")));
-  document.getElementById("nobody").hidden = now.queue.length + cards.size > 0;
+  document.getElementById("nobody").hidden = now.queue.length > 0;
 }, { must: true });

@@ -213,7 +213,7 @@ def test_nobody_there(client: Client, capsys: pytest.CaptureFixture[str]) -> Non
     assert watch_ward.watch_ward(console, Client(ward="other", bus=MemoryBus(MemoryBroker())), once=True) == 1
     assert "no device is heard" in capsys.readouterr().err
     assert watch_ward.watch_ward(console, client, ["lost"], once=True) == 0
-    assert "none is lost" in file.getvalue()
+    assert "no device is lost" in file.getvalue()
 
 
 def test_a_word_that_is_nobody_and_no_state_is_said(client: Client, capsys: pytest.CaptureFixture[str]) -> None:
