@@ -185,6 +185,7 @@ class Code(StrEnum):
     WARD_EMPTY = "ward_empty", "ward"
     TWO_BRIDGES = "two_bridges", "devices", "owner", "refused"
     TWO_BRIDGES_AND_MORE = "two_bridges_and_more", "devices", "more", "owner", "refused"
+    SETTING_DOUBTED = "setting_doubted", "devices", "names", "setting"
     ESTIMATOR_OVERLOADED = "estimator_overloaded", "duration_s"
     STORE_FAILING = "store_failing", "devices"
     SAMPLES_UNACCOUNTED = "samples_unaccounted", "device", "taken", "out", "dropped", "lost"

@@ -342,6 +342,7 @@ class BootEstimation:
         made = self._as_message(result, under_way.who, now_ns)
         outcome.calibrations.append(made)
         if result.verdict is not Verdict.ACCEPTED:
+            under_way.refused = result.reason
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
         self.calibration, self.prior, self.under_way, self.scratch = made, None, None, ()

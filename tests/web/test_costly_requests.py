@@ -109,7 +109,7 @@ def test_equal_requests_share_an_answer_and_what_nobody_waits_for_is_not_made() 
 def test_abandoned_pictures_are_not_drawn(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = list[str]()
 
-    def slowly(of: object) -> bytes:
+    def slowly(of: object, **_: bool) -> bytes:
         time.sleep(0.2)
         drawn.append(of.device)  # type: ignore[attr-defined]
         return b"png"

@@ -123,7 +123,7 @@ def test_a_loop_that_is_stuck_is_sick() -> None:
     ("bridge", "estimator", "words"),
     [
         ("127.0.0.1:9464", "127.0.0.1:9464", "a port of its own"),
-        ("", "9464", "looks like '127.0.0.1:9464'"),
+        ("", "9464", "such as '127.0.0.1:9464'"),
         ("localhost:http", "", "[bridge]"),
     ],
 )
