@@ -15,6 +15,7 @@ from bridge.terminal.tables import Column, Columns
 GROUPS = {
     "calibration": ("calibration", "closure_honesty", "gravity_methods", "machines", "clipping"),
     "tracking": ("tracking", "cost", "temperature", "warming", "honesty", "rests"),
+    "orientation": ("orientation",),
     "load": ("load",),
     "bridge": ("bridge_load", "hotplug"),
     "cluster": ("cluster",),
