@@ -1,4 +1,4 @@
-"""The verbs that send commands to a ward's estimator: recalibrate, cancel, note."""
+"""The verbs that send commands to a ward's estimator: recalibrate, cancel, zero-heading, note."""
 
 import argparse
 import sys
@@ -15,10 +15,11 @@ from estimator.cli.ward_options import person, ward_of
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `recalibrate`, `cancel` and `note`."""
+    """Add `recalibrate`, `cancel`, `zero-heading` and `note`."""
     for name, help_text in (
         ("recalibrate", "ask for three new turns; the old calibration stays in use until they are taken"),
         ("cancel", "stop a calibration under way; the old one stays"),
+        ("zero-heading", "the heading that a device has now is zero from now on"),
     ):
         verb = add_verb(verbs, name, _command, help_text)
         verb.add_argument("device", help="its id, as `truerate devices` shows it")
@@ -39,7 +40,9 @@ def _command(given: argparse.Namespace) -> int:
     ward, endpoints = ward_of(given, Role.COMMANDER)
     device = check_id(given.device, "device")
     with Client(endpoints, ward=ward) as client:
-        ask = client.recalibrate if given.verb == "recalibrate" else client.cancel
+        ask = {"recalibrate": client.recalibrate, "cancel": client.cancel, "zero-heading": client.zero_heading}[
+            given.verb
+        ]
         reply = ask(device, person(), given.reason)
     return _answered(device, reply)
 

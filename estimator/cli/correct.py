@@ -18,7 +18,8 @@ corrected:
   Orientation: the quaternion turns sensor axes to earth axes (z up), scalar first; standard deviations of tilt and heading.
   A bias' deviation is of its mean over minutes, a rate's has in it what the bias flickers by about that.
   .npz   t_s (n), rate_rad_s, rate_std_rad_s, bias_rad_s, bias_std_rad_s (n, 3), quality (n), a number whose name is in
-         quality_names, quat_wxyz (n, 4), tilt_std, heading_std (n) rad, matrix (3, 3), rate_hz; and as recorded accel_m_s2 (n, 3), temperature_c (n).
+         quality_names, matrix (3, 3), rate_hz; quat_wxyz (n, 4), tilt_std, heading_std (n) rad;
+         and as recorded accel_m_s2 (n, 3), temperature_c (n).
   .csv   the same, a column an axis: t_s, rate_x_rad_s …, rate_std_x_rad_s …, bias_x_rad_s …; quality by its name.
 quality:
   NONE, PRIOR          the bias is not known, or in doubt; no scale is known, or that of another boot

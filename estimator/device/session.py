@@ -53,7 +53,7 @@ class SessionState(StateStruct):
     sample before it. clock: see `Blocks`.
     applied: correction of the block of `next`; ready: of the block after it, unless more is learnt.
     life: lifecycle state, the state before the device went away, and the reasons of both.
-    attitude: state of the orientation, of the samples corrected so far; None without one.
+    attitude: state of the orientation, of the samples corrected so far, and what its heading counts from; None without one.
     """
 
     version: int
@@ -70,7 +70,7 @@ class SessionState(StateStruct):
     ready: Correction
     life: tuple[str, str, Sentences, Sentences]
     learnt: BootEstimationState
-    attitude: Floats | None = None
+    attitude: tuple[Floats, str] | None = None
 
 
 class DeviceSession:
@@ -228,7 +228,7 @@ class DeviceSession:
                 self._ready,
                 self.life.saved,
                 self.learnt.saved(buffer, end),
-                None if self.attitude is None else self.attitude.state,
+                None if self.attitude is None else (self.attitude.state, self.attitude.zero),
             )
         )
 
@@ -264,7 +264,7 @@ class DeviceSession:
         session._blocks.resume(buffer, saved.clock, saved.begun_s)
         session._applied, session._ready = saved.applied, saved.ready
         if saved.attitude is not None:
-            session.attitude = Attitude(session.knobs.orientation, saved.attitude)
+            session.attitude = Attitude(session.knobs.orientation, *saved.attitude)
         session.sequence.resume(saved.boot, saved.first, saved.next)
         session.last_heard_ns, session._unused = saved.last_heard_ns, False
         if saved.learnt.under_way:
@@ -422,6 +422,13 @@ class DeviceSession:
         if self.tracker.doubt.stands:
             self.life.on(Event.DOUBTED)
         self.learnt.cancel(who)
+        return None
+
+    def zero_heading(self, who: str) -> Sentence | None:
+        """Make the present heading zero. Returns None, or why it is refused."""
+        if self.attitude is None or not self.attitude.begun:
+            return Code.NO_ORIENTATION(device=self.device)
+        self.attitude.reset_heading(who)
         return None
 
     def silence(self, reason: Sentences, event: Event = Event.SILENT) -> bool:

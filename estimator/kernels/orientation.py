@@ -19,8 +19,8 @@ Wholes = NDArray[np.int64]
 TIME, QUAT, VELOCITY, SWING, UNREST, GAIN, NOISE, HEADING = 0, 1, 5, 7, 9, 10, 13, 16
 #: sensitivity (5, 15) of phi (3) and v (2) to gyro bias (3), relative change of the matrix (9, row by row), accelerometer
 #: bias (3); bias variance and matrix they are meant for, and its time; last rate; usual interval, s; covariance of phi
-#: (xx, xy, xz, yy, yz, zz), as of the last sample; number of the next sample
-BY, BIAS_VAR, MATRIX, SINCE, RATE, INTERVAL, COV, NEXT, SIZE = 17, 92, 95, 104, 105, 108, 109, 115, 116
+#: (xx, xy, xz, yy, yz, zz), as of the last sample; number of the next sample, and of that at which the heading was zero
+BY, BIAS_VAR, MATRIX, SINCE, RATE, INTERVAL, COV, NEXT, ZERO, SIZE = 17, 92, 95, 104, 105, 108, 109, 115, 116, 117
 #: parts of what is known of the sensors: matrix and bias; standard deviations of bias, matrix (9), accelerometer bias and noise;
 #: of the bias' flicker, and its random walk, rad/s per root second
 KNOWN_BIAS_STD, KNOWN_MATRIX_STD, KNOWN_ACCEL_STD, KNOWN_NOISE, KNOWN_FLICKER, KNOWN_WALK, KNOWN = (

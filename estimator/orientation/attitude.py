@@ -95,9 +95,13 @@ def known(model: GyroModel, bias_std: Floats, unsure: Floats, flicker: float, wa
 
 
 class Attitude:
-    """Attitude of one device in one boot; `state` (116,) is all that there is, and may be saved and given back."""
+    """Attitude of one device in one boot; `state` (117,) is all that there is, and may be saved and given back.
 
-    def __init__(self, knobs: OrientationKnobs | None = None, state: Floats | None = None) -> None:
+    zero: why the heading was zero last: `start`, or who reset it.
+    """
+
+    def __init__(self, knobs: OrientationKnobs | None = None, state: Floats | None = None, zero: str = "start") -> None:
+        self.zero = zero
         #: knobs (11,) as numbers
         self.knobs = np.array(astuple(knobs or OrientationKnobs()))
         self.state = np.zeros(loop.SIZE)
@@ -140,8 +144,9 @@ class Attitude:
         trace = np.empty((len(rows), loop.TRACE))
         return _carry([self], [(self, rows, known)], trace)[0], trace
 
-    def reset_heading(self) -> None:
-        """Make the present heading zero, and surely so."""
+    def reset_heading(self, zero: str = "") -> None:
+        """Make the heading of the last sample zero, and surely so. zero: who does it."""
+        self.zero, self.state[loop.ZERO] = zero, self.state[loop.NEXT] - 1
         s, turn = self.state, Rotation.from_euler("z", -self.heading)
         matrix = turn.as_matrix()
         s[loop.QUAT : loop.VELOCITY] = (turn * self.rotation).as_quat(scalar_first=True)
