@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 BENCHES := bench-calibration bench-tracking bench-orientation bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-viewers
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench $(BENCHES) pins supply fuzz soak nemesis docs test-lowest clean
+.PHONY: setup setup-dev demo test check lint types contracts prose proto study bench $(BENCHES) pins supply fuzz soak nemesis docs release test-lowest clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -41,7 +41,12 @@ docs: setup-dev
 	$(BIN)/python -m pip install --quiet --group docs
 	$(BIN)/sphinx-build -q -W --keep-going -b html docs out/docs
 
-check: lint types contracts
+# A release in dist/: wheel, sdist, Debian packages, bundles for machines without a network. ARGS=x86_64 for one platform.
+release: setup-dev
+	$(BIN)/python -m pip install --quiet --group docs --group release
+	$(BIN)/python packaging/release.py $(ARGS)
+
+check: lint types contracts prose
 
 lint: setup-dev
 	$(BIN)/ruff check .
@@ -53,6 +58,10 @@ types: setup-dev
 
 contracts: setup-dev
 	$(BIN)/lint-imports
+
+# Word rules for pages, help and messages.
+prose: setup-dev
+	$(BIN)/python -m pytest -n 0 tests/test_prose.py
 
 # Regenerates the committed protobuf modules; tests/bridge/wire/test_proto.py holds them to the .proto files.
 proto: setup-dev

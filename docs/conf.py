@@ -6,11 +6,12 @@ from pathlib import Path
 from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parent))
-from generate import codes, command_line, configuration
+from generate import codes, command_line, configuration, metrics
 
 project = "truerate"
 author = copyright = "truerate maintainers"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx-mathjax-offline"]
+man_pages = [("reference/command-line", "truerate", "corrected rates of wearable IMUs", [author], 1)]
 html_theme = "furo"
 html_title = "truerate"
 html_extra_path = ["card"]
@@ -31,3 +32,4 @@ def setup(app: Sphinx) -> None:
     (folder / "command-line.md").write_text(command_line(), encoding="utf-8")
     (folder / "codes.md").write_text(codes(), encoding="utf-8")
     (folder / "configuration.md").write_text(configuration(), encoding="utf-8")
+    (folder / "metrics.md").write_text(metrics(), encoding="utf-8")

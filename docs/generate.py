@@ -1,21 +1,25 @@
-"""Reference pages that are generated from the code: the command line from argparse, the configuration from its schema."""
+"""Reference pages generated from the code: command line, configuration, codes and metrics."""
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import msgspec
 from sphinx.pycode import ModuleAnalyzer
 
+from bridge.bus.certificate_metric import ENDS
 from bridge.cli.parser import Parser
 from bridge.config.enrolment import Enrolment
 from bridge.config.schema import Bridge, Bus, Router
 from bridge.drivers.registry import OURS, kinds
+from bridge.ingest.health import BridgeHealth
 from bridge.reasons.catalogue import catalogue
 from bridge.reasons.codes import Code
 from bridge.recording.settings import Recorder
+from bridge.runtime.health_server import MetricFamily
 from estimator.cli.main import build
 from estimator.config.dashboard import Dashboard
 from estimator.config.schema import Estimator
+from estimator.service.health import Note, ServiceHealth
 
 TABLES = {
     "bus": Bus,
@@ -27,13 +31,21 @@ TABLES = {
     "dashboard": Dashboard,
 }
 
+#: the rule for every verb
+EXIT_CODES = """| exit code | meaning |
+|---|---|
+| 0 | done |
+| 1 | done, but with a finding that needs a person; or refused because of the data: a recording, a device, the store, the bus |
+| 2 | wrong usage: an option, an argument, or a file of settings (ward file, profile, certificates) that cannot be used |
+| 130 | interrupted by Ctrl-C; a verb that runs until it is stopped ends with 0 |"""
+
 
 def command_line() -> str:
     """The help of every command, as Markdown."""
     pages = "\n\n".join(
         f"## {parser.prog}\n\n```text\n{parser.format_help().rstrip()}\n```" for parser in _all(build())
     )
-    return f"# Command line\n\nEvery command with its options, as `--help` prints them.\n\n{pages}\n"
+    return f"# Command line\n\nEvery command with its options, as `--help` prints them.\n\n{EXIT_CODES}\n\n{pages}\n"
 
 
 def _all(parser: Parser) -> Iterator[Parser]:
@@ -52,6 +64,29 @@ def codes() -> str:
         "# Codes\n\nReasons travel as codes with parameters. Each program shows them in its reader's language.\n\n"
         "| code | parameters | English | Chinese |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
     )
+
+
+def metrics() -> str:
+    """Every metric of the estimator and of the bridge, as Markdown."""
+    service = ServiceHealth()
+    service.note(Note(time_s=0.0, connected=True, store=""))
+    bridge = BridgeHealth(infos=tuple, turned_s=lambda: 0.0, connected=lambda: True)
+    parts = {"Estimator": service.families(), "Bridge": bridge.families(), "Programs with a certificate": [ENDS]}
+    return (
+        '# Metrics\n\nSet `health` in `[estimator]` or `[bridge]`, for example `health = "127.0.0.1:9464"`. The program then '
+        "answers `/metrics` in Prometheus' text format, `/healthz` and `/readyz`. "
+        "`truerate_build_info` has the program's version.\n\n"
+        + "\n\n".join(f"## {part}\n\n{_metric_rows(families)}" for part, families in parts.items())
+        + "\n"
+    )
+
+
+def _metric_rows(families: Iterable[MetricFamily]) -> str:
+    rows = [
+        f"| `truerate_{one.name}{'_total' if one.counter else ''}` | {', '.join(one.labels)} | {one.help} |"
+        for one in families
+    ]
+    return "| metric | labels | meaning |\n|---|---|---|\n" + "\n".join(rows)
 
 
 def configuration() -> str:

@@ -86,7 +86,7 @@ class MemoryBus:
         with self.broker.lock:
             able = [a for a in self.broker.answerers if self.reaches(a.bus) and matches(a.pattern, key)]
         if not able:
-            raise BusError(f"nobody answers {key!r}; is the service that should answer running?")
+            raise BusError(f"no program answers {key!r}: check that the estimator runs (`truerate status`)")
         done = SimpleQueue[tuple[bytes, str]]()
         for one in able:
             one.tell(key, bytes(payload), done.put)

@@ -68,6 +68,8 @@ def _rights(ward: str, member: Member) -> Rights:
             return Rights(hears=all_of("info", "owned", *PUBLISHED, *TOKENS))
         case Role.COMMANDER:
             return Rights(hears=all_of("raw", "info", "owned", *PUBLISHED, *TOKENS), asks=all_of("rpc"))
+        case Role.PAGE:
+            return Rights()  # its certificate is for browsers
         case Role.RECORDER:
             return Rights(hears=(keys.everything(ward),))
         case Role.ROUTER:

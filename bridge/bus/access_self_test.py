@@ -43,19 +43,19 @@ def self_test(
             if seen[own].wait(wait_s):
                 seen[forbidden].wait(_AFTER_S)
     except BusError as error:
-        return [f"it could not be tried what {where} lets {member.common_name} do: {error}"]
+        return [f"the access rules of the router at {where} could not be tested as {member.common_name}: {error}"]
     finally:
         for watch in watches:
             watch.close()
     wrong = []
     if not seen[own].is_set():
         wrong.append(
-            f"the router at {where} drops all that {member.common_name} says and hears in ward {ward}: its rules do not name it,"
-            " or the name was revoked; write its file anew (truerate pki router) and start it again"
+            f"the router at {where} drops all messages to and from {member.common_name} in ward {ward}: its rules lack this name,"
+            " or the name was revoked. Write the router's file again (truerate pki router) and restart the router"
         )
     if seen[forbidden].is_set():
         wrong.append(
-            f"the router at {where} has no rules: whoever has a certificate may do everything in ward {ward}; give it a file"
-            " that `truerate pki router` wrote"
+            f"the router at {where} has no access rules: every certificate may do everything in ward {ward}. Start the router"
+            " with a file that `truerate pki router` wrote"
         )
     return wrong

@@ -32,7 +32,7 @@ class Router:
         self, listen: Sequence[str], *, shed: Sequence[str] = (), settings: zenoh_settings.Settings | None = None
     ) -> None:
         if not listen:
-            raise BusError("a router must listen somewhere, for example on tcp/127.0.0.1:7447")
+            raise BusError("a router needs an endpoint to listen on, for example tcp/127.0.0.1:7447")
         self.listen = tuple(listen)
         try:
             with _threads():
@@ -88,11 +88,11 @@ def endpoints_of(said: Sequence[str] | dict[str, Sequence[str]]) -> tuple[str, .
 def _advice(said: str) -> str:
     """Return advice for a failed listen, from the OS error number in zenoh's message."""
     causes = {
-        errno.EADDRINUSE: "something listens there already: is another router running?",
+        errno.EADDRINUSE: "another program listens there already: stop it, or choose another port",
         errno.EADDRNOTAVAIL: "this machine has no such address: use one of its own, or 0.0.0.0 for all of them",
         errno.EACCES: "a port below 1024 needs permission: choose a higher one",
     }
     for number, advice in causes.items():
         if f"(os error {number})" in said:
             return advice
-    return "is the address one of this machine's own, and no other router running there?"
+    return "use an address of this machine, and check that no other router runs there"

@@ -136,7 +136,7 @@ class GapRepair:
                     self._ask_for_last()
             except zenoh.ZError as error:
                 if not self._session.is_closed():
-                    _log.error("gap repair failed and goes on: %s", said(error))
+                    _log.error("repairing a gap failed: %s; the next gap is tried", said(error))
 
     def _ask(self, place: str, what: str, then: Callable[[Found], None]) -> None:
         self._questions.append(_Question(self.past(place, what), then, time.monotonic() + _OVER_S))
@@ -186,7 +186,7 @@ class GapRepair:
                 try:
                     self._ask(source.place, f"publisher={source.publisher};from={start}", then)
                 except zenoh.ZError as error:  # published under a key that cannot be queried
-                    _log.debug("%s cannot be asked: %s", source.key, said(error))
+                    _log.debug("the query to %s failed: %s", source.key, said(error))
                     then({})
 
     def _ask_for_last(self) -> None:

@@ -32,7 +32,7 @@ class Guarded(Generic[_P, _R]):
             quiet = self._in_a_row > 1
             _log.log(
                 logging.DEBUG if quiet else logging.ERROR,
-                "the handler of %s raised (%d so far)",
+                "the handler of %s failed (%d times so far)",
                 self._where,
                 self.failures,
                 exc_info=True,

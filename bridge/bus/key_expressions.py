@@ -35,7 +35,7 @@ def check_pattern(pattern: str) -> str:
 def check_patterns(patterns: str | Sequence[str]) -> tuple[str, ...]:
     """Return a tuple of one or several patterns, without duplicates; raise BusError for an invalid one, or for none."""
     if not patterns:
-        raise BusError("no pattern to subscribe to; give one or more")
+        raise BusError("no pattern to subscribe to: give at least one")
     return tuple(map(check_pattern, (patterns,) if isinstance(patterns, str) else dict.fromkeys(patterns)))
 
 

@@ -18,7 +18,7 @@ class MessageQueue:
 
     def __init__(self, capacity: int) -> None:
         if capacity < 1:
-            raise ValueError(f"a queue of {capacity} messages holds nothing; give 1 or more")
+            raise ValueError(f"capacity is {capacity}: use 1 or more messages")
         self._capacity = capacity
         self._messages: deque[Message] = deque()
         self._past = 0  # history messages not read yet, at most

@@ -23,7 +23,7 @@ def describe_missed(by_key: Mapping[str, int]) -> str:
     if left := sum(n for _, n in found[_NAMED:]):
         said.append(f"{left} of {len(found) - _NAMED} other streams")
     if unknown:
-        said.append(f"{unknown} of streams that were not heard before")
+        said.append(f"{unknown} of streams that were new")
     total = streams.total() + unknown
     return f"{total} messages missed on the bus: {', '.join(said)}" if total else ""
 

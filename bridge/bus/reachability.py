@@ -20,11 +20,11 @@ def why_unreachable(endpoint: str) -> str:
     try:
         socket.create_connection((host.removeprefix("[").removesuffix("]"), int(port)), _WAIT_S).close()
     except socket.gaierror:
-        return f"nobody knows the name {host}"
+        return f"the name {host} is unknown"
     except ConnectionRefusedError:
-        return "nothing listens there"
+        return "no program listens there"
     except TimeoutError:
-        return "no sign of that machine"
+        return "the machine does not answer"
     except OSError as error:
         return os_errors.why(error)
     return ""

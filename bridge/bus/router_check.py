@@ -69,7 +69,7 @@ def read(path: Path) -> RouterFile:
 def open_to_others(listen: Sequence[str]) -> Iterator[str]:
     """Yield a fault if other machines reach one of the endpoints without a certificate."""
     if reached := [endpoint for endpoint in listen if not secured(endpoint) and not loopback(endpoint)]:
-        yield f"{', '.join(reached)}: whoever reaches it reads and commands the ward; use tls/..., or 127.0.0.1"
+        yield f"{', '.join(reached)}: every machine in reach can read and command the ward; use tls/..., or 127.0.0.1"
 
 
 def loopback(endpoint: str) -> bool:
@@ -84,14 +84,14 @@ def loopback(endpoint: str) -> bool:
 
 def _of_endpoints(listen: Sequence[str], join: Sequence[str]) -> Iterator[str]:
     if not listen:
-        yield "listen.endpoints is empty: it listens nowhere"
+        yield "listen.endpoints is empty: add one, such as 'tls/0.0.0.0:7447'"
     yield from open_to_others(listen)
     if in_the_clear := [endpoint for endpoint in join if not secured(endpoint) and not loopback(endpoint)]:
-        yield f"connect: {', '.join(in_the_clear)}: all of the ward would go there for everybody to read; use tls/..."
+        yield f"connect: {', '.join(in_the_clear)}: the ward's data would travel unencrypted; use tls/..."
     for endpoint in (*listen, *join):
         named = [one.partition("=")[0] for one in endpoint.partition("#")[2].split(";")]
         if others := [name for name in named if name and name not in _HARMLESS]:
-            yield f"{endpoint}: {', '.join(others)}: goes before what the file says for all: leave it out"
+            yield f"{endpoint}: {', '.join(others)}: overrides the settings for all endpoints: remove it"
 
 
 def _differing(where: str, said: Any, ours: Any) -> Iterator[str]:
@@ -105,12 +105,12 @@ def _differing(where: str, said: Any, ours: Any) -> Iterator[str]:
     elif _tables(said) and _tables(ours):
         there, wanted = _by_id(said or []), _by_id(ours or [])
         if len(there) < len(said or []):
-            yield f"{where[1:]}: two of them have the same id, or are of the same member"
+            yield f"{where[1:]}: two entries have the same id or the same member: remove one"
         for name in dict.fromkeys((*there, *wanted)):
             if name not in wanted:
-                yield f"{where[1:]}: {name} is not one of ours: leave it out"
+                yield f"{where[1:]}: {name} is unknown to truerate: remove it"
             elif name not in there:
-                yield f"{where[1:]}: {name} is missing"
+                yield f"{where[1:]}: {name} is missing: write the file again with `truerate pki router`"
             else:
                 yield from _differing(f"{where}[{name}]", there[name], wanted[name])
     elif _plain(said) != _plain(ours):
@@ -118,7 +118,7 @@ def _differing(where: str, said: Any, ours: Any) -> Iterator[str]:
         if len(has + expected) < _SHORT:
             yield f"{where[1:]} is {has}; `truerate pki router` writes {expected}"
         else:
-            yield f"{where[1:]} is not what `truerate pki router` writes: write the file anew"
+            yield f"{where[1:]} is not what `truerate pki router` writes: write the file again"
 
 
 def _tables(value: Any) -> bool:

@@ -13,14 +13,14 @@ from bridge.wire import keys
 _INNERMOST, _WIDTH = re.compile(r"[\[{][^\[\]{}]*[\]}]"), 100
 # Comment above each part of the file: why the part is there.
 _WHY = {
-    "connect": "other routers, which this one joins",
-    "scouting": "nobody is looked for, and nobody is told that we are here",
-    "adminspace": "nobody sees or changes this router's settings over the network",
-    "transport": "quick to notice who is gone; who takes nothing for 100 ms is cut off; idle connections are dropped",
-    "timestamping": "with zenoh's own, a subscriber with history takes messages of two publishers that cross for old",
-    "qos": "what people look at: a slow viewer loses its own, and holds up nobody",
-    "low_pass_filter": "nothing larger than the largest message of the wire",
-    "access_control": "who may do what, by the common name of its certificate; everything else is denied, silently",
+    "connect": "other routers that this router connects to",
+    "scouting": "no discovery: this router neither searches for others nor announces itself",
+    "adminspace": "the router's settings can be neither read nor changed over the network",
+    "transport": "lost peers are noticed early; peers that read nothing for 100 ms, and idle connections, are disconnected",
+    "timestamping": "with zenoh's timestamps, a subscriber with history takes crossing messages of two publishers for old ones",
+    "qos": "data for viewers: a slow viewer loses its own messages and delays no other program",
+    "low_pass_filter": "no message larger than the wire allows",
+    "access_control": "access rules by the common name of the certificate; everything else is denied silently",
 }
 
 

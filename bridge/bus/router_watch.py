@@ -40,9 +40,9 @@ class RouterWatch:
             self._there = connected
             self._explain_s = float("inf") if connected else now + _LONG_S
             if connected:
-                self._log.info("the router is back")
+                self._log.info("the router is connected again")
             else:
-                self._log.warning("the router is gone%s; going on, and waiting for it", self._or_not(now))
+                self._log.warning("the router is gone%s; waiting for it to return", self._or_not(now))
         if now >= self._explain_s:
             self._explain_s = float("inf")
             self._warn(f"no router for {_LONG_S:.0f} s: {words}" for words in self._routers.why_away())
@@ -55,4 +55,4 @@ class RouterWatch:
     def _or_not(self, now: float) -> str:
         if now - self._held_at_s > _LATELY_S:
             return ""
-        return f", or was not heard: this program was held up for {self._held_s:.1f} s, the machine is too busy"
+        return f", or this program was stopped for {self._held_s:.1f} s because the machine is too busy"

@@ -52,7 +52,7 @@ class Routers(Sequence[str]):
         lasts = self.lasts()
         if self.identity is None or lasts is None or not lasts.soon <= datetime.now(UTC) < lasts.ends:
             return []
-        ending = f"ends on {lasts.ends:%Y-%m-%d %H:%M} UTC, and is of no use from then on"
+        ending = f"expires on {lasts.ends:%Y-%m-%d %H:%M} UTC"
         return [f"{self.identity.certificate}: {ending}: renew it (truerate pki renew --soon)"]
 
     def why_away(self) -> list[str]:
@@ -60,7 +60,7 @@ class Routers(Sequence[str]):
         if self.identity is None:
             return []
         return self.faults() or [
-            f"it does not run, is not reached, or does not let in {self.identity.certificate}, which may have been revoked"
+            f"the router does not run, is unreachable, or refuses {self.identity.certificate}, which may have been revoked"
         ]
 
     @overload

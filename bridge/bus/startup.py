@@ -76,6 +76,6 @@ def claim_id(
     while there.get(own, False):
         if time.monotonic() >= deadline:
             watch.close()
-            raise BusError(f"{kind} {own} serves ward {ward} already; stop it, or give this one another id")
+            raise BusError(f"another {kind} {own} already serves ward {ward}: stop it, or give this one another id")
         time.sleep(0.05)
     return watch

@@ -45,7 +45,7 @@ class ZenohBus:
         routers = Routers.of(endpoints)
         self._where = ", ".join(endpoints)
         if not endpoints:
-            raise BusError("no router to connect to; name one, for example tcp/127.0.0.1:7447")
+            raise BusError("no router to connect to: name one, for example tcp/127.0.0.1:7447")
         if wrong := routers.faults():
             raise BusError("; ".join(wrong))
         try:
@@ -125,7 +125,7 @@ class ZenohBus:
                     return reply.ok.payload.to_bytes()
                 errors.append(reply.err.payload.to_bytes().decode(errors="replace") if reply.err else "an empty answer")
         if not errors:
-            raise BusError(f"nobody answers {key!r}; is the service that should answer running?")
+            raise BusError(f"no program answers {key!r}: check that the estimator runs (`truerate status`)")
         raise BusError(f"{key!r} was answered with an error: {'; '.join(errors)}")
 
     def declare_alive(self, key: str) -> "Declared":
@@ -210,16 +210,15 @@ def _why(routers: Routers) -> str:
     silent = {endpoint: words for endpoint in routers if (words := why_unreachable(endpoint))}
     said = [f"{endpoint}: {words}" if len(routers) > 1 else words for endpoint, words in silent.items()]
     if len(silent) == len(routers):
-        return f": {'; '.join(said)}; start one with `truerate router`"
+        how = f"--listen {routers[0]}" if routers.identity is None else "--config ROUTER.json5"
+        return f": {'; '.join(said)}; start one with `truerate router {how}`, or correct the address"
     there = ", ".join(endpoint for endpoint in routers if endpoint not in silent)
     if routers.identity is None:
-        said.append(
-            f"what is at {there} may ask for a certificate (tls/...), or be no router: start one with `truerate router`"
-        )
+        said.append(f"the program at {there} may ask for a certificate (tls/...), or be no router: correct the address")
     else:
         said.append(
-            f"if there is one at {there}, see its log: it may not let in our certificate (`truerate pki router` writes its files"
-            " anew), or its own may be for another name than this"
+            f"if a router runs at {there}, see its log: it may refuse this program's certificate (`truerate pki router` writes"
+            " the router's files again), or its own certificate may be for another host name"
         )
     return f": {'; '.join(said)}"
 

@@ -23,6 +23,7 @@ from bridge.pki.member import Role
 from bridge.recording.error import RecordingError
 from bridge.recording.reading import as_table
 from bridge.runtime.health_server import HealthServer
+from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
 from bridge.terminal.console import plain_console
 from bridge.terminal.plurals import count
@@ -36,36 +37,44 @@ _log = logging.getLogger(__name__)
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `bridge` to the command; each of its verbs sets `run(args) -> exit code`."""
     run_example = "truerate bridge run configs/ward.toml"
-    inner = add_group(verbs, "bridge", "read devices and publish them", run_example).add_subparsers(
-        metavar="VERB", required=True
+    inner = add_group(
+        verbs, "bridge", "read devices and publish their samples to the ward", run_example
+    ).add_subparsers(metavar="VERB", required=True)
+    verb = add_guarded(
+        inner,
+        "run",
+        _run,
+        "read the devices of a ward's file and publish their samples until stopped (Ctrl-C)",
+        run_example,
     )
-    verb = add_guarded(inner, "run", _run, "read the devices of a file and publish them", run_example)
     verb.add_argument("config", type=Path, metavar="CONFIG", help="the ward's TOML file")
-    does = "show the drivers, and whether a file's devices are there"
+    does = "list the drivers; with CONFIG also its devices, and whether each can be opened"
     verb = add_guarded(inner, "list", _list, does, "truerate bridge list configs/ward.toml")
     verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="the ward's TOML file")
-    does = "listen at every port, and guess which device is there"
+    does = "listen on every serial port, recognise the devices, and print their tables for the ward's file"
     example = "truerate bridge scan; truerate bridge scan --port tcp://10.0.0.5:8000"
     scan.add_arguments(add_guarded(inner, "scan", scan.scan, does, example))
-    does = "publish a recording as if it were a device, or a ward's as if it were the ward"
+    does = "publish a recording as if its devices were present"
     example = "truerate bridge replay walk.npz --device wrist-01; truerate bridge replay ward-3-20260801T101500Z.mcap --speed 10"
     _add_replay(add_guarded(inner, "replay", _replay, does, example))
-    does = "show devices of a ward as x-IMU3s, to x-io's GUI and whatever reads those"
+    does = "send devices of a ward as x-IMU3s, for example to x-io's GUI"
     example = "truerate bridge ximu3 --config configs/ward.toml --device chest --udp 127.0.0.1:8000"
     ximu3.add_arguments(add_guarded(inner, "ximu3", ximu3.shown, does, example))
-    does = "list the profiles of devices that print lines"
+    does = "list the profiles of devices that print text lines"
     add_guarded(inner, "profiles", profiles.profiles, does, "truerate bridge profiles")
-    does = "show what a profile understands of a captured file"
+    does = "show what a profile reads from a captured file; exit code 1 if it finds no sample"
     example = "truerate bridge try nano-33-ble capture.txt --seconds 60"
     profiles.add_try(add_guarded(inner, "try", profiles.try_profile, does, example))
 
 
 def _add_replay(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("file", type=Path, metavar="FILE", help="a recording, .npz or text, or a ward's, .mcap")
+    verb.add_argument("file", type=Path, metavar="FILE", help="recording to play: .npz, text such as .csv, or .mcap")
     verb.add_argument(
-        "--device", metavar="ID", help="the device it stands for; of a .mcap only this one (default: all)"
+        "--device", metavar="ID", help="id to publish under; for a .mcap: the only device to play (default: all)"
     )
-    verb.add_argument("--speed", type=float, default=1.0, metavar="N", help="how many times faster (default 1)")
+    verb.add_argument(
+        "--speed", type=float, default=1.0, metavar="N", help="multiple of the recorded pace, 0.01 to 1000 (default: 1)"
+    )
     add_reading(verb, device=False)
     add_ward(verb)
 
@@ -73,9 +82,11 @@ def _add_replay(verb: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     root = load(args.config, Root)
     if root.bridge is None:
-        raise ConfigError(f"{args.config}: it has no table [bridge]")
+        raise ConfigError(f"{args.config}: the table [bridge] is missing: add it as in configs/ward.toml")
     if not root.bridge.devices:
-        raise ConfigError(f"{args.config}: [bridge]: it has no [[bridge.devices]]")
+        raise ConfigError(
+            f"{args.config}: [bridge] has no device: add a [[bridge.devices]]; `truerate bridge scan` prints it"
+        )
     routers = root.bus.routers_as(Role.BRIDGE, name=root.bridge.id)
     return _serve(root.ward, root.bridge, routers, patient=True)
 
@@ -97,20 +108,22 @@ def _of_a_ward(args: argparse.Namespace) -> list[dict[str, object]]:
 
     there = replayed.devices(args.file)
     if args.device is not None and args.device not in there:
-        raise RecordingError(f"{args.file}: there are no samples of {args.device!r} in it; it has {', '.join(there)}")
+        raise RecordingError(f"{args.file}: no samples of --device {args.device!r}; choose from {', '.join(there)}")
     played = [args.device] if args.device else there
     return [{**_replayed(args), "id": device, "recorded_device": device} for device in played]
 
 
 def _of_a_device(args: argparse.Namespace) -> list[dict[str, object]]:
     if not args.file.is_file():
-        raise RecordingError(f"{args.file}: {'not a file' if args.file.exists() else 'there is no such file'}")
+        raise RecordingError(
+            f"{args.file}: {'not a file' if args.file.exists() else 'there is no such file'}; give the path of a recording"
+        )
     from bridge.recording import load as load_recording  # noqa: PLC0415 - as above
 
     reading = reading_of(args)
     recorded = load_recording(args.file, reading=reading).device
     if not (device := args.device or recorded):
-        raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
+        raise ValueError(f"{args.file} does not name its device: name it with --device ID")
     return [{**_replayed(args), "id": device, **as_table(reading)}]
 
 
@@ -120,7 +133,7 @@ def _replayed(args: argparse.Namespace) -> dict[str, object]:
 
 def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int:
     """Publish until stopped, or until every recording has ended. patient: wait for a router instead of giving up."""
-    with stopped_by_signal() as stop:
+    with stopped_by_signal() as stop, supervised():
         bus = wait_for_router(connect, stop, patient=patient)
         if bus is None:
             return _DONE
@@ -144,7 +157,10 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
                 watched.look(time.monotonic(), connected=bus.connected)
             if running.over and running.refused:
                 names = ", ".join(sorted(running.refused))
-                _log.error("what was played of %s was not used: play it as another device, by --device", names)
+                _log.error(
+                    "the estimator used no sample that was played as %s: play the recording as another device, with --device ID",
+                    names,
+                )
                 return _NOT_USED
     return _DONE
 

@@ -76,7 +76,7 @@ class Version(argparse.Action):
 def seed(text: str) -> int:
     """Parse a random seed, 0 to 2**31 - 1; an argparse type."""
     if not (text.isdecimal() and int(text) < 1 << 31):
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {(1 << 31) - 1} is expected")
+        raise argparse.ArgumentTypeError(f"{text!r}: use a whole number from 0 to {(1 << 31) - 1}")
     return int(text)
 
 

@@ -24,59 +24,80 @@ from bridge.terminal.tables import Column, Columns
 #: longest life of a certificate, days; also keeps dates in range
 _MOST_DAYS = 36_500
 
-ROLES = """who: ROLE:NAME. Roles: bridge (its [bridge] id as the name), estimator (its [estimator] id), viewer (looks),
-commander (looks, and gives commands: a nurse station, a dashboard where somebody may), recorder, router.
+ROLES = """ROLE:NAME is a role and a name. Roles: bridge (NAME is the id in [bridge]), estimator (NAME is the id in
+[estimator]), viewer (reads only), commander (reads and gives commands: a nurse station or dashboard), recorder, router,
+page (the dashboard's certificate for browsers).
 examples:
   truerate pki init --ward ward-3
   truerate pki issue router:router-1 --host 10.0.0.5 --host ward-3.example
   truerate pki issue bridge:bridge-1 estimator:estimator-1 commander:desk
   truerate pki router router:router-1 --ward ward-3 --listen tls/10.0.0.5:7447 > router.json5
-  truerate pki show                                  exit code 1 where one ends within 14 days, or is in its last third
-docs/security.md goes through it, word by word."""
+  truerate pki show                                  exit code 1 if a certificate has to be renewed
+docs/security.md explains each step."""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `pki`; each of its verbs sets `run(args) -> exit code`."""
     pki = verbs.add_parser(
         "pki",
-        help="certificates: who may be what on the bus",
+        help="make, renew and revoke certificates of routers and programs",
         epilog=ROLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     inner = pki.add_subparsers(metavar="VERB", required=True)
-    verb = _verb(inner, "init", _init, "make an authority, for a ward that has none")
-    verb.add_argument("--ward", default="ward", help="whose it is, for its name")
-    verb = _verb(inner, "issue", _issue, "make certificate and key for roles")
+    verb = _verb(inner, "init", _init, "make the certificate authority of a ward")
+    verb.add_argument(
+        "--ward", default="ward", help="name of the ward, part of the authority's name (default: %(default)s)"
+    )
+    verb = _verb(inner, "issue", _issue, "make certificates and keys")
     _who(verb, "+")
-    verb.add_argument("--days", type=int, default=DAYS, help="how long it lasts (default: %(default)s)")
-    verb.add_argument("--host", action="append", default=[], help="of a router: a name or address it is reached at")
-    verb = _verb(inner, "renew", _renew, "make certificates last longer; the keys stay")
+    verb.add_argument("--days", type=int, default=DAYS, help="lifetime in days (default: %(default)s)")
+    verb.add_argument("--host", action="append", default=[], help="host name or address of a router; repeatable")
+    verb = _verb(inner, "renew", _renew, "extend certificates; the keys stay the same")
     _who(verb, "*")
     verb.add_argument(
-        "--soon", action="store_true", help="all that end within 14 days, or are in the last third of fewer weeks"
+        "--soon",
+        action="store_true",
+        help="every certificate that ends within 14 days; if its lifetime is under 6 weeks, in its last third",
     )
-    verb.add_argument("--days", type=int, help="how long it lasts from now on (default: as long as before)")
-    verb = _verb(inner, "revoke", _revoke, "never use a name again: its holder's key is lost or stolen")
+    verb.add_argument("--days", type=int, help="lifetime in days from now (default: as before)")
+    verb = _verb(inner, "revoke", _revoke, "revoke a certificate, for example after its key was stolen")
     _who(verb, 1)
-    verb.add_argument("--reason", default="", help="kept beside it")
-    _verb(inner, "revoke-list", _revoke_list, "the names that were revoked, when and why")
-    verb = _verb(inner, "show", _show, "who, in what role, until when; exit code 1 where somebody has to act")
-    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
-    verb = _verb(inner, "router", _router, "a router's file, for zenohd and `truerate router`: rules for all there are")
+    verb.add_argument("--reason", default="", help="reason, kept in the list of revoked names")
+    _verb(inner, "revoke-list", _revoke_list, "list the revoked names, with time and reason")
+    verb = _verb(inner, "show", _show, "list the certificates and their ends; exit code 1 if one has to be renewed")
+    verb.add_argument("--json", action="store_true", help="print one JSON object")
+    verb = _verb(inner, "router", _router, "print a router's file, with access rules, for `truerate router` and zenohd")
     _who(verb, 1)
-    verb.add_argument("--ward", action="append", required=True, help="may be given again: a hospital's")
-    verb.add_argument("--listen", action="append", required=True, metavar="ENDPOINT", help="such as tls/10.0.0.5:7447")
-    verb.add_argument("--join", action="append", default=[], metavar="ENDPOINT", help="another router, a hospital's")
+    verb.add_argument("--ward", action="append", required=True, help="ward to serve; repeatable")
+    verb.add_argument(
+        "--listen",
+        action="append",
+        required=True,
+        metavar="ENDPOINT",
+        help="endpoint to listen on, such as tls/10.0.0.5:7447; repeatable",
+    )
+    verb.add_argument(
+        "--join",
+        action="append",
+        default=[],
+        metavar="ENDPOINT",
+        help="endpoint of another router to connect to; repeatable",
+    )
     verb.add_argument(
         "--member",
         action="append",
         default=[],
         metavar="ROLE:NAME[@WARD]",
-        help="only these, in this ward (default: all, in all)",
+        help="member to admit, in this ward; repeatable (default: all members, in all wards)",
     )
-    verb.add_argument("--at", type=Path, metavar="DIR", help="where the files are on the router's machine")
     verb.add_argument(
-        "--ca", metavar="FILE", help="there: a site's own authority, where its certificates are not of here"
+        "--at", type=Path, metavar="DIR", help="folder of the files on the router's machine (default: --folder)"
+    )
+    verb.add_argument(
+        "--ca",
+        metavar="FILE",
+        help="authority's file on the router's machine, if your own authority signed the certificates",
     )
 
 
@@ -88,7 +109,9 @@ def _verb(verbs: "Verbs[argparse.ArgumentParser]", name: str, run: object, does:
         epilog=ROLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    verb.add_argument("--folder", type=Path, default=Path("pki"), help="where all is kept (default: pki)")
+    verb.add_argument(
+        "--folder", type=Path, default=Path("pki"), help="folder of the authority and the certificates (default: pki)"
+    )
     verb.set_defaults(run=_guarded, verb=run)
     return verb
 
@@ -101,7 +124,7 @@ def _guarded(given: argparse.Namespace) -> int:
     try:
         days = getattr(given, "days", None)
         if days is not None and not 1 <= days <= _MOST_DAYS:
-            raise ValueError(f"--days is {days}; 1 to {_MOST_DAYS} is taken")
+            raise ValueError(f"--days is {days}: use 1 to {_MOST_DAYS}")
         return int(given.verb(given))
     except ValueError as error:
         raise ConfigError(str(error)) from None
@@ -111,29 +134,33 @@ def _members(given: argparse.Namespace) -> list[Member]:
     members = [Member.parse(text) for text in dict.fromkeys(given.who)]
     for member in members:
         if member.generation > 1:
-            raise ValueError(f"{member.common_name}: say {member.label}; which generation of it counts is known here")
+            raise ValueError(
+                f"{member.common_name}: write {member.label} without the number; truerate knows the current generation"
+            )
     return members
 
 
 def _init(given: argparse.Namespace) -> int:
     Folder(given.folder).make(f"truerate {check(given.ward, '--ward')}", utc_now())
     print(
-        f"{given.folder}: an authority. Keep ca.key off the ward's machines, and back it up; ca.pem goes to all of them."
+        f"Authority made in {given.folder}. Keep ca.key off the ward's machines and back it up. Copy ca.pem to every machine."
     )
     return 0
 
 
 def _issue(given: argparse.Namespace) -> int:
     folder, members = Folder(given.folder), _members(given)
-    if given.host and not any(member.role is Role.ROUTER for member in members):
-        raise ValueError("--host is for routers: nobody goes to another, and its certificate names no host")
+    if given.host and not any(member.role.serves for member in members):
+        raise ValueError(
+            "--host applies to routers and pages only: leave it out, or issue a router, such as router:router-1"
+        )
     for member in members:
-        hosts = tuple(given.host) if member.role is Role.ROUTER else ()
+        hosts = tuple(given.host) if member.role.serves else ()
         _made(folder.issue(member, utc_now(), given.days, hosts))
     if again := [member for member in map(folder.current, members) if member.generation > 1]:
         names = ", ".join(member.common_name for member in again)
-        print(f"{names}: of another name than before: [bus] of its ward file names these files from now on.")
-    print("Routers do not know new names by themselves: write their files anew (truerate pki router).")
+        print(f"{names}: the name is new. Enter the new files in [bus] of the program's ward file.")
+    print("Routers do not know the new names yet: write the routers' files again with `truerate pki router`.")
     return 0
 
 
@@ -142,9 +169,9 @@ def _renew(given: argparse.Namespace) -> int:
     if given.soon:
         members += [Member(member.role, member.name) for member, lasts in folder.members() if now >= lasts.soon]
     if not members and not given.soon:
-        raise ValueError("whose? Name some, as bridge:bridge-1, or say --soon")
+        raise ValueError("no certificate named: name some, such as bridge:bridge-1, or use --soon")
     if not members:
-        print("none ends soon; nothing was renewed")
+        print("No certificate expires soon: nothing to renew.")
     wrong = list[str]()
     for member in dict.fromkeys(members):  # one failed renewal must not stop the others
         try:
@@ -163,9 +190,9 @@ def _made(files: Identity) -> None:
 def _revoke(given: argparse.Namespace) -> int:
     gone = Folder(given.folder).revoke(_members(given)[0], utc_now(), given.reason)
     print(
-        f"{gone.common_name} is revoked. zenoh reads no list of revoked certificates: nothing has changed until the routers'"
-        " files are written anew (truerate pki router), both of each, and the routers started again.\n"
-        f"A new pair for its holder: truerate pki issue {gone.label}"
+        f"{gone.common_name} is revoked. Routers still accept it: zenoh reads no revocation list. Write both files of each router"
+        " again (truerate pki router) and restart the routers.\n"
+        f"New certificate for the same program: truerate pki issue {gone.label}"
     )
     return 0
 
@@ -199,7 +226,7 @@ def _rows(folder: Folder, now: datetime) -> Iterator[dict[str, Any]]:
         until, days = lasts.ends.isoformat(), (lasts.ends - now).days
         return {"role": role, "who": who, "until": until, "days": days, "trouble": trouble}
 
-    yield row("authority", "", folder.authority_lasts(), "make a new one, and with it all certificates anew")
+    yield row("authority", "", folder.authority_lasts(), "make a new authority, then issue all certificates again")
     for member, lasts in folder.members():
         yield row(member.role.value, member.name, lasts, f"truerate pki renew {member.label}")
 
@@ -208,25 +235,28 @@ def _router(given: argparse.Namespace) -> int:
     folder = Folder(given.folder)
     router = folder.current(_members(given)[0])
     if router.role is not Role.ROUTER:
-        raise ValueError(f"{router.label} is no router")
+        raise ValueError(f"{router.label} is not a router: name one, such as router:router-1")
     wards = [check(ward, "--ward") for ward in dict.fromkeys(given.ward)]
     listen, join = check_endpoints(given.listen, "--listen"), tuple(given.join)
     if others := [endpoint for endpoint in (*listen, *join) if not endpoint.startswith("tls/")]:
-        raise ValueError(f"{others[0]!r}: a router with certificates goes by tls alone, such as 'tls/10.0.0.5:7447'")
+        raise ValueError(f"{others[0]!r}: a router with certificates needs tls, such as 'tls/10.0.0.5:7447'")
     known = [member for member, _ in folder.members()]
     places = dict.fromkeys(place for text in given.member for place in _places(folder, text, wards))
     places = places or dict.fromkeys((ward, member) for member in known if member != router for ward in wards)
     if missing := [member.label for member in (router, *(one for _, one in places)) if member not in known]:
-        raise ValueError(f"{', '.join(missing)}: no certificate in {folder.path}; `truerate pki issue` makes one")
+        raise ValueError(f"{', '.join(missing)}: no certificate in {folder.path}; make one with `truerate pki issue`")
     files = Folder((given.at or folder.path).absolute()).gate(router)
     if given.ca:
         files = replace(files, ca=given.ca)
     else:
         folder.admit(router, dict.fromkeys(member for _, member in places))
-        print(f"{folder.gate(router).ca}: whose certificates are good; to {files.ca} with it", file=sys.stderr)
+        print(
+            f"Copy {folder.gate(router).ca} (the issuers this router accepts) to {files.ca} on the router's machine",
+            file=sys.stderr,
+        )
     title = (
-        f"The router {router.name} of {', '.join(wards)}.\n"
-        "Written by `truerate pki router`: write it anew rather than change it."
+        f"Router {router.name} of {', '.join(wards)}.\n"
+        "Written by `truerate pki router`: do not edit; write it again instead."
     )
     print(router_file.rendered(router_file.guarded(listen, files, list(places), join), title), end="")
     return 0
@@ -235,5 +265,5 @@ def _router(given: argparse.Namespace) -> int:
 def _places(folder: Folder, text: str, wards: list[str]) -> list[tuple[str, Member]]:
     who, _, where = text.partition("@")
     if where and where not in wards:
-        raise ValueError(f"--member {text!r}: {where!r} is none of the wards, {', '.join(wards)}")
+        raise ValueError(f"--member {text!r}: {where!r} is not a ward of this router: use {', '.join(wards)}")
     return [(ward, folder.current(Member.parse(who))) for ward in wards if where in ("", ward)]

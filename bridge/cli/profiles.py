@@ -20,7 +20,7 @@ _PRINTED, _MOSTLY = frozenset(b"\t\r\n" + bytes(range(32, 127))), 0.9
 
 def profiles(_: argparse.Namespace) -> int:
     """List the profiles shipped with truerate: `truerate bridge profiles`."""
-    known = Columns([Column("profile", least=16), Column("of what", least=20)], headings=False)
+    known = Columns([Column("profile", least=16), Column("device", least=20)], headings=False)
     for name in shipped():
         known.add(name, load_profile(name).summary)
     plain_console().print(known)
@@ -29,17 +29,23 @@ def profiles(_: argparse.Namespace) -> int:
 
 def add_try(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `truerate bridge try`."""
-    parser.add_argument("profile", metavar="PROFILE", help="a profile's name, or the path of its .toml")
-    parser.add_argument("file", type=Path, metavar="FILE", help="what the device printed: cat /dev/ttyACM0 > FILE")
-    parser.add_argument("--seconds", type=float, metavar="S", help="how long it was listened to")
-    parser.add_argument("--rate-hz", type=float, metavar="HZ", help="its rate, if it tells no time")
+    parser.add_argument("profile", metavar="PROFILE", help="name of a profile, or path of its .toml file")
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="captured output of the device: cat /dev/ttyACM0 > FILE"
+    )
+    parser.add_argument(
+        "--seconds", type=float, metavar="S", help="length of the capture in seconds; measures the rate"
+    )
+    parser.add_argument(
+        "--rate-hz", type=float, metavar="HZ", help="output data rate in Hz, if the lines carry no time"
+    )
 
 
 def try_profile(args: argparse.Namespace) -> int:
     """Try a profile on a captured file: `truerate bridge try`. Exit code 0 if any sample was understood."""
     for option, given in (("--seconds", args.seconds), ("--rate-hz", args.rate_hz)):
         if given is not None and not 0 < given < math.inf:
-            raise ValueError(f"{option} is {given:g}; more than 0 is expected, or leave it out where nobody knows")
+            raise ValueError(f"{option} is {given:g}: use a number above 0, or leave the option out if it is unknown")
     profile = load_profile(args.profile)
     with args.file.open("rb") as file:
         data = file.read(MAX_FILE)
@@ -54,11 +60,11 @@ def _came(data: bytes) -> str:
     """A sentence on a file without a single sample, and what to do."""
     if not data.strip():
         return (
-            f"{count(len(data), 'byte')}, and nothing in them: the device printed nothing, or not there; `truerate bridge scan`"
-            " listens at every port, at all speeds"
+            f"{count(len(data), 'byte')}, all blank: the device printed nothing on this port. `truerate bridge scan`"
+            " listens on every port at all speeds"
         )
     printed = sum(byte in _PRINTED for byte in data)
-    came = f"{count(len(data), 'byte')} in {count(len(data.splitlines()), 'line')}, none of them a sample"
+    came = f"{count(len(data), 'byte')} in {count(len(data.splitlines()), 'line')}, but no sample"
     if printed < _MOSTLY * len(data):
-        return f"{came}; much is no text: was it listened to at another speed? `truerate bridge scan` finds it, stty sets it"
-    return f"{came}: is it another profile's (`truerate bridge profiles`), or were the first seconds all there was?"
+        return f"{came}. Much is not text: the speed was probably wrong. Find it with `truerate bridge scan`, set it with stty"
+    return f"{came}: try another profile (`truerate bridge profiles`), or capture for longer"

@@ -3,34 +3,45 @@
 import argparse
 from pathlib import Path
 
+from bridge.recording.error import RecordingError
 from bridge.recording.reading import Reading
+from bridge.toml.loader import ConfigError
 
 
 def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
     """Add the options of a Reading; device: also the option that chooses a device of a ward's recording."""
-    told = verb.add_argument_group("what the file does not say, or says wrongly")
-    told.add_argument("--rate-hz", type=float, metavar="HZ", help="output data rate; it replaces the file's times")
-    told.add_argument("--gyro-unit", metavar="UNIT", help="of the rates: deg/s, rad/s, mdeg/s")
-    told.add_argument("--accel-unit", metavar="UNIT", help="of the accelerations: g, m/s2, mg")
-    told.add_argument("--gyro-sensitivity", type=float, metavar="N", help="the rates are raw counts, N per °/s")
-    told.add_argument("--accel-sensitivity", type=float, metavar="N", help="the accelerations are raw counts, N per g")
-    told.add_argument("--time-unit", metavar="UNIT", help="of the times: s, ms, us, ns")
-    told.add_argument("--time-column", metavar="NAME", help="the column with the times, by its name or number")
+    told = verb.add_argument_group("properties missing or wrong in the file")
+    told.add_argument("--rate-hz", type=float, metavar="HZ", help="output data rate in Hz; replaces the file's times")
+    told.add_argument("--gyro-unit", metavar="UNIT", help="unit of the rates: deg/s, rad/s, mdeg/s")
+    told.add_argument("--accel-unit", metavar="UNIT", help="unit of the accelerations: g, m/s2, mg")
+    told.add_argument("--gyro-sensitivity", type=float, metavar="N", help="counts per °/s, if the rates are raw counts")
+    told.add_argument(
+        "--accel-sensitivity", type=float, metavar="N", help="counts per g, if the accelerations are raw counts"
+    )
+    told.add_argument("--time-unit", metavar="UNIT", help="unit of the times: s, ms, us, ns")
+    told.add_argument("--time-column", metavar="NAME", help="column of the times, by name or number from 1")
     told.add_argument(
         "--columns",
         metavar="NAME,…",
-        help="columns of gyro x,y,z (and accelerometer x,y,z) by name or number; or a tool of configs/columns, or a .toml",
+        help="columns of gyro x,y,z (then accelerometer x,y,z) by name or number; or a tool of configs/columns, or a .toml file",
     )
-    told.add_argument("--accel-file", type=Path, metavar="FILE", help="the accelerometer is in this file")
+    told.add_argument("--accel-file", type=Path, metavar="FILE", help="second file that holds the accelerometer")
     if device:
-        told.add_argument("--device", metavar="ID", help="of a ward's recording (.mcap): whose samples")
+        told.add_argument("--device", metavar="ID", help="device to read from a .mcap with several devices")
     told.add_argument(
-        "--boot", type=int, metavar="N", help="which boot, from 1, where the device was switched on several times"
+        "--boot", type=int, metavar="N", help="boot to read, from 1, if the device was switched on several times"
     )
 
 
 def reading_of(given: argparse.Namespace) -> Reading:
-    """The Reading of the given options; raises RecordingError."""
+    """The Reading of the given options; raises ConfigError for an invalid option, which is wrong usage."""
+    try:
+        return _reading(given)
+    except RecordingError as error:
+        raise ConfigError(str(error)) from None
+
+
+def _reading(given: argparse.Namespace) -> Reading:
     return Reading(
         rate_hz=given.rate_hz,
         gyro_unit=given.gyro_unit,

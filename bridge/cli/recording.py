@@ -23,21 +23,25 @@ if TYPE_CHECKING:
 
 Run = Callable[[argparse.Namespace], int | None]
 
-RECORD = """Writes all that a ward says, readings, corrected rates, status, calibrations, notes, into DIR/WARD-TIME.mcap: a file
-that Foxglove and PlotJuggler open. While it is written it ends in .part; if the power goes, at most the last second is
-missing, and `truerate recording recover` makes a whole file of the rest. Stop with Ctrl-C.
+RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
+PlotJuggler open this file. While recording, the name ends in .part. A power failure loses at most the last second;
+`truerate recording recover` completes the file. Stop with Ctrl-C.
 examples:
   truerate record --config configs/ward.toml --out recordings
   truerate record --ward demo --device chest --rotate 10min --seconds 3600
-  truerate note chest "patient sat up" --config configs/ward.toml      a mark, in the recording too"""
-EXPORT = """A file for each boot of each device, with the corrected rates beside the readings, and events.csv with boots,
-or where the recording of one began, calibrations and notes. `truerate calibrate` and `truerate correct` take them, and the
-.mcap itself too.
+  truerate note chest "patient sat up" --config configs/ward.toml      mark a moment, also in the recording"""
+EXPORT = """Writes one file per device and boot, with readings and corrected rates, and events.csv with boots, calibrations
+and notes. `truerate calibrate` and `truerate correct` read these files; they also read the .mcap itself.
 examples:
   truerate recording export ward-3-20260801T101500Z.mcap --npz out/session
   truerate recording export recordings/*.mcap --bids out/dataset --subject 01 --task ward"""
 
 
+INFO = """examples:
+  truerate recording info ward-3-20260801T101500Z.mcap
+  truerate recording info recordings/*.mcap --json"""
+RECOVER = """example:
+  truerate recording recover recordings/ward-3-20260801T101500Z.mcap.part"""
 INSPECT = """examples:
   truerate recording inspect session.csv
   truerate recording inspect log.txt --gyro-unit deg/s --rate-hz 100"""
@@ -49,75 +53,114 @@ CONVERT = """examples:
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `record` and `recording`; each sets `run(args) -> exit code`."""
-    verb = _verb(verbs, "record", _record, "record all that a ward says, until Ctrl-C", RECORD)
-    add_ward(verb, "take ward, routers and the table [recorder] from this file")
-    verb.add_argument("--out", dest="folder", metavar="DIR", help="where files go (default: recordings)")
-    verb.add_argument("--device", dest="devices", action="append", metavar="ID", help="only this one; may be repeated")
-    verb.add_argument("--rotate", metavar="TIME", help="a new file after so long: 10min, 1h, never (default: 1h)")
-    verb.add_argument("--rotate-mb", type=float, metavar="MB", help="a new file at this size (default: 500)")
-    verb.add_argument("--keep-free-mb", type=float, metavar="MB", help="room left on the disk (default: 200)")
+    verb = _verb(verbs, "record", _record, "record all data of a ward to MCAP files until stopped (Ctrl-C)", RECORD)
+    add_ward(verb, "the ward's file (TOML): gives the ward's name, the routers and the table [recorder]")
+    verb.add_argument(
+        "--out", dest="folder", metavar="DIR", help="folder of the recordings; must exist (default: recordings)"
+    )
+    verb.add_argument(
+        "--device", dest="devices", action="append", metavar="ID", help="device to record; repeatable (default: all)"
+    )
+    verb.add_argument(
+        "--rotate", metavar="TIME", help="begin a new file after this time: 90s, 10min, 1h, never (default: 1h)"
+    )
+    verb.add_argument(
+        "--rotate-mb", type=float, metavar="MB", help="begin a new file at this size in MB (default: 500)"
+    )
+    verb.add_argument("--keep-free-mb", type=float, metavar="MB", help="MB to leave free on the disk (default: 200)")
     verb.add_argument(
         "--wait",
         dest="wait_s",
         type=float,
         metavar="S",
-        help="how long to wait for a router and a device (default: 10)",
+        help="seconds to wait for a router and a device (default: 10)",
     )
-    verb.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
+    verb.add_argument(
+        "--seconds", type=float, metavar="S", help="stop after this many seconds (default: record until Ctrl-C)"
+    )
 
     recording = verbs.add_parser(
         "recording",
-        help="look into recordings of a ward, mend and export them",
-        description="Example: truerate recording info ward-3-20260801T101500Z.mcap",
-        epilog="`truerate bridge replay FILE` plays one as if it were the ward; `calibrate`, `correct` and `allan` take one too.",
+        help="inspect, convert, repair and export recordings",
+        description="Inspect, convert, repair, export. Example: truerate recording info ward-3-20260801T101500Z.mcap",
+        epilog="`truerate bridge replay FILE` plays a recording. `truerate calibrate`, `correct` and `allan` read one too.",
     )
     inner = recording.add_subparsers(metavar="VERB", required=True)
-    verb = _verb(inner, "info", _info, "devices, boots, rates, gaps, calibrations and notes")
-    verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="one recording, of one or several files")
-    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    verb = _verb(
+        inner,
+        "info",
+        _info,
+        "show the devices, boots, rates, gaps, calibrations and notes; exit code 1 if a file is damaged",
+        INFO,
+    )
+    verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="the .mcap files of one recording")
+    verb.add_argument("--json", action="store_true", help="print one JSON object")
 
-    verb = _verb(inner, "export", _export, "as .npz, .csv or BIDS-Motion", EXPORT)
-    verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="one recording, of one or several files")
+    verb = _verb(
+        inner,
+        "export",
+        _export,
+        "write a recording as .npz, .csv or BIDS-Motion; exit code 1 if parts are unreadable",
+        EXPORT,
+    )
+    verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="the .mcap files of one recording")
     form = verb.add_mutually_exclusive_group(required=True)
     for name in ("npz", "csv", "bids"):
         form.add_argument(f"--{name}", type=Path, metavar="DIR", help=f"write {name} files into this folder")
-    verb.add_argument("--device", action="append", metavar="ID", help="only this one; may be repeated")
-    verb.add_argument("--subject", default="01", help="of a BIDS dataset: a pseudonym (default: %(default)s)")
-    verb.add_argument("--session", default="", help="of a BIDS dataset (default: none)")
-    verb.add_argument("--task", default="ward", help="of a BIDS dataset (default: %(default)s)")
+    verb.add_argument("--device", action="append", metavar="ID", help="device to export; repeatable (default: all)")
+    verb.add_argument("--subject", default="01", help="BIDS subject, a pseudonym (default: %(default)s)")
+    verb.add_argument("--session", default="", help="BIDS session (default: none)")
+    verb.add_argument("--task", default="ward", help="BIDS task (default: %(default)s)")
 
     verb = _verb(
         inner,
         "inspect",
         _inspect,
-        "what is understood of any file: rate, gaps, noise, gravity, what is doubtful",
+        "show how truerate reads a file: rate, gaps, noise, gravity, doubts",
         INSPECT,
     )
-    verb.add_argument("file", type=Path, metavar="FILE", help="a recording: .npz, .mcap, or text of any tool")
+    verb.add_argument("file", type=Path, metavar="FILE", help="recording: .npz, .mcap, or text such as .csv")
     add_reading(verb)
     _add_capture(verb)
-    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    verb.add_argument("--json", action="store_true", help="print one JSON object")
 
     verb = _verb(
-        inner, "convert", _convert, "any file, or a capture of a device's bytes, to .npz, .csv or .mcap", CONVERT
+        inner,
+        "convert",
+        _convert,
+        "convert a recording, or captured bytes of a device, to .npz, .csv or .mcap",
+        CONVERT,
     )
-    verb.add_argument("file", type=Path, metavar="IN", help="a recording, or what a device sent")
-    verb.add_argument("out", type=Path, metavar="OUT", help="a new file: .npz, .csv or .mcap")
+    verb.add_argument("file", type=Path, metavar="IN", help="recording, or captured bytes of a device")
+    verb.add_argument("out", type=Path, metavar="OUT", help="new file, .npz, .csv or .mcap; must not exist")
     add_reading(verb)
     _add_capture(verb)
 
-    verb = _verb(inner, "recover", _recover, "make a whole file of one that was cut short, and say what is lost")
-    verb.add_argument("file", type=Path, metavar="FILE", help="such as ward-3-20260801T101500Z.mcap.part; it stays")
-    verb.add_argument("--out", type=Path, metavar="FILE", help="what to write (default: beside it)")
+    verb = _verb(inner, "recover", _recover, "complete a recording that was cut short, and report the losses", RECOVER)
+    verb.add_argument(
+        "file",
+        type=Path,
+        metavar="FILE",
+        help="unfinished or damaged recording, such as ward-3-20260801T101500Z.mcap.part; it is kept",
+    )
+    verb.add_argument(
+        "--out", type=Path, metavar="FILE", help="new file (default: FILE without .part, or NAME.recovered.mcap)"
+    )
 
 
 def _add_capture(verb: argparse.ArgumentParser) -> None:
     how = verb.add_mutually_exclusive_group()
     how.add_argument(
-        "--driver", default="", metavar="NAME", help="the file has a device's bytes: witmotion, mtdata2, ximu3 …"
+        "--driver",
+        default="",
+        metavar="NAME",
+        help="driver that decodes the captured bytes: native, witmotion, mtdata2, ximu3, mavlink",
     )
     how.add_argument(
-        "--profile", default="", metavar="NAME", help="the file has a device's lines: a profile, or a .toml"
+        "--profile",
+        default="",
+        metavar="NAME",
+        help="profile that reads the captured lines: a name, or the path of a .toml file",
     )
 
 
@@ -147,7 +190,7 @@ def _record(given: argparse.Namespace) -> int:
     except ValueError as error:
         raise ConfigError(f"record: {error}") from None
     if given.seconds is not None and not given.seconds > 0:
-        raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
+        raise ConfigError(f"--seconds is {given.seconds:g}: use a number above 0")
     return record(
         root.ward,
         root.bus.routers_as(Role.RECORDER),
@@ -200,7 +243,10 @@ def _convert(given: argparse.Namespace) -> None:
     from bridge.recording.convert import check_ending, convert  # noqa: PLC0415
     from bridge.recording.files import check_new  # noqa: PLC0415
 
-    check_ending(given.out)
+    try:
+        check_ending(given.out)
+    except RecordingError as error:
+        raise ConfigError(str(error)) from None
     check_new([given.out])
     recording = _loaded(given)
     begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
@@ -208,7 +254,7 @@ def _convert(given: argparse.Namespace) -> None:
     convert(recording, given.out, device, begin_ns)
     print(
         printable(
-            f"{given.out}: {len(recording)} samples of {device}, {recording.time_s[-1]:.1f} s at {recording.rate_hz:.6g} Hz"
+            f"{given.out}: {len(recording):,} samples of {device}, {recording.time_s[-1]:.1f} s at {recording.rate_hz:.6g} Hz"
         )
     )
 
@@ -222,16 +268,21 @@ def _recover(given: argparse.Namespace) -> None:
         print(printable(line))
 
 
-def _export(given: argparse.Namespace) -> None:
+def _export(given: argparse.Namespace) -> int:
     from bridge.recording import bids, export, stretches  # noqa: PLC0415
 
-    session = bids.Session(given.subject, given.task, given.session)
+    try:
+        session = bids.Session(given.subject, given.task, given.session)
+    except RecordingError as error:
+        raise ConfigError(str(error)) from None
     with Bar() as bar:
         recorded = stretches.read(given.files, tell=bar.on("reading"))
     if given.device:
         recorded = recorded.only(given.device)
     if not recorded.stretches:
-        raise RecordingError(f"{given.files[0]}: there are no samples in it to export")
+        raise RecordingError(
+            f"{given.files[0]}: no samples to export; `truerate recording info` shows what the file holds"
+        )
     if given.bids:
         paths = bids.export_bids(recorded, given.bids, session)
     else:
@@ -240,3 +291,4 @@ def _export(given: argparse.Namespace) -> None:
         print(path)
     for words in recorded.trouble:
         print(printable(f"note: {words}"))
+    return 1 if recorded.trouble else 0

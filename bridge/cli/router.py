@@ -15,23 +15,28 @@ from bridge.config import router_cross_checks
 from bridge.config.schema import LOCAL, ConfigError, Root, check_endpoints, load
 from bridge.pki.certificate_checks import faults
 from bridge.pki.member import Role
+from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
 from bridge.wire import keys
 
 _DONE = 0
 #: interval of the warning that the certificate ends soon
 _SELDOM_S = 12 * 3600.0
-_ENDS = "the certificate that this router began with ends on %s: renew it, and start the router again"
+_ENDS = "this router's certificate expires on %s: renew it (truerate pki renew), then restart the router"
 _log = logging.getLogger(__name__)
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `router`."""
     example = f"truerate router --listen {LOCAL}"
-    verb = add_guarded(verbs, "router", router, "run zenoh's router here", example)
-    verb.add_argument("--listen", action="append", metavar="ENDPOINT", help=f"where to listen (default {LOCAL})")
+    verb = add_guarded(verbs, "router", router, "run a zenoh router on this machine until stopped (Ctrl-C)", example)
     verb.add_argument(
-        "--config", type=Path, help="take the endpoints from this ward's file; or a file for zenohd, .json5"
+        "--listen", action="append", metavar="ENDPOINT", help=f"endpoint to listen on; repeatable (default: {LOCAL})"
+    )
+    verb.add_argument(
+        "--config",
+        type=Path,
+        help="the ward's file (TOML) with the endpoints, or a zenohd file (.json5) of `truerate pki router`",
     )
 
 
@@ -40,7 +45,7 @@ def router(args: argparse.Namespace) -> int:
     written = args.config and args.config.suffix in (".json5", ".json")
     file = _looked_through(args.config) if written else None
     lasts = Routers(file.listen, file.identity).lasts() if file else None
-    with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as running:
+    with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as running, supervised():
         _log.info("router: listening on %s", ", ".join(running.listen))
         while True:  # checks the certificate of the start: the router does not load a renewed one
             if lasts and datetime.now(UTC) >= lasts.soon:
@@ -50,10 +55,13 @@ def router(args: argparse.Namespace) -> int:
 
 
 def _looked_through(path: Path) -> RouterFile:
-    """Read and check a router's file; raises BusError if its certificate cannot be used."""
-    file = router_check.read(path)
+    """Read and check a router's file; raises ConfigError if the file or its certificate cannot be used."""
+    try:
+        file = router_check.read(path)
+    except BusError as error:
+        raise ConfigError(str(error)) from None
     if file.identity is not None and (wrong := faults(file.identity, datetime.now(UTC), (Role.ROUTER,))):
-        raise BusError("\n".join(wrong))
+        raise ConfigError("\n".join(wrong))
     for words in (*file.faults, *router_cross_checks.faults(file)):
         _log.warning("%s: %s", path, words)
     return file
@@ -62,13 +70,13 @@ def _looked_through(path: Path) -> RouterFile:
 def _listening_router(args: argparse.Namespace, *, written: bool) -> Router:
     if written:
         if args.listen:
-            raise ValueError(f"{args.config} says where to listen, and what is safe there: change it in the file")
+            raise ValueError(f"--listen is already set by {args.config}: change the endpoints in that file")
         return Router.of_file(args.config)
     root = load(args.config, Root) if args.config else None
     if root is not None and root.bus.identity is not None and not args.listen:
         raise ConfigError(
-            f"{args.config}: by its [bus] a router asks for certificates, which this one would not: `truerate pki router` writes"
-            " a file for one that does, `truerate router --config router.json5`"
+            f"{args.config}: [bus] has certificates, but a router started from this file would not check them. Write a router"
+            " file with `truerate pki router`, then run `truerate router --config router.json5`"
         )
     listen = root.router.listen if root else (LOCAL,)
     listen = check_endpoints(args.listen, "--listen") if args.listen else listen

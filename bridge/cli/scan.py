@@ -19,17 +19,21 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "--port",
         action="append",
         metavar="PORT",
-        help="this one: /dev/..., tcp://host:port, udp://:port, file:///path; may be given again (default: all serial ports)",
+        help="port to listen on: /dev/..., tcp://host:port, udp://:port, file:///path; repeatable (default: all serial ports)",
     )
     verb.add_argument(
         "--baud",
         action="append",
         type=int,
         metavar="N",
-        help="this speed only; may be given again (default: the usual ones)",
+        help="speed to try, bits per second; repeatable (default: the usual speeds)",
     )
     verb.add_argument(
-        "--seconds", type=float, default=1.5, metavar="S", help="how long to listen at each speed (default 1.5)"
+        "--seconds",
+        type=float,
+        default=1.5,
+        metavar="S",
+        help="seconds to listen at each speed, 0.1 to 60 (default: 1.5)",
     )
 
 
@@ -38,7 +42,7 @@ def scan(args: argparse.Namespace) -> int:
     tried = candidates(registry.kinds().values())
     speeds = args.baud or bauds(tried)
     if not 0.1 <= args.seconds <= 60:
-        raise ValueError(f"--seconds is {args.seconds:g}; 0.1 to 60 is taken")
+        raise ValueError(f"--seconds is {args.seconds:g}: use 0.1 to 60")
     for port in args.port or ["any"]:
         for speed in speeds:
             address.check(port, speed)
@@ -46,8 +50,8 @@ def scan(args: argparse.Namespace) -> int:
     console = plain_console()
     if not found:
         console.print(
-            "No serial port is plugged in: there is nothing under /dev/serial/by-id, no /dev/ttyUSB* and no /dev/ttyACM*. "
-            "Plug a device in, with a cable that carries data; or name a port with --port."
+            "No serial port found: nothing under /dev/serial/by-id, no /dev/ttyUSB* and no /dev/ttyACM*. "
+            "Plug in a device with a cable that carries data, or name a port with --port."
         )
         return _NOTHING
     with plain_console(stderr=True).status("") as status:

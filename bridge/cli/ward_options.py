@@ -11,12 +11,17 @@ from bridge.config.schema import LOCAL, Root, check, check_endpoints, load
 R = TypeVar("R", bound=Root)
 
 
-def add_ward(verb: argparse.ArgumentParser, config: str = "the ward's file: says the ward and the routers") -> None:
+def add_ward(
+    verb: argparse.ArgumentParser, config: str = "the ward's file (TOML): gives the ward's name and the routers"
+) -> None:
     """Add --config, --ward and --connect; config: the help text of --config."""
     verb.add_argument("--config", type=Path, help=config)
-    verb.add_argument("--ward", metavar="W", help="the ward's name (default: the file's, else 'ward')")
+    verb.add_argument("--ward", metavar="W", help="name of the ward (default: the file's, else 'ward')")
     verb.add_argument(
-        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
+        "--connect",
+        action="append",
+        metavar="ENDPOINT",
+        help=f"endpoint of a router; repeatable (default: the file's, else {LOCAL})",
     )
 
 

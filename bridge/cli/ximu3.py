@@ -18,19 +18,25 @@ _log = logging.getLogger(__name__)
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of `truerate bridge ximu3`."""
-    verb.add_argument("--device", action="append", default=[], metavar="ID", help="which (default: all that are heard)")
-    verb.add_argument("--raw", action="store_true", help="raw rates rather than corrected ones")
+    verb.add_argument(
+        "--device",
+        action="append",
+        default=[],
+        metavar="ID",
+        help="device to send; repeatable (default: all devices heard)",
+    )
+    verb.add_argument("--raw", action="store_true", help="send raw rates instead of corrected rates")
     verb.add_argument(
         "--udp",
         default="127.0.0.1:8000",
         metavar="HOST:PORT",
-        help="send there; the next device to the next port (default %(default)s)",
+        help="where to send; each further device uses the next port (default: %(default)s)",
     )
     verb.add_argument(
         "--announce",
         default="127.0.0.1",
         metavar="HOST",
-        help="tell this host, or broadcast address, of them (default 127.0.0.1)",
+        help="host or broadcast address to announce the devices to (default: 127.0.0.1)",
     )
     add_ward(verb)
 
@@ -42,7 +48,7 @@ def shown(args: argparse.Namespace) -> int:
     connect = root.bus.routers_as(Role.COMMANDER, Role.RECORDER)
     devices = tuple(check(device, "--device") for device in dict.fromkeys(args.device))
     if len(devices) > MOST_DEVICES:
-        raise ValueError(f"{len(devices)} devices are to be shown; at most {MOST_DEVICES} can be")
+        raise ValueError(f"--device names {len(devices)} devices: use at most {MOST_DEVICES}")
     wanted = Wanted(
         ward=root.ward,
         devices=devices,
@@ -64,5 +70,5 @@ def _address(text: str) -> Address:
     host, _, port = text.rpartition(":")
     highest = (1 << 16) - 1 - REPLY_PORT - MOST_DEVICES
     if not (port.isascii() and port.isdigit() and 0 < int(port) <= highest):
-        raise ValueError(f"--udp {text!r} has no port from 1 to {highest}; one looks like 127.0.0.1:8000")
+        raise ValueError(f"--udp {text!r}: use HOST:PORT with a port from 1 to {highest}, such as 127.0.0.1:8000")
     return Address(host or "127.0.0.1", int(port))

@@ -52,7 +52,7 @@ def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
         for device in sorted(models.keys() - there):
             close = get_close_matches(device, there, n=1)
             hint = f"; did you mean {close[0]!r}?" if close else ""
-            yield f"{path}: [estimator]: models: {device!r} is not enrolled, nor a device of these files{hint}"
+            yield f"{path}: [estimator]: models: {device!r} is neither enrolled nor a device of these files{hint}"
 
 
 def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
@@ -65,7 +65,7 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
     yield from (f"[router]: listen: {words}" for words in open_to_others(root.router.listen))
     if root.bus.identity is None:
         return
-    wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if role is not Role.ROUTER))
+    wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if not role.serves))
     yield from (f"[bus]: {words}" for words in wrong)
     if (member := _member(root)) is None:
         return
@@ -73,8 +73,8 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
     tables = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
     table: Any = tables.get(member.role)
     if member.role in tables and (table is None or table.id != member.name):
-        there = f"its id is {table.id!r}" if table is not None else "there is none"
-        yield f"[bus]: the certificate is for {member.label}; of [{member.role.value}] {there}"
+        there = f"its id is {table.id!r}" if table is not None else "there is no such table"
+        yield f"[bus]: the certificate is for {member.label}; [{member.role.value}]: {there}"
 
 
 def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:
@@ -84,7 +84,7 @@ def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:
         for what, name in _names(root):
             before = seen.setdefault((root.ward, what, name), path)
             if before != path:
-                yield f"{path}: {what} {name!r} of ward {root.ward!r} is in {before} too: give one of them another"
+                yield f"{path}: {what} {name!r} of ward {root.ward!r} is in {before} too: rename one of the two"
 
 
 def _names(root: Root) -> Iterator[tuple[str, str]]:
@@ -105,8 +105,8 @@ def _otherwise(wards: Mapping[Path, Root]) -> Iterator[str]:
         here["[devices]"] = root.devices.read() if root.devices is not None else None
         before, there = first.setdefault(root.ward, (path, here))
         yield from (
-            f"{path}: {what} is not that of {before}: estimators of one ward take over each other's devices, and must treat"
-            " them alike"
+            f"{path}: {what} differs from {before}: make them equal, because estimators of one ward take over each other's"
+            " devices"
             for what, value in here.items()
             if value != there[what]
         )
@@ -117,11 +117,11 @@ def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
     for endpoint in root.bus.connect:
         hosts = [host for one in routers if port_of(endpoint) in map(port_of, one.listen) for host in hosts_at(one)]
         if port_of(endpoint) not in ports:
-            yield f"[bus]: connect: no router listens at {endpoint}; they do at {', '.join(e for r in routers for e in r.listen)}"
+            yield f"[bus]: connect: no router listens at {endpoint}; use {', '.join(e for r in routers for e in r.listen)}"
         elif secured(endpoint) and hosts and not any(is_for(host, host_of(endpoint)) for host in hosts):
             yield (
-                f"[bus]: connect: {endpoint}: the router's certificate is for {', '.join(hosts)} alone, and we would not talk to"
-                " it by another name: truerate pki issue router:NAME --host names all of them"
+                f"[bus]: connect: {endpoint}: the router's certificate names only {', '.join(hosts)}: connect by one of"
+                " these, or issue a certificate with this host: truerate pki issue router:NAME --host HOST"
             )
     if (member := _member(root)) is None:
         return
@@ -130,8 +130,8 @@ def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
             wards = ", ".join(sorted(ward for ward, name in router.places if name == member.common_name))
             instead = f" (it has for {member.common_name} in ward {wards})" if wards else ""
             yield (
-                f"[bus]: {router.path} has no rules for {member.common_name} in ward {root.ward!r}{instead}: what it says and"
-                " asks would be dropped silently"
+                f"[bus]: {router.path} has no rules for {member.common_name} in ward {root.ward!r}{instead}: the router would"
+                " drop its messages silently. Write the router's file again (truerate pki router)"
             )
 
 

@@ -24,7 +24,7 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def __post_init__(self) -> None:
         if not self.enrolled and not self.file:
             raise ValueError(
-                'give enrolled = ["wrist-01", …] or a file of ids; without [devices] every device is taken'
+                'give enrolled = ["wrist-01", …] or a file of ids, or remove [devices] to accept every device'
             )
         places(self.enrolled)
         if self.file:
@@ -40,7 +40,7 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             with Path(self.file).open("rb") as file:
                 text = file.read(MOST_BYTES + 1)
             if len(text) > MOST_BYTES:
-                raise ValueError(f"more than {MOST_BYTES} bytes")
+                raise ValueError(f"more than {MOST_BYTES} bytes: shorten the list")
             lines = (line.partition("#")[0].strip() for line in text.decode("utf-8-sig").splitlines())
             return places((*self.enrolled, *filter(None, lines)))
         except UnicodeDecodeError:
@@ -64,6 +64,6 @@ def places(entries: Iterable[str]) -> dict[str, str]:
             raise ValueError(refusal.detail) from None
         if found.setdefault(device, bridge) != bridge:
             raise ValueError(
-                f"{device!r} is enrolled twice, by {found[device] or 'any bridge'} and {bridge or 'any bridge'}"
+                f"{device!r} is enrolled twice, for {found[device] or 'any bridge'} and for {bridge or 'any bridge'}: remove one"
             )
     return found

@@ -6,7 +6,7 @@ from bridge.bus.router_check import RouterFile
 from bridge.config.schema import ANYWHERE
 from bridge.pki.certificate_checks import ISSUER_OF, certificates, common_name, hosts_of, member_of
 
-_ANEW = "`truerate pki router` writes both files of a router, copy both"
+_ANEW = "write both files of the router with `truerate pki router`, and copy both"
 
 
 def faults(router: RouterFile) -> Iterator[str]:
@@ -21,9 +21,9 @@ def faults(router: RouterFile) -> Iterator[str]:
         return  # the site has its own authority: no issuer per member
     known = router.members | own
     if more := sorted(there - known):
-        yield f"{router.identity.ca} lets in {', '.join(more)}, revoked maybe, whom the rules do not know: {_ANEW}"
+        yield f"{router.identity.ca} accepts {', '.join(more)}, which the rules lack (perhaps revoked): {_ANEW}"
     if missing := sorted(known - there):
-        yield f"{router.identity.ca} does not let in {', '.join(missing)}, whom the rules know: {_ANEW}"
+        yield f"{router.identity.ca} refuses {', '.join(missing)}, which the rules name: {_ANEW}"
 
 
 def reaches(endpoint: str, router: RouterFile) -> bool:

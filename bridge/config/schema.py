@@ -42,19 +42,19 @@ def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
     if not endpoints:
         raise ValueError(f"{key} needs at least one endpoint, such as {LOCAL!r}")
     if twice := [endpoint for endpoint in dict.fromkeys(endpoints) if endpoints.count(endpoint) > 1]:
-        raise ValueError(f"{key}: {twice[0]!r} is there twice; another router's endpoint, or one alone")
+        raise ValueError(f"{key}: {twice[0]!r} is listed twice: remove one")
     for endpoint in endpoints:
         protocol, _, address = endpoint.partition("/")
         if not (protocol and address and endpoint.isprintable()):
-            raise ValueError(f"{key}: {endpoint!r} is no endpoint; one looks like {LOCAL!r}")
+            raise ValueError(f"{key}: {endpoint!r} is not an endpoint: write PROTOCOL/HOST:PORT, such as {LOCAL!r}")
         if protocol not in PROTOCOLS:
             raise ValueError(f"{key}: {endpoint!r}: unknown protocol {protocol!r}; {nearest(protocol, PROTOCOLS)}")
         if protocol == "unixsock-stream":
             continue
         if not (match := _ADDRESS.match(address)):
-            raise ValueError(f"{key}: {endpoint!r} has no port; one looks like {LOCAL!r}")
+            raise ValueError(f"{key}: {endpoint!r} has no port: write PROTOCOL/HOST:PORT, such as {LOCAL!r}")
         if int(match[1]) > 65535:
-            raise ValueError(f"{key}: {endpoint!r}: port {match[1]} is none; 65535 is the highest")
+            raise ValueError(f"{key}: {endpoint!r}: invalid port {match[1]}: use 1 to 65535")
     return tuple(endpoints)
 
 
@@ -62,7 +62,7 @@ def listening(address: str) -> tuple[str, int]:
     """Parse the `health` address `host:port`. Raises ValueError with the expected format."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 1 <= int(port) <= 65535 or not address.isprintable():
-        raise ValueError(f"health is {address!r}; an address to listen on looks like '127.0.0.1:9464'")
+        raise ValueError(f"health is {address!r}: write HOST:PORT, such as '127.0.0.1:9464'")
     return host.removeprefix("[").removesuffix("]"), int(port)
 
 
@@ -89,13 +89,15 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         files = {"ca": self.ca, "certificate": self.certificate, "key": self.key}
         missing = [name for name, path in files.items() if not path]
         if 0 < len(missing) < len(files):
-            raise ValueError(f"{', '.join(missing)} missing: ca, certificate and key go together")
+            raise ValueError(f"{', '.join(missing)} missing: give all of ca, certificate and key, or none of them")
         for endpoint in self.connect:
             if secured(endpoint) and missing:
-                raise ValueError(f"connect: {endpoint!r} needs ca, certificate and key; `truerate pki` makes them")
+                raise ValueError(
+                    f"connect: {endpoint!r} needs ca, certificate and key; make them with `truerate pki issue`"
+                )
             if not secured(endpoint) and not missing:
                 raise ValueError(
-                    f"connect: {endpoint!r} shows nobody a certificate; one that does looks like 'tls/10.0.0.5:7447'"
+                    f"connect: {endpoint!r} uses no certificate: write a tls endpoint, such as 'tls/10.0.0.5:7447'"
                 )
 
     @property
@@ -123,8 +125,8 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if member.role not in roles or (name and member.name != name):
                 wanted = " or ".join(f"{role.value}:{name}" if name else role.value for role in roles)
                 raise ConfigError(
-                    f"[bus]: {self.certificate} is for {member.label}, and routers would refuse it this silently; here a"
-                    f" certificate for {wanted} is needed: truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
+                    f"[bus]: {self.certificate} is for {member.label}, but this program needs a certificate for {wanted}; routers"
+                    f" would drop its messages. Make one: truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
                 )
         return self.routers
 
@@ -155,7 +157,7 @@ class Device:
         rest = dict(table)
         for key in ("id", "driver"):
             if key not in rest:
-                raise ValueError(f"the key {key!r} is missing")
+                raise ValueError(f"the key {key!r} is missing: add it")
         device, name = check(rest.pop("id"), "id"), rest.pop("driver")
         kinds = registry.kinds()
         if not isinstance(name, str) or name not in kinds:
@@ -184,11 +186,11 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         if self.health:
             listening(self.health)
         if not 5 <= self.batch_ms <= 1000:
-            raise ValueError(f"batch_ms is {self.batch_ms:g}; 5 to 1000 is taken")
+            raise ValueError(f"batch_ms is {self.batch_ms:g}: use 5 to 1000 milliseconds")
         seen: dict[str, int] = {}
         for number, device in enumerate(self.devices, 1):
             if device.id in seen:
-                raise ValueError(f"devices #{seen[device.id]} and #{number} have the same id {device.id!r}")
+                raise ValueError(f"devices #{seen[device.id]} and #{number} have the same id {device.id!r}: rename one")
             seen[device.id] = number
         ports: dict[str, str] = {}
         for device in self.devices:
@@ -196,7 +198,9 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if port is None:
                 continue
             if port in ports:
-                raise ValueError(f"devices {ports[port]!r} and {device.id!r} have the same port {port!r}")
+                raise ValueError(
+                    f"devices {ports[port]!r} and {device.id!r} have the same port {port!r}: give each its own"
+                )
             ports[port] = device.id
 
 

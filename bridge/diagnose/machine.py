@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from packaging.requirements import Requirement
 
@@ -47,9 +48,11 @@ def clock_status() -> int | None:
 def clock(status: int | None) -> list[Finding]:
     """Whether the clock is synchronised: recordings and machines are aligned by it."""
     if status is None:
-        return [warning("clock", "cannot be asked whether it is synchronised", "see `timedatectl`")]
+        return [warning("clock", "its synchronisation is unknown", "see `timedatectl`")]
     if status & _UNSYNCHRONISED:
-        return [warning("clock", "not synchronised with any other", "sudo timedatectl set-ntp true, or install chrony")]
+        return [
+            warning("clock", "not synchronised with another clock", "sudo timedatectl set-ntp true, or install chrony")
+        ]
     return [ok("clock", "synchronised")]
 
 
@@ -64,7 +67,7 @@ def recordings(folder: Path) -> list[Finding]:
     """Whether the recorder's folder exists, which the recorder does not make; a relative one depends on where it is started."""
     if not folder.is_absolute() or os.path.exists(folder):  # noqa: PTH110
         return []
-    return [warning("recordings", f"{folder} is not there, and the recorder does not make it", f"mkdir -p {folder}")]
+    return [warning("recordings", f"{folder} does not exist, and the recorder does not make it", f"mkdir -p {folder}")]
 
 
 def bridges(proc: Path = PROC) -> list[Finding]:
@@ -78,7 +81,7 @@ def bridges(proc: Path = PROC) -> list[Finding]:
     return [
         trouble(
             "bridges",
-            f"{file}: {len(pids)} bridges run with it, processes {', '.join(map(str, pids))}",
+            f"{file}: {len(pids)} bridges use this file, processes {', '.join(map(str, pids))}",
             f"stop all but one: kill {pids[-1]}",
         )
         for file, pids in twice.items()
@@ -103,7 +106,7 @@ def packages(
 
 
 def _package(requirement: Requirement, installed: Callable[[str], str]) -> Finding:
-    do = f"pip install '{requirement.name}{requirement.specifier}', or make a fresh environment"
+    do = f"pip install '{requirement.name}{requirement.specifier}', or make a new environment"
     try:
         found = installed(requirement.name)
     except PackageNotFoundError:
@@ -117,10 +120,13 @@ def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
     check = f"disk, {what}"
     # Path.exists raises an error where access is denied.
     there = next(path for path in (folder, *folder.parents) if os.path.exists(path))  # noqa: PTH110
-    if not there.is_dir() or not os.access(there, os.W_OK):
-        return trouble(
-            check, f"{there} cannot be written to", f"sudo install -d -o $USER {folder}, or choose another place"
-        )
+    if not there.is_dir():
+        return trouble(check, f"{there} is a file, not a folder", "choose another place in the ward file")
+    try:
+        TemporaryFile(dir=there).close()  # tells more than the permissions do, and leaves nothing
+    except OSError as error:
+        do = f"sudo install -d -o $USER {folder}, or choose another place in the ward file"
+        return trouble(check, f"{there} cannot be written to: {error.strerror}", do)
     bytes_free = free(there)
     said = f"{there}: {bytes_free / 1e9:.1f} GB free"
     if bytes_free < _NONE_BYTES:

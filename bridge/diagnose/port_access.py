@@ -37,12 +37,12 @@ def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
     if not there:
         return [ok("permissions", "no serial port is plugged in")]
     if not closed:
-        return [ok("permissions", f"{count(len(there), 'serial port')} may be opened")]
+        return [ok("permissions", f"{count(len(there), 'serial port')} can be opened")]
     groups = " ".join(sorted({_group(status.st_gid) for _, status in closed}))
     return [
         trouble(
             "permissions",
-            f"{', '.join(port for port, _ in closed)}: may not be opened",
+            f"{', '.join(port for port, _ in closed)}: no permission to open",
             f"sudo usermod -aG {groups} $USER, then log out and in again (a running service: restart it)",
         )
     ]
@@ -53,11 +53,11 @@ def modem_manager(proc: Path = PROC, rules: Collection[Path] = _RULE_FOLDERS) ->
     if not any(_read(path).strip() == "ModemManager" for path in proc.glob("[0-9]*/comm")):
         return [ok("ModemManager", "does not run")]
     if any(_IGNORED in _read(rule) for folder in rules for rule in folder.glob("*.rules")):
-        return [ok("ModemManager", "runs, and is told to leave serial devices alone")]
+        return [ok("ModemManager", "runs, but its rules leave serial devices alone")]
     return [
         warning(
             "ModemManager",
-            "runs, and sends bytes to every device that is plugged in, for some seconds",
+            "runs, and sends bytes for some seconds to every device that is plugged in",
             f"{_INSTALL}; or sudo systemctl disable --now ModemManager",
         )
     ]
@@ -83,11 +83,11 @@ def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
             findings.append(
                 trouble(
                     "busy ports",
-                    f"{port}: {', '.join(map(str, having))} have it open, each gets a part of its bytes",
+                    f"{port}: {', '.join(map(str, having))} have it open, so each gets only part of the bytes",
                     f"stop all but one: kill {having[-1].pid}",
                 )
             )
-    return findings or [ok("busy ports", "none is open in another program")]
+    return findings or [ok("busy ports", "no port is open in another program")]
 
 
 def present(devices: dict[str, str]) -> list[Finding]:
@@ -96,7 +96,7 @@ def present(devices: dict[str, str]) -> list[Finding]:
     wrong = {device: port for device, port in devices.items() if "://" not in port and serial_errors.no_port(port)}
     advice = "find its name with `truerate bridge scan` and put it into the ward's file"
     return [
-        warning(f"device {device}", f"{port} is not there", f"plug it in; or {advice}")
+        warning(f"device {device}", f"{port} does not exist", f"plug it in; or {advice}")
         for device, port in missing.items()
     ] + [trouble(f"device {device}", f"{port} is not a serial port", advice) for device, port in wrong.items()]
 
@@ -115,7 +115,7 @@ def doubled(devices: dict[str, str]) -> list[Finding]:
             "give each device of the ward's file a port of its own",
         )
         for port, names in twice.items()
-    ] or [ok("ports", "each device has its own" if devices else "no device of the file has one")]
+    ] or [ok("ports", "each device has its own port" if devices else "no device of the file has a port")]
 
 
 def _taken(port: str, others: list[Holder]) -> Finding:

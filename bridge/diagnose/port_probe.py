@@ -89,11 +89,11 @@ def _advice(made: Sequence[Guess], opened_ns: int, first_ns: int, *, is_serial: 
     words = []
     alike = [str(guess.candidate) for guess in others if guess.share > best.share - _ALIKE]
     if alike:
-        words.append(f"it may as well be {', '.join(alike)}: choose by what the device is")
+        words.append(f"other matches: {', '.join(alike)}; choose by the device's model")
     if is_serial and booted_by(best, opened_ns, first_ns):
         words.append(
-            "it seems to have booted because the port was opened: each start of the bridge may cost a calibration; "
-            "configs/udev/99-truerate.rules keeps many boards from it"
+            "opening the port probably restarted the device, so each start of the bridge may cost a calibration; "
+            "configs/udev/99-truerate.rules prevents this for many boards"
         )
     return "; ".join(words)
 
@@ -102,15 +102,17 @@ def _puzzled(heard: dict[int, list[Chunk]], *, is_serial: bool) -> str:
     speeds = f" at {', '.join(map(str, heard))}" if is_serial else ""
     came = {baud: data for baud, chunks in heard.items() if (data := _joined(chunks))}
     if not came:
-        return f"nothing was heard{speeds}: is the device on, and sending? Some wait for a button, or for a host"
+        return f"no data{speeds}: switch the device on and let it send; some devices wait for a button or for a host"
     text = {baud: shown for baud, data in came.items() if (shown := _as_text(data))}
     if text:
         baud, shown = next(iter(text.items()))
         where = f" at {baud}" if is_serial else ""
-        return f"text that no driver understands{where}, such as {shown!r}: it needs a profile, or a driver, of its own"
+        return f"text that no driver understands{where}, such as {shown!r}: write a profile for it (docs/devices.md)"
     first = next(iter(came.values()))
     wrong = f"a speed other than{speeds.removeprefix(' at')} (try --baud), or " if is_serial else ""
-    return f"bytes that no driver understands, such as {first[:16].hex(' ')}: {wrong}a protocol that needs a driver of its own"
+    return (
+        f"bytes that no driver understands, such as {first[:16].hex(' ')}: {wrong}a protocol that needs its own driver"
+    )
 
 
 def _joined(chunks: Iterable[Chunk]) -> bytes:

@@ -96,10 +96,10 @@ def report(trial: Trial, seconds: float = 0.0) -> list[str]:
 
 def _rate(who: Identity, *, known: bool) -> str:
     if who.has_clock:
-        return f"{who.rate_hz:.4g} Hz, by its clock"
+        return f"{who.rate_hz:.4g} Hz, by the device's clock"
     if known:
-        return f"{who.rate_hz:.4g} Hz, as promised: it tells no time"
-    return "unknown: it tells no time; say rate_hz in the ward's file (--seconds counts it here)"
+        return f"{who.rate_hz:.4g} Hz, as given: the lines carry no time"
+    return "unknown: the lines carry no time; set rate_hz in the ward's file (--seconds S measures the rate here)"
 
 
 def _sample(readings: Readings, i: int, who: Identity) -> str:

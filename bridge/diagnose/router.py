@@ -13,11 +13,13 @@ def certificate(routers: Routers) -> Iterator[Finding]:
     lasts = routers.lasts()
     if wrong := routers.faults():
         yield trouble(
-            "certificate", "; ".join(wrong), "mend that first: no router lets in who shows it; docs/security.md"
+            "certificate",
+            "; ".join(wrong),
+            "correct this first: no router accepts this certificate; see docs/security.md",
         )
     elif soon := routers.soon():
         yield warning(
-            "certificate", "; ".join(soon), "on the authority's machine; then copy the .pem here, over the old one"
+            "certificate", "; ".join(soon), "on the authority's machine; then copy the .pem here, over the old file"
         )
     elif routers.identity and lasts:
         yield ok("certificate", f"{routers.identity.certificate}, until {lasts.ends:%Y-%m-%d}")
@@ -33,10 +35,10 @@ def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = 
             reached.append(endpoint)
         except BusError as error:
             silent[endpoint] = str(error)
-    do = "start it: `truerate router` on its machine, or zenohd; or set `connect` in [bus] to where it is"
+    do = "start `truerate router` or zenohd on the router's machine, or correct `connect` in [bus]"
     worse = warning if reached else trouble
     found = [worse("router", words, do) for words in silent.values()]
-    return [*([ok("router", f"reached at {', '.join(reached)}")] if reached else []), *found]
+    return [*([ok("router", f"answers at {', '.join(reached)}")] if reached else []), *found]
 
 
 def answers(findings: Sequence[Finding]) -> bool:

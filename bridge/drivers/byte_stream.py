@@ -44,7 +44,9 @@ class Holds(Protocol):
 class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Options of a byte device: port, and baud of a serial port (ignored by USB devices)."""
 
+    #: where the device is: `/dev/serial/by-id/usb-...`, `tcp://10.0.0.5:8000`, `udp://:8000?from=10.0.0.5`, `ble://...`
     port: str
+    #: speed of a serial port, bits per second, 300 to 4000000; must equal the device's setting. USB devices ignore it
     baud: int = 115_200
 
     def __post_init__(self) -> None:

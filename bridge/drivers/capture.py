@@ -14,7 +14,7 @@ from bridge.recording.reading import Reading
 from bridge.recording.recording import Floats, Recording
 from bridge.recording.table import Table, recording_of
 from bridge.terminal.plurals import count
-from bridge.toml.loader import nearest
+from bridge.toml.loader import ConfigError, nearest
 
 _CHUNK, _SETTLING = 4096, 1 << 16
 #: a decoder that does not know yet whether its device has a clock, or its rate, gets the beginning repeatedly
@@ -24,11 +24,11 @@ _NS_A_BYTE, _ROUNDS, _SETTLED_NS = 100_000, 8, 1_000_000_000_000
 def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Recording:
     """Decode a capture by a driver, or by a text profile.
 
-    Raises RecordingError, and ConfigError for an unknown profile.
+    Raises RecordingError, and ConfigError for an unknown driver or profile.
     """
     check_file(path)
     if path.stat().st_size > MAX_BYTES:
-        raise RecordingError(f"{path}: {path.stat().st_size} bytes; at most {MAX_BYTES} are taken")
+        raise RecordingError(f"{path}: {path.stat().st_size} bytes; at most {MAX_BYTES} are allowed")
     make = _decoder(path, driver, profile, reading)
     data = path.read_bytes()
     events, faults = _decoded(make(), data)
@@ -49,7 +49,7 @@ def _decoder(path: Path, driver: str, profile: str, reading: Reading) -> Callabl
         return lambda: TextDecoder(known, reading.rate_hz or 0.0, captured=True)
     able = {name: kind.decoder for name, kind in registry.kinds().items() if kind.decoder is not None}
     if driver not in able:
-        raise RecordingError(f"{path}: --driver {driver!r} decodes no bytes; {nearest(driver, able)}")
+        raise ConfigError(f"{path}: --driver {driver!r} cannot decode a file; {nearest(driver, able)}")
     of_driver = able[driver]
     return lambda: of_driver(None)
 
@@ -84,7 +84,7 @@ def _recording(path: Path, by: str, events: list[Event], faults: list[str], read
     if not boots:
         why = f": {', '.join(faults)}" if faults else ""
         raise RecordingError(
-            f"{path}: {by} understands no sample of it{why}; `truerate bridge scan --port file://FILE` says which driver does"
+            f"{path}: no sample found by {by}{why}; find the right driver with `truerate bridge scan --port file://FILE`"
         )
     at = reading.boot or 1
     if (len(boots) > 1 and reading.boot is None) or not 1 <= at <= len(boots):
@@ -92,7 +92,7 @@ def _recording(path: Path, by: str, events: list[Event], faults: list[str], read
             f"{number} ({count(sum(len(part.ticks) for part in parts), 'sample')})"
             for number, parts in enumerate(boots.values(), 1)
         )
-        raise RecordingError(f"{path}: the device was booted {count(len(boots), 'time')}; choose one by --boot: {said}")
+        raise RecordingError(f"{path}: {count(len(boots), 'boot')} of the device; choose one with --boot: {said}")
     boot = list(boots)[at - 1]
     return recording_of(path, _table(path, identities[boot], boots[boot], faults, reading), replace(reading, boot=None))
 
@@ -106,11 +106,11 @@ def _table(path: Path, who: Identity, parts: list[Readings], faults: list[str], 
     temperatures = [part.temperature_c for part in parts if part.temperature_c is not None]
     if len(temperatures) == len(parts):
         columns["temperature_c"] = np.concatenate(temperatures).astype(np.float64)
-    notes = [f"{who.model} {who.firmware}".strip(), *([f"of its bytes: {', '.join(faults)}"] if faults else [])]
+    notes = [f"{who.model} {who.firmware}".strip(), *([f"bytes not decoded: {', '.join(faults)}"] if faults else [])]
     if who.has_clock:
         columns["t_s"] = (ticks - ticks[0]) * who.tick_period_s
     elif reading.rate_hz is None:
-        raise RecordingError(f"{path}: its bytes tell no time: say --rate-hz with the device's output data rate")
+        raise RecordingError(f"{path}: the bytes carry no time: give the device's output data rate with --rate-hz")
     else:
         columns["counter"] = ticks
     return Table(columns, notes=notes, tick_s=who.tick_period_s)

@@ -38,12 +38,14 @@ class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
     system: id of the system to read where one port carries several; 0 takes the first that sends inertial messages.
     """
 
+    #: id of the system to read, 1 to 255, where one port carries several; 0 takes the first that sends inertial messages
+    #: id of the system to read, 1 to 255, where one port carries several; 0 takes the first that sends inertial messages
     system: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.system <= 255:
-            raise ValueError(f"system is {self.system}; 1 to 255 is taken, or 0 for the first that is heard")
+            raise ValueError(f"system is {self.system}: use 1 to 255, or 0 for the first system heard")
         if not available():
             raise ValueError(f"the driver 'mavlink' {NEEDS}")
 

@@ -31,19 +31,24 @@ class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
     gyro_range_dps: full-scale range in °/s, if known.
     """
 
+    #: whether to query the device's model and firmware; the device stops measuring for a moment
     ask: bool = False
+    #: output data rate to set in the device, Hz, 1 to 2000, for example 100; 0 leaves the device's output as it is
     rate_hz: int = 0
+    #: full-scale range of the gyro, °/s, for example 2000; 0 if unknown
     gyro_range_dps: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.rate_hz and not 1 <= self.rate_hz <= 2000:
-            raise ValueError(f"rate_hz is {self.rate_hz}; 1 to 2000 is taken")
+            raise ValueError(f"rate_hz is {self.rate_hz}: use 1 to 2000")
         if "://" not in self.port and self.rate_hz * _BITS > self.baud:
             need = f"{self.rate_hz * _BITS}"
-            raise ValueError(f"rate_hz is {self.rate_hz}, which needs a baud of {need} or more, here and in the device")
+            raise ValueError(
+                f"rate_hz is {self.rate_hz}: set baud to {need} or more, here and in the device, or lower rate_hz"
+            )
         if not 0 <= self.gyro_range_dps <= 50_000:
-            raise ValueError(f"gyro_range_dps is {self.gyro_range_dps:g}; 0, for unknown, to 50000 is taken")
+            raise ValueError(f"gyro_range_dps is {self.gyro_range_dps:g}: use 0 (unknown) to 50000")
 
 
 class MtData2Decoder:

@@ -15,14 +15,16 @@ _ASK_AGAIN = 16  # packets
 
 
 class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of the native driver. rate_hz: output data rate to set on the device; 0 leaves the device's rate unchanged."""
+    """Options of a device that speaks truerate's native protocol."""
 
+    #: output data rate to set in the device, Hz, 0.1 to 100000, for example 104; 0 leaves the device's rate unchanged
+    #: output data rate to set in the device, Hz, 0.1 to 100000, for example 104; 0 leaves the device's rate unchanged
     rate_hz: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.rate_hz and not 0.1 <= self.rate_hz <= 100_000:
-            raise ValueError(f"rate_hz is {self.rate_hz:g}; 0.1 to 100000 is taken")
+            raise ValueError(f"rate_hz is {self.rate_hz:g}: use 0.1 to 100000")
 
 
 class NativeDecoder:

@@ -52,10 +52,12 @@ def foreign() -> dict[str, DriverKind]:
         try:
             kind = entry.load()
         except Exception as error:  # noqa: BLE001 - a faulty foreign driver must not stop the others
-            _log.warning("driver %s (%s) cannot be loaded: %s", entry.name, entry.value, error)
+            _log.warning("driver %s (%s) cannot be loaded: %s; reinstall its package", entry.name, entry.value, error)
             continue
         if not isinstance(kind, DriverKind) or kind.name in (*OURS, *found):
-            _log.warning("driver %s (%s) is left out: not a DriverKind of a free name", entry.name, entry.value)
+            _log.warning(
+                "driver %s (%s) is ignored: it is not a DriverKind, or its name is taken", entry.name, entry.value
+            )
             continue
         found[kind.name] = kind
     return found

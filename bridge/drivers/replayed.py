@@ -40,28 +40,42 @@ class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     recorded_device: the device of a .mcap to play, if there are several.
     """
 
+    #: recording to play: `.npz`, `.mcap` or text such as `.csv`, for example `walk.npz`
     file: str
+    #: multiple of the recorded pace, 0.01 to 1000; 2 plays twice as fast
     speed: float = 1.0
+    #: output data rate, Hz, for example 104; replaces the times of the file
     rate_hz: float | None = None
+    #: full-scale range of the gyro, °/s, for example 2000; 0 if unknown
     gyro_range_dps: float = 0.0
+    #: id of the recorded device to play, for example `wrist-01`; needed if a `.mcap` holds several devices
     recorded_device: str | None = None
+    #: unit of the rates in the file: `deg/s`, `rad/s` or `mdeg/s`; default: as the file says
     gyro_unit: str | None = None
+    #: unit of the accelerations in the file: `g`, `m/s2` or `mg`; default: as the file says
     accel_unit: str | None = None
+    #: unit of the times in the file: `s`, `ms`, `us` or `ns`; default: as the file says
     time_unit: str | None = None
+    #: raw counts per °/s, for example 131, if the file holds the gyro's raw counts
     gyro_sensitivity: float | None = None
+    #: raw counts per g, for example 16384, if the file holds the accelerometer's raw counts
     accel_sensitivity: float | None = None
+    #: names or numbers (from 1) of the columns of the gyro's x, y, z, then of the accelerometer's x, y, z; or one tool's name
     columns: tuple[str, ...] = ()
+    #: name or number (from 1) of the column with the sample times
     time_column: str | None = None
+    #: second file that holds the accelerometer's samples, for example `acc.csv`
     accel_file: str | None = None
+    #: number of the boot to play, from 1, if the device was switched on several times
     boot: int | None = None
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.speed <= 1000:
-            raise ValueError(f"speed is {self.speed:g}; 0.01 to 1000 is taken")
+            raise ValueError(f"speed is {self.speed:g}: use 0.01 to 1000")
         if self.rate_hz is not None and not 0 < self.rate_hz <= 10_000:
-            raise ValueError(f"rate_hz is {self.rate_hz:g}; more than 0, up to 10000, is taken")
+            raise ValueError(f"rate_hz is {self.rate_hz:g}: use a number above 0, up to 10000")
         if not 0 <= self.gyro_range_dps <= 10_000:
-            raise ValueError(f"gyro_range_dps is {self.gyro_range_dps:g}; 0 (unknown) to 10000 is taken")
+            raise ValueError(f"gyro_range_dps is {self.gyro_range_dps:g}: use 0 (unknown) to 10000")
 
 
 class Playback:
@@ -116,7 +130,7 @@ def devices(path: Path) -> list[str]:
     """Device ids in a ward's recording; raises RecordingError if it cannot be played."""
     found = list(_recorded(path).stretches)
     if not found:
-        raise RecordingError(f"{path}: there are no samples in it")
+        raise RecordingError(f"{path}: the recording has no samples")
     return found
 
 
@@ -127,7 +141,7 @@ def _recorded(path: Path) -> Recorded:
     except OSError as error:
         raise RecordingError(f"{path}: {os_errors.why(error)}") from None
     if state.st_size > MAX_BYTES:
-        raise RecordingError(f"{path}: {state.st_size} bytes; at most {MAX_BYTES} are taken")
+        raise RecordingError(f"{path}: {state.st_size} bytes; at most {MAX_BYTES} are allowed")
     with _reading:
         return _read(path, state.st_mtime_ns)
 
@@ -150,9 +164,9 @@ def _takes(options: ReplayedOptions) -> list[ReplaySegment]:
     recorded, whom = _recorded(path), options.recorded_device
     found = devices(path)
     if whom is None and len(found) > 1:
-        raise RecordingError(f"{path}: say whose samples to play: recorded_device is one of {', '.join(found)}")
+        raise RecordingError(f"{path}: several devices: set recorded_device to one of {', '.join(found)}")
     if whom is not None and whom not in found:
-        raise RecordingError(f"{path}: there are no samples of {whom!r} in it; it has {', '.join(found)}")
+        raise RecordingError(f"{path}: no samples of recorded_device {whom!r}; choose from {', '.join(found)}")
     boots = recorded.stretches[whom or found[0]]
     return [ReplaySegment.of_stretch(boot, recorded.begin_ns, _SALT, gyro_range) for boot in boots]
 

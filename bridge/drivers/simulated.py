@@ -27,18 +27,22 @@ class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     asleep, sitting, walking, in a bed that turns.
     """
 
+    #: number that decides the device's errors and motion, 0 to 4294967295; equal seeds give equal devices
     seed: int = 0
+    #: output data rate, Hz, 1 to 2000
     rate_hz: float = 104.0
+    #: multiple of real time, 0.01 to 100; 10 runs ten times as fast
     speed: float = 1.0
+    #: motion after the calibration: `lively` moves often, with rests of seconds; `ward` is a patient who lies, sits and walks
     life: Literal["lively", "ward"] = "lively"
 
     def __post_init__(self) -> None:
         if not 1 <= self.rate_hz <= 2000:
-            raise ValueError(f"rate_hz is {self.rate_hz:g}; 1 to 2000 is taken")
+            raise ValueError(f"rate_hz is {self.rate_hz:g}: use 1 to 2000")
         if not 0.01 <= self.speed <= 100:
-            raise ValueError(f"speed is {self.speed:g}; 0.01 to 100 is taken")
+            raise ValueError(f"speed is {self.speed:g}: use 0.01 to 100")
         if not 0 <= self.seed < 2**32:
-            raise ValueError(f"seed is {self.seed}; 0 to 2**32 - 1 is taken")
+            raise ValueError(f"seed is {self.seed}: use 0 to 4294967295")
 
 
 class SimulatedDriver:

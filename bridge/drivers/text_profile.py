@@ -101,12 +101,12 @@ class TextDecoder:
         if not text:
             return []
         if line.too_long:
-            self._refuse(Refused(LINE_BEGUN if line.begun else LINE_TOO_LONG, "it has no end"), text)
+            self._refuse(Refused(LINE_BEGUN if line.begun else LINE_TOO_LONG, "the line has no end"), text)
         elif self._is_banner(text):
             self._booting = True
             self._assembly.rebooted()
         elif line.begun and not self._file:
-            self._refuse(Refused(LINE_BEGUN, "the first line after an opening may be the end of one"), text)
+            self._refuse(Refused(LINE_BEGUN, "the first line after opening the port may be incomplete"), text)
         elif not any(pattern.fullmatch(text) for pattern in self._ignore):
             read = self._reader.read(text)
             if isinstance(read, Header):
@@ -205,7 +205,7 @@ class TextDecoder:
 def _amount(text: str) -> float:
     value = float(text)
     if not 0 < value <= 10_000:
-        raise ValueError(f"{text!r} is out of reach; 0 to 10000 is taken")
+        raise ValueError(f"{text!r} is out of range: use 0 to 10000")
     return value
 
 
@@ -215,10 +215,14 @@ class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_onl
     profile: name or path. rate_hz (Hz), gyro_range_dps (°/s): only where they differ from the profile's.
     """
 
+    #: name of a shipped profile, for example `nano-33-ble`, or the path of an own `.toml` file
     profile: str
+    #: output data rate, Hz, for example 100; 0 takes the profile's. Needed if neither the device nor the profile gives a time
     rate_hz: float = 0.0
+    #: full-scale range of the gyro, °/s, for example 2000; 0 takes the profile's
     gyro_range_dps: float = 0.0
-    baud: int = 0  # 0: the profile's
+    #: speed of a serial port, bits per second, for example 115200; 0 takes the profile's
+    baud: int = 0
 
     def __post_init__(self) -> None:
         try:
@@ -227,11 +231,11 @@ class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_onl
             raise ValueError(str(error)) from None
         for key in ("rate_hz", "gyro_range_dps"):
             if not 0 <= getattr(self, key) <= 10_000:
-                raise ValueError(f"{key} is {getattr(self, key):g}; 0 (as the profile says) to 10000 is taken")
+                raise ValueError(f"{key} is {getattr(self, key):g}: use 0 (the profile's value) to 10000")
         if profile.time is None and not (profile.device.rate_hz or self.rate_hz):
             raise ValueError(
-                f"rate_hz is missing: devices of profile {self.profile!r} do not tell the time, so say how many samples "
-                "come in a second; `truerate bridge try` counts those of a captured file"
+                f"rate_hz is missing: devices of profile {self.profile!r} send no time. Give the samples per second; "
+                f"`truerate bridge try {self.profile} FILE --seconds S` measures it from a captured file"
             )
         if not self.baud:
             msgspec.structs.force_setattr(self, "baud", profile.baud)

@@ -35,19 +35,25 @@ class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, k
     keep_settings: change and query nothing; rate_hz is then the rate the device is known to send.
     """
 
+    #: speed of the serial port, bits per second, as set in the device; 9600 carries at most 20 samples a second
     baud: int = 9600
+    #: output data rate to set in the device, Hz: 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100 or 200; 0 leaves the device's rate
     rate_hz: float = 0.0
+    #: whether to leave the device's settings alone; `rate_hz` is then the rate that the device sends
     keep_settings: bool = False
+    #: frame that carries the temperature on this model: `accel`, `gyro`, or `none` if no frame does
     temperature: Word = Word.ACCEL
 
     def __post_init__(self) -> None:
         super().__post_init__()
         rate_hz = self.rate_hz
         if rate_hz and rate_hz not in RATES_HZ.values():
-            raise ValueError(f"rate_hz is {rate_hz:g}; {', '.join(f'{one:g}' for one in RATES_HZ.values())} is taken")
+            raise ValueError(f"rate_hz is {rate_hz:g}: use one of {', '.join(f'{one:g}' for one in RATES_HZ.values())}")
         if "://" not in self.port and rate_hz * _BITS_A_CYCLE > self.baud:
             need = f"{rate_hz * _BITS_A_CYCLE:.0f}"
-            raise ValueError(f"rate_hz is {rate_hz:g}, which needs a baud of {need} or more, here and in the device")
+            raise ValueError(
+                f"rate_hz is {rate_hz:g}: set baud to {need} or more, here and in the device, or lower rate_hz"
+            )
 
 
 class WitMotionDecoder:

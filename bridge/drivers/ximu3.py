@@ -36,13 +36,15 @@ class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_on
     keep_settings: query the device, but change no setting.
     """
 
+    #: output data rate to set in the device, Hz: 400 divided by a whole number, for example 100; default: the device's rate
     rate_hz: float | None = None
+    #: whether to leave the device's settings alone; truerate then only queries them
     keep_settings: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.rate_hz is not None and not 1 <= self.rate_hz <= SAMPLES_HZ:
-            raise ValueError(f"rate_hz is {self.rate_hz:g}; 1 to {SAMPLES_HZ:g} is taken")
+            raise ValueError(f"rate_hz is {self.rate_hz:g}: use 1 to {SAMPLES_HZ:g}")
 
 
 class Ximu3Decoder:

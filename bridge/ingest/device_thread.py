@@ -99,7 +99,7 @@ class DeviceThread:
             self._driver.close()  # ends a pending read
             self._thread.join(timeout_s)
             if self._thread.is_alive():
-                _log.error("%s: its driver does not end", self.device)
+                _log.error("%s: the driver does not stop", self.device)
 
     def _run(self) -> None:
         wait_s = 0.0

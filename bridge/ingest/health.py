@@ -37,7 +37,7 @@ class BridgeHealth:
     def sick(self) -> list[str]:
         """Reasons why the bridge is not alive; empty if it is."""
         age = time.monotonic() - self._turned_s()
-        return [f"nothing was published for {age:.0f} s"] if age > STUCK_S else []
+        return [f"nothing published for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
         """Reasons why the bridge cannot do its work now; empty if it can."""
@@ -53,16 +53,24 @@ class BridgeHealth:
         """All metrics; the labels are devices of the configuration, and reasons of drops."""
         infos = self._infos()
         yield from certificate(self._routers)
-        yield MetricFamily("bridge_connected", "Whether there is a router.", (), {(): float(self._connected())})
+        yield MetricFamily(
+            "bridge_connected", "1 if the bridge is connected to a router, else 0.", (), {(): float(self._connected())}
+        )
         heard = {(i.device,): float(bool(i.boot) and not i.trouble) for i in infos}
-        yield MetricFamily("bridge_device_connected", "Whether a device sends samples.", ("device",), heard)
+        yield MetricFamily("bridge_device_connected", "1 if the device sends samples, else 0.", ("device",), heard)
         read = {(i.device,): float(i.samples) for i in infos}
-        yield MetricFamily("bridge_samples", "Samples read in this boot.", ("device",), read, counter=True)
+        yield MetricFamily(
+            "bridge_samples", "Samples read in the current boot of the device.", ("device",), read, counter=True
+        )
         rate = {(i.device,): i.measured_rate_hz for i in infos}
-        yield MetricFamily("bridge_rate_hz", "Samples a second, as measured.", ("device",), rate)
+        yield MetricFamily("bridge_rate_hz", "Measured sample rate, Hz.", ("device",), rate)
         battery = {(i.device,): i.battery_percent for i in infos if i.battery_percent == i.battery_percent}
-        yield MetricFamily("bridge_battery_percent", "Charge of a device.", ("device",), battery)
+        yield MetricFamily("bridge_battery_percent", "Charge of the device's battery, percent.", ("device",), battery)
         dropped = {(i.device, reason): float(n) for i in infos for reason, n in i.dropped.items()}
         yield MetricFamily(
-            "bridge_samples_dropped", "Samples or bytes dropped.", ("device", "reason"), dropped, counter=True
+            "bridge_samples_dropped",
+            "Samples or bytes dropped, by reason.",
+            ("device", "reason"),
+            dropped,
+            counter=True,
         )

@@ -184,7 +184,7 @@ class Pump:
                 self._complaint = str(error)
             except Exception:  # noqa: BLE001 - one device's fault must not stop the others
                 self._lose(thread, publisher)
-                _log.exception("%s: cannot be published", thread.device)
+                _log.exception("%s: publishing failed", thread.device)
 
     @staticmethod
     def _lose(thread: DeviceThread, publisher: DevicePublisher) -> None:

@@ -1,7 +1,8 @@
 """Certificate authority for a ward without its own: X.509 with the `cryptography` package. Pure; PEM in, PEM out.
 
 Keys are ECDSA on P-256, in PKCS 8. A router's certificate allows server and client authentication, the latter to join other
-routers. All other certificates allow client authentication only, so that a stolen bridge cannot pose as a router.
+routers. A page's allows server authentication only. All other certificates allow client authentication only, so that a stolen
+bridge cannot pose as a router.
 
 Each member has its own issuer between itself and the authority. A router trusts the issuers of its members, without those of
 revoked members. Issuers' keys stay beside the authority's key, so issuers have no further restriction on what they sign.
@@ -23,6 +24,7 @@ from bridge.pki.certificate_checks import ISSUER_OF
 from bridge.pki.member import Member, Role
 
 DAYS, CA_DAYS = 90, 3650
+_USAGES = {Role.ROUTER: [Usage.CLIENT_AUTH, Usage.SERVER_AUTH], Role.PAGE: [Usage.SERVER_AUTH]}
 #: largest clock difference between machines of a ward; certificates begin this much earlier
 EARLIER = timedelta(minutes=5)
 _LABEL = r"(?!-)[a-z0-9_-]{1,63}(?<!-)"
@@ -64,7 +66,7 @@ def issue(
 ) -> Pair:
     """Issue a member's certificate, followed by its issuer's certificate in the same PEM.
 
-    hosts: names and addresses of a router; clients refuse a router under any other name. key: PEM of the private key; None
+    hosts: names and addresses of a router or page; clients refuse it under any other name. key: PEM of the private key; None
     for a new key. usages: extended key usages; by default those of the role.
     Raises ValueError for invalid hosts, an invalid key, or an end after the authority's.
     """
@@ -72,10 +74,10 @@ def issue(
     ca = x509.load_pem_x509_certificate(authority.certificate)
     if ends > ca.not_valid_after_utc:
         raise ValueError(
-            f"the authority itself ends on {ca.not_valid_after_utc:%Y-%m-%d}; say fewer --days, or make a new one"
+            f"the authority expires on {ca.not_valid_after_utc:%Y-%m-%d}: use fewer --days, or make a new authority"
         )
     own = ec.generate_private_key(ec.SECP256R1()) if key is None else _private(key)
-    usage = list(usages) or [Usage.CLIENT_AUTH, *([Usage.SERVER_AUTH] if member.role is Role.ROUTER else [])]
+    usage = list(usages) or _USAGES.get(member.role, [Usage.CLIENT_AUTH])
     made = (
         _begun(member.common_name, ca.subject, own, begins, ends)
         .add_extension(x509.ExtendedKeyUsage(usage), critical=False)
@@ -86,9 +88,10 @@ def issue(
 
 
 def check_hosts(member: Member, hosts: Sequence[str]) -> list[x509.GeneralName]:
-    """Return a certificate's subject alternative names. Raises ValueError for a router without hosts or an invalid host."""
-    if member.role is Role.ROUTER and not hosts:
-        raise ValueError("a router's certificate names where it is reached: say --host NAME, or an address, for each")
+    """Return subject alternative names. Raises ValueError for a router or page without hosts, and for an invalid host."""
+    if member.role.serves and not hosts:
+        role = member.role.value
+        raise ValueError(f"a {role}'s certificate needs the {role}'s host names or addresses: give each with --host")
     return [_host(host) for host in hosts] or [x509.UniformResourceIdentifier(f"urn:truerate:{member.common_name}")]
 
 
@@ -98,7 +101,7 @@ def _host(text: str) -> x509.GeneralName:
     except ValueError:
         if len(text) > 253 or not _NAME.match(text):
             raise ValueError(
-                f"--host {text!r} is no name and no address; one looks like ward-3.example or 10.0.0.5, without a port"
+                f"--host {text!r} is neither a name nor an address: write ward-3.example or 10.0.0.5, without a port"
             ) from None
     return x509.DNSName(text)
 
@@ -107,9 +110,9 @@ def _private(pem: bytes) -> ec.EllipticCurvePrivateKey:
     try:
         key = serialization.load_pem_private_key(pem, None)
     except TypeError:
-        raise ValueError("the private key is locked with a password: openssl pkey -in FILE unlocks it") from None
+        raise ValueError("the private key has a password: remove it with openssl pkey -in FILE -out NEW") from None
     if not isinstance(key, ec.EllipticCurvePrivateKey):
-        raise ValueError(f"a key of kind {type(key).__name__}, which truerate did not make: renew it where it was made")  # noqa: TRY004
+        raise ValueError(f"not a key by truerate, but {type(key).__name__}: renew the certificate where it was made")  # noqa: TRY004
     return key
 
 

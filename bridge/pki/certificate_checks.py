@@ -49,7 +49,7 @@ def certificates(path: str) -> list[x509.Certificate]:
         UnsupportedAlgorithm,
     ) as error:
         raise ValueError(
-            f"{path}: no certificate in PEM that can be read, which begins with -----BEGIN CERTIFICATE----- ({error})"
+            f"{path}: not a PEM certificate, which begins with -----BEGIN CERTIFICATE----- ({error}): give the .pem file"
         ) from None
     return found
 
@@ -79,7 +79,7 @@ def member_of(identity: Identity) -> Member:
     try:
         return Member.parse(common_name(certificates(identity.certificate)[0]))
     except ValueError as error:
-        raise ValueError(f"{identity.certificate}: its common name says no role: {error}") from None
+        raise ValueError(f"{identity.certificate}: its common name names no role: {error}") from None
 
 
 def verified(certificate: str, ca: str) -> bool:
@@ -128,37 +128,39 @@ def _key_faults(identity: Identity, own: x509.Certificate | None) -> Iterator[st
         yield f"{path}: {os_errors.why(error)}"
         return
     except TypeError:
-        yield f"{path}: it is locked with a password, which nobody types at night: store it without one, mode 0600"
+        yield f"{path}: the key has a password, which no person can type at an unattended start: store it without one, mode 0600"
         return
     except (ValueError, UnsupportedAlgorithm):
-        yield f"{path}: no private key in PEM; such a file begins with BEGIN PRIVATE KEY"
+        yield f"{path}: not a PEM private key, which begins with BEGIN PRIVATE KEY: give the .key file"
         return
     if mode & (stat.S_IROTH | stat.S_IWGRP | stat.S_IWOTH):
-        yield f"{path}: everybody on this machine may read or change it (mode {stat.S_IMODE(mode):04o}): chmod 600 {path}"
+        yield f"{path}: other users of this machine can read or change the key (mode {stat.S_IMODE(mode):04o}): chmod 600 {path}"
     if own is not None and public != own.public_key().public_bytes(*form):
-        yield f"{path}: not the key of {identity.certificate}: the two files come from different pairs"
+        yield f"{path}: not the key of {identity.certificate}: use the .key that was made with it"
 
 
 def _role_faults(own: x509.Certificate, roles: tuple[Role, ...]) -> Iterator[str]:
-    needed = {"ask a router (client authentication)": Usage.CLIENT_AUTH}
+    ask, serve = "ask a router (client authentication)", "serve (server authentication)"
+    needed = {ask: Usage.CLIENT_AUTH}
     try:
         member = Member.parse(common_name(own))
     except ValueError as error:
-        yield f"its common name says no role: {error}"
+        yield f"its common name names no role: {error}"
     else:
         if member.role not in roles:
             wanted = " or ".join(role.value for role in roles)
-            yield f"for {member.label}, where a {wanted} is to be run: give it a certificate of its own"
-        if member.role is Role.ROUTER:
-            needed["serve (server authentication)"] = Usage.SERVER_AUTH
+            yield f"for {member.label}, but this program is a {wanted}: issue a certificate for it (truerate pki issue)"
+        if member.role.serves:
+            needed = {**(needed if member.role is Role.ROUTER else {}), serve: Usage.SERVER_AUTH}
             if not hosts_of(own):
-                yield "it names no host (subject alternative name): nobody talks to such a router"
+                role = member.role.value
+                yield f"it names no host (subject alternative name), so every program refuses this {role}: issue it with --host"
     try:
         usages = list(own.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value)
     except x509.ExtensionNotFound:
         return  # no restriction
     yield from (
-        f"its extended key usage does not let it {what}" for what, usage in needed.items() if usage not in usages
+        f"its extended key usage does not allow it to {what}" for what, usage in needed.items() if usage not in usages
     )
 
 
@@ -171,13 +173,14 @@ def _chain_faults(
         yield from (f"{identity.ca}: {words}" for end in ends[:1] for words in _dates(end, now))
     if not ends:
         issuer, expected = chain[-1].issuer, trusted[0].subject
-        another = " (another one of the same name: was `pki init` done twice?)" if issuer == expected else ""
+        another = " (another authority of the same name; perhaps `pki init` ran twice)" if issuer == expected else ""
         yield (
             f"{identity.certificate}: not signed by {identity.ca} ({common_name(trusted[0])!r}), but by"
-            f" {issuer.rfc4514_string()!r}{another}: use that authority's file, or add what lies between to the certificate's"
+            f" {issuer.rfc4514_string()!r}{another}: use that authority's file, or append the"
+            " intermediate certificates to the certificate's file"
         )
     yield from (
-        f"{identity.ca}: the certificate of {common_name(one)!r} in it is no authority's: is it the right file?"
+        f"{identity.ca}: the certificate of {common_name(one)!r} is not an authority's: give the authority's file, ca.pem"
         for one in trusted
         if not _is_authority(one)
     )
@@ -187,8 +190,8 @@ def _dates(certificate: x509.Certificate, now: datetime) -> Iterator[str]:
     begins, ends = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if now < begins:
         yield (
-            f"{common_name(certificate)!r} is not valid before {begins:%Y-%m-%d %H:%M} UTC; here it is"
-            f" {now:%Y-%m-%d %H:%M}: is this machine's clock right?"
+            f"{common_name(certificate)!r} is not valid before {begins:%Y-%m-%d %H:%M} UTC; this machine's clock"
+            f" says {now:%Y-%m-%d %H:%M}: check the clock (timedatectl)"
         )
     if now > ends:
         yield f"{common_name(certificate)!r} expired on {ends:%Y-%m-%d %H:%M} UTC: renew it (truerate pki renew)"

@@ -27,7 +27,9 @@ class Folder:
     def make(self, name: str, now: datetime) -> None:
         """Create an authority. Raises ValueError if the folder has one already."""
         if any((self.path / there).exists() for there in (f"{_CA}.pem", f"{_CA}.key", _ISSUERS)):
-            raise ValueError(f"{self.path}: there is an authority here already; all its certificates would be void")
+            raise ValueError(
+                f"{self.path}: an authority exists already, and a new one would void all its certificates: use another --folder"
+            )
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         _keep(self.path / _CA, new_authority(name, now))
 
@@ -36,9 +38,7 @@ class Folder:
         member = self.current(member)
         files = self.identity(member)
         if Path(files.certificate).exists():
-            raise ValueError(
-                f"{files.certificate} is there already: `truerate pki renew {member.label}` makes it last longer"
-            )
+            raise ValueError(f"{files.certificate} exists already: extend it with `truerate pki renew {member.label}`")
         check_hosts(member, hosts)  # before an issuer is made
         pair = issue(self.issuer(member), member, now - EARLIER, now + timedelta(days=days), hosts=hosts)
         _keep(self.path / member.file, pair)
@@ -53,8 +53,8 @@ class Folder:
         files = self.identity(member)
         if missing := [path for path in (files.certificate, files.key) if not Path(path).exists()]:
             raise ValueError(
-                f"{missing[0]}: is not there, and a renewal needs the certificate and its key: copy it back from the machine of"
-                f" {member.label}, or make new ones: truerate pki issue {member.label}, where it had some after revoke"
+                f"{missing[0]} is missing, and a renewal needs certificate and key: copy the file back from the machine of"
+                f" {member.label}, or revoke the name and issue a new pair: truerate pki issue {member.label}"
             )
         own = certificates(files.certificate)[0]
         hosts, lasted = hosts_of(own), lasts_of(own)
@@ -64,7 +64,9 @@ class Folder:
         elif now < (last := self.authority_lasts().ends):
             ends = min(now + (lasted.ends - lasted.begins - EARLIER), last)
         else:
-            raise ValueError(f"the authority itself ends on {last:%Y-%m-%d}: make a new one, and all certificates anew")
+            raise ValueError(
+                f"the authority expires on {last:%Y-%m-%d}: make a new authority and issue all certificates again"
+            )
         pair = issue(self.issuer(member), member, now - EARLIER, ends, hosts=hosts, key=key)
         _write(Path(files.certificate), pair.certificate, 0o644)
         return files
@@ -92,7 +94,9 @@ class Folder:
         """
         member = self.current(member)
         if not Path(self.identity(member).certificate).exists():
-            raise ValueError(f"{self.path}: {member.label} has no certificate that could be revoked")
+            raise ValueError(
+                f"{self.path}: {member.label} has no certificate to revoke; list them with `truerate pki show`"
+            )
         lines = [*self._lines(), f"{member.common_name} {now:%Y-%m-%dT%H:%M:%SZ} {' '.join(why.split())}"]
         _write(self.path / _REVOKED, "".join(f"{line}\n" for line in lines).encode(), 0o644)
         return member
@@ -104,7 +108,7 @@ class Folder:
             try:
                 Member.parse(name)
             except ValueError as error:
-                raise ValueError(f"{self.path / _REVOKED}: {error}; mend that line, or bring the file back") from None
+                raise ValueError(f"{self.path / _REVOKED}: {error}; correct that line, or restore the file") from None
         return found
 
     def current(self, member: Member) -> Member:
@@ -118,8 +122,8 @@ class Folder:
         later = self.identity(replace(now, generation=generation + 1)).certificate
         if Path(later).exists():
             raise ValueError(
-                f"{self.path / _REVOKED}: {now.common_name} is not in it, and was revoked before {later} was made: bring the file"
-                " back, else routers would let in again whoever was revoked"
+                f"{self.path / _REVOKED}: {now.common_name} was revoked before {later} was made, but is not listed: restore the"
+                " file, or routers would accept the revoked name again"
             )
         return now
 
@@ -150,9 +154,9 @@ class Folder:
 
     def _none(self) -> ValueError:
         if (self.path / _ISSUERS).exists():
-            return ValueError(f"{self.path}: ca.pem or ca.key is not there: bring it here from where it is kept")
+            return ValueError(f"{self.path}: ca.pem or ca.key is missing: copy it here from its place of storage")
         return ValueError(
-            f"{self.path}: no authority here; `truerate pki init --ward WARD --folder {self.path}` makes one"
+            f"{self.path}: no authority; make one with `truerate pki init --ward WARD --folder {self.path}`"
         )
 
     def _lines(self) -> list[str]:

@@ -17,6 +17,12 @@ class Role(Enum):
     COMMANDER = "commander"
     RECORDER = "recorder"
     ROUTER = "router"
+    PAGE = "page"
+
+    @property
+    def serves(self) -> bool:
+        """Whether others connect to the holder, by the hosts in its certificate."""
+        return self in (Role.ROUTER, Role.PAGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +60,7 @@ class Member:
         roles = [known.value for known in Role]
         if role not in roles:
             raise ValueError(
-                f"{text!r} is no role and name; one looks like 'bridge:bridge-1'; roles: {', '.join(roles)}"
+                f"{text!r} is not ROLE:NAME: write for example 'bridge:bridge-1'; roles: {', '.join(roles)}"
             )
         try:
             check_id(name, f"the name in {text!r}")
@@ -62,5 +68,5 @@ class Member:
             raise ValueError(refusal.detail) from None
         made = cls(Role(role), name, int(generation) if generation.isascii() and generation.isdecimal() else 1)
         if made.common_name != text:
-            raise ValueError(f"{text!r}: {colon + generation!r} is no generation; the second of a name ends in ':2'")
+            raise ValueError(f"{text!r}: {colon + generation!r} is not a generation: write ':2' or higher, or nothing")
         return made

@@ -51,7 +51,7 @@ class Session:
     def __post_init__(self) -> None:
         for key, label in (("--subject", self.subject), ("--task", self.task), ("--session", self.session or "none")):
             if not LABEL.match(label):
-                raise RecordingError(f"{key} {label!r}: BIDS takes letters and digits only, such as 01")
+                raise RecordingError(f"{key} {label!r}: BIDS allows only letters and digits; use for example 01")
 
     @property
     def stem(self) -> str:
@@ -194,7 +194,7 @@ def _write_events(folder: Path, stem: str, recorded: Recorded, stretch: Stretch)
     paths = [folder / f"{stem}_{name}" for name in _EVENTS] if rows else []
     if rows:
         _write_table(paths[0], ("onset", "duration", "trial_type", "description"), rows)
-        _write_json(paths[1], {"description": {"Description": "what was written, or came of it"}})
+        _write_json(paths[1], {"description": {"Description": "text of the note, or result of the calibration"}})
     return paths
 
 
@@ -205,7 +205,8 @@ def _systems(devices: Sequence[str]) -> dict[str, str]:
     for device, label in systems.items():
         if label in taken:
             raise RecordingError(
-                f"{taken[label]} and {device} are both {label!r} in BIDS, which takes letters and digits only; rename one"
+                f"{taken[label]} and {device} are both {label!r} in BIDS, which allows only letters and"
+                " digits: export them separately with --device"
             )
         taken[label] = device
     return systems
@@ -226,7 +227,9 @@ def _lines(path: Path, heads: Sequence[str]) -> list[str]:
     try:
         known = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     except UnicodeDecodeError:
-        raise RecordingError(f"{path}: is not UTF-8, which BIDS asks for; save it as UTF-8, or move it away") from None
+        raise RecordingError(
+            f"{path}: not UTF-8, which BIDS requires: save the file as UTF-8, or move it away"
+        ) from None
     return known or ["\t".join(heads)]
 
 

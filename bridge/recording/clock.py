@@ -65,9 +65,9 @@ def mend(time: Floats, tick_s: float) -> Mended:
     lengths = np.diff([*starts, len(time)])
     if len(starts) > 1 and (len(starts) > _MOST_PARTS or int(lengths.min()) < _LEAST_PARTS_ROWS):
         raise ClockFault(
-            f"time goes back {count(len(back), 'time')}, first from {time[back[0] - 1]:.10g} to {time[back[0]]:.10g} s, and is "
-            "neither a counter that wraps, nor swapped rows, nor a device that rebooted: export the file anew, or choose "
-            "another column: --time-column NAME"
+            f"time goes back {count(len(back), 'time')}, first from {time[back[0] - 1]:.10g} to {time[back[0]]:.10g} s, which "
+            "is neither a counter wrap, nor swapped rows, nor a reboot: export the file again, or choose another column with "
+            "--time-column NAME"
         )
     arrival = False
     parts = list[Floats]()
@@ -85,7 +85,7 @@ def _filled(time: Floats, notes: list[str]) -> Floats:
         return time
     if np.count_nonzero(~bad) < 2:
         raise ClockFault(
-            "no times can be read in its column: say the device's rate, --rate-hz, or another --time-column"
+            "the time column holds no readable time: give the device's rate with --rate-hz, or another --time-column"
         )
     notes.append(f"{count(int(bad.sum()), 'time')} missing, interpolated")
     rows = np.arange(len(time))
@@ -101,7 +101,7 @@ def _unwrapped(time: Floats, tick_s: float, notes: list[str]) -> Floats:
         over = steps + most * tick_s
         wraps = (steps < 0) & (over > 0) & (over < _NEAR * usual)
         if wraps.any():
-            notes.append(f"its counter wrapped {count(int(wraps.sum()), 'time')} at {most:.0f}: undone")
+            notes.append(f"the counter wrapped {count(int(wraps.sum()), 'time')} at {most:.0f}: undone")
             time = time.copy()
             time[1:] += np.cumsum(wraps) * most * tick_s
             return time
@@ -143,7 +143,7 @@ def _outliers_mended(time: Floats, notes: list[str]) -> Floats:
         bad[0] = True
     if not bad.any():
         return time
-    notes.append(f"{count(int(bad.sum()), 'bad time')}, outside the times around, interpolated")
+    notes.append(f"{count(int(bad.sum()), 'bad time')}, outside the neighbouring times, interpolated")
     rows = np.arange(len(time))
     mended = np.interp(rows, rows[~bad], time[~bad])
     if bad[0]:
@@ -174,20 +174,20 @@ def _spaced(time: Floats) -> tuple[Floats, str, bool]:
     distinct = int(np.count_nonzero(steps > 0)) + 1
     if len(time) < 2:
         return time, "", False
-    if distinct < 8 and len(time) > 4 * distinct:
+    if (distinct < 3 and distinct < len(time)) or (distinct < 8 and len(time) > 4 * distinct):
         raise ClockFault(
-            f"its times have lost their digits: {distinct} different ones in {count(len(time), 'row')}; export them with more "
-            "digits, or say the device's rate: --rate-hz"
+            f"the times are rounded: only {distinct} different times in {count(len(time), 'row')}; export them with more digits, "
+            "or give the device's rate with --rate-hz"
         )
     stands = float(np.mean(steps <= TICK_S / 2))
     if not stands and not _is_bunched(time):
         return time, "", False
     coarse = bool(stands) and _is_coarse(time)
     if coarse:
-        return _ticks_spread(time), "its clock is coarse: times of equal readings of the clock are spread evenly", False
+        return _ticks_spread(time), "the clock is coarse: samples with equal times are spread evenly", False
     return (
         _on_a_line(time),
-        "its times are those of arrival, in bunches: the samples are put on an even line through them",
+        "the times are arrival times, in bursts: the samples are placed at even steps through them",
         True,
     )
 
@@ -257,7 +257,7 @@ def _on_a_line(time: Floats) -> Floats:
     off = since[least] - (start + slope * rows[least])
     if np.abs(off).max() > _OFF_LINE * wait:
         raise ClockFault(
-            f"its times are those of arrival, and samples are missing between them: the least late are off an even line by up to "
-            f"{np.abs(off).max():.2g} s. Record the device's own time or counter; a scale of such a recording would be wrong"
+            f"the times are arrival times, and samples are missing: even steps miss the earliest arrivals by up to "
+            f"{np.abs(off).max():.2g} s, so a scale factor would be wrong. Record the device's own time or counter"
         )
     return np.asarray(time[0] + start + slope * rows)

@@ -79,9 +79,11 @@ def _entries(path: Path, trouble: list[str], refused: Tally) -> Iterator[tuple[i
                     refused.add("foreign_schema")
                     foreign = foreign or entry.topic or "a channel without a name"
             if not ours and foreign and ABOUT not in reader.facts:
-                raise RecordingError(f"{path}: not a recording of a ward: it has {foreign!r}")
+                raise RecordingError(
+                    f"{path}: not a recording by truerate: it holds {foreign!r}; give a file that `truerate record` wrote"
+                )
             if not ours:
-                raise RecordingError(f"{path}: there is nothing in it: {'; '.join(reader.trouble) or 'no message'}")
+                raise RecordingError(f"{path}: the recording is empty: {'; '.join(reader.trouble) or 'no message'}")
             trouble += [f"{path}: {words}" for words in reader.trouble]
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {why(error)}") from None

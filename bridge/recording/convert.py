@@ -27,9 +27,9 @@ _BOOT = 1
 def check_ending(out: Path) -> None:
     """Raise RecordingError for an output file that cannot be written, before any input is read."""
     if out.suffix.lower() not in ENDINGS:
-        raise RecordingError(f"{out}: a recording is written as {', '.join(ENDINGS)}, not as {out.suffix!r}")
+        raise RecordingError(f"{out}: unknown ending {out.suffix!r}: use {', '.join(ENDINGS)}")
     if not out.parent.is_dir():
-        raise RecordingError(f"{out}: there is no folder {out.parent}; make it first")
+        raise RecordingError(f"{out}: the folder {out.parent} does not exist; make it: mkdir -p {out.parent}")
 
 
 def convert(recording: Recording, out: Path, device: str, begin_ns: int) -> None:

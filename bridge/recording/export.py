@@ -72,7 +72,9 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(exist_ok=True)
     except FileNotFoundError:
-        raise RecordingError(f"{folder}: there is no folder {folder.parent}; make it first") from None
+        raise RecordingError(
+            f"{folder}: the folder {folder.parent} does not exist; make it: mkdir -p {folder.parent}"
+        ) from None
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be made: {error.strerror}") from None
 

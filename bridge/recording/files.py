@@ -51,11 +51,13 @@ class Folder:
     def __init__(self, path: Path, ward: str) -> None:
         self.path, self._ward = path, ward
         if not path.exists():
-            raise RecordingError(f"{path}: there is no such folder; make it first: mkdir -p {path}")
+            raise RecordingError(f"{path}: the folder does not exist; make it: mkdir -p {path}")
         if not path.is_dir():
-            raise RecordingError(f"{path}: is a file; a folder is needed to record into")
+            raise RecordingError(f"{path}: a file, but a folder is needed: name another with --out")
         if not os.access(path, os.W_OK | os.X_OK):
-            raise RecordingError(f"{path}: no permission to write there; give it, or record elsewhere with --out")
+            raise RecordingError(
+                f"{path}: no permission to write: change it (chmod u+w {path}), or name another folder with --out"
+            )
 
     def begin(self, wall_ns: int) -> Output:
         """Create a new file, named by ward and UTC time."""
@@ -65,7 +67,9 @@ class Folder:
             if not path.exists():
                 with contextlib.suppress(FileExistsError):
                     return Output(path)
-        raise FileExistsError(errno.EEXIST, "a thousand files of one second are there already", str(self.path))
+        raise FileExistsError(
+            errno.EEXIST, "a thousand files with this second in their name exist already", str(self.path)
+        )
 
     def free_bytes(self) -> int:
         """Return the free bytes on the disk for users other than root."""
@@ -79,8 +83,10 @@ class Folder:
     def said(self, error: OSError) -> str:
         """Say in words why the folder cannot be written to."""
         if error.errno == errno.EFBIG:
-            return f"the file may not grow further: a limit of this process, or of the disk of {self.path}"
-        return f"{self.path} cannot be written to: {why(error)}"
+            return (
+                f"the file may not grow further: raise the limit (ulimit -f), or the quota of the disk of {self.path}"
+            )
+        return f"{self.path} is not writable: {why(error)}"
 
 
 def with_part(path: Path) -> Path:
@@ -91,7 +97,7 @@ def with_part(path: Path) -> Path:
 def recorded_in(path: Path) -> str:
     """Say where a file is and, if it is unfinished, how to recover it."""
     return f"recorded in {path}" + (
-        f": make it whole by truerate recording recover {path}" if path.suffix == PART else ""
+        f": complete it with truerate recording recover {path}" if path.suffix == PART else ""
     )
 
 
@@ -107,7 +113,9 @@ def check_new(paths: Iterable[Path]) -> None:
     """Raise RecordingError if one of the files exists, before any of them is written."""
     for path in paths:
         if path.exists():
-            raise RecordingError(f"{path}: is there already and is not overwritten; give another name, or remove it")
+            raise RecordingError(
+                f"{path}: exists already and is not overwritten: give another name, or remove the file"
+            )
 
 
 @contextlib.contextmanager

@@ -63,11 +63,16 @@ class McapReader:
         self._channels: dict[int, Channel] = {}
         self._orphans = 0
         if not self.size:
-            raise RecordingError(f"{place}: it is empty; nothing had been written yet")
+            raise RecordingError(
+                f"{place}: the file is empty: the recorder stopped before its first write; use another recording"
+            )
         file.seek(0)
         magic = file.read(len(MCAP0_MAGIC))
         if magic != MCAP0_MAGIC[: len(magic)]:
-            raise RecordingError(f"{place}: not an MCAP file; it begins with {magic!r}")
+            raise RecordingError(
+                f"{place}: not an MCAP file, it begins with {magic!r}: give a file that `truerate record` wrote; "
+                "for other files see `truerate recording convert --help`"
+            )
         self.good = self._sought = len(magic)  # sought: where the search for the next chunk begins
 
     @property
@@ -90,9 +95,7 @@ class McapReader:
                     break
                 continue
             if damaged is not None:
-                self.trouble.append(
-                    f"between byte {damaged} and byte {self.good} it is damaged; what was there is lost"
-                )
+                self.trouble.append(f"damaged between byte {damaged} and byte {self.good}: the messages there are lost")
                 damaged = None
             ended = records is None
             yield from self._entries(records or ())
@@ -119,7 +122,7 @@ class McapReader:
         except _DAMAGED:
             summary = None
         if summary is None:
-            self.trouble.append("its summary is damaged")
+            self.trouble.append("the summary is damaged")
             return None
         self._end = start
         for declared in (*summary.schemas.values(), *summary.channels.values()):
@@ -182,16 +185,18 @@ class McapReader:
     def _judge(self, counted: int | None, damaged: int | None, *, ended: bool) -> None:
         """Add to `trouble` what is wrong with the file, after reading it."""
         if ended and not self.finished:
-            self.trouble.append("its summary is torn" + ("" if self.trouble else "; all messages are there"))
+            self.trouble.append("the summary is torn" + ("" if self.trouble else "; all messages are readable"))
         elif damaged is not None:
-            torn = "it is damaged" if self.finished else "it was not finished, and a torn record is at its end"
+            torn = (
+                "the file is damaged" if self.finished else "the recording was not finished and ends in a torn record"
+            )
             self.trouble.append(f"from byte {damaged} on {torn}: {count(self._end - damaged, 'byte')} not read")
         elif not self.finished:
-            self.trouble.append("it was not finished")
+            self.trouble.append("the recording was not finished")
         if counted is not None and counted != self.messages:
             self.trouble.append(f"{self.messages} of {counted} messages could be read")
         elif self._orphans:
-            self.trouble.append(f"{count(self._orphans, 'message')} of channels that are not in the file")
+            self.trouble.append(f"{count(self._orphans, 'message')} of channels missing in the file")
         self.good = self.size
 
 

@@ -43,7 +43,7 @@ def check_time(path: Path, time_s: Floats) -> None:
         return
     raise RecordingError(
         f"{path}: the time steps by {step:g} s, a rate of {1 / step:g} Hz; "
-        f"{SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz is taken: is it in another unit? Say --time-unit ms (us, ns), or --rate-hz"
+        f"{SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz is possible. Give the right --time-unit (ms, us, ns), or --rate-hz"
     )
 
 
@@ -77,8 +77,8 @@ def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
     step = float(np.median(steps))
     if min(abs(step * rate_hz - 1), abs(float(steps.mean()) * rate_hz - 1)) > _RATE_OFF:
         raise RecordingError(
-            f"{path}: its times step by {step:g} s, {1 / step:.4g} Hz, but its rate is said to be {rate_hz:g} Hz; "
-            "say the right one, --rate-hz, which replaces the times"
+            f"{path}: the times step by {step:g} s ({1 / step:.4g} Hz), but the file states {rate_hz:g} Hz; "
+            "give the right rate with --rate-hz, which replaces the times"
         )
 
 
@@ -92,7 +92,7 @@ def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
         most = float(np.abs(gyro[1:-1][stays]).max())
         raise RecordingError(
             f"{path}: readings of {most:.0f} rad/s are probably degrees per second, given as rad/s; "
-            "say --gyro-unit deg/s, or multiply an array by π/180"
+            "give --gyro-unit deg/s, or multiply the array by π/180"
         )
 
 
@@ -104,7 +104,7 @@ def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
     doubts = []
     if rate_hz <= _LEAST_HZ:
         doubts.append(
-            f"at {rate_hz:.3g} Hz no rest can be seen, so no bias or scale is learnt: more than {_LEAST_HZ:g} Hz is needed"
+            f"at {rate_hz:.3g} Hz rests cannot be detected, so nothing can be calibrated: record at more than {_LEAST_HZ:g} Hz"
         )
     some = gyro[:: len(gyro) // _LOOKED_AT + 1]
     apart = np.diff(np.sort(some, axis=0), axis=0)
@@ -114,21 +114,21 @@ def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
     )
     if coarse:
         doubts.append(
-            f"its readings are rounded to {degrees(step):.2g} °/s, as no gyro's are: export them with more digits; "
-            "what is said of them is too sure, and a rest may not be seen"
+            f"the readings are rounded to {degrees(step):.2g} °/s, coarser than any gyro: export them with more digits, "
+            "or the stated uncertainty is too small and rests may be missed"
         )
     if len(gyro) < _ENOUGH:
         return doubts
     dead = [axis for axis, still in zip("xyz", np.ptp(gyro, axis=0) == 0, strict=True) if still]
     if dead and len(dead) < 3:
         doubts.append(
-            f"{' and '.join(dead)} of the gyro reads the same throughout: that axis is dead or stuck, and nothing is known of it"
+            f"{' and '.join(dead)} of the gyro never changes: that axis is dead or stuck, and cannot be calibrated"
         )
     zero = (gyro[:, 0] == 0) & (gyro[:, 1] == 0) & (gyro[:, 2] == 0)
     if not zero.all() and float(zero.mean()) > _ZEROED and _longest(zero) >= _ZEROED_RUN:
         doubts.append(
-            f"{zero.mean():.0%} of its readings are exactly zero on all axes: the device corrects itself at rest, so its bias "
-            "cannot be seen; switch that off in the device's settings"
+            f"{zero.mean():.0%} of the readings are exactly zero on all axes: the device corrects itself at rest and hides its "
+            "bias; switch this off in the device's settings"
         )
     elif not dead and not coarse:
         doubts += _doubts_of_noise(gyro, rate_hz)
@@ -149,8 +149,8 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
     if density < _QUIETEST and distinct > _FEW_VALUES:
         return [
             (
-                f"at rest it has {density:.2g} °/s/√Hz of noise, less than any MEMS gyro's: is it in rad/s, where °/s are said? "
-                "Then say --gyro-unit rad/s"
+                f"the noise at rest is {density:.2g} °/s/√Hz, less than any MEMS gyro's: the unit is probably rad/s, not °/s; "
+                "then give --gyro-unit rad/s"
             )
         ]
     rest = windows[int(np.argmin(spread.max(axis=1)))]
@@ -160,8 +160,8 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
     if loudest > _LOUDEST and (by_steps > _WHITE * rest.std(axis=0)).all():
         return [
             (
-                f"where it is quietest it has {loudest:.2g} °/s/√Hz of noise, more than any gyro's: it never rested, or it is in "
-                "°/s, where rad/s are said: then say --gyro-unit deg/s"
+                f"the noise in the quietest second is {loudest:.2g} °/s/√Hz, more than any gyro's: the device never rested, or "
+                "the unit is °/s, not rad/s; then give --gyro-unit deg/s"
             )
         ]
     return []
@@ -194,14 +194,14 @@ def believed_accel(accel: Floats | None) -> tuple[Floats | None, str]:
     length = float(np.median(np.linalg.norm(accel, axis=1)))
     if _LEAST_G < length / STANDARD_GRAVITY < _MOST_G:
         return accel, ""
-    said = f"the accelerometer's median is {length:.4g} m/s², where gravity is 9.8"
+    said = f"the accelerometer's median length is {length:.4g} m/s², but gravity is 9.8"
     for asked, factor in (("g", 1 / STANDARD_GRAVITY), ("mg", 1e3 / STANDARD_GRAVITY), ("m/s2", 1.0)):
         for claimed, made in (("m/s²", 1.0), ("g", STANDARD_GRAVITY), ("mg", STANDARD_GRAVITY * 1e-3)):
             if factor * made != 1 and abs(length / (STANDARD_GRAVITY * factor * made) - 1) < _NEAR:
                 return (
                     None,
-                    f"{said}: is it in {asked}, and taken as {claimed}? It is not used; say --accel-unit {asked}",
+                    f"{said}: not used. The unit is probably {asked}, not {claimed}; then give --accel-unit {asked}",
                 )
     if length < _LEAST_G * STANDARD_GRAVITY:
-        return None, f"{said}: is gravity taken away from it? It is not used"
-    return None, f"{said}: is it in counts? It is not used; say --accel-sensitivity with the counts per g"
+        return None, f"{said}: not used. Gravity was probably removed; record with gravity"
+    return None, f"{said}: not used. The values may be counts; then give the counts per g with --accel-sensitivity"

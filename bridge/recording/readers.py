@@ -53,16 +53,20 @@ def load(
     kind = path.suffix.lower()
     check_file(path)
     if kind == ".part":
-        raise RecordingError(f"{path}: it was not finished; make it whole first: truerate recording recover {path}")
+        raise RecordingError(
+            f"{path}: the recording was not finished; complete it first: truerate recording recover {path}"
+        )
     if kind not in (".mcap", *READERS):
-        raise RecordingError(f"{path}: a recording ends in .npz, .mcap or {', '.join(TEXT)}, not in {path.suffix!r}")
+        raise RecordingError(
+            f"{path}: unknown ending {path.suffix!r}: give a recording in .npz, .mcap or {', '.join(TEXT)}"
+        )
     size = path.stat().st_size
     if size > MAX_BYTES and kind not in TEXT:
-        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are taken")
+        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are allowed")
     if kind == ".mcap":
         return _of_stretch(path, *_chosen(path, reading.device, reading.boot))
     if reading.device is not None:
-        raise RecordingError(f"{path}: it is of one device; only a .mcap has several to choose from")
+        raise RecordingError(f"{path}: the file holds one device: leave --device out; only a .mcap holds several")
     # Overflowing values become infinite, and are later dropped or refused with their samples.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         return recording_of(path, READERS[kind](path, reading), reading)
@@ -75,18 +79,18 @@ def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, 
         _log.warning("%s", words)
     found = recorded.stretches
     if not found:
-        raise RecordingError(f"{path}: there are no samples in it")
+        raise RecordingError(f"{path}: the recording has no samples; `truerate recording info` shows what it holds")
     if device is None and len(found) > 1:
-        raise RecordingError(f"{path}: it has {len(found)} devices; choose one by --device: {', '.join(found)}")
+        raise RecordingError(f"{path}: {len(found)} devices; choose one with --device: {', '.join(found)}")
     name = next(iter(found)) if device is None else device
     if name not in found:
-        raise RecordingError(f"{path}: there are no samples of {name!r} in it; it has {', '.join(found)}")
+        raise RecordingError(f"{path}: no samples of --device {name!r}; choose from {', '.join(found)}")
     boots = found[name]
     if boot is None and len(boots) > 1:
         said = ", ".join(f"{one.number} ({count(len(one), 'sample')}, {one.time_s[-1]:.0f} s)" for one in boots)
-        raise RecordingError(f"{path}: {name} was booted {len(boots)} times; choose one by --boot: {said}")
+        raise RecordingError(f"{path}: {len(boots)} boots of {name}; choose one with --boot: {said}")
     if boot is not None and not 1 <= boot <= len(boots):
-        raise RecordingError(f"{path}: {name} has boots 1 to {len(boots)}, not {boot}")
+        raise RecordingError(f"{path}: --boot is {boot}, but {name} has boots 1 to {len(boots)}")
     chosen = boots[0 if boot is None else boot - 1]
     return chosen, recorded.calibrations_of(chosen)
 

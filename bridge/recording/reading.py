@@ -42,17 +42,17 @@ class Reading:
             ("--time-unit", self.time_unit, TIME),
         ):
             if given is not None and unit_in(given, known) is None:
-                raise RecordingError(f"{option} is {given!r}; one of {', '.join(known)} is taken")
+                raise RecordingError(f"{option} is {given!r}: use one of {', '.join(known)}")
         for option, counts in (
             ("--gyro-sensitivity", self.gyro_sensitivity),
             ("--accel-sensitivity", self.accel_sensitivity),
         ):
             if counts is not None and not 0 < counts < 1e9:
-                raise RecordingError(f"{option} is {counts:g}; counts per °/s, or per g, are expected: more than 0")
+                raise RecordingError(f"{option} is {counts:g}: give the counts per °/s or per g, a number above 0")
         if len(self.columns) not in (0, 1, 3, 6):
             raise RecordingError(
-                f"--columns names {len(self.columns)} columns; 3 (gyro x,y,z), 6 (and accelerometer x,y,z), "
-                "or a tool's name or .toml are expected"
+                f"--columns names {len(self.columns)} columns: name 3 (gyro x,y,z), 6 (then accelerometer x,y,z), "
+                "or one tool's name or .toml"
             )
 
     @property

@@ -19,6 +19,7 @@ from bridge.recording.message_kinds import KINDS, SAMPLES
 from bridge.recording.progress import Screen, line
 from bridge.recording.recorder import MOST_REPEATED, Knobs, WardRecorder
 from bridge.recording.settings import Recorder
+from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
 from bridge.wire import keys
 from bridge.wire.keys import Key
@@ -51,13 +52,13 @@ def record(
     """
     folder = Folder(Path(settings.folder), ward)
     for path in folder.leftovers():
-        _log.warning("%s was not finished: truerate recording recover %s", path, path)
+        _log.warning("%s was not finished: complete it with truerate recording recover %s", path, path)
     knobs = Knobs(
         rotate_s=settings.rotate_s,
         rotate_bytes=settings.rotate_mb * 1e6,
         keep_free_bytes=settings.keep_free_mb * 1e6,
     )
-    with stopped_by_signal() as stop:
+    with stopped_by_signal() as stop, supervised():
         deadline = time.monotonic() + settings.wait_s
         with _connected(open_bus, endpoints, stop, deadline) as bus:
             subscription = bus.subscribe(keys.everything(ward), history=True, capacity=QUEUE)
@@ -66,7 +67,7 @@ def record(
             first = _first(subscription, settings.devices, stop, deadline)
             if first is None:
                 if stop.is_set():
-                    raise RecordingError("stopped before any device was heard; nothing was recorded")
+                    raise RecordingError("stopped before any device was heard: nothing is recorded")
                 raise RecordingError(_nobody(ward, endpoints, settings))
             recorder = WardRecorder(folder, ward, settings.devices, knobs)
             try:
@@ -90,9 +91,7 @@ def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Even
                 _log.warning("looking for a router at %s", ", ".join(endpoints))
             if time.monotonic() >= deadline or stop.wait(_RETRY_S):
                 looked_s = time.monotonic() - began
-                raise BusError(
-                    f"{error}; looked for it for {looked_s:.0f} s" if looked_s >= 1 else str(error)
-                ) from None
+                raise BusError(f"{error}; searched for {looked_s:.0f} s" if looked_s >= 1 else str(error)) from None
 
 
 def _first(
@@ -124,7 +123,8 @@ def _nobody(ward: str, endpoints: Sequence[str], settings: Recorder) -> str:
     whom = f"none of {', '.join(settings.devices)}" if settings.devices else "no device"
     return (
         f"{whom} was heard within {settings.wait_s:g} s, so nothing is recorded. Listened to {keys.everything(ward)} at "
-        f"{', '.join(endpoints)}. Is the ward's name right? Is a bridge running? `truerate devices` shows who is there"
+        f"{', '.join(endpoints)}. Name the ward with --config WARD.toml or --ward NAME, or start its bridge with "
+        "`truerate bridge run WARD.toml`"
     )
 
 
@@ -149,7 +149,7 @@ def _run(
                 screen.show(recorder, now - began, now, subscription.missed_by_key)
                 if bus.connected != there:
                     there = bus.connected
-                    _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
+                    _log.warning("router %s", "connected again" if there else "gone; waiting for it to return")
             if subscription.closed or (seconds is not None and now - began >= seconds) or stop.wait(_ROUND_S):
                 break
             messages = subscription.drain(QUEUE, 0.0)  # a round's messages at once cost less than one by one

@@ -142,7 +142,7 @@ class WardRecorder:
             return kind, kind.decode(message.key, message.payload)
         except Refusal as refusal:
             if self.account.refused.add(refusal.reason) == 1:
-                _log.warning("a message is not recorded, %s (more of this kind are only counted)", refusal)
+                _log.warning("a message is not recorded: %s (later ones of this kind are only counted)", refusal)
             return None
 
     def _count(self, batch: SampleBatch | CorrectedBatch, now_s: float) -> None:
@@ -162,7 +162,7 @@ class WardRecorder:
         self.account.not_recorded += 1
         if self.account.refused.add("too_many_channels") == 1:
             _log.error(
-                "%s is not recorded: a file has no more than %d streams, %d of a bridge (others are only counted)",
+                "%s is not recorded: a file holds at most %d streams, %d per bridge (others are only counted)",
                 item.key,
                 MAX_CHANNELS,
                 MOST_OF_A_BRIDGE,
@@ -180,8 +180,8 @@ class WardRecorder:
         free = self._place.free_bytes()
         if free < wanted:
             raise NoRoom(
-                f"the disk is nearly full: {free / 1e6:.1f} MB are free, {wanted / 1e6:.1f} MB are wanted (keep_free_mb "
-                f"leaves {self._knobs.keep_free_bytes / 1e6:.0f} MB to others)"
+                f"the disk is nearly full: {free / 1e6:.1f} MB are free, {wanted / 1e6:.1f} MB are needed (keep_free_mb "
+                f"keeps {self._knobs.keep_free_bytes / 1e6:.0f} MB free)"
             )
 
     def _is_long(self, now_s: float) -> bool:
@@ -225,8 +225,8 @@ class WardRecorder:
             account.closed_bytes += file.writer.size
             if left is not None and not removed:
                 account.files.append(left)
-                words = f" What was there before is {recorded_in(left)}"
-        _log.error("%s. Nothing is recorded now; tried again as soon as it can be.%s", account.trouble, words)
+                words = f" Earlier data is {recorded_in(left)}"
+        _log.error("%s. Recording has stopped, and goes on as soon as possible.%s", account.trouble, words)
 
     def _try_again(self, wall_ns: int, now_s: float) -> None:
         try:
@@ -238,7 +238,7 @@ class WardRecorder:
         self.account.trouble = ""
         if self._file is not None:
             _log.warning(
-                "recording again, into %s; %s not recorded",
+                "recording again, into %s; %s lost meanwhile",
                 self._file.output.path,
                 count(self.account.not_recorded, "message"),
             )

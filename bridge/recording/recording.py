@@ -28,9 +28,7 @@ def _vectors(name: str, values: ArrayLike, n: int | None, limit: float, unit: st
     """Return a copy (n, 3), checked to be finite and within the limit. Raises RecordingError."""
     array = np.array(values, np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or n not in (None, len(array)):
-        raise RecordingError(
-            f"{name} has shape {array.shape}; ({'n' if n is None else n}, 3) is expected, a row a sample"
-        )
+        raise RecordingError(f"{name} has shape {array.shape}; give ({'n' if n is None else n}, 3), one row per sample")
     if len(array) < 2:
         raise RecordingError(f"{name} has {len(array)} sample; at least 2 are needed")
     for said, bad in (("not finite", ~np.isfinite(array)), ("", np.abs(array) > limit)):
@@ -82,9 +80,9 @@ class Recording:
             raise RecordingError(
                 f"rate_hz is {rate_hz:g}: give the output data rate, {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
             )
-        rates = _vectors("gyro", gyro, None, MAX_RATE, "rad/s; is it in degrees per second?")
+        rates = _vectors("gyro", gyro, None, MAX_RATE, "rad/s; perhaps the unit is degrees per second")
         n = len(rates)
-        force = None if accel is None else _vectors("accel", accel, n, MAX_ACCEL, "m/s²; is it in milli-g?")
+        force = None if accel is None else _vectors("accel", accel, n, MAX_ACCEL, "m/s²; perhaps the unit is milli-g")
         return cls(np.arange(n) / rate_hz, rates, force, None, rate_hz, name)
 
     def __len__(self) -> int:

@@ -44,13 +44,13 @@ def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of:
     target = out or _name(path)
     try:
         if in_use(path):
-            raise RecordingError(f"{path}: is being recorded now; wait until that is over, or stop it")
+            raise RecordingError(f"{path}: still being recorded: wait until the recorder ends, or stop it")
         with path.open("rb") as file:
             reader = McapReader(file, str(path))
             with new_file(target) as copy:
                 done = _copied(reader, copy, path, target, tell)
                 if reader.whole and not path.name.endswith(PART):
-                    raise RecordingError(f"{path}: it is whole; there is nothing to recover")
+                    raise RecordingError(f"{path}: the recording is complete: nothing to recover")
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
     return done
@@ -74,11 +74,15 @@ def _copied(reader: McapReader, copy: BinaryIO, path: Path, target: Path, tell: 
         first_ns, last_ns = min(first_ns or entry.log_ns, entry.log_ns), max(last_ns, entry.log_ns)
         tell(reader.good, reader.size)
     if writer is None and foreign:
-        raise RecordingError(f"{path}: not a recording of a ward: it has {next(iter(foreign)) or 'no schema'!r}")
+        raise RecordingError(
+            f"{path}: not a recording by truerate: it holds {next(iter(foreign)) or 'no schema'!r} messages"
+        )
     if writer is None:
-        raise RecordingError(f"{path}: nothing can be recovered; {'; '.join(reader.trouble) or 'it holds no message'}")
+        raise RecordingError(
+            f"{path}: nothing can be recovered: {'; '.join(reader.trouble) or 'the file holds no message'}"
+        )
     writer.finish()
-    others = [f"{count(n, 'message')} passed over, of {schema or 'no schema'!r}" for schema, n in foreign.items()]
+    others = [f"{count(n, 'message')} of {schema or 'no schema'!r} skipped" for schema, n in foreign.items()]
     return Recovered(target, writer.messages, first_ns, last_ns, (*reader.trouble, *others))
 
 

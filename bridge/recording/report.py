@@ -40,9 +40,9 @@ def show(console: Console, survey: Survey) -> None:
             console.print(f"{name}: {line}", highlight=False, soft_wrap=True)
     if refused := survey.refused.as_dict():
         counts = ", ".join(f"{n} {reason}" for reason, n in refused.items())
-        console.print(f"messages that are not understood: {counts}", highlight=False, soft_wrap=True)
+        console.print(f"messages not understood: {counts}", highlight=False, soft_wrap=True)
     for words in survey.trouble:
-        console.print(f"{words}; truerate recording recover makes a whole file of it", highlight=False, soft_wrap=True)
+        console.print(f"{words}; make a complete file with truerate recording recover", highlight=False, soft_wrap=True)
 
 
 def as_json(survey: Survey) -> dict[str, Any]:

@@ -18,7 +18,7 @@ def seconds(text: str, key: str) -> float:
         return float("inf")
     match = _DURATION.fullmatch(text)
     if match is None:
-        raise ValueError(f"{key} is {text!r}; a time such as 90s, 10min, 1h, or never, is expected")
+        raise ValueError(f"{key} is {text!r}: give a time such as 90s, 10min or 1h, or never")
     return float(match[1]) * _UNITS[match[2]]
 
 
@@ -40,15 +40,15 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if not self.folder:
-            raise ValueError("folder is empty; name one, such as 'recordings'")
+            raise ValueError("folder is empty: name a folder, such as 'recordings'")
         if self.rotate_s < _SHORTEST_S:
-            raise ValueError(f"rotate is {self.rotate!r}; {_SHORTEST_S:g}s or more, or never, is taken")
+            raise ValueError(f"rotate is {self.rotate!r}: use {_SHORTEST_S:g}s or more, or never")
         if not _SMALLEST_MB <= self.rotate_mb <= 1e6:
-            raise ValueError(f"rotate_mb is {self.rotate_mb:g}; {_SMALLEST_MB:g} to 1000000 is taken")
+            raise ValueError(f"rotate_mb is {self.rotate_mb:g}: use {_SMALLEST_MB:g} to 1000000")
         if not 0 <= self.keep_free_mb <= 1e9:
-            raise ValueError(f"keep_free_mb is {self.keep_free_mb:g}; 0 or more is taken")
+            raise ValueError(f"keep_free_mb is {self.keep_free_mb:g}: use 0 or more")
         if not 0 < self.wait_s <= 86_400:
-            raise ValueError(f"wait_s is {self.wait_s:g}; more than 0, up to 86400, is taken")
+            raise ValueError(f"wait_s is {self.wait_s:g}: use a number above 0, up to 86400")
         for device in self.devices:
             try:
                 check_id(device, "a device in devices")

@@ -109,7 +109,7 @@ class Recorded:
         """Return the content of these devices alone. Raises RecordingError for an unknown device."""
         for device in devices:
             if device not in self.stretches:
-                raise RecordingError(f"there are no samples of {device!r}; there are of {', '.join(self.stretches)}")
+                raise RecordingError(f"no samples of --device {device!r}; choose from {', '.join(self.stretches)}")
         return Recorded(
             {device: self.stretches[device] for device in devices},
             [one for one in self.calibrations if one.device in devices],
@@ -126,7 +126,7 @@ def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _
     wanted = ["raw", "info", "calibration", "note", *(["corrected"] if corrected else [])]
     found = survey(paths, tell, wanted, keep=True)
     refused = found.refused.as_dict().items()
-    trouble = found.trouble + [f"{count(n, 'message')} passed over: {in_words(reason)}" for reason, n in refused]
+    trouble = found.trouble + [f"{count(n, 'message')} skipped: {in_words(reason)}" for reason, n in refused]
     stretches = dict[str, list[Stretch]]()
     for name, device in found.devices.items():
         parts = [(boot, batches) for boot in device.boots.values() for batches in boot.kept]
@@ -135,7 +135,7 @@ def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _
         if parts:
             stretches[name] = [_stretch(name, device, *part, number) for number, part in enumerate(parts, 1)]
         elif rates:
-            trouble.append(f"of {name} there are {rates} corrected rates, but no readings")
+            trouble.append(f"{name}: {rates} corrected rates, but no readings")
     return Recorded(
         stretches=stretches,
         calibrations=[one for device in found.devices.values() for one in device.calibrations.values()],

@@ -36,11 +36,11 @@ _LIMITS = {
     "gyro_rad_s": (
         MAX_RATE,
         "rad/s",
-        "is it in degrees per second (--gyro-unit deg/s), or in counts (--gyro-sensitivity)?",
+        "if the unit is degrees per second, give --gyro-unit deg/s; if counts, give --gyro-sensitivity",
     ),
-    "accel_m_s2": (MAX_ACCEL, "m/s²", "is it in mg (--accel-unit mg), or in counts (--accel-sensitivity)?"),
-    "temperature_c": (MAX_CELSIUS, "°C", "is it in counts?"),
-    "t_s": (_MAX_TIME_S, "s", "is it in another unit (--time-unit us or ns)?"),
+    "accel_m_s2": (MAX_ACCEL, "m/s²", "if the unit is mg, give --accel-unit mg; if counts, give --accel-sensitivity"),
+    "temperature_c": (MAX_CELSIUS, "°C", "the values may be counts"),
+    "t_s": (_MAX_TIME_S, "s", "if the unit is another, give --time-unit us or ns"),
 }
 #: arguments: column, sample, axis; results: the file's name of that column or axis, and the sample's place in the file
 Place = Callable[[str, int, int], tuple[str, str]]
@@ -103,7 +103,7 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
 def _check_shapes(path: Path, columns: dict[str, Floats]) -> None:
     gyro = columns["gyro_rad_s"]
     if gyro.ndim != 2 or gyro.shape[1] != 3:
-        raise RecordingError(f"{path}: 'gyro_rad_s' has shape {gyro.shape}; (n, 3) is expected, a row for each sample")
+        raise RecordingError(f"{path}: 'gyro_rad_s' has shape {gyro.shape}: give (n, 3), one row per sample")
     n = len(gyro)
     shapes = {
         "gyro_rad_s": (n, 3),
@@ -116,7 +116,7 @@ def _check_shapes(path: Path, columns: dict[str, Floats]) -> None:
     for name, column in columns.items():
         if column.shape != shapes[name]:
             raise RecordingError(
-                f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected, as 'gyro_rad_s' has {count(n, 'sample')}"
+                f"{path}: {name!r} has shape {column.shape}: give {shapes[name]}, because 'gyro_rad_s' has {count(n, 'sample')}"
             )
     if n < 2:
         raise RecordingError(f"{path}: {count(n, 'sample')}; at least 2 are needed")
@@ -125,14 +125,14 @@ def _check_shapes(path: Path, columns: dict[str, Floats]) -> None:
 def _rate(path: Path, columns: dict[str, Floats], reading: Reading) -> float | None:
     own = float(columns["rate_hz"]) if "rate_hz" in columns else None
     if own is not None and not np.isfinite(own):
-        raise RecordingError(f"{path}: 'rate_hz' is not a finite number")
+        raise RecordingError(f"{path}: 'rate_hz' is not a finite number: give the rate with --rate-hz")
     for said in (own, reading.rate_hz):
         if said is not None and not SLOWEST_HZ <= said <= FASTEST_HZ:
             raise RecordingError(
-                f"{path}: the rate that is told is {said:g} Hz; {SLOWEST_HZ:g} to {FASTEST_HZ:g} is taken"
+                f"{path}: the given rate is {said:g} Hz: give --rate-hz from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
             )
     if own is not None and reading.rate_hz is not None and abs(reading.rate_hz - own) > _SAME_RATE * own:
-        _log.warning("%s: its rate is %.5g Hz by itself; %.5g Hz, as told, is used", path, own, reading.rate_hz)
+        _log.warning("%s: the file states %.5g Hz; the given %.5g Hz is used", path, own, reading.rate_hz)
     return reading.rate_hz or own
 
 
@@ -163,7 +163,7 @@ def _drop_bad_rows(path: Path, table: Table, columns: dict[str, Floats], notes: 
                 raise RecordingError(f"{path}: {_wrong_values('t_s', time, table.place)}")
             columns["t_s"] = np.where(late, np.nan, time)
     if len(bad):
-        notes.append(f"{count(len(bad), 'row')} left out: a rate is missing, or beyond any")
+        notes.append(f"{count(len(bad), 'row')} left out: a rate is missing or impossibly large")
         columns["row"] = np.arange(len(gyro), dtype=np.float64)
         _keep(columns, good)
 
@@ -201,7 +201,7 @@ def _wrong_values(name: str, column: Floats, place: Place) -> str:
     large = np.argwhere(np.abs(column) > limit)
     what, where = place(name, int(large[0][0]), int(large[0][-1]))
     value = column[tuple(large[0])]
-    return f"{what} is {value:g} {unit}{where}; up to ±{limit:g} {unit} is taken; {words}"
+    return f"{what} is {value:g} {unit}{where}; at most ±{limit:g} {unit} is possible; {words}"
 
 
 def _values(columns: dict[str, Floats]) -> Floats:
@@ -216,12 +216,12 @@ def _time(
     if "t_s" not in columns:
         if rate is None:
             raise RecordingError(
-                f"{path}: it has neither sample times nor 'rate_hz'; say it with --rate-hz, or rate_hz in a ward's file"
+                f"{path}: neither sample times nor 'rate_hz': give the rate with --rate-hz, or as rate_hz in a ward's file"
             )
         return _counted(path, columns, rate, notes), [0]
     rises = bool((np.diff(columns["t_s"]) > 0).all())
     if not rises and (again := repeated(columns["t_s"], _values(columns))).any():
-        notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier one, time and all")
+        notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier row, including the time")
         _keep(columns, ~again)
     if len(columns["t_s"]) < 2:
         raise RecordingError(f"{path}: {count(len(columns['t_s']), 'different row')}; at least 2 are needed")
@@ -230,7 +230,7 @@ def _time(
     except ClockFault as fault:
         if reading.rate_hz is None:
             raise RecordingError(f"{path}: {fault}") from None
-        notes.append(f"its times are replaced by the rate that is told, {reading.rate_hz:g} Hz: {fault}")
+        notes.append(f"the times are replaced by the given rate, {reading.rate_hz:g} Hz: {fault}")
         return _counted(path, columns, reading.rate_hz, notes), [0]
     if not rises:
         _keep(columns, mended.order)
@@ -244,7 +244,7 @@ def _time(
             check_rate(path, time[start:end], rate)
             own = rate_of(time[start:end])
             if abs(own / rate - 1) > _OTHER_RATE:
-                notes.append(f"its rate is said to be {rate:g} Hz, its times have {own:.4g} Hz: the times are used")
+                notes.append(f"the file states {rate:g} Hz, its times give {own:.4g} Hz: the times are used")
     return time, mended.starts
 
 
@@ -260,11 +260,11 @@ def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[st
     share = float(np.mean(again))
     if share > _MOST_REPEATED:
         raise RecordingError(
-            f"{path}: {share:.0%} of its rows came before, value for value, and no times tell whether as new samples: export it "
-            "with times"
+            f"{path}: {share:.0%} of the rows repeat an earlier row, and without times repeats cannot be told from new samples: "
+            "export the file with times"
         )
     if again.any():
-        notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier one in all values")
+        notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier row in all values")
     number = columns.pop("row", None)
     rows = np.arange(len(again), dtype=np.float64) if number is None else number
     rows = rows - np.cumsum(again)
@@ -274,7 +274,7 @@ def _counted(path: Path, columns: dict[str, Floats], rate: float, notes: list[st
         _keep(columns, ~again)
     if counter is not None and (by_counter := _numbers(counter)) is not None:
         if (missing := int(by_counter[-1]) + 1 - len(by_counter)) and int(by_counter[-1]) != int(rows[-1] - rows[0]):
-            notes.append(f"{count(missing, 'sample')} missing by its counter")
+            notes.append(f"{count(missing, 'sample')} missing, by the counter")
         rows = by_counter
     return np.asarray((rows - rows[0]) / rate)
 
@@ -306,7 +306,7 @@ def _at_told_rate(time: Floats, starts: list[int], rate_hz: float, notes: list[s
         told[start:end] = np.concatenate([[0.0], np.cumsum(whole)]) / rate_hz
     own = rate_of(time[: starts[1]] if len(starts) > 1 else time)
     doubt = f", far from the {own:.4g} Hz of its times" if abs(own / rate_hz - 1) > 0.1 else ""
-    notes.append(f"its times are replaced by the rate that is told, {rate_hz:g} Hz{doubt}")
+    notes.append(f"the times are replaced by the given rate, {rate_hz:g} Hz{doubt}")
     return told
 
 
@@ -320,10 +320,10 @@ def _part(path: Path, time: Floats, starts: list[int], reading: Reading) -> slic
             for number, (start, end) in enumerate(zip(starts, ends, strict=True), 1)
         )
         raise RecordingError(
-            f"{path}: the device rebooted, its time began again {count(len(starts) - 1, 'time')}; choose a part by --boot: {said}"
+            f"{path}: the device rebooted (its time restarted {count(len(starts) - 1, 'time')}); choose with --boot: {said}"
         )
     if boot is not None and not 1 <= boot <= len(starts):
-        raise RecordingError(f"{path}: it has boots 1 to {len(starts)}, not {boot}")
+        raise RecordingError(f"{path}: --boot is {boot}, but the file has boots 1 to {len(starts)}")
     at = 0 if boot is None else boot - 1
     if ends[at] - starts[at] < 2:
         raise RecordingError(f"{path}: {count(ends[at] - starts[at], 'sample')}; at least 2 are needed")

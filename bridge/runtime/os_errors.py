@@ -6,17 +6,17 @@ import stat
 from pathlib import Path
 
 _WORDS = {
-    errno.EISDIR: "a folder, where a file is expected",
+    errno.EISDIR: "a folder, but a file is expected",
     errno.ENOTDIR: "a part of its path is a file, not a folder",
     errno.ENOENT: "there is no such file or folder",
     errno.EACCES: "no permission",
     errno.EPERM: "no permission",
-    errno.EROFS: "on a disk that can only be read",
+    errno.EROFS: "the disk is read-only",
     errno.ENOSPC: "the disk is full",
-    errno.EDQUOT: "the disk's quota is used up",
-    errno.ENAMETOOLONG: "its name is too long",
+    errno.EDQUOT: "the disk's quota is exhausted",
+    errno.ENAMETOOLONG: "the name is too long",
     errno.EADDRINUSE: "in use by another program",
-    errno.EADDRNOTAVAIL: "no address of this machine",
+    errno.EADDRNOTAVAIL: "not an address of this machine",
     errno.EMFILE: "this program has too many files open",
 }
 

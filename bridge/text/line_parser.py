@@ -109,15 +109,15 @@ class CsvReader:
     def read(self, line: str) -> Row | Header | Refused:
         """Parse a line."""
         if not line.startswith(self._csv.prefix):
-            return Refused(NO_MATCH, f"it does not begin with {self._csv.prefix!r}")
+            return Refused(NO_MATCH, f"the line does not begin with {self._csv.prefix!r}")
         fields = self._split(line.removeprefix(self._csv.prefix))
         if self._csv.header and not self._known.isdisjoint(fields):
             return self._header(tuple(fields))
         if not self._names:
-            return Refused(NO_HEADER, "no header row has come; restart the device, which prints it then")
+            return Refused(NO_HEADER, "no header row yet: restart the device, which prints it at the start")
         if len(fields) != len(self._names):
             fault = ROW_SHORT if len(fields) < len(self._names) else ROW_LONG
-            return Refused(fault, f"{count(len(fields), 'column')} came, {len(self._names)} were expected")
+            return Refused(fault, f"{count(len(fields), 'column')} found, {len(self._names)} expected")
         return self._conversion.row(dict(zip(self._names, fields, strict=True)))
 
     def _split(self, row: str) -> list[str]:
@@ -134,8 +134,8 @@ class CsvReader:
             missing.append(time.column)
         if missing or len(set(names)) < len(names):
             self._names = ()
-            what = f"it has no {', '.join(missing)}" if missing else "it names a column twice"
-            return Refused(HEADER_INCOMPLETE, f"{what}; rows are not taken until a better one comes")
+            what = f"the header lacks {', '.join(missing)}" if missing else "the header names a column twice"
+            return Refused(HEADER_INCOMPLETE, f"{what}; rows are ignored until a valid header comes")
         self._names, self.has_clock = names, has_clock
         return Header(names)
 
@@ -154,17 +154,17 @@ class RegexReader:
         """Parse a line."""
         match = self._pattern.fullmatch(line)
         if match is None:
-            return Refused(NO_MATCH, "it does not match the profile's pattern")
+            return Refused(NO_MATCH, "the line does not match the profile's pattern")
         texts = {name: text.strip() for name, text in match.groupdict().items() if text is not None}
         if missing := self._always - texts.keys():
-            return Refused(NO_MATCH, f"it has no {', '.join(sorted(missing))}")
+            return Refused(NO_MATCH, f"the line lacks {', '.join(sorted(missing))}")
         return self._conversion.row(texts)
 
 
 def _number(text: str) -> float:
     number = float(text) if NUMBER.fullmatch(text) else math.nan
     if not math.isfinite(number):
-        raise ValueError(f"{text!r} is no number")
+        raise ValueError(f"{text!r} is not a number")
     return number
 
 
@@ -173,8 +173,8 @@ def _tick(text: str, unit: str, bits: int) -> int:
         tick = _number(text) * TIMES[unit] / DECIMAL_TICK_S
         if 0 <= tick <= _LATEST_TICK:
             return round(tick)
-        raise ValueError(f"{text!r} is no time")
+        raise ValueError(f"{text!r} is not a time")
     whole = _WHOLE.fullmatch(text)
     if whole is None or int(whole[1]) >= 1 << bits:
-        raise ValueError(f"{text!r} is no time; a whole number below 2**{bits} was expected")
+        raise ValueError(f"{text!r} is not a time: a whole number below 2**{bits} is expected")
     return int(whole[1])

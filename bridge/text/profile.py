@@ -61,7 +61,7 @@ class Device(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         _within("gyro_range_dps", self.gyro_range_dps, 0, 10_000)
         _within("rate_hz", self.rate_hz, 0, 10_000)
         if not (self.model and self.model.isprintable()):
-            raise ValueError(f"model is {self.model!r}; a name is expected")
+            raise ValueError(f"model is {self.model!r}: give a name")
 
 
 class Csv(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -74,12 +74,14 @@ class Csv(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if len(self.separator) != 1 or self.separator in "\r\n+-.0123456789eE":
-            raise ValueError(f"separator is {self.separator!r}; one character that is in no number is expected")
+            raise ValueError(
+                f"separator is {self.separator!r}: use one character that occurs in no number, such as ','"
+            )
         if not self.columns and not self.header:
-            raise ValueError("it needs columns in their order, or header = true")
+            raise ValueError("give columns in their order, or header = true")
         for column in self.columns:
             if self.columns.count(column) > 1:
-                raise ValueError(f"columns has {column!r} more than once")
+                raise ValueError(f"columns has {column!r} more than once: name each column once")
 
 
 class Regex(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -89,7 +91,7 @@ class Regex(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if not _compiled(self.match, "match").groupindex:
-            raise ValueError("match has no named groups; (?P<gx>[-0-9.]+) is one")
+            raise ValueError("match has no named groups: write for example (?P<gx>[-0-9.]+)")
 
 
 Axes = float | tuple[float, float, float]
@@ -155,7 +157,7 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def __post_init__(self) -> None:
         in_si(self.unit, TIMES, None, "")
         if self.bits is not None and not (self.bits == 0 or 8 <= self.bits <= 64):
-            raise ValueError(f"bits is {self.bits}; 8 to 64 is taken, or 0 for a decimal that never wraps")
+            raise ValueError(f"bits is {self.bits}: use 8 to 64, or 0 for a time that never wraps")
 
     @property
     def width(self) -> int:
@@ -200,7 +202,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def __post_init__(self) -> None:
         _within("baud", self.baud, 300, 4_000_000)
         if (self.csv is None) == (self.regex is None):
-            raise ValueError("it needs one of the tables [csv] and [regex]")
+            raise ValueError("give one of the tables [csv] and [regex]")
         for banner in self.banners:
             for group in _compiled(banner, "banners").groupindex:
                 if group not in BANNER_GROUPS:
@@ -209,7 +211,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             _compiled(pattern, "ignore")
         for name, text in self.notices.items():
             if len(text) > MAX_SENTENCE:
-                raise ValueError(f"[notices]: {name} has {len(text)} characters; at most {MAX_SENTENCE} are taken")
+                raise ValueError(f"[notices]: {name} has {len(text)} characters; at most {MAX_SENTENCE} are allowed")
         self._check_columns()
 
     @property
@@ -235,9 +237,9 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if self.columns and column not in self.columns:
                 raise ValueError(f"[{table}]: unknown column {column!r}; {nearest(column, self.columns)}")
             if column in seen:
-                raise ValueError(f"[{table}]: column {column!r} is already taken, by [{seen[column]}]")
+                raise ValueError(f"[{table}]: column {column!r} is already used by [{seen[column]}]")
             if NUMBER.fullmatch(column):
-                raise ValueError(f"[{table}]: column {column!r} is a number; a name is expected")
+                raise ValueError(f"[{table}]: column {column!r} is a number: give a name")
             seen[column] = table
 
 
@@ -255,14 +257,14 @@ def _compiled(pattern: str, key: str) -> re.Pattern[str]:
     try:
         return re.compile(pattern)
     except re.error as error:
-        raise ValueError(f"{key}: {pattern!r} is no regular expression: {error}") from None
+        raise ValueError(f"{key}: {pattern!r} is not a regular expression: {error}") from None
 
 
 def _within(key: str, value: float, low: float, high: float) -> None:
     if not low <= value <= high:
-        raise ValueError(f"{key} is {value:g}; {low:g} to {high:g} is taken")
+        raise ValueError(f"{key} is {value:g}: use {low:g} to {high:g}")
 
 
 def _check_scale(scale: Axes) -> None:
     if not all(1e-9 <= abs(number) <= 1e9 for number in np.ravel(scale)):
-        raise ValueError(f"scale is {scale}; a factor, or three, none of them 0")
+        raise ValueError(f"scale is {scale}: give one factor, or three (x, y, z), none of them 0")

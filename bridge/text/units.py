@@ -22,10 +22,12 @@ def in_si(unit: str, units: Mapping[str, float], sensitivity: float | None, key:
         if unit not in units:
             raise ValueError(f"unknown unit {unit!r}; {nearest(unit, (*units, COUNTS))}")
         if sensitivity is not None:
-            raise ValueError(f"{key} goes with unit = {COUNTS!r}; the unit here is {unit!r}")
+            raise ValueError(f"{key} applies only to unit = {COUNTS!r}, but unit is {unit!r}: remove it")
         return units[unit]
     if sensitivity is None:
-        raise ValueError(f"counts need {key}, as in the sensor's datasheet")
+        raise ValueError(f"unit {COUNTS!r} needs {key}: give the value of the sensor's data sheet")
     if not 0 < sensitivity < 1e6:
-        raise ValueError(f"{key} is not of a real sensor; it is what one count means")
+        raise ValueError(
+            f"{key} is {sensitivity:g}: give the value of one count, above 0, as in the sensor's data sheet"
+        )
     return sensitivity

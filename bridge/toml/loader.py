@@ -43,14 +43,16 @@ def load(path: Path | str, kind: type[T]) -> T:
         with Path(path).open("rb") as file:
             tables = tomllib.loads(file.read().decode("utf-8-sig"))  # some editors write a byte order mark
     except FileNotFoundError:
-        raise ConfigError(f"{path}: there is no such file") from None
+        raise ConfigError(
+            f"{path}: there is no such file; give the path of a TOML file, such as configs/ward.toml"
+        ) from None
     except OSError as error:
         raise ConfigError(f"{path}: {os_errors.why(error)}") from None
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise ConfigError(f"{path}: line {line} is not UTF-8 text: save the file as UTF-8 in your editor") from None
     except (ValueError, RecursionError) as error:  # also huge numbers and deeply nested lists
-        raise ConfigError(f"{path}: not TOML: {error}") from None
+        raise ConfigError(f"{path}: not TOML: {error}. Correct that place; https://toml.io shows the syntax") from None
     try:
         return msgspec.convert(tables, kind, dec_hook=_from_table)
     except msgspec.ValidationError as error:
@@ -92,7 +94,7 @@ def _sentence(error: msgspec.ValidationError, kind: type[Any]) -> str:
         hint = nearest(unknown[1], _names(inspection.type_info(kind), steps))
         return f"{_table(steps)}unknown key {unknown[1]!r}; {hint}"
     if missing := _MISSING.fullmatch(said):
-        return f"{_table(steps)}the key {missing[1]!r} is missing"
+        return f"{_table(steps)}the key {missing[1]!r} is missing: add it"
     if own or not steps:
         return f"{_table(steps)}{said}"
     if no_choice := _NO_CHOICE.fullmatch(said):

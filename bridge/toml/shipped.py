@@ -22,6 +22,6 @@ def file_of(name: str | Path, what: str, folders: Iterable[Path]) -> Path:
     known = shipped(folders)
     if str(name) not in known:
         raise ConfigError(
-            f"there is no {what} {str(name)!r}; {nearest(str(name), known)} (a file of your own ends in .toml)"
+            f"unknown {what} {str(name)!r}; {nearest(str(name), known)} (or give the path of your own .toml file)"
         )
     return known[str(name)]

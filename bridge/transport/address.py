@@ -51,9 +51,9 @@ def state(port: str) -> str:
 def check(port: str, baud: int) -> None:
     """Raise ValueError with what is expected if an address or a baud rate is invalid."""
     if not port:
-        raise ValueError("port is empty; `truerate bridge scan` shows what is plugged in")
+        raise ValueError("port is empty: name one; `truerate bridge scan` lists the connected devices")
     if not 300 <= baud <= 4_000_000:
-        raise ValueError(f"baud is {baud}; 300 to 4000000 is taken, 115200 is usual")
+        raise ValueError(f"baud is {baud}: use 300 to 4000000, usually 115200")
     transport(port, baud)
 
 

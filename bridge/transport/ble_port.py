@@ -168,20 +168,22 @@ def parsed(address: str) -> Place:
     where, chosen = url.options(address, ("write",), EXAMPLE)
     device, _, characteristic = where.partition("/")
     if not _ADDRESS.fullmatch(device.upper()):
-        raise ValueError(f"{device!r} is no Bluetooth address; a port looks like {EXAMPLE!r}")
+        raise ValueError(f"{device!r} is not a Bluetooth address: write a port such as {EXAMPLE!r}")
     return Place(device.upper(), _uuid(characteristic), _uuid(chosen["write"]) if "write" in chosen else "")
 
 
 def state(address: str) -> str:
     """State in a few words; whether the device is within reach is unknown before opening."""
     parsed(address)
-    return "not looked for before it is opened" if ble_radio.available() else ble_radio.NEEDS
+    return "searched for only when opened" if ble_radio.available() else ble_radio.NEEDS
 
 
 def _uuid(text: str) -> str:
     uuid = text.lower()
     if not _UUID.fullmatch(uuid):
-        raise ValueError(f"{text!r} is no characteristic, of 4 or 32 hexadecimal digits; a port looks like {EXAMPLE!r}")
+        raise ValueError(
+            f"{text!r} is not a characteristic of 4 or 32 hexadecimal digits: write a port such as {EXAMPLE!r}"
+        )
     return uuid if "-" in uuid else uuid.rjust(8, "0") + _BASE
 
 

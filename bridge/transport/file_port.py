@@ -81,7 +81,7 @@ def parsed(address: str) -> tuple[Path, float]:
     """Parse an address: file, and pace in bytes per second (0 if not given); raises ValueError if invalid."""
     path, chosen = url.options(address, ("bytes_per_s",), EXAMPLE)
     if not path or "\0" in unquote(path):
-        raise ValueError(f"{address!r} names no file; one looks like {EXAMPLE!r}")
+        raise ValueError(f"{address!r} names no file: write for example {EXAMPLE!r}")
     pace = url.number(chosen["bytes_per_s"], "bytes_per_s", 1, 1e9) if "bytes_per_s" in chosen else 0.0
     return Path(unquote(path)), pace
 

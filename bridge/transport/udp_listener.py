@@ -130,7 +130,7 @@ class Listener:
             return
         if not self._warned:
             self._warned = True
-            _log.warning("udp port %d: datagrams from %s, which no device is expected at", self.where[1], host)
+            _log.warning("udp port %d: ignoring datagrams from %s, where no device is configured", self.where[1], host)
 
 
 _lock = threading.Lock()

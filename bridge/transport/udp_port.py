@@ -107,7 +107,7 @@ def state(address: str) -> str:
         udp_listener.bound(host, port).close()
     except OSError as error:
         return english(network_errors.cause(error, f"udp://{address}"))
-    return "free to be listened on"
+    return "free"
 
 
 def _numbers(host: str) -> frozenset[str]:

@@ -14,13 +14,13 @@ def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str
     """
     host, colon, port = text.rpartition(":")
     if not colon or not port.isascii() or not port.isdigit() or not 1 <= int(port) <= 65_535:
-        raise ValueError(f"{text!r} has no port from 1 to 65535; one looks like {example!r}")
+        raise ValueError(f"{text!r} has no port from 1 to 65535: write for example {example!r}")
     if host.startswith("[") and host.endswith("]"):
         host = host[1:-1]
     elif ":" in host:
-        raise ValueError(f"{text!r}: an IPv6 address goes in brackets, [{host}]:{port}; one looks like {example!r}")
+        raise ValueError(f"{text!r}: put an IPv6 address in brackets: [{host}]:{port}")
     if (not host and host_needed) or not _is_host(host):
-        raise ValueError(f"{text!r} has no host; one looks like {example!r}")
+        raise ValueError(f"{text!r} has no host: write for example {example!r}")
     return host, int(port)
 
 
@@ -28,7 +28,7 @@ def host(text: str, example: str) -> str:
     """Parse a host without port, with or without brackets; raises ValueError."""
     bare = text.removeprefix("[").removesuffix("]")
     if not bare or not _is_host(bare):
-        raise ValueError(f"{text!r} is no host; one looks like {example!r}")
+        raise ValueError(f"{text!r} is not a host: write for example {example!r}")
     return bare
 
 
@@ -40,12 +40,12 @@ def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[st
     try:
         pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True)
     except ValueError:
-        raise ValueError(f"{text!r}: after '?' comes name=value; one looks like {example!r}") from None
+        raise ValueError(f"{text!r}: write name=value after '?', for example {example!r}") from None
     for name, _ in pairs:
         if name not in known:
             raise ValueError(f"{text!r}: unknown option {name!r}; {nearest(name, known)}")
     if len(dict(pairs)) < len(pairs):
-        raise ValueError(f"{text!r}: an option is given twice; one looks like {example!r}")
+        raise ValueError(f"{text!r}: an option is given twice: remove one, as in {example!r}")
     return before, dict(pairs)
 
 
@@ -56,7 +56,7 @@ def number(text: str, name: str, low: float, high: float) -> float:
     except ValueError:
         value = math.nan
     if not low <= value <= high:
-        raise ValueError(f"{name} is {text!r}; {low:g} to {high:g} is taken")
+        raise ValueError(f"{name} is {text!r}: use {low:g} to {high:g}")
     return value
 
 

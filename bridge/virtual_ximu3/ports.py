@@ -31,7 +31,7 @@ class Address(NamedTuple):
         try:
             return self._replace(host=socket.gethostbyname(self.host))
         except OSError as error:
-            raise OSError(f"host {self.host!r} is not known; check its spelling, or give its number") from error
+            raise OSError(f"unknown host {self.host!r}: check its spelling, or give its numeric address") from error
 
 
 class Port:

@@ -19,9 +19,7 @@ _AT_ONCE = 4096
 _ANNOUNCE_EVERY_S = 1.0
 _PATIENCE_S = 2.0
 MOST_DEVICES = 64
-_MISSING = (
-    "no %s rates of %s in ward %s yet: do bridge and estimator run (`truerate devices`)? --raw needs no estimator"
-)
+_MISSING = "no %s rates of %s in ward %s yet: `truerate devices` tells whether bridge and estimator run; --raw needs no estimator"
 
 _log = logging.getLogger(__name__)
 
@@ -150,4 +148,4 @@ def show(bus: Bus, wanted: Wanted, stop: threading.Event) -> None:
         shown.close()
         if shown.refused.total():
             counts = (f"{n} {in_words(reason)}" for reason, n in shown.refused.as_dict().items())
-            _log.info("messages that were not shown: %s", ", ".join(counts))
+            _log.info("messages not shown: %s", ", ".join(counts))

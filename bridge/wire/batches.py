@@ -174,7 +174,7 @@ def decode_rates(key: str, payload: bytes) -> Rates:
     same_id(raw.device, place, "device")
     n = len(raw.rate) // 12
     if not 1 <= n <= MAX_SAMPLES:
-        raise Refusal(Reason.LENGTH, f"rate has {n} samples; 1 to {MAX_SAMPLES} are taken")
+        raise Refusal(Reason.LENGTH, f"rate has {n} samples: use 1 to {MAX_SAMPLES}")
     return Rates(raw.device, floats_of(raw.rate, "rate", 3 * n, MAX_CORRECTED).reshape(n, 3))
 
 
@@ -193,7 +193,9 @@ def ticks_of(column: bytes) -> NDArray[np.uint64]:
     """Unpack a read-only column of rising ticks. Raises Refusal."""
     n, odd = divmod(len(column), 8)
     if odd or not 1 <= n <= MAX_SAMPLES:
-        raise Refusal(Reason.LENGTH, f"ticks has {len(column)} bytes; 8 a sample, 1 to {MAX_SAMPLES} samples are taken")
+        raise Refusal(
+            Reason.LENGTH, f"ticks has {len(column)} bytes; 8 per sample and 1 to {MAX_SAMPLES} samples are expected"
+        )
     ticks = np.frombuffer(column, _UINT64)
     if not np.logical_and.reduce(ticks[1:] > ticks[:-1]) or int(ticks[-1]) >= 2**63:
         raise Refusal(Reason.RANGE, "ticks do not increase from each sample to the next, below 2**63")

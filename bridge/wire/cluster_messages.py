@@ -43,7 +43,7 @@ def decode_owned(key: str, payload: bytes) -> Owned:
     if len(raw.holdings) > MAX_HOLDINGS or len(raw.moves) > MAX_MOVES:
         raise Refusal(
             Reason.LENGTH,
-            f"{len(raw.holdings)} holdings and {len(raw.moves)} moves; {MAX_HOLDINGS} and {MAX_MOVES} are taken",
+            f"{len(raw.holdings)} holdings and {len(raw.moves)} moves; at most {MAX_HOLDINGS} and {MAX_MOVES} are allowed",
         )
     parts = validation.whole(raw.parts, "parts", MAX_PARTS)
     return Owned(
@@ -111,7 +111,7 @@ def _in_use(calibration: Calibration, device: str) -> Calibration:
         raise Refusal(Reason.FOREIGN_ID, f"the calibration is of {calibration.device[:64]!r}, not of {device!r}")
     if calibration.verdict is not Verdict.ACCEPTED or calibration.parameters[: len(_DETERMINED)] != _DETERMINED:
         said = f"{calibration.verdict.name}, of {', '.join(calibration.parameters) or 'nothing'}"
-        raise Refusal(Reason.RANGE, f"the calibration is {said}; one in use is ACCEPTED, of {', '.join(_DETERMINED)}")
+        raise Refusal(Reason.RANGE, f"the calibration is {said}; ACCEPTED, of {', '.join(_DETERMINED)} is expected")
     return calibration
 
 

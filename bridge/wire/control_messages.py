@@ -122,7 +122,7 @@ def decode_status(key: str, payload: bytes) -> Status:
     same_id(raw.device, place, "device")
     axes_done = tuple(validation.whole(axis, "axes_done", 2) for axis in raw.axes_done)
     if len(axes_done) > 3:
-        raise Refusal(Reason.LENGTH, f"axes_done has {len(axes_done)} values; at most 3 are taken")
+        raise Refusal(Reason.LENGTH, f"axes_done has {len(axes_done)} values; at most 3 are allowed")
     return Status(
         device=raw.device,
         boot=raw.boot,
@@ -197,7 +197,7 @@ def calibration_in(raw: pb.Calibration) -> Calibration:
     """Validate a protobuf calibration and convert it to a Calibration. Raises Refusal."""
     n = len(raw.parameters)
     if n > _MAX_PARAMETERS or len(raw.turns) > _MAX_TURNS:
-        raise Refusal(Reason.LENGTH, f"{n} parameters and {len(raw.turns)} turns; at most 32 of each are taken")
+        raise Refusal(Reason.LENGTH, f"{n} parameters and {len(raw.turns)} turns; at most 32 of each are allowed")
     return Calibration(
         device=raw.device,
         boot=raw.boot,
@@ -262,7 +262,7 @@ def decode_command(key: str, payload: bytes) -> Command:
     """Decode a Command, sent to rpc/<device>/<verb>. Raises Refusal for a verb not in keys.VERBS, or without a request id."""
     place = parse_key(key, "rpc")
     if place.ids["verb"] not in keys.VERBS:
-        raise Refusal(Reason.BAD_KEY, f"no command {place.ids['verb']!r}; there are {', '.join(keys.VERBS)}")
+        raise Refusal(Reason.BAD_KEY, f"unknown command {place.ids['verb']!r}: use {', '.join(keys.VERBS)}")
     raw = read(pb.Command, payload)
     if not raw.request_id:
         raise Refusal(Reason.LENGTH, "a command needs a request id")
@@ -304,7 +304,7 @@ def _turn(raw: pb.Turn) -> Turn:
 
 def _ids(values: Sequence[str], name: str) -> tuple[str, ...]:
     if len(values) > _MAX_BRIDGES:
-        raise Refusal(Reason.LENGTH, f"{name} has {len(values)} values; at most {_MAX_BRIDGES} are taken")
+        raise Refusal(Reason.LENGTH, f"{name} has {len(values)} values; at most {_MAX_BRIDGES} are allowed")
     return tuple(keys.check_id(value, f"one of {name}") for value in values)
 
 

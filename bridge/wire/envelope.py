@@ -25,7 +25,7 @@ def parse_key(key: str, what: str) -> Key:
 def read(kind: type[M], payload: bytes) -> M:
     """Parse a payload as a protobuf message and check size and version, but no other field. Raises Refusal."""
     if len(payload) > MAX_PAYLOAD:
-        raise Refusal(Reason.TOO_LARGE, f"{len(payload)} bytes; at most {MAX_PAYLOAD} are taken")
+        raise Refusal(Reason.TOO_LARGE, f"{len(payload)} bytes; at most {MAX_PAYLOAD} are allowed")
     message = kind()
     try:
         message.ParseFromString(payload)

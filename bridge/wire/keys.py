@@ -57,7 +57,7 @@ def check_id(text: object, what: str = "id") -> str:
     if not isinstance(text, str) or not ID.match(text):
         raise Refusal(
             Reason.BAD_ID,
-            f"{what} {str(text)[:64]!r} is not valid: 1 to 32 of a-z, 0-9, '-' and '_', beginning with a letter or digit",
+            f"{what} {str(text)[:64]!r} is not valid: use 1 to 32 of a-z, 0-9, '-' and '_', beginning with a letter or digit",
         )
     return text
 
@@ -95,7 +95,7 @@ def parse(key: str) -> Key:
     The result is cached: do not modify it.
     """
     if len(key) > MAX_KEY:
-        raise Refusal(Reason.BAD_KEY, f"a key of {len(key)} characters; at most {MAX_KEY} are taken")
+        raise Refusal(Reason.BAD_KEY, f"a key of {len(key)} characters; at most {MAX_KEY} are allowed")
     if "*" in key or "$" in key:
         raise Refusal(Reason.WILDCARD_KEY, f"a sample must name one device, not {key!r}")
     if not key.startswith(ROOT + "/"):
@@ -105,7 +105,7 @@ def parse(key: str) -> Key:
     shape = SHAPES.get(what)
     ids = rest[what.count("/") + 1 :]
     if shape is None or len(ids) != len(shape):
-        raise Refusal(Reason.BAD_KEY, f"{key!r} is none of {', '.join(SHAPES)} with its ids")
+        raise Refusal(Reason.BAD_KEY, f"{key!r} is not a key of {', '.join(SHAPES)} with its ids")
     check_id(ward, "ward")
     for name, value in zip(shape, ids, strict=True):
         check_id(value, name)

@@ -20,13 +20,13 @@ def encoded(sentences: Sentences) -> Iterable[pb.Sentence]:
 def decoded(raw: Sequence[pb.Sentence], name: str) -> Sentences:
     """Decode the sentences of a repeated field. Accepts unknown codes, for later versions. Raises Refusal."""
     if len(raw) > MAX_TEXTS:
-        raise Refusal(Reason.LENGTH, f"{name} has {len(raw)} sentences; at most {MAX_TEXTS} are taken")
+        raise Refusal(Reason.LENGTH, f"{name} has {len(raw)} sentences; at most {MAX_TEXTS} are allowed")
     return tuple(_decoded(one, name) for one in raw)
 
 
 def _decoded(raw: pb.Sentence, name: str) -> Sentence:
     if len(raw.params) > _MAX_PARAMS:
-        raise Refusal(Reason.LENGTH, f"{name} has {len(raw.params)} parameters; at most {_MAX_PARAMS} are taken")
+        raise Refusal(Reason.LENGTH, f"{name} has {len(raw.params)} parameters; at most {_MAX_PARAMS} are allowed")
     code = text(raw.code, f"a code of {name}")
     params = {
         text(label, f"a parameter of {name}", MAX_NAME): text(value, f"{label} of {name}", MAX_SENTENCE)

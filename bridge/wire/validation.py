@@ -32,7 +32,7 @@ def clean(text: str, limit: int) -> str:
 def text(value: str, name: str, limit: int = MAX_NAME) -> str:
     """Check a received text: at most `limit` printable characters, on one line."""
     if len(value) > limit:
-        raise Refusal(Reason.LENGTH, f"{name} has {len(value)} characters; at most {limit} are taken")
+        raise Refusal(Reason.LENGTH, f"{name} has {len(value)} characters; at most {limit} are allowed")
     if not value.isprintable():
         raise Refusal(Reason.MALFORMED, f"{name} {value[:MAX_NAME]!r} has characters that cannot be printed")
     return value
@@ -43,7 +43,7 @@ def number(value: float, name: str, low: float, high: float) -> float:
     if not math.isfinite(value):
         raise Refusal(Reason.NON_FINITE, f"{name} is {value}")
     if not low <= value <= high:
-        raise Refusal(Reason.RANGE, f"{name} is {value:g}; {low:g} to {high:g} is taken")
+        raise Refusal(Reason.RANGE, f"{name} is {value:g}: use {low:g} to {high:g}")
     return value
 
 
@@ -55,7 +55,7 @@ def number_or_nan(value: float, name: str, low: float, high: float) -> float:
 def whole(value: int, name: str, high: int) -> int:
     """Check a whole number from 0 to high."""
     if not 0 <= value <= high:
-        raise Refusal(Reason.RANGE, f"{name} is {value}; 0 to {high} is taken")
+        raise Refusal(Reason.RANGE, f"{name} is {value}: use 0 to {high}")
     return value
 
 
@@ -69,7 +69,7 @@ def member(kind: type[E], value: int, name: str) -> E:
     try:
         return kind(value)
     except ValueError:
-        raise Refusal(Reason.RANGE, f"{name} is {value}, which is no {kind.__name__}") from None
+        raise Refusal(Reason.RANGE, f"{name} is {value}, which is not a {kind.__name__}") from None
 
 
 def vector(values: Iterable[float], name: str, n: int, low: float, high: float) -> NDArray[np.float64]:
@@ -83,7 +83,7 @@ def vector(values: Iterable[float], name: str, n: int, low: float, high: float) 
         raise Refusal(Reason.NON_FINITE, f"{name} has {array[~np.isfinite(array)][0]}")
     beyond = array[(array < low) | (array > high)]
     if len(beyond):
-        raise Refusal(Reason.RANGE, f"{name} has {beyond[0]:g}; {low:g} to {high:g} is taken")
+        raise Refusal(Reason.RANGE, f"{name} has {beyond[0]:g}: use {low:g} to {high:g}")
     return array
 
 
@@ -91,12 +91,14 @@ def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
     """Check strictly rising whole numbers from 0 to high."""
     for before, value in pairwise((-1, *values)):
         if not before < value <= high:
-            raise Refusal(Reason.RANGE, f"{name} has {value} after {before}; rising numbers from 0 to {high} are taken")
+            raise Refusal(
+                Reason.RANGE, f"{name} has {value} after {before}; rising numbers from 0 to {high} are expected"
+            )
     return values
 
 
 def counts(values: Mapping[str, int], name: str) -> dict[str, int]:
     """Check counts by label: at most MAX_COUNTS labels, each a short printable text."""
     if len(values) > MAX_COUNTS:
-        raise Refusal(Reason.LENGTH, f"{name} has {len(values)} labels; at most {MAX_COUNTS} are taken")
+        raise Refusal(Reason.LENGTH, f"{name} has {len(values)} labels; at most {MAX_COUNTS} are allowed")
     return {text(label, f"a label of {name}"): n for label, n in values.items()}

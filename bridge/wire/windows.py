@@ -105,7 +105,7 @@ def _rising(column: bytes, name: str, high: int) -> bytes:
     n, odd = divmod(len(column), 8)
     if odd or not 1 <= n <= MAX_WINDOWS:
         raise Refusal(
-            Reason.LENGTH, f"{name} has {len(column)} bytes; 8 a window, 1 to {MAX_WINDOWS} windows are taken"
+            Reason.LENGTH, f"{name} has {len(column)} bytes; 8 per window and 1 to {MAX_WINDOWS} windows are expected"
         )
     validation.rising(np.frombuffer(column, _UINT64).tolist(), name, high)
     return column
@@ -118,5 +118,5 @@ def _vectors(column: bytes, name: str, m: int, limit: float) -> Float32s:
 def _deviations(column: bytes, name: str, m: int, limit: float) -> Float32s:
     found = _vectors(column, name, m, limit)
     if np.minimum.reduce(found, axis=None) < 0:
-        raise Refusal(Reason.RANGE, f"{name} has a negative one")
+        raise Refusal(Reason.RANGE, f"{name} has a negative value")
     return found

@@ -261,7 +261,7 @@ class Problem:
 
 def _accel(rest: Rest) -> Floats:
     if rest.accel is None:
-        raise ValueError("a rest without acceleration: transitions need an accelerometer")
+        raise ValueError("a rest has no acceleration: the method transitions needs an accelerometer")
     return rest.accel
 
 

@@ -16,35 +16,35 @@ from estimator.noise.device_model import load_model
 if TYPE_CHECKING:
     from estimator.offline.noise_identification import AtRest
 
-ALLAN = f"""Lay the device down where nobody walks, let it warm up, and record: a minute shows angle random walk, an hour
-how its bias wanders. The longest rest in the file is used; the table gives each coefficient with its 95 % interval, or
-the upper limit where the record is too short to show it.
+ALLAN = f"""Lay the device down where nobody walks, let it warm up, and record. A recording of one minute shows the angle
+random walk. A recording of one hour also shows how the bias wanders. truerate uses the longest rest in the file.
+The table gives each coefficient with its 95 % interval, or an upper limit where the recording is too short.
 
 {HOLDS}
 examples:
-  truerate allan night.npz                                  a table, and the picture out/allan.png
-  truerate allan night.csv --rate-hz 100 --json             one JSON object, SI
+  truerate allan night.npz                                  prints a table and draws out/allan.png
+  truerate allan night.csv --rate-hz 100 --json             prints one JSON object in SI units
   truerate allan night.npz --write configs/devices/mine.toml --model mpu-6050
-                                                            a device model: measured where the recording shows it,
-                                                            else as the mpu-6050's"""
+                                                            writes a device model; values that the recording
+                                                            does not show are those of the mpu-6050"""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `allan FILE`."""
-    verb = add_verb(verbs, "allan", _allan, "the noise of a device from a recording at rest, by its Allan deviation")
+    verb = add_verb(verbs, "allan", _allan, "measure a device's noise from a recording at rest (Allan deviation)")
     verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
     verb.add_argument("file", type=Path, help="a recording: .npz, .mcap, or text of any tool; see below")
     add_choice(verb)
     verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
-    verb.add_argument("--picture", type=Path, metavar="FILE", help="where to leave it (default: out/allan.png)")
     verb.add_argument(
-        "--write", type=Path, metavar="FILE", help="leave a device model here, a .toml of a name of its own"
+        "--picture", type=Path, metavar="FILE", help="draw the Allan deviation here (default: out/allan.png)"
     )
+    verb.add_argument("--write", type=Path, metavar="FILE", help="write a device model to this new .toml file")
     verb.add_argument(
         "--model",
         default="generic",
         metavar="NAME",
-        help="what kind of device it is, for what a rest cannot show: a name in configs/devices, or a .toml "
+        help="device model for values that a rest cannot show: a name in configs/devices, or a .toml file "
         "(default: %(default)s)",
     )
 
@@ -82,9 +82,9 @@ def _allan(given: argparse.Namespace) -> None:
 def _check_written(path: Path) -> None:
     """Refuse an unusable output path before the long computation."""
     if path.suffix != ".toml":
-        raise ConfigError(f"--write {path}: a device model ends in .toml")
+        raise ConfigError(f"--write {path}: give a file name that ends in .toml")
     if path.exists():
-        raise ConfigError(f"--write {path}: it is there already; choose another name, or remove it")
+        raise ConfigError(f"--write {path}: the file exists already; give another name, or remove the file")
     picture_file.check_folder("--write", path)
 
 
@@ -96,7 +96,7 @@ def _write(path: Path, source: Path, rest: "AtRest", like: str) -> None:
     model, origin = measured(rest, kind)
     head = (
         f"Measured from {source.name}: {rest.duration_s:.0f} s at rest, {rest.rate_hz:.1f} readings a second.\n"
-        f"What is not marked as measured is taken from the model {kind.model}."
+        f"Values that are not marked as measured are those of the model {kind.model}."
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("x", encoding="utf-8") as file:

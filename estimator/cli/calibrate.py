@@ -22,26 +22,27 @@ if TYPE_CHECKING:
 
 METHODS = f"""{HOLDS}
 
-A ward's recording (.mcap) may hold the calibration that was made of this boot while the ward ran: it is shown,
-unless a method or a model is named.
+A ward's recording (.mcap) may hold a calibration that the ward made of this boot. truerate shows that calibration,
+unless you give --method or --model.
 
-result: corrected rate = k x (reading - bias), or matrix x (reading - bias); the bias is the reading at zero rate.
+result: corrected rate = k x (reading - bias), or matrix x (reading - bias). The bias is the reading at zero rate.
 methods:
-  closure      (default) three full turns by hand on a table edge, one about each axis, still for 3 s between: bias and
-               scale by maximum likelihood; every rest, and gravity where there is an accelerometer, has its say.
-  turn360      the same session by Algorithm 1 of Wang et al. 2024: exact, but biased when the hand wobbles.
-  transitions  any movements between poses, each held still for 3 s: bias, scale and misalignment from gravity before and
-               after; the diagonal alone where the poses do not show the rest. Needs an accelerometer. Lay the device on each
-               of its six sides, turning it by a quarter or a half between, about every axis; full turns help the scale.
-  accel_aided  the classical form of it for at least nine poses, accelerometer first (Tedaldi et al. 2014).
-  turntable    constant known rates, both ways, about each axis in turn, 1.5 s or more each: bias, scale, misalignment
-               against the fixture. Say the rates.
-  servomotor   one known rate, both ways, in three mountings or more whose axis differs, at rest for 1.5 s before each
-               spin: bias and scale. Say the rate.
+  closure      (default) three full turns by hand on a table edge, one about each axis, with rests of 3 s. Estimates bias
+               and scale by maximum likelihood from all rests and turns, and from gravity if there is an accelerometer.
+  turn360      the same session by Algorithm 1 of Wang et al. 2024. The scale is wrong if the hand wobbles.
+  transitions  movements between poses, each pose held still for 3 s. Estimates bias, scale and misalignment from gravity
+               before and after each movement; needs an accelerometer. Lay the device on each of its six sides, and turn it
+               by a quarter or a half about every axis in between. Full turns improve the scale. If the poses do not show
+               the misalignment, the result has bias and scale only.
+  accel_aided  at least nine poses; calibrates the accelerometer first (Tedaldi et al. 2014).
+  turntable    a machine turns the device at known rates about each axis, both ways, 1.5 s or more each. Estimates bias,
+               scale, and misalignment against the fixture. Needs --rates-dps.
+  servomotor   a machine turns the device at one known rate, both ways, in three or more mountings with different axes,
+               after a rest of 1.5 s before each spin. Estimates bias and scale. Needs --rates-dps.
 examples:
-  truerate calibrate --live chest --config configs/ward.toml   says what to do with the device, step by step
+  truerate calibrate --live chest --config configs/ward.toml   guides a person step by step
   truerate calibrate session.npz
-  truerate calibrate session.npz --model mpu-6050              asks for a turn again that makes it further off than its sheet
+  truerate calibrate session.npz --model mpu-6050              refuses turns that contradict the data sheet
   truerate calibrate poses.csv --method transitions --json
   truerate calibrate table.npz --method turntable --rates-dps 30,60,90"""
 
@@ -52,27 +53,31 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "calibrate",
         _calibrate,
-        "calibrate from a recording (.npz, .mcap, .csv and other text): still, turn, still, turn, still, turn, still",
+        "calibrate a gyroscope from a recording of rests and turns (.npz, .mcap, .csv and other text), or live",
     )
     verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
     verb.add_argument("file", type=Path, nargs="?", help="a recording: .npz, .mcap, or text of any tool; see below")
     add_live(verb)
-    verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
+    verb.add_argument("--method", metavar="NAME", help="calibration method (default: closure); see below")
     verb.add_argument(
-        "--rates-dps", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
+        "--rates-dps",
+        type=_rates,
+        default=(),
+        metavar="DPS,…",
+        help="the machine's known rates in °/s, for example 30,60,90",
     )
     verb.add_argument(
         "--model",
         metavar="NAME",
-        help="kind of device, of configs/devices or a file: its range, its noise, and how far its scale may be off; a full turn"
-        " that would make it further off is asked for again",
+        help="device model, a name in configs/devices or a .toml file: range, noise and tolerance of the scale factor;"
+        " turns outside the tolerance are refused",
     )
     verb.add_argument(
-        "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
+        "--json", action="store_true", help="print one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
     )
     add_choice(verb)
     verb.add_argument(
-        "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
+        "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to detect clipping"
     )
 
 
@@ -80,9 +85,11 @@ def _rates(text: str) -> tuple[float, ...]:
     try:
         rates = tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} are no rates; numbers in °/s are expected, as 30,60,90") from None
+        raise argparse.ArgumentTypeError(f"invalid rates {text!r}: give numbers in °/s, for example 30,60,90") from None
     if not all(0.1 <= rate <= 5000 for rate in rates):
-        raise argparse.ArgumentTypeError(f"{text!r}: each rate is said once, without a sign, from 0.1 to 5000 °/s")
+        raise argparse.ArgumentTypeError(
+            f"invalid rates {text!r}: give each rate once, without a sign, from 0.1 to 5000 °/s"
+        )
     return rates
 
 
@@ -90,7 +97,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     if given.live:
         return live(given)
     if given.file is None:
-        raise ConfigError("which recording? a file is needed, or --live DEVICE for one of a ward that runs")
+        raise ConfigError("no recording is given: give a file, or --live DEVICE for a device of a running ward")
     from estimator.calibration.method_names import BY_HAND, DEFAULT  # noqa: PLC0415
     from estimator.calibration.methods import BY_RATES  # noqa: PLC0415
     from estimator.config.device_settings import knobs_of  # noqa: PLC0415
@@ -100,10 +107,10 @@ def _calibrate(given: argparse.Namespace) -> int:
 
     method = given.method or DEFAULT
     if method not in (names := (*BY_HAND, *BY_RATES)):
-        raise ConfigError(f"there is no method {method!r}; there are {', '.join(names)}")
+        raise ConfigError(f"unknown method {method!r}: use one of {', '.join(names)}")
     if bool(given.rates_dps) != (method in BY_RATES):
         raise ConfigError(
-            f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
+            f"method {method} {'needs' if method in BY_RATES else 'does not use'} --rates-dps, the machine's known rates"
         )
     check_range(given)
     knobs = knobs_of(load_model(given.model)) if given.model else None
@@ -117,7 +124,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     else:
         console = Console()
         for words in first(passed_over):
-            console.print(f"passed over: {words}", style="dim", highlight=False, soft_wrap=True)
+            console.print(f"not used: {words}", style="dim", highlight=False, soft_wrap=True)
         if isfinite(result.covariance.sum()):
             _show_parameters(console, result)
         console.print(
@@ -139,8 +146,8 @@ def _show_made(calibration: Calibration, *, as_json: bool) -> int:
     _show_parameters(console, calibration)
     console.print(f"accepted ({calibration.method}): {english(*calibration.reason)}", highlight=False, soft_wrap=True)
     console.print(
-        f"made of this boot while the ward ran, as {calibration.id}, which is in the recording; --method or --model NAME "
-        "calibrates from the samples instead",
+        f"The ward made this calibration of this boot ({calibration.id}). To calibrate from the samples instead, give "
+        "--method or --model NAME.",
         highlight=False,
         soft_wrap=True,
     )

@@ -16,17 +16,18 @@ _OF_RECORDING = ("method", "model", "rates_dps", "range_dps", "rate_hz", "device
 
 def add_live(verb: argparse.ArgumentParser) -> None:
     """Add the options of a live calibration."""
-    live = verb.add_argument_group("with the device at hand")
-    live.add_argument("--live", metavar="DEVICE", help="say step by step what to do with a device of a running ward")
-    live.add_argument("--config", type=Path, help="the ward's file: says the ward and the routers")
-    live.add_argument("--ward", help="the ward's name (default: the file's, else 'ward')")
+    live = verb.add_argument_group("live calibration of a device in a running ward")
+    live.add_argument("--live", metavar="DEVICE", help="guide a person step by step with this device")
+    live.add_argument("--config", type=Path, help="the ward file: names the ward and its routers")
+    live.add_argument("--ward", help="the ward's name (default: from the ward file, else 'ward')")
     live.add_argument(
-        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
+        "--connect",
+        action="append",
+        metavar="ENDPOINT",
+        help=f"a router's address (default: from the ward file, else {LOCAL})",
     )
-    live.add_argument(
-        "--lang", choices=["en", "zh"], help="the language of what is said (default: that of the terminal)"
-    )
-    live.add_argument("--seconds", type=float, default=None, help="give up after so long (default: until Ctrl-C)")
+    live.add_argument("--lang", choices=["en", "zh"], help="language of the instructions (default: the terminal's)")
+    live.add_argument("--seconds", type=float, default=None, help="stop after this time (default: at Ctrl-C)")
 
 
 def live(given: argparse.Namespace) -> int:
@@ -38,14 +39,14 @@ def live(given: argparse.Namespace) -> int:
     from estimator.terminal.guided_calibration import calibrate  # noqa: PLC0415
 
     if given.file is not None:
-        raise ConfigError("a recording or --live DEVICE, not both")
+        raise ConfigError("a recording and --live DEVICE are both given: give one of them")
     if of_recording := [name for name in _OF_RECORDING if vars(given)[name]]:
         option = of_recording[0].replace("_", "-")
         raise ConfigError(
-            f"--{option} is for a recording: with --live the ward's estimator calibrates, as its file says"
+            f"--{option} works with a recording only: leave it out, or set it in [estimator] of the ward file for --live"
         )
     if given.seconds is not None and not given.seconds > 0:
-        raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
+        raise ConfigError(f"--seconds is {given.seconds:g}: give a number above 0")
     ward, routers = ward_of(given, Role.COMMANDER)
     told = load(given.config, Ward) if given.config else None
     terminal = os.environ.get("LC_ALL") or os.environ.get("LC_MESSAGES") or os.environ.get("LANG", "")

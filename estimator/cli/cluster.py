@@ -11,7 +11,7 @@ from bridge.reasons.catalogue import english
 from bridge.terminal.console import plain_console
 from bridge.terminal.plurals import count
 from bridge.terminal.tables import Column, Columns
-from estimator.cli.ward_options import ward_of
+from estimator.cli.ward_options import listening, ward_of
 from estimator.overview.cluster import ClusterView, as_json, cluster_view
 
 
@@ -19,19 +19,22 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `cluster status`."""
     inner = verbs.add_parser(
         "cluster",
-        help="the estimators that share a ward",
+        help="show the estimators that share a ward",
         description="Example: truerate cluster status --config ward.toml",
     ).add_subparsers(metavar="VERB", required=True)
-    verb = add_verb(inner, "status", _status, "which estimators are alive, who has which devices, what moved when")
-    verb.add_argument("--devices", action="store_true", help="every device: whose it is, and since which epoch")
-    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    verb = add_verb(
+        inner, "status", _status, "show the live estimators, their devices, and the latest moves of devices"
+    )
+    verb.add_argument("--devices", action="store_true", help="list every device with its estimator and epoch")
+    verb.add_argument("--json", action="store_true", help="print one JSON object")
     add_ward(verb)
 
 
 def _status(given: argparse.Namespace) -> int:
+    ward, endpoints = ward_of(given)
+    listening(given, ward)
     from estimator.client import Client  # noqa: PLC0415
 
-    ward, endpoints = ward_of(given)
     with Client(endpoints, ward=ward) as client:
         alive = client.alive("estimator")
         view = cluster_view(ward, alive, client.owned())
@@ -50,7 +53,7 @@ def _words(view: ClusterView, *, devices: bool) -> list[Text | Columns]:
             Column("estimator", least=16),
             Column("devices", number=True),
             Column("load", number=True, spare=2),
-            Column("what moved last", spare=1, least=20),
+            Column("latest move", spare=1, least=20),
         ]
     )
     for share in view.shares:
@@ -77,7 +80,7 @@ def _words(view: ClusterView, *, devices: bool) -> list[Text | Columns]:
 
 
 def _moved(came: int, left: int) -> str:
-    return f"{came} came" if came else f"{left} left"
+    return f"{count(came, 'device')} came" if came else f"{count(left, 'device')} left"
 
 
 def _clock(time_ns: int) -> str:

@@ -17,20 +17,20 @@ from estimator.cli.ward_options import person, ward_of
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `recalibrate`, `cancel`, `zero-heading` and `note`."""
     for name, help_text in (
-        ("recalibrate", "ask for three new turns; the old calibration stays in use until they are taken"),
-        ("cancel", "stop a calibration under way; the old one stays"),
-        ("zero-heading", "the heading that a device has now is zero from now on"),
+        ("recalibrate", "request three new turns; the old calibration stays in use until the new one is accepted"),
+        ("cancel", "cancel a running calibration; the old one stays in use"),
+        ("zero-heading", "make the present heading of a device zero"),
     ):
         verb = add_verb(verbs, name, _command, help_text)
-        verb.add_argument("device", help="its id, as `truerate devices` shows it")
-        verb.add_argument("--reason", default="", help="kept in the audit beside your name")
+        verb.add_argument("device", help="device id as in `truerate devices`")
+        verb.add_argument("--reason", default="", help="reason, kept in the audit beside your name")
         verb.set_defaults(verb=name)
         add_ward(verb)
     verb = add_verb(
-        verbs, "note", _note, "mark this moment of a device: it is kept, and in every recording of the ward"
+        verbs, "note", _note, "attach a text to this moment of a device; the store and running recordings keep it"
     )
-    verb.add_argument("device", help="its id, as `truerate devices` shows it")
-    verb.add_argument("text", help="what happened, in quotes: pseudonyms only, never a patient's name")
+    verb.add_argument("device", help="device id as in `truerate devices`")
+    verb.add_argument("text", help="what happened, in quotes; never a patient's name")
     add_ward(verb)
 
 
@@ -53,9 +53,9 @@ def _note(given: argparse.Namespace) -> int:
     ward, endpoints = ward_of(given, Role.COMMANDER)
     device, text = check_id(given.device, "device"), given.text.strip()
     if not text:
-        raise ConfigError(f'a note needs words, such as: truerate note {device} "sat up"')
+        raise ConfigError(f'the note is empty: give a text, for example truerate note {device} "sat up"')
     if len(text) > MAX_SENTENCE:
-        raise ConfigError(f"the note has {len(text)} characters; at most {MAX_SENTENCE} are kept: make two of it")
+        raise ConfigError(f"the note has {len(text)} characters, at most {MAX_SENTENCE} are allowed: write two notes")
     with Client(endpoints, ward=ward) as client:
         reply = client.note(device, person(), text)
     return _answered(device, reply)

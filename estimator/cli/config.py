@@ -16,17 +16,19 @@ from bridge.terminal.plurals import count
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `config check`."""
     config = verbs.add_parser(
-        "config", help="check a ward's file", description="Example: truerate config check configs/demo.toml"
+        "config",
+        help="check ward files and router files",
+        description="Example: truerate config check configs/demo.toml",
     ).add_subparsers(metavar="VERB", required=True)
     verb = add_verb(
-        config, "check", _config_check, "is the file right? unknown keys are named with the nearest valid one"
+        config, "check", _config_check, "check a ward file; an unknown key is reported with the nearest valid key"
     )
     verb.add_argument(
         "files",
         type=Path,
         nargs="+",
         metavar="FILE",
-        help="the ward's TOML file, such as configs/demo.toml; with others of the ward and routers' .json5: do they go together?",
+        help="ward files (.toml) and routers' files (.json5); several files are also checked against each other",
     )
 
 
@@ -56,7 +58,7 @@ def _config_check(given: argparse.Namespace) -> None:
             count(len(ward.bridge.devices), "device") if ward.bridge else "no bridge",
             f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",
         ]
-        print(f"{file}: right. Ward {ward.ward}: {', '.join(parts)}")
+        print(f"{file}: valid. Ward {ward.ward}: {', '.join(parts)}")
     for file, ward in wards.items():
         if found := exposed(file, ward):
             said, do = advice(found)
@@ -64,4 +66,4 @@ def _config_check(given: argparse.Namespace) -> None:
     for words in (*cross_checks.soon(wards, routers), *cross_checks.unused(wards)):
         print(words)
     for router in routers:
-        print(f"{router.path}: right. A router at {', '.join(router.listen)}, {count(len(router.members), 'member')}")
+        print(f"{router.path}: valid. Router at {', '.join(router.listen)}, {count(len(router.members), 'member')}")

@@ -16,28 +16,30 @@ HELP = f"""{HOLDS}
 corrected:
   a row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation, quality.
   Orientation: the quaternion turns sensor axes to earth axes (z up), scalar first; standard deviations of tilt and heading.
-  A bias' deviation is of its mean over minutes, a rate's has in it what the bias flickers by about that.
-  .npz   t_s (n), rate_rad_s, rate_std_rad_s, bias_rad_s, bias_std_rad_s (n, 3), quality (n), a number whose name is in
-         quality_names, matrix (3, 3), rate_hz; quat_wxyz (n, 4), tilt_std, heading_std (n) rad;
+  The standard deviation of the bias is that of its mean over minutes. That of the rate also contains the flicker of the bias.
+  .npz   t_s (n), rate_rad_s, rate_std_rad_s, bias_rad_s, bias_std_rad_s (n, 3), quality (n) as an index of quality_names,
+         matrix (3, 3), rate_hz; quat_wxyz (n, 4), tilt_std, heading_std (n) rad;
          and as recorded accel_m_s2 (n, 3), temperature_c (n).
-  .csv   the same, a column an axis: t_s, rate_x_rad_s …, rate_std_x_rad_s …, bias_x_rad_s …; quality by its name.
+  .csv   the same with one column per axis: t_s, rate_x_rad_s …, rate_std_x_rad_s …, bias_x_rad_s …; quality by name.
 quality:
-  NONE, PRIOR          the bias is not known, or in doubt; no scale is known, or that of another boot
-  BIAS_ONLY            the bias is known, the scale is not of this boot
-  GOOD, DEGRADED       calibrated; DEGRADED while the bias is in doubt or older than it should be
+  NONE                 bias unknown or in doubt, scale unknown
+  PRIOR                bias unknown or in doubt, scale from another boot
+  BIAS_ONLY            bias known, scale not from this boot
+  GOOD                 calibrated
+  DEGRADED             calibrated, but the bias is in doubt or too old
 ways:
-  --realtime  (default) each row says what was known when its sample came, to the bit as a ward would have published it.
-  --smooth    each row says what is known in the end: later rests improve the bias before them, and a calibration within
-              the recording is used for all of it.
+  --realtime  (default) each row uses only data up to its sample, and equals bit for bit what a ward would have published.
+  --smooth    each row uses the whole recording: later rests improve the earlier bias, and a calibration found in the
+              recording corrects all rows.
 calibrations:
-  Of a ward's recording (.mcap) the calibration that this very boot had when it began, if it had one, is used, and said. Else
-  the first three turns within IN are used from there on. --calibration FILE is one made before, in the same boot of the
-  device (it has not been switched off since). Of one made before the scale is used at once, the bias is doubted until a
-  rest confirms it.
-  A ward lets a device warm up for a second after it was switched on. An .npz or .csv does not tell when that was: where that
-  second would cost a turn, the device is taken to have been on before, and it is said.
-  After a reboot, or of another day, say --other-boot too: its scale is a prior, and its bias is forgotten. Where both files
-  tell whose they are, as what a ward recorded does, that is done by itself, and another device's calibration refused.
+  A ward's recording (.mcap) may hold the calibration that was in force at its start. truerate uses that calibration and
+  reports it. Otherwise truerate uses the first three turns in IN, from their end onwards.
+  --calibration FILE gives an earlier calibration of the same boot: the device was not switched off in between. The
+  scale is used at once, and the bias is in doubt until a rest confirms it.
+  --other-boot declares that the device was switched off since that calibration. The scale is then a prior, and the bias
+  is not used. If both files name device and boot, truerate decides this itself, and refuses another device's calibration.
+  A ward ignores the first second after power-up. An .npz or .csv does not tell the time of power-up. If that second would
+  cost a turn, truerate assumes an earlier power-up and reports it.
 examples:
   truerate correct day.npz corrected.npz
   truerate calibrate session.npz --json > chest.json
@@ -51,7 +53,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "correct",
         _correct,
-        "correct a recording (.npz, .mcap, .csv and other text) as a ward would: rates, bias, deviations, quality",
+        "correct a recording (.npz, .mcap, .csv and other text) as a ward would: rates, bias, standard deviations, quality",
     )
     verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
     verb.add_argument("file", type=Path, metavar="IN", help="a recording: .npz, .mcap, or text of any tool; see below")
@@ -59,44 +61,49 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "out",
         type=Path,
         metavar="OUT",
-        help="where to write, .npz or .csv; one that this wrote before is replaced, no other file",
+        help="output file, .npz or .csv; an existing file is overwritten only if `truerate correct` wrote it",
     )
     way = verb.add_mutually_exclusive_group()
-    way.add_argument("--realtime", action="store_true", help="what was known when each sample came (default)")
-    way.add_argument("--smooth", action="store_true", help="what is known of each sample in the end")
+    way.add_argument("--realtime", action="store_true", help="use only data up to each sample (default)")
+    way.add_argument("--smooth", action="store_true", help="use the whole recording for every sample")
     verb.add_argument(
-        "--calibration", type=Path, metavar="FILE", help="made before, by `truerate calibrate RECORDING --json > FILE`"
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="a calibration from `truerate calibrate RECORDING --json > FILE`",
     )
-    verb.add_argument("--other-boot", action="store_true", help="the device was switched off since that calibration")
+    verb.add_argument("--other-boot", action="store_true", help="the device was switched off after that calibration")
     verb.add_argument(
         "--model",
         default=GENERIC,
         metavar="NAME",
-        help="kind of device, of configs/devices or a file (default: %(default)s)",
+        help="device model, a name in configs/devices or a .toml file (default: %(default)s)",
     )
     verb.add_argument(
         "--warmed-up",
         action="store_true",
-        help="the device had been on, and worn, for a quarter of an hour; else its bias may warm up, where no temperature tells",
+        help="the device was worn and on for 15 minutes before; without it and without a thermometer the bias may drift faster",
     )
     verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"
     )
-    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    verb.add_argument("--json", action="store_true", help="print one JSON object")
     add_choice(verb)
     verb.add_argument(
-        "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
+        "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to detect clipping"
     )
 
 
-def _correct(given: argparse.Namespace) -> None:
+def _correct(given: argparse.Namespace) -> int:
     from estimator.config.device_settings import knobs_of  # noqa: PLC0415
     from estimator.offline import calibration_file, corrected_file  # noqa: PLC0415
     from estimator.offline.recordings import correct  # noqa: PLC0415
     from estimator.reports import correction  # noqa: PLC0415
 
     if given.other_boot and given.calibration is None:
-        raise ConfigError("--other-boot says of which boot a calibration is: it needs --calibration FILE")
+        raise ConfigError(
+            "--other-boot is given without a calibration: add --calibration FILE, or leave --other-boot out"
+        )
     check_range(given)
     model = load_model(given.model)
     corrected_file.check(given.out, given.file)
@@ -104,7 +111,7 @@ def _correct(given: argparse.Namespace) -> None:
         picture_file.check("--picture", given.picture)
         if given.out.absolute() in given.picture.absolute().parents:
             raise ConfigError(
-                f"--picture {given.picture}: {given.out} is to be a file of corrected rates, not a folder"
+                f"--picture {given.picture}: {given.out} is the output file, not a folder; give the picture another path"
             )
     calibration = calibration_file.load(given.calibration) if given.calibration else None
     recording = recorded(given)
@@ -127,11 +134,12 @@ def _correct(given: argparse.Namespace) -> None:
         figures.corrected(recording, corrected, given.picture)
     if given.json:
         print(json.dumps(correction.as_json(corrected, recording, given.out)))
-        return
+        return 0 if correction.bias_known(corrected) else 1
     console = plain_console()
     for words in correction.said(corrected):
         console.print(words, style="dim", highlight=False, soft_wrap=True)
     for words in correction.as_words(corrected, recording, given.out):
         console.print(words, highlight=False, soft_wrap=True)
     if given.picture is not None:
-        console.print(f"drawn in {given.picture}", highlight=False, soft_wrap=True)
+        console.print(f"picture: {given.picture}", highlight=False, soft_wrap=True)
+    return 0 if correction.bias_known(corrected) else 1

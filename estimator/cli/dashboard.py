@@ -14,29 +14,31 @@ from estimator.cli.ward_options import person
 
 _EXAMPLES = """examples:
   truerate dashboard --config configs/demo.toml        then open http://127.0.0.1:8090
-  truerate dashboard password --name nurse             asks for one, prints what goes into the ward's file
-  truerate dashboard password --name script --token    makes one up, for a program"""
+  truerate dashboard password --name nurse             asks for a password, prints lines for the ward file
+  truerate dashboard password --name script --token    makes up a long password, for a program"""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `dashboard`."""
-    verb = add_verb(verbs, "dashboard", _dashboard, "a ward in the browser: who is well, who needs a person, and why")
+    verb = add_verb(verbs, "dashboard", _dashboard, "serve the ward's pages to browsers, or hash a password for them")
     verb.epilog, verb.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter
     verb.add_argument(
         "what",
         nargs="?",
         choices=["password"],
         metavar="password",
-        help="make the hash of a password instead of serving",
+        help="hash a password instead of serving pages",
     )
-    verb.add_argument("--config", type=Path, help="the ward's file: says the ward, the routers, and [dashboard]")
-    verb.add_argument("--ward", help="the ward's name (default: the file's, else 'ward')")
-    verb.add_argument("--connect", action="append", metavar="ENDPOINT", help="a router (default: the file's)")
+    verb.add_argument("--config", type=Path, help="the ward file: names the ward, its routers and [dashboard]")
+    verb.add_argument("--ward", help="the ward's name (default: from the ward file, else 'ward')")
     verb.add_argument(
-        "--listen", metavar="HOST:PORT", help="where pages are served (default: the file's, else 127.0.0.1:8090)"
+        "--connect", action="append", metavar="ENDPOINT", help="a router's address (default: from the ward file)"
     )
-    verb.add_argument("--name", help="with `password`: whose it is")
-    verb.add_argument("--token", action="store_true", help="with `password`: make one up, for a program")
+    verb.add_argument(
+        "--listen", metavar="HOST:PORT", help="address of the pages (default: from the ward file, else 127.0.0.1:8090)"
+    )
+    verb.add_argument("--name", help="with `password`: the person's name")
+    verb.add_argument("--token", action="store_true", help="with `password`: make up a long password, for a program")
 
 
 def _dashboard(given: argparse.Namespace) -> int:
@@ -68,7 +70,7 @@ def _password(given: argparse.Namespace) -> int:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     if given.token:
-        print(f"the token, shown this once: {name}.{password}", file=sys.stderr)
+        print(f"token (not shown again): {name}.{password}", file=sys.stderr)
     print(f'[[dashboard.people]]\nname = "{name}"\npassword = "{words}"')
     return 0
 
@@ -82,7 +84,7 @@ def _asked() -> str:
         again = getpass.getpass("the same again: ")
     except EOFError:
         print(file=sys.stderr)
-        raise ValueError("no password was given") from None
+        raise ValueError("no password was given: type one, or use --token") from None
     if password != again:
-        raise ValueError("the two are not the same")
+        raise ValueError("the two passwords differ: run the command again")
     return password

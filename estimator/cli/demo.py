@@ -12,8 +12,10 @@ from estimator.cli import picture_file
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `demo`."""
-    verb = add_verb(verbs, "demo", _demo, "a whole small ward in about a minute, judged against its own truth")
-    verb.add_argument("--picture", type=Path, default=Path("out/demo.png"), help="where to leave the picture")
+    verb = add_verb(verbs, "demo", _demo, "run a small simulated ward for about a minute and compare it with the truth")
+    verb.add_argument(
+        "--picture", type=Path, default=Path("out/demo.png"), help="the picture's file (default: %(default)s)"
+    )
     verb.add_argument("--seed", type=seed, default=None, help="the same seed gives the same devices (default: random)")
 
 

@@ -33,13 +33,14 @@ _FINE, _TROUBLE = 0, 1
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `doctor`."""
     verb = add_verb(
-        verbs, "doctor", _doctor, "look for what may be wrong here: ports, clock, disk, packages, and a ward's file"
+        verbs,
+        "doctor",
+        _doctor,
+        "check this machine (ports, clock, disk, packages) and a ward, and advise on each fault",
     )
+    verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="a ward file (.toml) to check as well")
     verb.add_argument(
-        "config", type=Path, nargs="?", metavar="CONFIG", help="the ward's TOML file, to be looked at too"
-    )
-    verb.add_argument(
-        "--json", action="store_true", help="a list of objects: check, level (ok, warning, trouble), said, do"
+        "--json", action="store_true", help="print a list of objects: check, level (ok, warning, trouble), said, do"
     )
 
 
@@ -55,8 +56,8 @@ def _doctor(given: argparse.Namespace) -> int:
 
 def _loops() -> Finding:
     if (folder := cache_folder()) is not None:
-        return ok("loops", f"what is compiled for this machine is kept in {folder}")
-    said = "what is compiled for this machine is kept nowhere: every start takes up to a minute longer"
+        return ok("loops", f"compiled kernels are kept in {folder}")
+    said = "compiled kernels are not kept, so every start takes up to a minute longer"
     return warning(
         "loops", said, "set NUMBA_CACHE_DIR to a folder that truerate may write to, then `python -m estimator.kernels`"
     )
@@ -70,9 +71,13 @@ def _look(path: Path | None) -> Iterable[Finding]:
     if path is not None:
         try:
             ward = load(path, Ward)
-            said = [ok("config", f"{path} is right")]
+            said = [ok("config", f"{path} is valid")]
         except ConfigError as error:
-            do = f"mend it, then `truerate config check {path}`" if path.exists() else "check its name, and the folder"
+            do = (
+                f"correct the file, then run `truerate config check {path}`"
+                if path.exists()
+                else "check the file's path"
+            )
             said = [trouble("config", str(error), do)]
     devices = _ports(ward)
     named = (port for port in devices.values() if "://" not in port and not serial_errors.no_port(port))
@@ -88,7 +93,7 @@ def _look(path: Path | None) -> Iterable[Finding]:
     if ward is not None:
         yield from port_access.present(devices)
         for words in capture_files.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
-            yield trouble("files", words, "mend the path in the ward's file, or bring the file there")
+            yield trouble("files", words, "correct the path in the ward file, or copy the file there")
         yield from port_access.doubled(devices)
         places = _places(ward)
         yield from machine.disk(places)
@@ -113,14 +118,16 @@ def _store(path: Path) -> Iterable[Finding]:
         if not path.exists():
             return
     except PermissionError:
-        yield trouble("store", f"{path}: no permission to look there", "ask as who runs the estimator")
+        yield trouble("store", f"{path}: no permission to read its folder", "run doctor as the estimator's user")
         return
     from estimator.database import Database, StoreError, set_asides  # noqa: PLC0415 - few commands need it
 
     for mode, verb in ((os.R_OK, "read"), (os.W_OK, "write")):
         if not os.access(path, mode):
             yield trouble(
-                "store", f"{path}: no permission to {verb} it", f"give it to who runs the estimator: chown USER {path}"
+                "store",
+                f"{path}: no permission to {verb} it",
+                f"give the file to the estimator's user: chown USER {path}",
             )
             return
     try:
@@ -130,7 +137,7 @@ def _store(path: Path) -> Iterable[Finding]:
         yield trouble("store", said, do)
         return
     for aside in set_asides(path):
-        yield warning("store", f"{aside} was set aside when it was damaged or replaced", "look at it, then remove it")
+        yield warning("store", f"{aside} is a store that was damaged or replaced", "inspect the file, then remove it")
     yield ok("store", f"{path} can be read")
 
 
@@ -152,11 +159,11 @@ def _running(ward: Ward) -> Iterable[Finding]:
         yield trouble("rights", said, do)
     clashes = duplicate_bridges.found(statuses.values())
     for clash in clashes:
-        yield trouble("bridges of the ward", english(clash), "stop one of them, or take the device out of its file")
+        yield trouble("bridges of the ward", english(clash), "stop one bridge, or remove the device from its ward file")
     for found in (*overload.found(statuses.values()), *overload.unkept(statuses.values())):
-        yield trouble("estimator of the ward", english(found), "look at the estimator's log")
+        yield trouble("estimator of the ward", english(found), "read the estimator's log")
     if statuses and not clashes:
-        yield ok("bridges of the ward", "each device is sent by one bridge")
+        yield ok("bridges of the ward", "each device has one bridge")
 
 
 def _ports(ward: Ward | None) -> dict[str, str]:

@@ -11,11 +11,11 @@ from bridge.toml.loader import ConfigError, load
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `estimator serve`."""
     parser = verbs.add_parser(
-        "estimator", help="the estimator service", description="Example: truerate estimator serve configs/demo.toml"
+        "estimator", help="run the estimator service", description="Example: truerate estimator serve configs/demo.toml"
     )
     inner = parser.add_subparsers(metavar="VERB", required=True)
     verb = add_verb(inner, "serve", _serve, "calibrate and track every device of a ward and publish corrected rates")
-    verb.add_argument("config", type=Path, help="the ward's TOML file, such as configs/demo.toml")
+    verb.add_argument("config", type=Path, help="the ward file, for example configs/demo.toml")
 
 
 def _serve(given: argparse.Namespace) -> None:
@@ -26,5 +26,5 @@ def _serve(given: argparse.Namespace) -> None:
 
     ward = load(given.config, Ward)
     if ward.estimator is None:
-        raise ConfigError(f"{given.config}: there is no [estimator] table, so there is nothing to serve")
+        raise ConfigError(f'{given.config}: no [estimator] table; add one with an id, for example id = "estimator-1"')
     run(ward)

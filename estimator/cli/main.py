@@ -1,6 +1,7 @@
 """The command `truerate`: parses the arguments and runs one verb.
 
-An error is one line on standard error. Exit code 2 means wrong use, 1 a failure.
+An error is one line on standard error. Exit codes: 0 done, 1 a finding, a refusal by the data or a failure, 2 wrong
+usage or a wrong ward file, 130 Ctrl-C.
 """
 
 import argparse
@@ -45,21 +46,24 @@ _PRIVATE = 0o027
 #: Python's message when the system refuses another thread
 _NO_THREAD = "can't start new thread"
 EPILOG = """examples:
-  truerate demo                                  see it all work, in about a minute
-  truerate config check configs/ward.toml        is the ward's file right?
-  truerate router --config configs/ward.toml     the three parts of a ward on one machine:
-  truerate bridge run configs/ward.toml            router, bridge and estimator,
-  truerate estimator serve configs/ward.toml       each in a terminal or a service of its own
-  truerate devices --config configs/ward.toml    who is there, in what state, and why
-  truerate status --config configs/ward.toml     is anything wrong?
-  truerate watch --config configs/ward.toml      the same, live, those that need somebody first; or one: watch chest
-  truerate record --config configs/ward.toml     all that the ward says, into files
-  truerate recording info FILE.mcap              what is in one
+  truerate demo                                  run a small simulated ward for a minute
+  truerate config check configs/ward.toml        check the ward file
+  truerate router --config configs/ward.toml     a ward on one machine: start router, bridge and estimator,
+  truerate bridge run configs/ward.toml            each in its own terminal or service
+  truerate estimator serve configs/ward.toml
+  truerate devices --config configs/ward.toml    list the devices with state and reason
+  truerate status --config configs/ward.toml     show which devices need a person
+  truerate watch chest --config configs/ward.toml
+                                                 show one device live; without a name the whole ward
+  truerate record --config configs/ward.toml     record the ward into files
+  truerate recording info FILE.mcap              show the content of a recording
   truerate history chest --config configs/ward.toml
-                                                 its calibrations, boots, commands and bias so far
+                                                 show calibrations, boots, commands and bias of a device
   truerate calibrate session.npz --json          calibrate from a recording
   truerate correct day.npz corrected.npz         correct a recording
-  truerate allan night.npz                       the noise of a device, from a recording at rest"""
+  truerate allan night.npz                       measure a device's noise from a recording at rest
+
+exit codes: 0 done; 1 a finding, a refusal by the data or a failure; 2 wrong usage or a wrong ward file; 130 Ctrl-C"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -84,10 +88,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 1
     except MemoryError:
-        return _failed(given, "there is not enough memory for this; raise the limit (ulimit -v), or free some", 1)
+        return _failed(given, "not enough memory: raise the limit (ulimit -v), or end other programs", 1)
     except Exception as error:
         if str(error) == _NO_THREAD:
-            return _failed(given, "no more threads may be started; raise the limit (ulimit -u)", 1)
+            return _failed(given, "the system refuses another thread: raise the limit (ulimit -u)", 1)
         if not isinstance(error, _expected()):
             raise
         return _failed(given, os_errors.said(error), 1)
@@ -144,7 +148,7 @@ def build(verb: str = "") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=Version)
     parser.add_argument(
-        _LOG_FORMAT, choices=logs.FORMATS, default=logs.TEXT, help="of the log on standard error (default: text)"
+        _LOG_FORMAT, choices=logs.FORMATS, default=logs.TEXT, help="format of the log on standard error (default: text)"
     )
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     of_verb = [module for module, names in VERBS.items() if verb in names]

@@ -14,12 +14,12 @@ def check(option: str, path: Path) -> None:
     An existing file may be overwritten only if it is a picture drawn by Matplotlib, or empty.
     """
     if path.suffix.lower() not in KINDS:
-        raise ConfigError(f"{option} {path}: a picture ends in {', '.join(KINDS)}, not in {path.suffix!r}")
+        raise ConfigError(f"{option} {path}: unknown file type {path.suffix!r}; use {', '.join(KINDS)}")
     if path.is_dir():
-        raise ConfigError(f"{option} {path}: a folder; give the picture a name of its own")
+        raise ConfigError(f"{option} {path}: is a folder; give a file name")
     if path.exists() and not (path.is_file() and _is_drawn(path)):
         raise ConfigError(
-            f"{option} {path}: is there, and none of these pictures; give another name, or remove it first"
+            f"{option} {path}: the file exists and truerate did not draw it; give another name, or remove the file"
         )
     check_folder(option, path)
 
@@ -37,6 +37,6 @@ def check_folder(option: str, path: Path) -> None:
     """Refuse an output file whose folder cannot be written to or made. Raises ConfigError."""
     folder = next(above for above in path.absolute().parents if above.exists())
     if not folder.is_dir():
-        raise ConfigError(f"{option} {path}: {folder} is a file, not a folder")
+        raise ConfigError(f"{option} {path}: {folder} is not a folder; give another path")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ConfigError(f"{option} {path}: no permission to write in {folder}")
+        raise ConfigError(f"{option} {path}: no permission to write in {folder}; give another path")

@@ -10,13 +10,13 @@ from bridge.recording import Recording, load
 MAX_RANGE_DPS = 10_000
 #: help text on the content of a recording
 HOLDS = """recordings:
-  .npz   gyro_rad_s (n, 3), and where there are accel_m_s2 (n, 3), temperature_c (n), t_s (n) or the number rate_hz.
-  .csv .tsv .txt .log, also as .gz: a row a sample, as tools export them; any separator, decimal commas, lines above the
-         header. Units in the columns' names (gx_dps, "Gyroscope X (deg/s)", accel_x_m_s2, t_ms), in a row below or above
-         them; what the file does not say is asked for by the option's name. `truerate recording inspect FILE` shows what
-         is understood of it.
+  .npz   gyro_rad_s (n, 3); optional accel_m_s2 (n, 3), temperature_c (n), and t_s (n) or the number rate_hz.
+  .csv .tsv .txt .log, also as .gz: one row per sample, as tools export them; any separator, decimal commas, lines above the
+         header. Units stand in the columns' names (gx_dps, "Gyroscope X (deg/s)", accel_x_m_s2, t_ms), or in a row above or
+         below. If a unit is missing, the error names the option to give. `truerate recording inspect FILE` shows how
+         truerate reads the file.
   .mcap  as `truerate record` writes it.
-  Times or a rate (--rate-hz) are needed; a wrong rate is a wrong scale."""
+  The file needs times, or give --rate-hz. A wrong rate gives a wrong scale."""
 
 
 def add_choice(verb: argparse.ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def recorded(given: argparse.Namespace) -> Recording:
 def check_range(given: argparse.Namespace) -> None:
     """Refuse a full-scale range that no gyro has. Raises ConfigError."""
     if not 0 <= given.range_dps <= MAX_RANGE_DPS:
-        raise ConfigError(f"--range-dps is {given.range_dps:g}; 0 (unknown) to {MAX_RANGE_DPS} is taken")
+        raise ConfigError(f"--range-dps is {given.range_dps:g}: give 0 (unknown) to {MAX_RANGE_DPS}")
 
 
 def gyro_range(given: argparse.Namespace, recording: Recording) -> float:

@@ -10,47 +10,47 @@ from bridge.config.schema import ConfigError
 from estimator.cli import picture_file
 from estimator.study import names
 
-_WORKERS = "processes (default: one a processor)"
+_WORKERS = "number of processes (default: one per processor)"
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `study NAME`."""
     inner = verbs.add_parser(
         "study",
-        help="the paper's tables and figures, and other simulations",
+        help="compute the paper's tables and figures, and other simulations",
         description="Example: truerate study all --quick",
     ).add_subparsers(metavar="NAME", required=True)
-    does = "all studies of the paper, and one report with a row for each of its tables, figures and claims"
+    does = "run all studies of the paper and write a report with a row for each table, figure and claim"
     everything = add_verb(inner, "all", _study_all, does)
     _add_common(everything)
     everything.add_argument(
-        "--recording", type=Path, help="imucal's session, for `real`; without it `real` is left out"
+        "--recording", type=Path, help="imucal's session for the study `real`, which is left out otherwise"
     )
     for name, does in names.STUDIES.items():
         verb = add_verb(inner, name, _study_one, does)
         verb.set_defaults(study=name)
         _add_common(verb)
-        verb.add_argument(
-            "--config", default="", help="a scenario of your own, .toml (default: the one that comes with it)"
-        )
+        verb.add_argument("--config", default="", help="a scenario file, .toml (default: the study's own)")
         if name not in ("typical", "real"):  # these have a single session
             verb.add_argument(
-                "--runs", type=_at_least_one, help="how many simulated sessions (default: as the scenario says)"
+                "--runs", type=_at_least_one, help="number of simulated sessions (default: from the scenario)"
             )
         if name == "real":
             verb.add_argument("--recording", type=Path, help="the session, .npz or .csv")
-    does = "good and bad sessions at random: is a wrong one ever accepted, a good one refused?"
+    does = "simulate good and bad sessions, and count wrong ones accepted and good ones refused"
     verb = add_verb(inner, "protocols", _study_protocols, does)
     verb.add_argument(
         "--runs", type=_at_least_one, default=10_000, help="good sessions, and as many bad ones (default: %(default)s)"
     )
-    verb.add_argument("--method", default="closure", help="of calibration by hand (default: %(default)s)")
+    verb.add_argument("--method", default="closure", help="calibration method by hand (default: %(default)s)")
     verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
 
 
 def _add_common(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("--quick", action="store_true", help="a first look, with few runs")
-    verb.add_argument("--out", type=Path, default=Path("out/study"), help="folder of results and figures (%(default)s)")
+    verb.add_argument("--quick", action="store_true", help="use few runs, for a first look")
+    verb.add_argument(
+        "--out", type=Path, default=Path("out/study"), help="folder for results and figures (default: %(default)s)"
+    )
     verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
 
 
@@ -60,7 +60,7 @@ def _at_least_one(text: str) -> int:
     except ValueError:
         number = 0
     if number < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1 on is expected")
+        raise argparse.ArgumentTypeError(f"invalid number {text!r}: give a whole number from 1 on")
     return number
 
 
@@ -91,7 +91,7 @@ def _study_protocols(given: argparse.Namespace) -> None:
     from estimator.calibration.method_names import BY_HAND  # noqa: PLC0415
 
     if given.method not in BY_HAND:
-        raise ConfigError(f"there is no method {given.method!r} by hand; there are {', '.join(BY_HAND)}")
+        raise ConfigError(f"unknown method {given.method!r} by hand: use one of {', '.join(BY_HAND)}")
     from estimator.study.protocols import run  # noqa: PLC0415
 
     run(Console(), given.runs, given.method, given.workers)

@@ -3,6 +3,7 @@
 import argparse
 import getpass
 import os
+import sys
 
 from bridge.bus.routers import Routers
 from bridge.cli import ward_options
@@ -23,6 +24,12 @@ def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     return root.ward, root.bus.routers_as(*(roles or (Role.VIEWER, Role.COMMANDER, Role.RECORDER)))
+
+
+def listening(given: argparse.Namespace, ward: str) -> None:
+    """Say on standard error which ward is listened to, because the answer takes some seconds."""
+    default = "" if given.config or given.ward else " (the default; name another with --config or --ward)"
+    print(f"listening to ward {ward}{default} …", file=sys.stderr)
 
 
 def person() -> str:

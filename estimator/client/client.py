@@ -77,8 +77,8 @@ class Client:
         device = device if device is None or isinstance(device, str) else tuple(device)
         named = device if isinstance(device, str) else ", ".join(device or ())
         nothing = (
-            f"nothing has come yet of {named} in ward {self.ward}; are the names right?"
-            f" `truerate devices --ward {self.ward}` shows who is there"
+            f"no corrected rates of {named} in ward {self.ward} yet:"
+            f" `truerate devices --ward {self.ward}` lists the ward's devices"
         )
         subscription = self._subscribe("corrected", device, history=history, queue=queue)
         return Corrected(subscription, idle_s, wait_s, on_miss, nothing if named and not quiet else "")
@@ -216,11 +216,14 @@ class Client:
         except BusError:
             if self.connected and not self.alive("estimator"):
                 raise BusError(
-                    f"no estimator answers in ward {self.ward}; is one running, and is the ward's name right?"
+                    f"no estimator answers in ward {self.ward}: name the right ward with --config WARD.toml or --ward"
+                    " NAME, or start its estimator with `truerate estimator serve WARD.toml`"
                 ) from None
             raise
         except Refusal as refusal:
-            raise BusError(f"the answer to {verb} was not understood: {refusal}") from refusal
+            raise BusError(
+                f"the estimator's answer to {verb} is invalid: {refusal}; use the same version of truerate on both sides"
+            ) from refusal
 
     def _stream(
         self,
@@ -240,7 +243,7 @@ class Client:
     def _subscribe(self, what: str, device: Devices, *, history: bool, queue: int) -> Subscription:
         devices = [device] if device is None or isinstance(device, str) else dict.fromkeys(device)
         if not devices:
-            raise ValueError("an empty list of devices; give one or more, or None for all of the ward")
+            raise ValueError("the list of devices is empty: name devices, or give None for the whole ward")
         ids = [{} if one is None else {"device": one} for one in devices]
         patterns = [keys.pattern(self.ward, what, **of) for of in ids]
         return self._bus.subscribe(patterns, history=history, capacity=queue)

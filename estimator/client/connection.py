@@ -41,7 +41,7 @@ def denied(bus: Bus, endpoints: Sequence[str], ward: str) -> tuple[str, ...]:
     member = member_of(routers.identity)
     fit = ", ".join(role.value for role in SUBSCRIBERS)
     found: tuple[str, ...] = (
-        f"the certificate is for {member.label}, which hears little or nothing; who subscribes is one of {fit}",
+        f"the certificate is for {member.label}, which may receive little or nothing: use a certificate for {fit}",
     )
     if member.role in SUBSCRIBERS:
         found = tuple(self_test(bus, routers, ward))

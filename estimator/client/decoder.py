@@ -32,6 +32,6 @@ class Decoder(Generic[T]):
     def refuse(self, key: str, refusal: Refusal) -> None:
         """Count a refused message; log the first of each reason."""
         if self.refused.add(refusal.reason) == 1:
-            log.warning("%s message refused, %s (more of this kind are only counted)", self.name, refusal)
+            log.warning("%s message refused, %s (further ones of this kind are only counted)", self.name, refusal)
         if self._on_refusal is not None:
             self._on_refusal(key, refusal)

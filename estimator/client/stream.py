@@ -137,7 +137,7 @@ class Stream(AsyncIterator[T], Generic[T]):
         if not self._slow and self._subscription.overflowed:
             self._slow = True
             log.warning(
-                "%s messages come faster than this program reads them: the oldest are dropped, from now on only counted",
+                "%s messages come faster than this program reads them: the oldest are dropped; further drops are only counted",
                 self._decoder.name,
             )
         return len(messages)

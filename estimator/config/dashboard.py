@@ -20,7 +20,7 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def __post_init__(self) -> None:
         check(self.name, "name")
         if not self.password.startswith(HASHED):
-            raise ValueError(f"password of {self.name!r} is no hash; `truerate dashboard password` makes one")
+            raise ValueError(f"password of {self.name!r} is not a hash: make one with `truerate dashboard password`")
 
 
 class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -32,6 +32,10 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     people: tuple[Person, ...] = ()
     #: host names of the page in a browser's address line, beside `listen`
     hosts: tuple[str, ...] = ()
+    #: certificate chain (PEM) that browsers see, for TLS; `truerate pki issue page:NAME --host HOST` makes one
+    certificate: str = ""
+    #: private key of the certificate (PEM)
+    key: str = ""
     #: a reverse proxy on this machine ends TLS and tells the visitor's address
     behind_proxy: bool = False
     #: hours until a person has to log in again
@@ -44,6 +48,10 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             listening(self.listen)
         except ValueError:
             raise ValueError(f"listen is {self.listen!r}; an address looks like '127.0.0.1:8090'") from None
+        if bool(self.certificate) != bool(self.key):
+            raise ValueError(
+                f"{'key' if self.certificate else 'certificate'} is missing: TLS needs `certificate` and `key`"
+            )
         names = [person.name for person in self.people]
         for name in {name for name in names if names.count(name) > 1}:
             raise ValueError(f"two people are called {name!r}")

@@ -65,7 +65,7 @@ class Backups:
 def back_up(store: Path, to: Path) -> None:
     """Copy a store, in use or not, into a checked, self-contained file. Raises StoreError if `to` exists."""
     if to.exists():
-        raise StoreError(f"{to} is there already; choose another name, or remove it")
+        raise StoreError(f"{to} exists already; give another name, or remove the file")
     part = to.with_name(to.name + ".part")
     try:
         begin(part)
@@ -123,7 +123,7 @@ def make_sound(store: Path, backups: Backups) -> str:
                 notes.append(f"backup {backup} is not restored: {error}")
                 continue
             made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(backup.stat().st_mtime))
-            return "; ".join([*notes, f"backup {backup} of {made} is restored: what was kept later is lost"])
+            return "; ".join([*notes, f"backup {backup} of {made} is restored: later entries are lost"])
         set_aside(store)  # a log without its store
         part = begin(store.with_name(store.name + ".part"))
         with closing(sqlite3.connect(part)) as db:
@@ -131,7 +131,7 @@ def make_sound(store: Path, backups: Backups) -> str:
         _place(part, store)
     except FAULTS as error:
         raise translated(str(store), error) from error
-    return "; ".join([*notes, "there is no sound backup: a new store is begun"]) if notes else ""
+    return "; ".join([*notes, "there is no undamaged backup: a new store is made"]) if notes else ""
 
 
 def rescue(db: sqlite3.Connection, store: Path) -> str:

@@ -72,7 +72,7 @@ def checked(path: Path, *, ours: bool = False) -> sqlite3.Connection:
         if isinstance(error, sqlite3.Error) and type(found) is StoreError:  # our own SQL is right
             found = Damaged(path, error)
         if isinstance(found, Damaged) and not ours and not _is_ours(path):
-            found = StoreError(f"{path} is not a store of truerate's: {ADVICE}")
+            found = StoreError(f"{path} is not a truerate store: {ADVICE}")
         raise found from error
     return db
 

@@ -5,7 +5,7 @@ import sqlite3
 from bridge.runtime import os_errors
 
 #: advice to a person who names a file that is no store
-ADVICE = "`[estimator] store` in the ward's file says where it is: --config WARD.toml, or --store FILE"
+ADVICE = "name the ward file with --config WARD.toml, or the store with --store FILE"
 
 #: what reading or writing a store may raise; SQLite's message on a damaged schema may not even decode
 FAULTS = (sqlite3.Error, OSError, UnicodeDecodeError)
@@ -24,7 +24,7 @@ class Damaged(StoreError):
     """The file is a store, but its content is not what was written; `why` says what was found."""
 
     def __init__(self, path: object, why: object) -> None:
-        super().__init__(f"store {path} is damaged: {why}; `truerate store restore` puts a backup in its place")
+        super().__init__(f"store {path} is damaged: {why}; `truerate store restore` replaces it by a backup")
         self.why = str(why)
 
 
@@ -35,6 +35,6 @@ def translated(path: str, error: Exception) -> StoreError:
     if code in _DAMAGED or no_text:
         return Damaged(path, error)
     if isinstance(error, (sqlite3.OperationalError, OSError)) and code != sqlite3.SQLITE_ERROR:
-        advice = "check that the folder exists, both are this user's to write, and the disk has room"
+        advice = "check that the folder exists, that this user may write to folder and file, and that the disk has room"
         return Unavailable(f"store {path}: {os_errors.said(error)}; {advice}")
     return StoreError(f"store {path}: {error}")

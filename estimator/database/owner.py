@@ -31,9 +31,7 @@ def owned(path: str) -> Iterator[None]:
         lock = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     except OSError as error:
         if error.errno == errno.ELOOP:
-            raise StoreError(
-                f"store {path}: {place} is a symbolic link, a file of its own is needed: remove it"
-            ) from None
+            raise StoreError(f"store {path}: {place} is a symbolic link: remove the link") from None
         log.warning("%s: %s: whether another estimator has the store is not known", place, os_errors.why(error))
         yield
         return
@@ -70,11 +68,11 @@ def check_free(path: Path) -> None:
 def check_regular(path: Path, mode: int) -> None:
     """Raise StoreError if a file is a folder, a pipe or a device."""
     if not stat.S_ISREG(mode):
-        raise StoreError(f"store {path} is no regular file: give the store a path of its own")
+        raise StoreError(f"store {path} is not a regular file: give another path")
 
 
 def _lock(lock: int, path: str) -> None:
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise StoreError(f"store {path}: another estimator has it; each needs one of its own") from None
+        raise StoreError(f"store {path}: another estimator uses it: give each estimator its own store") from None

@@ -37,7 +37,7 @@ def run(console: Console, picture: Path, seed: int) -> bool:
     devices = {name: demo_device(name, seed + n, spec=DeviceSpec(wait_for_host=True)) for n, name in enumerate(NAMES)}
     with Ward(folder, NAMES) as ward:
         ward.start("router", "estimator", "bridge", "dashboard")
-        console.print(f"Look at it in a browser: http://{ward.page}", soft_wrap=True)
+        console.print(f"The ward in a browser: http://{ward.page}", soft_wrap=True)
         ward.wait_for_router()
         subscribers = [Subscriber(ward.endpoint, WARD, keep=number == 0) for number in range(SUBSCRIBERS)]
         watcher = Watcher(ward.endpoint, WARD)
@@ -75,10 +75,10 @@ def _live(console: Console, ward: Ward, devices: dict[str, VirtualDevice], watch
             if not rebooted and elapsed >= REBOOT_S:
                 rebooted = True
                 devices[REBOOTED].reboot()
-                screen.say(elapsed, f"{REBOOTED} loses power and starts again: it must be turned once more")
+                screen.say(elapsed, f"{REBOOTED} loses power and starts again: it needs new turns")
             watcher.poll()
             screen.show(
-                elapsed, watcher.statuses, watcher.changes, f"a ward of {len(NAMES)}; ends by itself in about a minute"
+                elapsed, watcher.statuses, watcher.changes, f"a ward of {len(NAMES)} devices; ends in about a minute"
             )
             if not told and watcher.all_tracking(len(NAMES)):
                 told = True
@@ -117,9 +117,9 @@ def _summary(
         figure.demo(judgements, picture)
         console.print(f"\nPicture: {picture}")
     for failure in failures:
-        console.print(f"[red]not right:[/red] {failure}")
+        console.print(f"[red]failed:[/red] {failure}")
     if not failures:
-        console.print("[green]The ward came out right.[/green]")
+        console.print("[green]The demo passed: every estimate agrees with the truth.[/green]")
     return not failures
 
 

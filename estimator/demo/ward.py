@@ -120,7 +120,7 @@ class Ward:
         """Stop one process with a signal; it is killed when it does not end, and faults go to `complaints`."""
         process = self._processes.pop(name)
         if process.poll() is not None:
-            self.complaints.append(f"the {name} had stopped by itself with exit code {process.returncode}")
+            self.complaints.append(f"the {name} stopped unexpectedly with exit code {process.returncode}")
         process.send_signal(number)
         try:
             process.wait(_PATIENCE_S)

@@ -35,29 +35,29 @@ class Event(StrEnum):
 
 
 CAUSES: dict[Event, str] = {
-    Event.BOOTED: "the first sample of another boot came",
-    Event.WARM: "`warming_s` are over",
-    Event.RESTED: "it lay still for 2 s (people are asked for 3)",
-    Event.TURNED: "a whole turn about an axis was taken",
+    Event.BOOTED: "the first sample of another boot arrived",
+    Event.WARM: "`warming_s` have passed",
+    Event.RESTED: "the device lay still for 2 s (people are asked for 3)",
+    Event.TURNED: "a full turn about an axis was accepted",
     Event.CALIBRATED: "the turns fit together",
-    Event.NOT_CALIBRATED: "they do not: some are to be repeated",
-    Event.RESTORED: "the estimator was restarted, the device was not: its calibration and filter go on",
+    Event.NOT_CALIBRATED: "the turns contradict each other: some have to be repeated",
+    Event.RESTORED: "the estimator was restarted, the device was not: calibration and filter continue",
     Event.CHANGED: (
-        "its model, firmware or range is another one within the boot, or the rate of a device that tells no time: "
-        "its calibration is void"
+        "model, firmware or range changed within the boot, or the rate of a device without time: "
+        "the calibration is void"
     ),
     Event.RECALIBRATE: "somebody asked for new turns; the old calibration stays in force",
     Event.CANCEL_TO_TRACKING: "somebody cancelled; the old calibration stays in force",
     Event.CANCEL_TO_START: "somebody cancelled; there is no calibration of this boot",
-    Event.DOUBTED: "evidence contradicts the bias, or is too old",
-    Event.CONFIRMED: "a rest agrees with all of the bias again",
-    Event.SILENT: "no samples for `silence_s`, or its bridge says that it is gone",
-    Event.UNREACHABLE: "the estimator's router is gone: nobody knows",
+    Event.DOUBTED: "evidence contradicts the bias, or the last evidence is too old",
+    Event.CONFIRMED: "a rest agrees with the bias on every axis again",
+    Event.SILENT: "no samples for `silence_s`, or the bridge reports the device as gone",
+    Event.UNREACHABLE: "the estimator has no router, so the state is unknown",
     Event.OUTDATED: (
-        "its bridge hears it, and all that comes was received before what was taken: "
+        "the bridge hears the device, but all samples are older than accepted ones: "
         "a clock was set back, or a recording is played"
     ),
-    Event.HEARD: "samples of the same boot came",
+    Event.HEARD: "samples of the same boot arrived",
 }
 
 
@@ -118,7 +118,7 @@ class Lifecycle:
         try:
             self.state, self._before = State[state], State[before]
         except KeyError as error:
-            raise ValueError(f"damaged state: {error} is no state of a device") from None
+            raise ValueError(f"damaged state: unknown device state {error}") from None
 
     @property
     def away(self) -> bool:

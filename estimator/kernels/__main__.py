@@ -11,7 +11,7 @@ if __name__ == "__main__":
     folder = cache_folder()
     if folder is None:
         sys.exit(
-            "no folder for the compiled loops: set NUMBA_CACHE_DIR to one that truerate may write to, also where it runs"
+            "no folder for the compiled kernels: set NUMBA_CACHE_DIR to a writable folder, also where truerate runs"
         )
     ready()
     print(f"done in {monotonic() - begun:.1f} s, kept in {folder}")

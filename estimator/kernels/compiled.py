@@ -65,8 +65,8 @@ def _compile(function: Callable[..., Any], signature: str) -> Any:
     try:
         made = njit(signature, cache=True, **_SAFE)(function)
     except Exception as error:  # noqa: BLE001 - no folder to cache in, or a damaged file there: neither has a type of its own
-        log.warning("%s is not cached, and compiled at every start: %s", function.__name__, error)
+        log.warning("%s cannot be cached and is compiled at every start: %s", function.__name__, error)
         return njit(signature, **_SAFE)(function)
     if made.stats.cache_misses:
-        log.info("compiled %s for this machine; the next start finds it cached", function.__name__)
+        log.info("compiled %s for this machine; the next start uses the cached result", function.__name__)
     return made

@@ -37,17 +37,19 @@ def check(out: Path, recorded: Path) -> None:
     if out.suffix not in _WRITERS:
         raise RecordingError(f"{out}: a corrected recording ends in {' or '.join(_WRITERS)}, not in {out.suffix!r}")
     if not out.parent.is_dir():
-        raise RecordingError(f"{out}: there is no folder {out.parent}; make it first")
+        raise RecordingError(f"{out}: there is no folder {out.parent}; make it with mkdir -p, or give another folder")
     if not os.access(out.parent, os.W_OK | os.X_OK):
         raise RecordingError(f"{out}: no permission to write in {out.parent}; give another folder")
     if out.is_dir():
-        raise RecordingError(f"{out}: is a folder; give the file a name of its own")
+        raise RecordingError(f"{out}: is a folder; give a file name")
     if out.exists() and not out.is_file():
         raise RecordingError(f"{out}: is not a file, but a pipe or a device; give a file's name")
     if out.exists() and recorded.exists() and out.samefile(recorded):
-        raise RecordingError(f"{out}: is the recording itself, which is never overwritten; give another name")
+        raise RecordingError(f"{out}: is the recording itself and is never overwritten; give another name")
     if out.exists() and not _is_corrected(out):
-        raise RecordingError(f"{out}: is there, and is no corrected recording; give another name, or remove it first")
+        raise RecordingError(
+            f"{out}: the file exists and is not a corrected recording; give another name, or remove the file"
+        )
 
 
 def _is_corrected(path: Path) -> bool:

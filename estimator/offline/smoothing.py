@@ -34,7 +34,7 @@ def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: 
     """
     found = session.tracker.smoothed()
     if found is None:
-        raise RecordingError(f"{recording.name}: nothing to smooth: it has no evidence of the bias; use --realtime")
+        raise RecordingError(f"{recording.name}: nothing to smooth, because no rest shows the bias; use --realtime")
     time, bias, std = found.time, found.bias, found.std
     walk = session.knobs.track.bias.rate_random_walk
     device_time = recording.device_time

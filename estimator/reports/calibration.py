@@ -38,7 +38,7 @@ def first(lines: Sequence[str]) -> Iterator[str]:
     """Yield the first lines, and how many more there are, which `--json` prints."""
     yield from lines[:_MOST]
     if (more := len(lines) - _MOST) > 0:
-        yield f"… and {more} more; --json has them all"
+        yield f"… and {more} more; --json lists all"
 
 
 _MOST = 12

@@ -13,14 +13,19 @@ from estimator.geometry.gyro_model import AXES, SIGMAS
 from estimator.offline.corrected_recording import CorrectedRecording
 from estimator.reports.calibration import first
 
-_NONE = "none; what `truerate calibrate` makes of this recording, or another, is given by --calibration FILE"
+_NONE = "none; give one with --calibration FILE, from `truerate calibrate RECORDING --json > FILE`"
 _MEANS = {
-    "NONE": "bias not known, or in doubt",
-    "PRIOR": "the same, another boot's scale",
-    "BIAS_ONLY": "bias known, scale not of this boot",
+    "NONE": "bias unknown or in doubt",
+    "PRIOR": "bias unknown or in doubt, scale from another boot",
+    "BIAS_ONLY": "bias known, scale not from this boot",
     "GOOD": "calibrated",
-    "DEGRADED": "calibrated, the bias in doubt",
+    "DEGRADED": "calibrated, but the bias is in doubt",
 }
+
+
+def bias_known(corrected: CorrectedRecording) -> bool:
+    """Whether the bias is known for any sample."""
+    return not corrected.seconds().keys() <= {"NONE", "PRIOR"}
 
 
 def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> dict[str, Any]:
@@ -46,21 +51,27 @@ def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> d
 def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> Iterator[str]:
     """Yield the report as lines: samples, quality, bias at the end, calibration, temperature, events, output file."""
     minutes = recording.time_s[-1] / 60
-    how = "with what is known at its end" if corrected.smoothed else "as it would have been live"
+    how = "from the whole recording" if corrected.smoothed else "as in a live ward"
     yield f"{count(len(corrected), 'sample')}, {minutes:.1f} min at {recording.rate_hz:.4g} Hz, corrected {how}"
     yield "quality: " + ", ".join(
         f"{name} {_span(seconds)} ({_MEANS[name]})" for name, seconds in corrected.seconds().items()
     )
     bias, wide = np.degrees(corrected.bias[-1]), SIGMAS * np.degrees(corrected.bias_std[-1])
-    yield "bias at the end: " + ", ".join(f"{AXES[i]} {bias[i]:+.4f} ± {wide[i]:.4f}" for i in range(3)) + " °/s (95 %)"
+    if bias_known(corrected):
+        each = (f"{AXES[i]} {bias[i]:+.4f} ± {wide[i]:.4f}" for i in range(3))
+        yield f"bias at the end: {', '.join(each)} °/s (95 %)"
+    else:
+        scale = "The scale is corrected by another boot's calibration." if "PRIOR" in corrected.seconds() else ""
+        yield f"The bias is not corrected: the recording has no rest of 2 s. {scale or 'The scale is not corrected either.'}"
+        yield "Record again with the device lying still for 3 s, or give a calibration of this boot with --calibration FILE."
     yield f"calibration: {corrected.calibration or _NONE}"
     if (warm := recording.temperature_c) is not None:
         yield f"temperature: {warm.min():.1f} to {warm.max():.1f} °C"
     if corrected.quality[-1] == Quality.DEGRADED:
-        yield "the bias is in doubt to the end; if the device was switched off since the calibration, say --other-boot"
+        yield "the bias is in doubt at the end; if the device was switched off after the calibration, give --other-boot"
     if corrected.events:
-        yield "on the way: " + ", ".join(f"{name}: {n}" for name, n in sorted(corrected.events.items()))
-    yield f"written to {out}"
+        yield "events: " + ", ".join(f"{name}: {n}" for name, n in sorted(corrected.events.items()))
+    yield f"written: {out}"
 
 
 def said(corrected: CorrectedRecording) -> Iterator[str]:

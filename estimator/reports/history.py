@@ -28,7 +28,7 @@ def as_tables(history: History) -> Iterator[RenderableType]:
     )
     yield from _table(
         "boots",
-        ("when", "boot", "cause", "what it was"),
+        ("when", "boot", "cause", "model"),
         [
             (_when(row["time_ns"]), row["boot"], _words(row["cause"]), f"{row['model']} {row['firmware']}")
             for row in history.boots

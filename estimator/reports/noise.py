@@ -72,21 +72,21 @@ def said(coefficient: Coefficient, scale: float) -> str:
 def sentences(rest: AtRest) -> Iterator[str]:
     """Yield what part of the recording was used, and what limits the result."""
     yield (
-        f"used: the longest rest, {rest.duration_s:.0f} s of {rest.total_s:.0f} s, from {rest.start_s:.1f} to "
+        f"longest rest: {rest.duration_s:.0f} s of {rest.total_s:.0f} s, from {rest.start_s:.1f} to "
         f"{rest.end_s:.1f} s, at {rest.rate_hz:.2f} Hz"
     )
     celsius = "" if rest.temperature_c is None else "; {:.1f} to {:.1f} °C".format(*rest.temperature_c)
-    yield f"least step of a reading: {' '.join(f'{degrees(step):.2g}' for step in rest.step)} °/s{celsius}"
+    yield f"resolution: {' '.join(f'{degrees(step):.2g}' for step in rest.step)} °/s{celsius}"
     for name, words, *_ in COEFFICIENTS:
         if unseen := [axis for axis, noise in zip(AXES, rest.axes, strict=True) if not getattr(noise, name).seen]:
-            yield f"not seen in {rest.duration_s:.0f} s: {words} of {', '.join(unseen)}; what is given is the upper limit"
+            yield f"{words} of {', '.join(unseen)}: not seen in {rest.duration_s:.0f} s, the table gives an upper limit"
     named = dict(zip(AXES, rest.axes, strict=True))
     if filtered := [
         f"{noise.fitted_from:.2g} s of {axis}" for axis, noise in named.items() if noise.fitted_from > noise.tau[0]
     ]:
-        yield f"not used, as the device's filter or a vibration shapes it: what is below {', '.join(filtered)}"
+        yield f"not used: averaging times below {', '.join(filtered)}, where a filter or a vibration dominates"
     for axis, noise in named.items():
         if noise.drift:
-            yield f"{axis}: drifts steadily by {degrees(noise.drift) * 3600:.2g} °/s an hour; let it warm up before recording"
+            yield f"{axis}: steady drift of {degrees(noise.drift) * 3600:.2g} °/s per hour; warm the device up before recording"
         if noise.misfit > _POOR:
-            yield f"{axis}: the model explains it poorly (misfit {noise.misfit:.1f}, 1 is well); the intervals are wider for it"
+            yield f"{axis}: the noise model fits poorly (misfit {noise.misfit:.1f} instead of 1), so the intervals are wider"

@@ -176,9 +176,9 @@ class Cluster:
 
     def _notice(self, came: list[str], gone: list[str]) -> None:
         for name in came:
-            log.info("estimator %s is here: devices are shared with it", name)
+            log.info("estimator %s joined the ward: devices are shared with it", name)
         for name in gone:
-            log.warning("estimator %s is gone: its devices are taken over", name)
+            log.warning("estimator %s is gone: the other estimators take its devices", name)
         if came or gone:
             self._scan, self._next_say = True, 0.0
             self._why = (

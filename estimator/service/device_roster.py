@@ -33,7 +33,7 @@ class DeviceRoster(dict[str, Device]):
         self._full_until_s = max(self._full_until_s, now + _LOOK_S) if now >= self._full_until_s else self._full_until_s
         if self._counts.add(TOO_MANY, samples) == samples:
             log.error(
-                "there are %d devices, no more are taken; is somebody making them up? (more are only counted)",
+                "%d devices is the limit, further devices are refused and counted: list the ward's devices in [devices]",
                 len(self),
             )
         return False

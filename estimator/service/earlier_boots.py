@@ -58,7 +58,9 @@ class EarlierBoots:
         """Pass a calibration through; logs a warning if its time lies in the future."""
         ahead_s = 0.0 if c is None else (c.time_ns - self._now_ns()) / 1e9
         if c is not None and ahead_s > AHEAD_S and device.session.count_event("calibration of a time to come") == 1:
-            words = "calibration %s says that it was made %.1f days from now: the clock was wrong then, or is wrong now"
+            words = (
+                "calibration %s is dated %.1f days in the future: this machine's clock was wrong then, or is wrong now"
+            )
             log.warning(f"%s: {words}", device.name, c.id, ahead_s / 86400)
         return c
 

@@ -45,5 +45,7 @@ class FaultIsolation:
         device.restart(lost=unsaid, uncounted=max(0, uncounted))
         self._counts.add("sessions failed")
         if device.session.count_event(FAILED) == 1:
-            words = "%s: its session failed and begins anew (more of this device are only counted)"
+            words = (
+                "%s: an error ended the device's session, and a new session starts (further errors are only counted)"
+            )
             log.error(words, device.name, exc_info=error)

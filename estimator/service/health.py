@@ -67,7 +67,7 @@ class ServiceHealth:
     def sick(self) -> list[str]:
         """Why the process is not alive; empty when it is. A process waiting for its first router is alive."""
         age = 0.0 if self._note is None else self._clock() - self._note.time_s
-        return [f"the loop has not turned for {age:.0f} s"] if age > STUCK_S else []
+        return [f"the service's loop has been stuck for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
         """Why the service cannot do its work now; empty when ready."""
@@ -83,7 +83,7 @@ class ServiceHealth:
         if self._expects and states <= {State.LOST}:
             why.append("no device is heard")
         elif self._expects and note.connected and states <= set(AWAY):
-            why.append("nothing that comes of a device can be used")
+            why.append("no device sends usable samples")
         return why
 
     def families(self) -> Iterator[MetricFamily]:
@@ -91,31 +91,37 @@ class ServiceHealth:
         yield from certificate(self.routers)
         note = self._note
         yield MetricFamily(
-            "bus_connected", "Whether there is a router.", (), {(): float(note is not None and note.connected)}
+            "bus_connected", "1 while a router is connected.", (), {(): float(note is not None and note.connected)}
         )
         if note is None:
             return
         yield MetricFamily(
-            "loop_age_seconds", "Since the service's loop turned last.", (), {(): self._clock() - note.time_s}
+            "loop_age_seconds",
+            "Seconds since the last round of the service's loop.",
+            (),
+            {(): self._clock() - note.time_s},
         )
         yield MetricFamily(
-            "busy_ratio", "Share of the time in which the service's loop had to do.", (), {(): note.busy}
+            "busy_ratio", "Working share of the service's loop in the last second, 0 to 1.", (), {(): note.busy}
         )
-        yield MetricFamily("store_writable", "Whether the store can be written.", (), {(): float(not note.store)})
+        yield MetricFamily("store_writable", "1 while the store can be written.", (), {(): float(not note.store)})
         states = Counter(d.status.state.name.lower() for d in note.devices.values())
         yield MetricFamily(
-            "devices", "Devices by state.", ("state",), {(s.name.lower(),): states[s.name.lower()] for s in State}
+            "devices",
+            "Number of devices in each state.",
+            ("state",),
+            {(s.name.lower(),): states[s.name.lower()] for s in State},
         )
         yield MetricFamily(
             "ward_events",
-            "Messages and samples refused, lost or given up on the whole ward.",
+            "Messages and samples of the ward that were refused or lost, by cause.",
             ("event",),
             _by(note.counts),
             counter=True,
         )
         yield MetricFamily(
             "law_violations_all",
-            "How often samples of the ward were found that are nowhere.",
+            "Violations of received = corrected + dropped on the whole ward; should stay 0.",
             (),
             {(): note.violations},
             counter=True,
@@ -129,32 +135,47 @@ def _of_devices(devices: Mapping[str, DeviceHealth]) -> Iterator[MetricFamily]:
         known = {labels: value for labels, value in values.items() if not math.isnan(value)}
         return MetricFamily(name, words, ("device",), known, counter)
 
-    yield family("samples_in", "Samples taken in.", lambda d: d.status.samples_in, counter=True)
+    yield family("samples_in", "Samples received.", lambda d: d.status.samples_in, counter=True)
     yield family("samples_out", "Samples corrected.", lambda d: d.status.samples_out, counter=True)
     dropped = {(name, why): n for name, d in devices.items() for why, n in d.status.dropped.items()}
     yield MetricFamily("samples_dropped", "Samples dropped.", ("device", "reason"), dropped, counter=True)
-    yield family("gaps", "Gaps in the samples.", lambda d: d.status.events.get("gaps", 0), counter=True)
+    yield family("gaps", "Gaps in the sample numbers.", lambda d: d.status.events.get("gaps", 0), counter=True)
     yield family(
-        "samples_missing", "Samples that never came.", lambda d: d.status.events.get("missing_samples", 0), counter=True
+        "samples_missing",
+        "Samples that never arrived.",
+        lambda d: d.status.events.get("missing_samples", 0),
+        counter=True,
     )
     yield family(
         "law_violations",
-        "How often samples were found that are neither out nor dropped.",
+        "Violations of received = corrected + dropped of a device; should stay 0.",
         lambda d: d.violations,
         counter=True,
     )
-    yield family("rate_hz", "Samples a second, by the device's clock.", lambda d: d.status.rate_hz)
-    yield family("latency_seconds", "From a sample's receipt at the bridge to its publication.", lambda d: d.latency_s)
-    yield family("evidence_age_seconds", "Since the bias was measured last; none where it never was.", _evidence_age)
+    yield family("rate_hz", "Samples per second of the device's clock.", lambda d: d.status.rate_hz)
     yield family(
-        "nis", "Mean normalised innovation squared per degree of freedom; 1 when all is well.", lambda d: d.nis
+        "latency_seconds", "Seconds from a sample's receipt at the bridge to its publication.", lambda d: d.latency_s
     )
-    yield family("bias_std_rad_s", "Standard deviation of the worst axis's bias.", lambda d: max(d.status.bias_std))
-    yield family("temperature_celsius", "Of the device.", lambda d: d.status.temperature_c)
+    yield family(
+        "evidence_age_seconds",
+        "Seconds since the last measurement of the bias; missing before the first.",
+        _evidence_age,
+    )
+    yield family(
+        "nis",
+        "Mean normalised innovation squared per degree of freedom; about 1 for an honest filter.",
+        lambda d: d.nis,
+    )
+    yield family(
+        "bias_std_rad_s", "Standard deviation of the bias on the worst axis, rad/s.", lambda d: max(d.status.bias_std)
+    )
+    yield family("temperature_celsius", "Temperature of the device, °C.", lambda d: d.status.temperature_c)
     state = {(name, d.status.state.name.lower()): 1.0 for name, d in devices.items()}
-    yield MetricFamily("state", "1 for the state a device is in.", ("device", "state"), state)
+    yield MetricFamily("state", "1 for the present state of a device.", ("device", "state"), state)
     quality = {(name, d.status.quality.name.lower()): 1.0 for name, d in devices.items()}
-    yield MetricFamily("quality", "1 for the quality of a device's corrected rates.", ("device", "quality"), quality)
+    yield MetricFamily(
+        "quality", "1 for the present quality of a device's corrected rates.", ("device", "quality"), quality
+    )
 
 
 def _evidence_age(of: DeviceHealth) -> float:

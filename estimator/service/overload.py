@@ -16,7 +16,7 @@ UNKEPT = "store does not work"
 BUSY, WAITED_S = 0.95, 1.0
 #: ... without a break for the first number of seconds; recovered after the second number of seconds
 PERSISTS_S, OVER_S = 5.0, 10.0
-_DO = "give it fewer devices or a lower rate, a faster machine, or a second estimator for a part of them"
+_DO = "use fewer devices, a lower rate, a faster machine, or a second estimator in the ward"
 
 
 class Overload:
@@ -45,7 +45,7 @@ class Overload:
             if self._began is None:
                 self._began = now - passed_s
                 log.warning(
-                    "the estimator does not keep up with its devices, its loop is busy %.0f %% of the time: %s",
+                    "the estimator is overloaded, its loop is busy %.0f %% of the time: %s",
                     100 * self.busy,
                     _DO,
                 )

@@ -14,6 +14,7 @@ from bridge.bus.startup import claim_id, wait_for_router
 from bridge.config.schema import listening
 from bridge.pki.member import Role
 from bridge.runtime.health_server import HealthServer
+from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
 from estimator.config.schema import Ward
 from estimator.database import Database, StoreError
@@ -52,6 +53,7 @@ def run(ward: Ward) -> None:
         except StoreError:
             _look_for_another(ward, ward.estimator.id, stop)  # a second estimator would be the reason
             stack.enter_context(owned(ward.estimator.store))  # the other process may have been just ending
+        stack.enter_context(supervised(vitals.sick))
         database = Database(ward.estimator.store, patient=True, alone=True, backups=ward.estimator.backups)
         stack.callback(database.close)
         bus = wait_for_router(routers, stop, patient=True)

@@ -61,7 +61,7 @@ class StoreWriter:
                 self._urgent |= soon
                 self._more.notify()
         if refused:
-            done(StoreError(f"store {self._database.path}: {MOST} writes wait for the disk; this one is not kept"))
+            done(StoreError(f"store {self._database.path}: {MOST} entries wait for the disk; the newest is lost"))
         elif self._thread is None:
             self._write_all()
             self.collect()
@@ -93,7 +93,7 @@ class StoreWriter:
         else:
             self._thread.join(PATIENCE_S)
         if self._waiting:
-            log.error("store %s: the disk fails or does not answer; the last writes are lost", self._database.path)
+            log.error("store %s: the disk fails or does not answer; the last entries are lost", self._database.path)
             lost = StoreError(f"store {self._database.path}: the disk fails or does not answer")
             self._finished += [(done, lost) for _, done in self._waiting]
         self.collect()

@@ -32,7 +32,7 @@ def run_one(
     if isinstance(scenario, RealScenario):
         scenario = structs.replace(scenario, recording=str(recording or scenario.recording))
         if not scenario.recording:
-            raise ConfigError("study real needs imucal's session: give it by --recording FILE")
+            raise ConfigError("the study `real` needs imucal's session: give the file with --recording FILE")
     runner = Runner(console, out, workers)
     runner.run(STUDIES[name], scenario)
     runner.forget_parts()
@@ -62,9 +62,9 @@ def run_all(
     runner.forget_parts()
     console.print(report.summary(report.rows(done)), highlight=False)
     if quick:
-        console.print("A quick look: with so few runs the verdicts say little", highlight=False)
+        console.print("Quick run: with so few sessions the verdicts are uncertain", highlight=False)
     if recording is None:
-        console.print("`real` was left out: give imucal's session by --recording FILE", highlight=False)
+        console.print("`real` was left out: give imucal's session with --recording FILE", highlight=False)
     console.print(f"Report: {path}", highlight=False)
 
 

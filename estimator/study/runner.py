@@ -80,7 +80,7 @@ class Runner:
                     _keep(folder, job, part)
                     parts[job] = part
             except KeyboardInterrupt:
-                self._console.print(f"{study.name}: stopped; the same command goes on from here", highlight=False)
+                self._console.print(f"{study.name}: stopped; run the same command again to continue", highlight=False)
                 raise
         return {job: parts[job] for job in jobs}
 

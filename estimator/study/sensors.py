@@ -204,7 +204,7 @@ def _limits(found: Sensors) -> Finding:
         "limits",
         "; ".join(said) + " (95 %)",
         "agrees" if k_kept and b_kept else "agrees in part" if k_kept else "differs",
-        "" if b_kept else "b differs by what a bias of the model wanders between two sessions",
+        "" if b_kept else "b differs by the drift of the model's bias between two sessions",
     )
 
 

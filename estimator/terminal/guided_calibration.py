@@ -130,7 +130,7 @@ def _given_up(client: Client, device: str, who: str) -> str:
     try:
         said = english(*client.cancel(device, who).message)
     except BusError as error:
-        said = f"the calibration is still under way: {error}"
+        said = f"the calibration is still running, because it could not be cancelled: {error}"
     return f"{device}: {said}"
 
 

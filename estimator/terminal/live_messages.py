@@ -8,6 +8,8 @@ from estimator.overview.ward import SILENT_S, WardView
 #: listening time for a first view, s; each device's status comes once a second
 FIRST_S = 1.5
 _STEP_S = 0.1
+#: advice where no device is heard
+NO_DEVICE_DO = "Start a bridge, or name the right ward (--config WARD.toml or --ward NAME)."
 
 
 def interrupted(begin: float, *, heard: bool) -> None:

@@ -22,7 +22,7 @@ from estimator.geometry.gyro_model import AXES, SIGMAS
 from estimator.overview import summary
 from estimator.overview.summary import WardSummary
 from estimator.overview.ward import SILENT_S, WardView, listed
-from estimator.terminal.live_messages import FIRST_S, LiveMessages, interrupted
+from estimator.terminal.live_messages import FIRST_S, NO_DEVICE_DO, LiveMessages, interrupted
 from estimator.terminal.ward_table import table, word
 
 
@@ -31,13 +31,15 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
     with Client(endpoints, ward=ward) as client:
         statuses, infos = _said(client)
     if not infos and not statuses:
-        console.print(
-            f"ward {ward}: no device is heard. Is a bridge running? Is the ward's name right (--config or --ward)?"
-        )
+        console.print(f"ward {ward}: no device is heard. {NO_DEVICE_DO}")
         return 1
     console.print(_hardware(infos))
     console.print()
-    console.print(table(statuses) if statuses else "no estimator has said anything of them: is one running?")
+    console.print(
+        table(statuses)
+        if statuses
+        else "No estimator reports these devices. Start one: truerate estimator serve WARD.toml"
+    )
     for clash in duplicate_bridges.found(statuses.values()):
         console.print(Text(f"\n{english(clash)}", "bold red"))
     return 0
@@ -67,7 +69,8 @@ def _glance(seen: WardSummary) -> Group:
     needs = Columns([Column("device", least=20), Column("state"), Column("why", least=20)], headings=False)
     for need in seen.needs:
         needs.add(need.device, word(need.state), english(*need.reason))
-    law = f"in = out + dropped: {seen.samples_in} = {seen.samples_out} + {seen.dropped}"
+    corrected = f"{seen.samples_out:,} of {seen.samples_in:,}" if seen.dropped else f"All {seen.samples_in:,}"
+    law = f"{corrected} samples corrected, {seen.dropped:,} dropped."
     rows: list[RenderableType] = [Text(f"{seen.ward}: {seen.tracking} of {seen.devices} tracking", "bold")]
     rows += [needs] if seen.needs else []
     rows += [Text(english(trouble), "bold red") for trouble in seen.troubles]
@@ -107,11 +110,11 @@ def _hardware(infos: dict[str, DeviceInfo]) -> Columns:
 _MOST_UNUSED = 5  # devices
 _HARDWARE = (
     Column("device", least=20),
-    Column("what it is", spare=2),
+    Column("model", spare=2),
     Column("bridge", spare=1),
     Column("Hz", number=True),
     Column("samples", number=True),
-    Column("not published or in trouble", least=16),
+    Column("dropped samples or faults", least=16),
 )
 
 
@@ -124,7 +127,10 @@ def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
 
 
 def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
-    """Show one device until Ctrl-C, or for `seconds`; returns 1 if none of its samples came."""
+    """Show one device until Ctrl-C, or for `seconds`; returns 1 if none of its samples came.
+
+    Ends after a few seconds if the ward has other devices, but not this one.
+    """
     with Client(endpoints, ward=ward) as client:
         corrected = client.corrected(device, history=False, quiet=True)
         status = client.follow(device)
@@ -149,7 +155,8 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
                 if (revision := revisions.receive(0.0)) is not None:
                     console.print(_revision_line(revision), highlight=False)
                 if not (heard or latest or told) and time.monotonic() - begin > NONE_S:
-                    told, waiting = True, f"{waiting}\n{_who_is_there(client, device)}"
+                    why, misspelt = _who_is_there(client, device)
+                    told, waiting, seconds = True, f"{waiting}\n{why}", 0.0 if misspelt else seconds
                     if not live:
                         console.print(waiting, highlight=False, soft_wrap=True)
                 turned = attitudes.latest() or turned
@@ -190,24 +197,26 @@ class _Shown:
         return self._batch
 
 
-def _who_is_there(client: Client, device: str) -> str:
-    """Explain why a device is not heard: its trouble, or which other devices are heard."""
+def _who_is_there(client: Client, device: str) -> tuple[str, bool]:
+    """Explain why a device is not heard, and whether it is unknown while other devices are heard."""
     with closing(LiveMessages(client)) as ears:
         ears.listen(FIRST_S)
         infos = ears.view.infos()
         names = {*ears.view.statuses(time.monotonic()), *(name for name, info in infos.items() if info.boot)}
     if (info := infos.get(device)) is not None:
-        return english(*(info.trouble or (Code.NO_ESTIMATOR_SPOKE(),)))
+        return english(*(info.trouble or (Code.NO_ESTIMATOR_SPOKE(),))), False
     if not names:
-        return f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right (--config or --ward)?"
-    return f"heard in ward {client.ward}: {listed(names)}"
+        return f"ward {client.ward}: no device is heard. {NO_DEVICE_DO}", False
+    if device in names:
+        return f"{device} has just been heard", False
+    return f"device {device} is unknown in ward {client.ward}: heard are {listed(names)}", True
 
 
 def _unheard(device: str, ward: str, status: Status | None) -> str:
     if status is None:
-        return f"nothing was heard of {device} in ward {ward}; see `truerate devices`"
+        return f"nothing was heard of {device} in ward {ward}: `truerate devices --ward {ward}` lists the devices"
     state = status.state.name.lower().replace("_", " ")
-    return f"no sample of {device} came in ward {ward}: it is {state}: {english(*status.reason)}"
+    return f"no sample of {device} arrived in ward {ward}; its state is {state}: {english(*status.reason)}"
 
 
 def _line(batch: CorrectedBatch, status: Status | None) -> str:
@@ -221,7 +230,7 @@ def _line(batch: CorrectedBatch, status: Status | None) -> str:
 
 def _revision_line(revision: BiasRevision) -> str:
     seconds, wide = np.ptp(revision.times_ns) / 1e9, SIGMAS * degrees(float(revision.bias_std.max()))
-    return f"the bias of {seconds:.0f} s is known better now, to ± {wide:.4f} °/s (95 %): {english(*revision.reason)}"
+    return f"bias of the last {seconds:.0f} s revised, now within ± {wide:.4f} °/s (95 %): {english(*revision.reason)}"
 
 
 #: columns of the panel, and the order in which they are left out on a narrow terminal; the bar has no heading
@@ -250,7 +259,7 @@ def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> 
         parts.append(ProgressBar(total=1.0, completed=status.progress, width=40))
     temperature = "" if np.isnan(status.temperature_c) else f"   {status.temperature_c:.1f} °C"
     age_s = status.evidence_age_s
-    rest = f"last rest {age_s:.0f} s ago" if age_s < NEVER_S else "no rest known yet"
+    rest = f"last rest {age_s:.0f} s ago" if age_s < NEVER_S else "no rest yet"
     parts.append(Text(f"{status.rate_hz:.1f} Hz   {rest}{temperature}", "dim"))
     return Group(*parts)
 

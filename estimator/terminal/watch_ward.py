@@ -13,7 +13,7 @@ from rich.text import Text
 from bridge.reasons.catalogue import english
 from estimator.client import Client
 from estimator.overview.ward import TRACKING, WORDS, DeviceRow, age, chosen, counted, head_line, listed, strangers
-from estimator.terminal.live_messages import FIRST_S, LiveMessages, interrupted
+from estimator.terminal.live_messages import FIRST_S, NO_DEVICE_DO, LiveMessages, interrupted
 from estimator.terminal.ward_table import STYLES
 
 _REDRAW_S = 1.0
@@ -53,9 +53,9 @@ def watch_ward(
             everything = ears.view.rows(now)
             rows = chosen(everything, only)
             heard = heard or bool(everything)
-            head = f"{client.ward}: {head_line(everything)}" + ("" if client.connected else "; no router is there now")
+            head = f"{client.ward}: {head_line(everything)}" + ("" if client.connected else "; no router answers")
             strange = strangers(everything, only)
-            head += f"; none is {' or '.join(only)}" if only and not rows and not strange else ""
+            head += f"; no device is {' or '.join(only)}" if only and not rows and not strange else ""
             head += f"; {_strange(strange, everything)}" if strange else ""
             if as_json:
                 _print_json(client.ward, everything, rows)
@@ -74,7 +74,7 @@ def watch_ward(
     finally:
         screen.stop()
     if not heard:
-        words = f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right (--config or --ward)?"
+        words = f"ward {client.ward}: no device is heard. {NO_DEVICE_DO}"
         print(words, file=sys.stderr)  # noqa: T201
     elif strange and (as_json or not (live or once)):
         print(_strange(strange, everything), file=sys.stderr)  # noqa: T201

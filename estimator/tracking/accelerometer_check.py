@@ -29,7 +29,9 @@ class AccelerometerKnobs:
 
 
 class AccelerometerState(StateStruct):
-    """balance: contradicting minus agreeing seconds. row: contradictions in a row. disbelieved: given up for this boot.
+    """State of the accelerometer check.
+
+    balance: contradicting minus agreeing seconds. row: contradictions in a row. disbelieved: given up for this boot.
 
     alive: whether the readings have ever changed.
     """

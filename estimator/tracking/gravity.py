@@ -70,7 +70,10 @@ class GravityKnobs:
 
 
 class GravityState(StateStruct):
-    """known: whether g and v in the filter's state are current. lasting: of the steady motion detector."""
+    """State of the gravity evidence.
+
+    known: whether g and v in the filter's state are current. lasting: state of the steady motion detector.
+    """
 
     known: bool
     lasting: SteadyMotionState

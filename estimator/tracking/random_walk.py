@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 class RandomWalks(StateStruct):
-    """Walks of k waiting measurements, the earliest first.
+    """Random walks of the bias behind k waiting measurements, the earliest first.
 
     cross (k, n, 3): E[e wᵀ]. own (k, 7): variance (3,) of w, within (3,), and warming since then, K.
     within: what an earlier walk has in common with w beyond its variance, from the second in which this walk began.

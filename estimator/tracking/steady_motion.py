@@ -38,7 +38,10 @@ class SteadyMotionKnobs:
 
 
 class SteadyMotionState(StateStruct):
-    """shared: c. before: the previous innovation, m/s, or None."""
+    """State of the steady motion detector.
+
+    shared: c. before: the previous innovation, m/s, or None.
+    """
 
     shared: float = 0.0
     before: tuple[float, float, float] | None = None

@@ -27,7 +27,10 @@ class ThermometerKnobs:
 
 
 class ThermometerState(StateStruct):
-    """averages: (time, °C); leapt: time since which readings exceed a leap; reading: latest accepted, unfiltered."""
+    """State of the thermometer.
+
+    averages: (time, °C); leapt: time since which readings exceed a leap; reading: latest accepted, unfiltered.
+    """
 
     averages: list[tuple[float, float]] = msgspec.field(default_factory=list)
     leapt: float | None = None

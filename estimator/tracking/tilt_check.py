@@ -25,7 +25,10 @@ class TiltKnobs:
 
 
 class TiltState(StateStruct):
-    """seen: whether gravity turns. means: recent times, s, mean readings of gravity, and their variance along an axis."""
+    """State of the tilt check.
+
+    seen: whether gravity turns. means: recent times, s, mean readings of gravity, and their variance along an axis.
+    """
 
     seen: bool = False
     means: list[tuple[float, tuple[float, float, float], float]] = msgspec.field(default_factory=list)

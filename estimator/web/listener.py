@@ -124,7 +124,9 @@ class Listener(uvicorn.Server):
     Signal handlers stay ours, since uvicorn's would end the process too early.
     """
 
-    def __init__(self, app: ASGIApp, *, behind_proxy: bool, connections: int) -> None:
+    def __init__(
+        self, app: ASGIApp, *, behind_proxy: bool, connections: int, certificate: str = "", key: str = ""
+    ) -> None:
         #: refused or aborted connections, by reason
         self.refused = Tally()
 
@@ -140,6 +142,8 @@ class Listener(uvicorn.Server):
                 ws_per_message_deflate=False,  # a frame encoded once would be compressed again for each viewer
                 proxy_headers=behind_proxy,
                 forwarded_allow_ips=list(_PROXIES),
+                ssl_certfile=certificate or None,
+                ssl_keyfile=key or None,
                 server_header=False,
                 access_log=False,
                 log_config=None,

@@ -14,6 +14,7 @@ from bridge.bus.startup import wait_for_router
 from bridge.config.schema import listening
 from bridge.pki.member import Role
 from bridge.runtime import os_errors
+from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import asked_by
 from estimator.client import Client
 from estimator.config.dashboard import Dashboard
@@ -52,10 +53,23 @@ class Server:
         self._broadcast = Broadcast(hub, topics.Sources(known, treatment=self.desk.treatment))
         self.app = application(self.desk, self._broadcast)
         self._address = listening(settings.listen)
-        self.uvicorn = Listener(self.app, behind_proxy=settings.behind_proxy, connections=connections)
+        self._settings = settings
+        self.uvicorn = Listener(
+            self.app,
+            behind_proxy=settings.behind_proxy,
+            connections=connections,
+            certificate=settings.certificate,
+            key=settings.key,
+        )
 
     async def serve(self) -> None:
         """Serve until `stop`; raises OSError if the address cannot be used."""
+        try:
+            self.uvicorn.config.load()
+        except OSError as error:
+            files = f"{self._settings.certificate} and {self._settings.key}"
+            why = os_errors.why(error)
+            raise OSError(f"dashboard: certificate and key for TLS, {files}, cannot be used: {why}") from error
         host, port = self._address
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
@@ -63,8 +77,12 @@ class Server:
         except OSError as error:
             why = os_errors.why(error)
             raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; --listen takes another") from error
-        log.info("the dashboard of ward %s is at %s", self._ward, _place(host, listener.getsockname()[1]))
-        with listener:
+        log.info(
+            "the dashboard of ward %s is at %s",
+            self._ward,
+            _place(host, listener.getsockname()[1], tls=bool(self._settings.certificate)),
+        )
+        with listener, supervised():
             await self.uvicorn.serve([listener])
 
     def stop(self) -> None:
@@ -79,20 +97,20 @@ class Server:
         self.desk.control = commands
 
 
-def _place(host: str, port: int) -> str:
+def _place(host: str, port: int, *, tls: bool) -> str:
     """Address for a browser, in words."""
     if host in _ANY:
         return f"port {port} of every address of this machine, {socket.gethostname()}"
-    return f"http://{f'[{host}]' if ':' in host else host}:{port}"
+    return f"http{'s' * tls}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def run(ward: Ward) -> int:
     """Serve until SIGINT or SIGTERM and return the exit code. While no router is found, every page says so."""
     settings = ward.dashboard
     store = Path(ward.estimator.store) if ward.estimator else None
-    if settings.people and not settings.local and not settings.behind_proxy:
+    if settings.people and not settings.local and not settings.behind_proxy and not settings.certificate:
         log.warning(
-            "%s is reached over the network without TLS: passwords can be read on the way; see docs/dashboard.md",
+            "%s is reached over the network without TLS: passwords can be read on the way; docs/dashboard.md, On a network",
             settings.listen,
         )
     server = Server(ward.ward, settings, store, treatment(ward.estimator), make_room())

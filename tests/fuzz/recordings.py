@@ -33,6 +33,9 @@ SEEDS = [
     b"time\tx (deg/s)\ty (deg/s)\tz (deg/s)\n"
     + b"".join(b"2024-05-01 10:00:%06.3f\t1.5\t2.5\t%.3f\n" % (one, one) for one in _T),
     b"sep=,\nPacketCounter,Gyr_X,Gyr_Y,Gyr_Z,\n" + b"".join(b"%d,1,%d,3,\n" % (65500 + i, i) for i in range(_N)),
+    "".join(
+        f"ACCE;{t:.3f};0.1;0.2;9.8\nGYRO;{t:.3f};{g}\n" for t, g in zip(_T, _rows(";").splitlines(), strict=True)
+    ).encode(),
 ]
 _ODD = [
     b"1e308",

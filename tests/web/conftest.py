@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from argon2 import PasswordHasher
@@ -34,11 +35,11 @@ class Site:
     stop: Callable[[], None]
 
 
-def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None, *, behind_proxy: bool = False) -> Site:
+def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None, **settings: Any) -> Site:
     """A dashboard in a thread, connected; ended by `stop`."""
     broker, port = MemoryBroker(), free_port()
     talk = Talk(broker)
-    server = Server(WARD, Dashboard(listen=f"127.0.0.1:{port}", people=people, behind_proxy=behind_proxy), store)
+    server = Server(WARD, Dashboard(listen=f"127.0.0.1:{port}", people=people, **settings), store)
     buses = MemoryBus(broker), MemoryBus(broker)
 
     async def serve() -> None:
@@ -56,7 +57,7 @@ def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None, *, be
         server.stop()
         thread.join(10)
 
-    return Site(f"http://127.0.0.1:{port}", talk, server, buses, stop)
+    return Site(f"http{'s' * ('certificate' in settings)}://127.0.0.1:{port}", talk, server, buses, stop)
 
 
 @pytest.fixture

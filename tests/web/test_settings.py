@@ -29,7 +29,7 @@ def ward(text: str, folder: Path) -> Ward:
         ("session_hours = 0", "0.05 to 168"),
         ("idle_minutes = 0", "1 to 10080"),
         ('[[dashboard.people]]\nname = "Nurse"\npassword = "x"', "is not valid"),
-        ('[[dashboard.people]]\nname = "nurse"\npassword = "secret"', "`truerate dashboard password` makes one"),
+        ('[[dashboard.people]]\nname = "nurse"\npassword = "secret"', "make one with `truerate dashboard password`"),
         (2 * f'[[dashboard.people]]\nname = "nurse"\npassword = "{HASH}"\n', "two people are called 'nurse'"),
         ("port = 3", "unknown key 'port'"),
     ],

@@ -87,8 +87,8 @@ def test_without_a_router_a_device_is_unknown_and_never_gone() -> None:
     ward.connected = False
     page = ward_page(ward, 500.0, NOW, EN)
     assert {tile.id: (tile.state, tile.reason) for tile in page.tiles} == {
-        "a": ("unknown", f"{GONE} When it was heard last, its state was: tracking."),
-        "b": ("unknown", f"{GONE} When it was heard last, its state was: lost."),
+        "a": ("unknown", f"{GONE} The last known state of the device: tracking."),
+        "b": ("unknown", f"{GONE} The last known state of the device: lost."),
         "c": ("unknown", GONE),
     }
     assert page.troubles == [english(Code.WARD_ROUTER_GONE())]

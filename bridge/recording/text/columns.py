@@ -55,11 +55,14 @@ class Columns:
     notes: list[str] = field(default_factory=list)
 
 
-def find(path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False) -> Columns:
+def find(
+    path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False, tag: str = ""
+) -> Columns:
     """Find the columns of a table whose first row has these cells. Raises RecordingError.
 
-    only_accel: look for an accelerometer alone.
+    only_accel: look for an accelerometer alone. tag: of the rows, if they have one.
     """
+    sensor = f"{path.name} {tag}".lower()
     names = [understood(name) for name in layout.names]
     found = Columns([])
     chosen = _chosen(path, layout, reading)
@@ -70,9 +73,9 @@ def find(path: Path, layout: Layout, reading: Reading, cells: list[str], *, only
         found.gyro = [_triple(indices[:3], names)]
         found.accel = [_triple(indices[3:], names)] if indices[3:] else []
     if not found.gyro and not only_accel:
-        found.gyro = _vector(path, layout, names, "gyro", GYRO)
+        found.gyro = _vector(path, layout, names, "gyro", sensor)
     if not found.accel and len(reading.columns) != 3:
-        found.accel = _accel(path, layout, names, found)
+        found.accel = _accel(path, layout, names, found, sensor)
     if not found.gyro and not only_accel:
         raise RecordingError(f"{path}: {_no_gyro(layout)}")
     if only_accel:
@@ -126,7 +129,7 @@ def _index(path: Path, layout: Layout, name: str, of: str) -> int:
     if name.strip().isdecimal() and 1 <= int(name) <= layout.width:
         return int(name) - 1
     raise RecordingError(
-        f"{path}: {of} names {name!r}; the columns are {shown(layout.names)}, or their numbers, 1 to {layout.width}"
+        f"{path}: {of} names the unknown column {name!r}: use {shown(layout.names)}, or a number from 1 to {layout.width}"
     )
 
 
@@ -136,10 +139,11 @@ def _triple(indices: list[int], names: list[Name]) -> Triple:
     return Triple((indices[0], indices[1], indices[2]), {**GYRO, **ACCEL}.get(unit), unit)
 
 
-def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dict[str, float]) -> list[Triple]:
+def _vector(path: Path, layout: Layout, names: list[Name], kind: str, sensor: str) -> list[Triple]:
     """Return the triples of columns of one kind: one, or the same vector in several units. Raises RecordingError."""
-    # Columns named x, y, z alone belong to the sensor in the file's name.
-    bare = {"gyro": "gyr", "accel": "acc"}[kind] in path.name.lower()
+    # Columns named x, y, z alone belong to the sensor in the name of the file or in the rows' tag.
+    word, units = {"gyro": ("gyr", GYRO), "accel": ("acc", ACCEL)}[kind]
+    bare = word in sensor
     for wanted in (kind, "axis"):
         alike = [
             (name, at)
@@ -152,7 +156,7 @@ def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dic
             axes = {axis: [at for name, at in list_ if name.axis == axis] for list_ in [list(members)] for axis in AXES}
             if twice := next((ats for ats in axes.values() if len(ats) > 1), None):
                 raise RecordingError(
-                    f"{path}: the header has {layout.names[twice[0]]!r} more than once; choose by number: --columns "
+                    f"{path}: the header has {layout.names[twice[0]]!r} more than once; choose by number with --columns "
                     f"{','.join(str(at + 1) for at in sorted(ats[0] for ats in axes.values() if ats))}"
                 )
             if all(axes.values()):
@@ -161,7 +165,7 @@ def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dic
         if len(whole) > 1:
             each = [",".join(layout.names[at] for at in triples[0].at) for triples in whole.values()]
             raise RecordingError(
-                f"{path}: {len(whole)} sensors have such columns: {'; '.join(each[:4])}; choose one: --columns {each[0]}"
+                f"{path}: {len(whole)} sensors with such columns: {'; '.join(each[:4])}; choose one, such as --columns {each[0]}"
             )
         if whole:
             found = next(iter(whole.values()))
@@ -170,10 +174,10 @@ def _vector(path: Path, layout: Layout, names: list[Name], kind: str, units: dic
     return []
 
 
-def _accel(path: Path, layout: Layout, names: list[Name], found: Columns) -> list[Triple]:
+def _accel(path: Path, layout: Layout, names: list[Name], found: Columns, sensor: str) -> list[Triple]:
     """Return the accelerometer's columns; none, with a note, if several sensors have some."""
     try:
-        return _vector(path, layout, names, "accel", ACCEL)
+        return _vector(path, layout, names, "accel", sensor)
     except RecordingError as several:
         found.notes.append(
             f"no accelerometer is used: {str(several).removeprefix(f'{path}: ')}, after those of the gyro"
@@ -195,7 +199,7 @@ def _with_options(layout: Layout, reading: Reading, found: Columns) -> None:
         for triple in triples:
             if factor is not None:
                 if triple.factor is not None and abs(triple.factor / factor - 1) > 1e-6:
-                    found.notes.append(f"its header says {triple.unit or 'another unit'}; {option} is used instead")
+                    found.notes.append(f"the header states {triple.unit or 'another unit'}; {option} replaces it")
                 triple.factor = factor
             elif triple.factor is None and said:
                 triple.factor = unit_in(said, units)
@@ -219,10 +223,10 @@ def _times(path: Path, layout: Layout, reading: Reading, names: list[Name], cell
 def _no_gyro(layout: Layout) -> str:
     if not any(layout.names):
         return (
-            f"no header row names its {layout.width} columns; say which are gyro x, y, z (and accelerometer x, y, z) by "
-            "number, and their unit: --columns 2,3,4 --gyro-unit deg/s, and the time's: --time-column 1"
+            f"no header row names the {layout.width} columns. Give the numbers of gyro x, y, z (and accelerometer x, y, z), the "
+            "unit and the time column: --columns 2,3,4 --gyro-unit deg/s --time-column 1"
         )
     return (
-        f"no columns of a gyro are recognised; the header has {shown(layout.names)}. Say which are x, y, z by name or "
-        "number, and their unit: --columns NAME,NAME,NAME --gyro-unit deg/s"
+        f"no gyro columns recognised; the header has {shown(layout.names)}. Give the names or numbers of x, y, z and the "
+        "unit: --columns NAME,NAME,NAME --gyro-unit deg/s"
     )

@@ -3,6 +3,7 @@
 import csv
 import re
 from collections import Counter
+from itertools import groupby
 from typing import NamedTuple
 
 from bridge.recording.units import ACCEL, GYRO, TIME, spelling
@@ -11,7 +12,7 @@ _SEPARATORS = (",", ";", "\t", "|", " ", None)
 #: most lines and characters examined
 _LINES, _CHARACTERS = 400, 400_000
 _LEAST_NUMBERS = 3
-_COMMENT = re.compile(r"\s*(//|#|%|\*)+\s?")
+COMMENT = re.compile(r"\s*(//|#|%|\*)+\s?")
 _SEP = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _RATE = re.compile(
     r"(?<!baud)(?<!baud[ _])(?<!frame[ _])(?:rate|frequency|freq|odr|fs)\b[^0-9\n]{0,24}?(\d+(?:[.,]\d+)?)\s*(k?hz|sps|samples)?",
@@ -75,7 +76,7 @@ def layout_of(lines: list[str]) -> Layout | None:
         return None
     separator, decimal, width, first = found
     names, header_from = _header(lines[:first], separator, width)
-    preamble = "\n".join(_COMMENT.sub("", line) for line in lines[:header_from])
+    preamble = "\n".join(COMMENT.sub("", line) for line in lines[:header_from])
     return Layout(separator, decimal, names, width, first, *_facts(preamble))
 
 
@@ -120,7 +121,7 @@ def _header(lines: list[str], separator: str | None, width: int) -> tuple[list[s
     if lines and '"' in lines[-1] and len(lines) > 1 and lines[-1].count('"') % 2:
         lines = [*lines[:-2], f"{lines[-2]} {lines[-1]}"]  # a quoted name that contains a line break
     for at in range(len(lines) - 1, -1, -1):
-        line = _COMMENT.sub("", lines[at], count=1) if _COMMENT.match(lines[at]) else lines[at]
+        line = COMMENT.sub("", lines[at], count=1) if COMMENT.match(lines[at]) else lines[at]
         if not line.strip():
             if rows:
                 break
@@ -144,14 +145,24 @@ def _joined(rows: list[list[str]], width: int) -> list[str]:
         if number and all(not cell or _is_unit(cell) for cell in row):
             units = row
             continue
-        below = number < len(rows) - 1 and not all(not c or _is_unit(c) for c in rows[number + 1])
-        if below and "" in row[1:]:
-            row = _spread(row)  # noqa: PLW2901 - a name over several columns stands above the first of them
+        if number < len(rows) - 1 and "" in row[1:]:
+            units_follow = all(not c or _is_unit(c) for c in rows[number + 1])
+            row = _by_axis(_spread(row)) if units_follow else _spread(row)  # noqa: PLW2901
         names = [f"{name} {cell}".strip() for name, cell in zip(names, row, strict=True)]
     return [f"{name} ({unit.strip('()[]')})" if unit else name for name, unit in zip(names, units, strict=True)]
 
 
+def _by_axis(row: list[str]) -> list[str]:
+    """Append the axis to a name that stands over three columns."""
+    named = list[str]()
+    for name, alike in groupby(row):
+        n = len(list(alike))
+        named += [f"{name} {axis}" for axis in "xyz"] if name and n == 3 else [name] * n
+    return named
+
+
 def _spread(row: list[str]) -> list[str]:
+    """Repeat a name that stands over several columns, above the first of them."""
     last, spread = "", []
     for cell in row:
         last = cell or last
@@ -175,6 +186,7 @@ def _is_unit(cell: str) -> bool:
         "mgauss",
         "gauss",
         "pa",
+        "kpa",
         "m",
         "deg",
     }

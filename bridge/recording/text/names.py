@@ -83,7 +83,11 @@ def understood(name: str) -> Name:
 def _of_axis(axis: str, unit: str, words: list[str], others: set[str]) -> Name:
     if others & _OTHER:
         return _NOTHING
+    if unit in TIME:
+        return _time(unit, words, others)
     rest = tuple(words)
+    if others & _GYRO and others & _ACCEL:  # a sensor's name before the quantity's: the last word decides
+        others -= _GYRO if [word for word in words if word in _GYRO | _ACCEL][-1] in _ACCEL else _ACCEL
     if others & _GYRO or any(pair <= others for pair in _PAIRS) or words[:1] == ["w"]:
         return Name("gyro", axis, unit, rest)
     if others & _ACCEL or words[:1] == ["a"] or {"specific", "force"} <= others:

@@ -1,5 +1,6 @@
 """Reads text tables as the columns of a recording, in SI units."""
 
+from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -11,6 +12,7 @@ from bridge.recording.reading import Reading
 from bridge.recording.recording import Floats
 from bridge.recording.table import Table
 from bridge.recording.text.columns import Clock, Columns, Triple, find, shown
+from bridge.recording.text.interleaved import tags_of
 from bridge.recording.text.layout import Layout, layout_of, split
 from bridge.recording.text.rows import Read, TooLong, read_rows
 from bridge.recording.text.source import blocks
@@ -34,28 +36,33 @@ def read_text(path: Path, reading: Reading) -> Table:
 
     Raises RecordingError, which names the options for what is missing.
     """
-    table = _read(path, reading, only_accel=False)
-    if reading.accel_file is not None:
-        other = _read(reading.accel_file, reading, only_accel=True)
-        _join(path, table, reading.accel_file, other)
+    tags = tags_of(next(blocks(path), []))
+    if tags is None:
+        table = _read(path, blocks(path), reading)
+    else:
+        table = _read(path, tags.rows_of(tags.gyro, blocks(path)), reading, tag=tags.gyro)
+    if (other := reading.accel_file) is not None:
+        _join(path, table, other, _read(other, blocks(other), reading, only_accel=True))
+    elif tags is not None and tags.accel and "accel_m_s2" not in table.columns:
+        accel = _read(path, tags.rows_of(tags.accel, blocks(path)), reading, only_accel=True, tag=tags.accel)
+        _join(path, table, path, accel)
     return table
 
 
-def _read(path: Path, reading: Reading, *, only_accel: bool) -> Table:
-    source = blocks(path)
+def _read(
+    path: Path, source: Iterator[list[str]], reading: Reading, *, only_accel: bool = False, tag: str = ""
+) -> Table:
     start = next(source, [])
     if not any(line.strip() for line in start):
-        raise RecordingError(
-            f"{path}: it is empty; a header row that names the columns, and a row a sample, are needed"
-        )
+        raise RecordingError(f"{path}: the file is empty: give a header row with column names, then one row per sample")
     layout = layout_of(start)
     if layout is None:
         raise RecordingError(
-            f"{path}: no rows of numbers are found; it begins with {start[0][:60]!r}. A header row that names the columns, "
-            "and a row a sample, are needed"
+            f"{path}: no rows of numbers; the file begins with {start[0][:60]!r}. Give a header row with column names, "
+            "then one row per sample"
         )
     cells = [*split(start[layout.first], layout.separator), *[""] * layout.width][: layout.width]
-    columns = find(path, layout, reading, cells, only_accel=only_accel)
+    columns = find(path, layout, reading, cells, only_accel=only_accel, tag=tag)
     if asked := _asked(reading, layout, columns, only_accel=only_accel):
         raise RecordingError(f"{path}: {asked}")
     triples = [*columns.gyro, *columns.accel]
@@ -64,7 +71,7 @@ def _read(path: Path, reading: Reading, *, only_accel: bool) -> Table:
     try:
         read = read_rows(chain([start], source), layout, wanted, [c.at for c in columns.clocks if c.text])
     except TooLong as error:
-        raise RecordingError(f"{path}: {error} and more; cut it in parts") from None
+        raise RecordingError(f"{path}: {error} and more; split the file") from None
     return _table(reading, layout, columns, Values(read, wanted), path)
 
 
@@ -72,7 +79,7 @@ def _table(reading: Reading, layout: Layout, columns: Columns, values: "Values",
     found: dict[str, Floats] = {}
     notes = [*columns.notes, *(f"{count(n, 'line')} left out: {what}" for what, n in values.read.odd.items())]
     if columns.unused:
-        notes.append(f"{shown(columns.unused)}: not used; x, y and z of a sensor are needed")
+        notes.append(f"{shown(columns.unused)}: not used: a sensor needs its x, y and z columns")
     if columns.gyro:
         found["gyro_rad_s"] = _agreed(path, layout, columns.gyro, values)
     if columns.accel:
@@ -135,27 +142,23 @@ def _rate(path: Path, reading: Reading, layout: Layout, columns: Columns, values
     if columns.clocks or reading.rate_hz is not None:
         return 0.0
     raise RecordingError(
-        f"{path}: {layout.names[columns.rate]!r} is not the same in all rows; say the rate: --rate-hz HZ"
+        f"{path}: {layout.names[columns.rate]!r} differs between rows; give the rate with --rate-hz HZ"
     )
 
 
 def _asked(reading: Reading, layout: Layout, columns: Columns, *, only_accel: bool) -> str:
     """Say which facts neither the file nor an option gives, and the options for them; empty if nothing is missing."""
     if only_accel:
-        return (
-            ""
-            if columns.accel
-            else f"no columns of an accelerometer are recognised; the header has {shown(layout.names)}"
-        )
+        return "" if columns.accel else f"no accelerometer columns recognised; the header has {shown(layout.names)}"
     missing = []
     if columns.gyro[0].factor is None:
         name = layout.names[columns.gyro[0].at[0]] or f"column {columns.gyro[0].at[0] + 1}"
         missing.append(
-            f"the unit of {name!r} is not said: say --gyro-unit deg/s or --gyro-unit rad/s, or of raw counts "
-            "--gyro-sensitivity with the counts per °/s in the sensor's sheet (131 of an MPU-6050 at ±250 °/s)"
+            f"the unit of {name!r} is unknown: give --gyro-unit deg/s or --gyro-unit rad/s; for raw counts give "
+            "--gyro-sensitivity with the counts per °/s of the data sheet (131 for an MPU-6050 at ±250 °/s)"
         )
     if not columns.clocks and not layout.rate_hz and columns.rate is None and reading.rate_hz is None:
-        missing.append("it has neither sample times nor a rate: say --rate-hz with the device's output data rate")
+        missing.append("neither sample times nor a rate: give the device's output data rate with --rate-hz")
     return "; and ".join(missing)
 
 
@@ -167,7 +170,7 @@ def _agreed(path: Path, layout: Layout, triples: list[Triple], values: Values) -
         if not np.allclose(values.vector(triple), first_values, rtol=0.0, atol=_AGREED * most, equal_nan=True):
             first, second = (layout.names[one.at[0]] for one in (triples[0], triple))
             raise RecordingError(
-                f"{path}: {first!r} and {second!r} are not the same in two units; choose one: --columns "
+                f"{path}: {first!r} and {second!r} differ by more than their units; choose one with --columns "
                 f"{','.join(layout.names[at] for at in triples[0].at)}"
             )
     return first_values
@@ -184,10 +187,10 @@ def _by_gravity(layout: Layout, triple: Triple, accel: Floats) -> tuple[float | 
         if abs(length * ACCEL[unit] / STANDARD_GRAVITY - 1) < _NEAR_GRAVITY:
             return ACCEL[
                 unit
-            ], f"the unit of {name!r} is not said; its median length of {length:.4g} is gravity in {unit}"
+            ], f"the unit of {name!r} is not stated; its median length of {length:.4g} is gravity in {unit}"
     return None, (
-        f"the unit of {name!r} is not said, and its median length of {length:.4g} is gravity in none of g, m/s², mg; it is "
-        "not used: say --accel-unit, or of raw counts --accel-sensitivity with the counts per g"
+        f"{name!r} is not used: its unit is not stated, and its median length of {length:.4g} is not gravity in g, m/s² or "
+        "mg. Give --accel-unit; for raw counts give the counts per g with --accel-sensitivity"
     )
 
 
@@ -206,10 +209,12 @@ def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) 
     even = {layout.names[c.at]: _step(t) * f for _, c, t, f, _ in scaled if not c.text and _evenness(t) > _EVENLY}
     if even and max(even.values()) > _SAME_STEP * min(even.values()):
         rates = "; ".join(f"{name!r} at {1 / step:.4g} Hz" for name, step in even.items())
-        raise RecordingError(f"{path}: its times disagree: {rates}. Choose one: --time-column {next(iter(even))!r}")
+        raise RecordingError(
+            f"{path}: the time columns disagree: {rates}. Choose one, such as --time-column {next(iter(even))!r}"
+        )
     name = layout.names[clock.at]
     said = f"{said}; " if said else ""
-    said += f"the time is {name!r}; others are not used ({shown([layout.names[c[1].at] for c in scaled[1:]])})"
+    said += f"the time column is {name!r}; not used: ({shown([layout.names[c[1].at] for c in scaled[1:]])})"
     return time * factor if factor != 1.0 else time, factor, said
 
 
@@ -240,12 +245,12 @@ def _unit(path: Path, layout: Layout, clock: Clock, time: Floats) -> tuple[float
     if fits:
         return TIME[
             fits[0]
-        ], f"the unit of {name!r} is not said; its steps of {span:.6g} make an IMU's rate in {fits[0]} only"
+        ], f"the unit of {name!r} is not stated; its steps of {span:.6g} fit an IMU's rate only in {fits[0]}"
     if not span:
         return 1.0, ""
     raise RecordingError(
-        f"{path}: the unit of {name!r} is not said, and its steps of {span:.6g} make no IMU's rate in any: say --time-unit, "
-        "or the device's rate: --rate-hz"
+        f"{path}: the unit of {name!r} is not stated, and its steps of {span:.6g} fit an IMU's rate in no unit: give "
+        "--time-unit, or the device's rate with --rate-hz"
     )
 
 
@@ -253,13 +258,13 @@ def _join(path: Path, table: Table, other_path: Path, other: Table) -> None:
     """Add another file's accelerometer to the table, interpolated at the rates' times. Raises RecordingError."""
     ours, theirs = table.columns.get("t_s"), other.columns.get("t_s")
     if "accel_m_s2" not in other.columns:
-        raise RecordingError(f"{other_path}: no accelerometer that can be used: {'; '.join(other.notes)}")
+        raise RecordingError(f"{other_path}: no usable accelerometer: {'; '.join(other.notes)}")
     accel = other.columns["accel_m_s2"]
     if ours is None or theirs is None:
         if len(accel) != len(table.columns["gyro_rad_s"]):
             raise RecordingError(
-                f"{other_path}: {count(len(accel), 'row')}, and no times in both files to match them with the "
-                f"{count(len(table.columns['gyro_rad_s']), 'row')} of {path}"
+                f"{other_path}: {count(len(accel), 'row')}, but no times in both files to match them with the "
+                f"{count(len(table.columns['gyro_rad_s']), 'row')} of {path}: export both files with times"
             )
         table.columns["accel_m_s2"] = accel
         return
@@ -269,7 +274,7 @@ def _join(path: Path, table: Table, other_path: Path, other: Table) -> None:
     inside = (ours >= known[0]) & (ours <= known[-1]) if len(known) else np.zeros(len(ours), bool)
     if np.mean(inside) < 0.5:
         raise RecordingError(
-            f"{other_path}: its times are not those of {path}: less than half of the rates are within them"
+            f"{other_path}: its times overlap less than half of {path}: give the accelerometer file of the same session"
         )
     table.columns["accel_m_s2"] = np.stack([np.interp(ours, known, values[:, axis]) for axis in range(3)], axis=1)
-    table.notes.append(f"the accelerometer is of {other_path.name}, interpolated")
+    table.notes.append(f"the accelerometer is read from {other_path.name} and interpolated")

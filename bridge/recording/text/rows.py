@@ -98,7 +98,9 @@ def _slow(
             cells.pop()
         values = [_number(cells[at], layout.decimal) for at in columns] if len(cells) == layout.width else []
         if not values or all(value is None for value in values):
-            what = "more or fewer cells than others" if len(cells) > 1 and not values else "no row of numbers"
+            what = (
+                "more or fewer cells than the other rows" if len(cells) > 1 and not values else "not a row of numbers"
+            )
             read.odd[what] = read.odd.get(what, 0) + 1
             continue
         part.extend([np.nan if value is None else value for value in values])

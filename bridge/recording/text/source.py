@@ -28,11 +28,11 @@ def blocks(path: Path) -> Iterator[list[str]]:
         while block := text.read(BLOCK):
             size += len(block)
             if size > MAX_TEXT_BYTES:
-                raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 20} MB of text; cut it in parts")
+                raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 20} MB of text: split the file")
             lines = (rest + block.replace("\0", "")).split("\n")
             rest = lines.pop()
             if len(rest) > MAX_LINE:
-                raise RecordingError(f"{path}: a line has more than {MAX_LINE} characters; a row a sample is expected")
+                raise RecordingError(f"{path}: a line has more than {MAX_LINE} characters: give one row per sample")
             yield lines
         if rest:
             yield [rest]
@@ -49,7 +49,9 @@ def _opened(path: Path) -> Iterator[IO[bytes]]:
             with gzip.open(file) as unpacked, io.BufferedReader(unpacked) as buffered:
                 yield buffered
     except (gzip.BadGzipFile, zlib.error, EOFError) as error:
-        raise RecordingError(f"{path}: a damaged .gz file: {error}; unpack what is left of it by gzip -dc") from None
+        raise RecordingError(
+            f"{path}: damaged .gz file: {error}; unpack the readable part with gzip -dc {path} > OUT.csv"
+        ) from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
 
@@ -64,7 +66,7 @@ def _encoding(path: Path, raw: IO[bytes]) -> str:
     text = start.rstrip(b"\0")
     if sum(byte in _CONTROL for byte in text) > _BINARY * len(text):
         raise RecordingError(
-            f"{path}: not text, but bytes; if a device sent them: truerate recording convert {path} OUT.npz --driver NAME "
+            f"{path}: binary data, not text. If a device sent it: truerate recording convert {path} OUT.npz --driver NAME "
             "(truerate bridge scan --port file://FILE finds the driver)"
         )
     return "utf-8-sig"

@@ -34,9 +34,9 @@ class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.unit and unit_in(self.unit, GYRO) is None and unit_in(self.unit, ACCEL) is None:
-            raise ValueError(f"unit is {self.unit!r}; one of {', '.join([*GYRO, *ACCEL])} is expected")
+            raise ValueError(f"unit is {self.unit!r}: use one of {', '.join([*GYRO, *ACCEL])}")
         if not 0 <= self.sensitivity < 1e9:
-            raise ValueError(f"sensitivity is {self.sensitivity:g}; counts per °/s or per g are expected")
+            raise ValueError(f"sensitivity is {self.sensitivity:g}: give the counts per °/s or per g")
 
     def factor(self, known: dict[str, float], per: str) -> float | None:
         """Return the factor from the column's numbers to SI; None if the tool's file does not fix the unit."""
@@ -51,7 +51,7 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.unit and unit_in(self.unit, TIME) is None:
-            raise ValueError(f"unit is {self.unit!r}; one of {', '.join(TIME)} is expected")
+            raise ValueError(f"unit is {self.unit!r}: use one of {', '.join(TIME)}")
 
 
 class Tool(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

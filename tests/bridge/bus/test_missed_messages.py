@@ -21,7 +21,7 @@ def test_the_streams_with_most_are_named() -> None:
     }
     assert describe_missed(by_key) == (
         "26 messages missed on the bus: 9 status of chest, 5 raw of wrist, 4 corrected of a, 3 of 2 other streams, "
-        "5 of streams that were not heard before"
+        "5 of streams that were new"
     )
     assert describe_missed({key("raw", "wrist", bridge="b1"): 1}) == "1 messages missed on the bus: 1 raw of wrist"
     assert describe_missed({}) == describe_missed({"": 0}) == ""

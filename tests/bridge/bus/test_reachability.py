@@ -23,9 +23,9 @@ def closed_port() -> int:
 
 
 def test_the_network_is_asked(silent: socket.socket) -> None:
-    assert why_unreachable(f"tcp/127.0.0.1:{closed_port()}") == "nothing listens there"
-    assert why_unreachable(f"tls/127.0.0.1:{closed_port()}#iface=lo") == "nothing listens there"
-    assert why_unreachable("tcp/nobody.invalid:7447") == "nobody knows the name nobody.invalid"
+    assert why_unreachable(f"tcp/127.0.0.1:{closed_port()}") == "no program listens there"
+    assert why_unreachable(f"tls/127.0.0.1:{closed_port()}#iface=lo") == "no program listens there"
+    assert why_unreachable("tcp/nobody.invalid:7447") == "the name nobody.invalid is unknown"
     assert why_unreachable(f"tcp/127.0.0.1:{silent.getsockname()[1]}") == ""
     assert why_unreachable("unixsock-stream//tmp/x") == why_unreachable("udp/127.0.0.1:1") == ""
 
@@ -35,9 +35,10 @@ def test_what_cannot_be_reached_is_said_with_its_address_and_without_zenohs_own_
     with pytest.raises(BusError) as nothing:
         ZenohBus([gone], open_timeout_s=0.2)
     assert str(nothing.value) == (
-        f"no router answered at {gone} within 0.2 s: nothing listens there; start one with `truerate router`"
+        f"no router answered at {gone} within 0.2 s: no program listens there; "
+        f"start one with `truerate router --listen {gone}`, or correct the address"
     )
     with pytest.raises(BusError) as either:
         ZenohBus([gone, there], open_timeout_s=0.2)
-    assert f"{gone}: nothing listens there; what is at {there} may ask for a certificate" in str(either.value)
+    assert f"{gone}: no program listens there; the program at {there} may ask for a certificate" in str(either.value)
     assert "Unable to connect" not in str(either.value)

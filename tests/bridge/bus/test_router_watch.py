@@ -19,13 +19,13 @@ def told(caplog: pytest.LogCaptureFixture, looks: list[tuple[float, bool]]) -> t
 def test_a_router_that_goes_and_comes_is_said_once_each(caplog: pytest.LogCaptureFixture) -> None:
     away, said = told(caplog, [(0, True), (1, False), (2, False), (3, True), (4, True)])
     assert away == [False, True, True, True, False]
-    assert said == ["the router is gone; going on, and waiting for it", "the router is back"]
+    assert said == ["the router is gone; waiting for it to return", "the router is connected again"]
 
 
 def test_who_was_held_up_says_so(caplog: pytest.LogCaptureFixture) -> None:
     _, said = told(caplog, [(0, True), (4.5, True), (5.5, False), (6.5, True), (20.5, True), (21.5, True), (30, False)])
-    assert "this program was held up for 3.5 s, the machine is too busy" in said[0]
-    assert "held up for 7.5 s" in said[2]
+    assert "this program was stopped for 3.5 s because the machine is too busy" in said[0]
+    assert "stopped for 7.5 s" in said[2]
 
 
 def test_what_is_long_ago_is_not_to_blame(caplog: pytest.LogCaptureFixture) -> None:

@@ -49,12 +49,24 @@ def test_info_in_words_and_as_json(path: Path, capsys: Capture) -> None:
     assert found["devices"]["one"]["notes"] == [{"time_ns": NOW + 3 * S, "who": "anna", "text": "sat up"}]
 
 
+def test_a_wrong_option_is_wrong_usage(path: Path, tmp_path: Path) -> None:
+    for arguments in (
+        ["inspect", str(path), "--gyro-unit", "furlong"],
+        ["convert", str(path), str(tmp_path / "session.wav")],
+        ["convert", str(path), str(tmp_path / "session.npz"), "--driver", "none"],
+        ["export", str(path), "--bids", str(tmp_path / "dataset"), "--subject", "0 1"],
+    ):
+        assert main(["recording", *arguments]) == 2, arguments
+
+
 def test_a_torn_file_is_told_recovered_and_then_whole(path: Path, capsys: Capture) -> None:
     torn = path.with_name(path.name + ".part")
     torn.write_bytes(path.read_bytes()[:20_000])
     path.unlink()
     assert main(["recording", "info", str(torn)]) == 1
-    assert "recording recover makes a whole file of it" in " ".join(capsys.readouterr().out.split())
+    assert "make a complete file with truerate recording recover" in " ".join(capsys.readouterr().out.split())
+    assert main(["recording", "export", str(torn), "--csv", str(torn.parent / "csv")]) == 1
+    capsys.readouterr()
     assert main(["recording", "recover", str(torn)]) == 0
     assert "torn record" in capsys.readouterr().out
     assert main(["recording", "info", str(path)]) == 0
@@ -64,7 +76,7 @@ def test_export_of_one_device(path: Path, tmp_path: Path, capsys: Capture) -> No
     assert main(["recording", "export", str(path), "--csv", str(tmp_path / "out"), "--device", "two"]) == 0
     assert capsys.readouterr().out.split() == [str(tmp_path / "out" / name) for name in ("two.csv", "events.csv")]
     assert main(["recording", "export", str(path), "--npz", str(tmp_path / "out"), "--device", "three"]) == 1
-    assert "no samples of 'three'; there are of one, two" in capsys.readouterr().err
+    assert "no samples of --device 'three'; choose from one, two" in capsys.readouterr().err
 
 
 def sent(session: Session, first: int = 0) -> list[Message]:
@@ -109,7 +121,7 @@ def test_calibrate_and_correct_take_a_wards_recording(tmp_path: Path, capsys: Ca
         assert (file["quality"] == 3).any()
     capsys.readouterr()
     assert main(["calibrate", str(path)]) == 1
-    assert "it has 2 devices; choose one by --device: one, two" in capsys.readouterr().err
+    assert "2 devices; choose one with --device: one, two" in capsys.readouterr().err
 
 
 def corrected(path: Path, capsys: Capture, *words: str) -> dict[str, Any]:
@@ -259,16 +271,16 @@ def test_help_has_the_verbs_in_the_order_of_use(capsys: Capture) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["record", "--rotate", "soon"], 2, "truerate: record: rotate is 'soon'; a time such as 90s"),
+        (["record", "--rotate", "soon"], 2, "truerate: record: rotate is 'soon': give a time such as 90s"),
         (["record", "--connect", "here"], 2, "--connect"),
         (["record", "--seconds", "0"], 2, "--seconds is 0"),
         (["record", "--ward", "Ward 3"], 2, "ward 'Ward 3' is not valid"),
-        (["record", "--out", "/nowhere/at/all"], 1, "there is no such folder; make it first"),
+        (["record", "--out", "/nowhere/at/all"], 1, "the folder does not exist; make it"),
         (["record", "--config", "none.toml"], 2, "there is no such file"),
         (["bridge", "replay", "x.npz"], 1, "x.npz: there is no such file"),
         (["bridge", "replay", "/"], 1, "/: not a file"),
-        (["bridge", "replay", __file__], 1, "a recording ends in .npz"),
-        (["bridge", "replay", __file__, "--device", "chest"], 1, "a recording ends in .npz"),
+        (["bridge", "replay", __file__], 1, "give a recording in .npz"),
+        (["bridge", "replay", __file__, "--device", "chest"], 1, "give a recording in .npz"),
         (["calibrate", "x.mcap.part"], 1, "cannot be read"),
     ],
 )
@@ -281,7 +293,7 @@ def test_wrong_use_is_said(words: list[str], code: int, said: str, capsys: Captu
 def test_what_was_not_finished_is_to_be_made_whole_before_it_is_played(tmp_path: Path, capsys: Capture) -> None:
     (part := tmp_path / "ward.mcap.part").touch()
     assert main(["bridge", "replay", str(part)]) == 1
-    assert f"make it whole first: truerate recording recover {part}" in capsys.readouterr().err
+    assert f"complete it first: truerate recording recover {part}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("device", ["", "chest"])
@@ -299,4 +311,4 @@ def test_a_recording_of_one_device_is_played_as_that_one_where_it_says_which(
     monkeypatch.setattr("bridge.cli.bridge._serve", serve)
     code = main(["bridge", "replay", str(tmp_path / "one.npz")])
     assert (code, played) == ((0, ["chest"]) if device else (2, []))
-    assert ("say it with --device ID" in capsys.readouterr().err) == (not device)
+    assert ("name it with --device ID" in capsys.readouterr().err) == (not device)

@@ -28,7 +28,7 @@ def test_what_is_no_id_is_not_enrolled(entry: str) -> None:
 
 def test_two_bridges_of_one_device_are_a_mistake() -> None:
     assert places(["b1/a", "b1/a"]) == {"a": "b1"}
-    with pytest.raises(ValueError, match="'a' is enrolled twice, by b1 and any bridge"):
+    with pytest.raises(ValueError, match="'a' is enrolled twice, for b1 and for any bridge"):
         places(["b1/a", "a"])
 
 

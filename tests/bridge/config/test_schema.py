@@ -97,24 +97,24 @@ DEVICE = (
             DEVICE + 'id = "d2"\ndriver = ["native"]',
             "[[bridge.devices]] #2: unknown driver ['native']; did you mean 'native'?",
         ),
-        (DEVICE + 'id = "d2"\ndriver = "native"', "[[bridge.devices]] #2: the key 'port' is missing"),
-        (DEVICE + 'driver = "native"', "[[bridge.devices]] #2: the key 'id' is missing"),
+        (DEVICE + 'id = "d2"\ndriver = "native"', "[[bridge.devices]] #2: the key 'port' is missing: add it"),
+        (DEVICE + 'driver = "native"', "[[bridge.devices]] #2: the key 'id' is missing: add it"),
         (
             DEVICE + 'id = "d2"\ndriver = "native"\nport = "p"\nbaud = "fast"',
             "[[bridge.devices]] #2: key 'baud': expected a whole number, got text in quotes",
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "simulated"\nspeed = 0',
-            "[[bridge.devices]] #2: speed is 0; 0.01 to 100 is taken",
+            "[[bridge.devices]] #2: speed is 0: use 0.01 to 100",
         ),
-        (DEVICE + 'id = "d1"\ndriver = "simulated"', "[bridge]: devices #1 and #2 have the same id 'd1'"),
+        (DEVICE + 'id = "d1"\ndriver = "simulated"', "[bridge]: devices #1 and #2 have the same id 'd1': rename one"),
         ('ward = "w"\n[brigde]', "unknown key 'brigde'; did you mean 'bridge'?"),
-        ('[bridge]\nid = "b"', "the key 'ward' is missing"),
+        ('[bridge]\nid = "b"', "the key 'ward' is missing: add it"),
         (
             'ward = "w"\n[bridge]\nid = "b"\nbatch_ms = "5"',
             "[bridge]: key 'batch_ms': expected a number, got text in quotes",
         ),
-        ('ward = "w"\n[bridge]\nid = "b"\nbatch_ms = 1', "[bridge]: batch_ms is 1; 5 to 1000 is taken"),
+        ('ward = "w"\n[bridge]\nid = "b"\nbatch_ms = 1', "[bridge]: batch_ms is 1: use 5 to 1000 milliseconds"),
         ('ward = "w"\nbridge = 3', "key 'bridge': expected a table, got a whole number"),
         (
             'ward = "w"\n[bus]\nconnect = ["tcp/a:1", 2]',
@@ -123,7 +123,7 @@ DEVICE = (
         ('ward = "w"\n[bus]\nconnect = []', "[bus]: connect needs at least one endpoint, such as 'tcp/127.0.0.1:7447'"),
         (
             'ward = "w"\n[bus]\nconnect = ["local"]',
-            "[bus]: connect: 'local' is no endpoint; one looks like 'tcp/127.0.0.1:7447'",
+            "[bus]: connect: 'local' is not an endpoint: write PROTOCOL/HOST:PORT, such as 'tcp/127.0.0.1:7447'",
         ),
         (
             'ward = "w"\n[bus]\nconnect = ["tpc/127.0.0.1:7447"]',
@@ -131,23 +131,23 @@ DEVICE = (
         ),
         (
             'ward = "w"\n[bus]\nconnect = ["tcp/127.0.0.1:99999"]',
-            "[bus]: connect: 'tcp/127.0.0.1:99999': port 99999 is none; 65535 is the highest",
+            "[bus]: connect: 'tcp/127.0.0.1:99999': invalid port 99999: use 1 to 65535",
         ),
         (
             'ward = "w"\n[router]\nlisten = ["tcp/0.0.0.0"]',
-            "[router]: listen: 'tcp/0.0.0.0' has no port; one looks like 'tcp/127.0.0.1:7447'",
+            "[router]: listen: 'tcp/0.0.0.0' has no port: write PROTOCOL/HOST:PORT, such as 'tcp/127.0.0.1:7447'",
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "native"\nport = "p"',
-            "[bridge]: devices 'd1' and 'd2' have the same port 'p'",
+            "[bridge]: devices 'd1' and 'd2' have the same port 'p': give each its own",
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "native"\nport = "q"\nbaud = -9600',
-            "[[bridge.devices]] #2: baud is -9600; 300 to 4000000 is taken, 115200 is usual",
+            "[[bridge.devices]] #2: baud is -9600: use 300 to 4000000, usually 115200",
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "native"\nport = ""',
-            "[[bridge.devices]] #2: port is empty; `truerate bridge scan` shows what is plugged in",
+            "[[bridge.devices]] #2: port is empty: name one; `truerate bridge scan` lists the connected devices",
         ),
         (
             'ward = "w"\n[bridge]\nid = "b"\n[bridge.devices]\nid = "x"',
@@ -163,7 +163,7 @@ DEVICE = (
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "replayed"\nfile = "p"\nrate_hz = nan',
-            "[[bridge.devices]] #2: rate_hz is nan; more than 0, up to 10000, is taken",
+            "[[bridge.devices]] #2: rate_hz is nan: use a number above 0, up to 10000",
         ),
         ('ward = "w"\n[bridge]\nid = "b"\ndevices = [3]', "[[bridge.devices]] #1: expected a table, got int"),
     ],
@@ -193,7 +193,7 @@ def test_a_file_that_cannot_be_read_says_so(tmp_path: Path) -> None:
     (tmp_path / "latin.toml").write_bytes("ward = 'w'\n# Kücke\n".encode("latin-1"))
     for path, said in [
         (tmp_path / "none.toml", "no such file"),
-        (tmp_path, "a folder, where a file is expected"),
+        (tmp_path, "a folder, but a file is expected"),
         (tmp_path / "binary.toml", "line 1 is not UTF-8 text: save the file as UTF-8"),
         (tmp_path / "latin.toml", "line 2 is not UTF-8 text"),
     ]:

@@ -31,7 +31,7 @@ def test_a_disk_has_room_or_not(tmp_path: Path, free: float, level: Level) -> No
 def test_a_place_that_is_no_folder_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     level, said, do = only(machine.disk({"recordings": tmp_path / "file" / "x"}))
-    assert (level, said) == (Level.TROUBLE, f"{tmp_path}/file cannot be written to")
+    assert (level, said) == (Level.TROUBLE, f"{tmp_path}/file is a file, not a folder")
     assert "choose another place" in do
     assert only(machine.disk({"store": tmp_path}))[1].startswith(str(tmp_path))
 
@@ -55,7 +55,7 @@ def test_two_bridges_of_one_file_are_seen(tmp_path: Path) -> None:
     bridge(4, "b", str(tmp_path / "a/ward.toml"))
     level, said, do = only(machine.bridges(tmp_path))
     assert level is Level.TROUBLE
-    assert said == f"{tmp_path}/a/ward.toml: 2 bridges run with it, processes 1, 4"
+    assert said == f"{tmp_path}/a/ward.toml: 2 bridges use this file, processes 1, 4"
     assert do == "stop all but one: kill 4"
 
 
@@ -83,7 +83,7 @@ def test_a_router_is_reached_or_not() -> None:
         raise BusError("no router answered")
 
     assert only(router(["tcp/h:1"], nobody))[0] is Level.TROUBLE
-    assert only(router(["tcp/h:1"], lambda _: MemoryBus(MemoryBroker())))[:2] == (Level.OK, "reached at tcp/h:1")
+    assert only(router(["tcp/h:1"], lambda _: MemoryBus(MemoryBroker())))[:2] == (Level.OK, "answers at tcp/h:1")
 
 
 def test_of_two_routers_the_one_that_is_away_is_named() -> None:
@@ -94,6 +94,6 @@ def test_of_two_routers_the_one_that_is_away_is_named() -> None:
 
     found = router(["tcp/h:1", "tcp/h:2"], one_of_two)
     assert [(finding.level, finding.said) for finding in found] == [
-        (Level.OK, "reached at tcp/h:1"),
+        (Level.OK, "answers at tcp/h:1"),
         (Level.WARNING, "no router answered at tcp/h:2"),
     ]

@@ -70,7 +70,7 @@ def test_modem_manager_is_fine_only_with_a_rule(tmp_path: Path) -> None:
     (rules / "50-other.rules").write_text("# nothing")
     level, said, do = only(port_access.modem_manager(proc, [rules, tmp_path / "gone"]))
     assert level is Level.WARNING
-    assert "sends bytes to every device" in said
+    assert "to every device that is plugged in" in said
     assert str(port_access.RULES) in do
     (rules / RULES.name).write_text(RULES.read_text())
     assert only(port_access.modem_manager(proc, [rules]))[0] is Level.OK
@@ -83,7 +83,7 @@ def test_a_port_is_for_one_bridge(tmp_path: Path) -> None:
     run = "/venv/bin/python /venv/bin/truerate bridge run ward.toml"
     process(proc, 5, "truerate", port, command=run)
     process(proc, 6, "bash", command=f"bash -c {run}")
-    assert only(port_access.busy([str(name)], proc))[:2] == (Level.OK, "none is open in another program")
+    assert only(port_access.busy([str(name)], proc))[:2] == (Level.OK, "no port is open in another program")
     process(proc, 8, "truerate", port, command=run)
     level, said, do = only(port_access.busy([str(name)], proc))
     assert (level, do) == (Level.TROUBLE, "stop all but one: kill 8")
@@ -113,7 +113,7 @@ def test_a_device_that_is_not_plugged_in_is_told(tmp_path: Path) -> None:
     level, said, _ = only(port_access.present({"a": "/dev/null"}))
     assert (level, said) == (Level.TROUBLE, "/dev/null is not a serial port")
     level, said, do = only(port_access.present({"a": str(tmp_path / "gone")}))
-    assert (level, said) == (Level.WARNING, f"{tmp_path}/gone is not there")
+    assert (level, said) == (Level.WARNING, f"{tmp_path}/gone does not exist")
     assert "truerate bridge scan" in do
 
 

@@ -54,19 +54,19 @@ def test_the_right_speed_is_found(tmp_path: Path) -> None:
         assert what(scan(port.link)) == ("line", 57_600)
         wrong = scan(port.link, speeds=[9600])
         assert wrong.guess is None
-        assert "a speed other than 9600 (try --baud), or a protocol that needs a driver" in wrong.words
+        assert "a speed other than 9600 (try --baud), or a protocol that needs its own driver" in wrong.words
 
 
 def test_what_booted_with_the_opening_is_said(tmp_path: Path) -> None:
     with talking(tmp_path / "port", lines(first=1000, n=3000)) as young:
-        assert "it seems to have booted because the port was opened" in scan(young.link).words
+        assert "opening the port probably restarted the device" in scan(young.link).words
     with talking(tmp_path / "port", lines(first=90_000_000, n=3000)) as old:
         assert scan(old.link).words == ""
 
 
 def test_nothing_and_nonsense_have_their_own_words(tmp_path: Path) -> None:
     with talking(tmp_path / "port", b"") as silent:
-        assert "nothing was heard at 115200, 57600: is the device on" in scan(silent.link, 0.1).words
+        assert "no data at 115200, 57600: switch the device on" in scan(silent.link, 0.1).words
     with talking(tmp_path / "port", b"ax=1 ay=2 az=3\n" * 9) as text:
         assert "text that no driver understands at 115200, such as 'ax=1 ay=2 az=3'" in scan(text.link, 0.2).words
     assert scan(tmp_path / "gone").words.startswith(f"{tmp_path / 'gone'} is missing. Plug the device in")
@@ -146,10 +146,10 @@ def test_wrong_use_and_an_empty_machine_are_told(
 ) -> None:
     monkeypatch.setattr(cli_scan, "find", list)
     assert run() == 1
-    assert "No serial port is plugged in" in capsys.readouterr().out
+    assert "No serial port found" in capsys.readouterr().out
     for arguments, said in [
         (("--port", "tcp://here"), "has no port from 1 to 65535"),
-        (("--baud", "7"), "baud is 7; 300 to"),
+        (("--baud", "7"), "baud is 7: use 300 to"),
         (("--seconds", "0"), "--seconds is 0; 0.1 to 60"),
     ]:
         assert run(*arguments) == 2

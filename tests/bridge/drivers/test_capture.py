@@ -33,7 +33,7 @@ def test_serial_witmotion_tells_no_time_and_loses_no_sample(tmp_path: Path) -> N
     rows = zip(ACCEL_COUNTS.tolist(), GYRO_COUNTS.tolist(), strict=True)
     data = b"".join(witmotion(0x51, [*a, 2500]) + witmotion(0x52, [*g, 2500]) for a, g in rows)
     path = captured(tmp_path / "sd.txt", data)
-    with pytest.raises(RecordingError, match="tell no time: say --rate-hz"):
+    with pytest.raises(RecordingError, match="carry no time: give the device's output data rate with --rate-hz"):
         load_capture(path, "witmotion", "", Reading())
     recording = load_capture(path, "witmotion", "", Reading(rate_hz=50.0))
     assert len(recording) == len(TIME)

@@ -212,9 +212,9 @@ def test_a_capture_of_garbage_ends_with_words(tmp_path: Path, caplog: pytest.Log
     path = tmp_path / "garbage.bin"
     path.write_bytes(np.random.default_rng(3).bytes(20_000))
     ended(opened(path, "ximu3"), "ximu3")
-    (record,) = [record for record in caplog.records if "is over" in record.message]
+    (record,) = [record for record in caplog.records if "has 20000 bytes" in record.message]
     assert record.levelname == "WARNING"
-    for words in (str(path), "in 20000 bytes there was no sample of driver ximu3", "truerate bridge scan --port"):
+    for words in (str(path), "has 20000 bytes, but no sample of driver ximu3", "truerate bridge scan --port"):
         assert words in record.message
 
 
@@ -222,7 +222,7 @@ def test_a_capture_of_another_device_says_which(tmp_path: Path, caplog: pytest.L
     path = tmp_path / "other.bin"
     path.write_bytes(b"".join(map(mavlink, range(200))))
     ended(opened(path, "ximu3"), "ximu3")
-    assert "They look like driver = 'mavlink'" in caplog.text
+    assert "The data looks like driver = 'mavlink'" in caplog.text
 
 
 def test_an_empty_capture_says_so_and_a_good_one_ends_quietly(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -230,7 +230,7 @@ def test_an_empty_capture_says_so_and_a_good_one_ends_quietly(tmp_path: Path, ca
     path = tmp_path / "a.bin"
     path.write_bytes(b"")
     ended(opened(path, "ximu3"), "ximu3")
-    assert "is over, and there was nothing in it" in caplog.text
+    assert "is empty" in caplog.text
     caplog.clear()
     path.write_bytes(b"".join(map(ximu3, range(20))))
     ended(opened(path, "ximu3"), "ximu3")
@@ -241,14 +241,14 @@ def test_an_empty_capture_says_so_and_a_good_one_ends_quietly(tmp_path: Path, ca
 @pytest.mark.parametrize(
     ("driver", "table", "words"),
     [
-        ("ximu3", {"rate_hz": 500.0}, "rate_hz is 500; 1 to 400 is taken"),
-        ("witmotion", {"rate_hz": 104.0}, "rate_hz is 104; 0.2"),
-        ("witmotion", {"rate_hz": 50.0, "baud": 9600}, "needs a baud of 16500"),
-        ("mtdata2", {"rate_hz": 2001}, "rate_hz is 2001; 1 to 2000"),
-        ("mtdata2", {"rate_hz": 400}, "needs a baud of 248000"),
+        ("ximu3", {"rate_hz": 500.0}, "rate_hz is 500: use 1 to 400"),
+        ("witmotion", {"rate_hz": 104.0}, "rate_hz is 104: use one of 0.2"),
+        ("witmotion", {"rate_hz": 50.0, "baud": 9600}, "set baud to 16500"),
+        ("mtdata2", {"rate_hz": 2001}, "rate_hz is 2001: use 1 to 2000"),
+        ("mtdata2", {"rate_hz": 400}, "set baud to 248000"),
         ("mtdata2", {"gyro_range_dps": -1.0}, "gyro_range_dps is -1"),
-        ("mavlink", {"system": 256}, "system is 256; 1 to 255"),
-        ("native", {"rate_hz": -1.0}, "rate_hz is -1; 0.1 to 100000"),
+        ("mavlink", {"system": 256}, "system is 256: use 1 to 255"),
+        ("native", {"rate_hz": -1.0}, "rate_hz is -1: use 0.1 to 100000"),
     ],
 )
 def test_options_that_cannot_work_are_refused_in_words(driver: str, table: dict[str, Any], words: str) -> None:

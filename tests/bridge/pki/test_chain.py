@@ -139,8 +139,11 @@ CASES: dict[str, tuple[Callable[[Site], Identity], str]] = {
     "Ed25519": (lambda site: site.file("ed", b1(key=ed25519.Ed25519PrivateKey.generate())), ""),
     "one in between": (over, ""),
     "beside an old authority": (lambda site: site.file("rolled", b1(), ca=OLD.pem + ROOT.pem), ""),
-    "any extended usage": (lambda site: site.file("any", b1(may=(ANY,))), "extended key usage does not let it ask"),
-    "for servers": (lambda site: site.file("serve", b1(may=(SERVE,))), "extended key usage does not let it ask"),
+    "any extended usage": (
+        lambda site: site.file("any", b1(may=(ANY,))),
+        "extended key usage does not allow it to ask",
+    ),
+    "for servers": (lambda site: site.file("serve", b1(may=(SERVE,))), "extended key usage does not allow it to ask"),
     "one in between expired": (lambda site: over(site, days=(-9, -1)), "'between' expired"),
     "one in between too early": (lambda site: over(site, days=(1, 9)), "'between' is not valid before"),
 }

@@ -54,11 +54,11 @@ def for_a_viewer(pki: Path) -> Identity:
     [
         (other_key, "not the key of"),
         (open_key, "chmod 600"),
-        (locked_key, "locked with a password"),
-        (other_of_its_name, "another one of the same name"),
+        (locked_key, "the key has a password"),
+        (other_of_its_name, "another authority of the same name"),
         (no_file, "there is no such file"),
-        (no_certificate, "no certificate in PEM"),
-        (for_a_viewer, "for viewer:hall, where a bridge is to be run"),
+        (no_certificate, "not a PEM certificate"),
+        (for_a_viewer, "for viewer:hall, but this program is a bridge"),
     ],
 )
 def test_files_from_elsewhere_are_looked_through(make: object, words: str, pki: Path) -> None:
@@ -78,6 +78,6 @@ def test_what_is_right_has_no_fault_and_a_chain_may_lie_between(pki: Path, tmp_p
         (tmp_path / name).chmod(0o600)
     files = Identity(*(str(tmp_path / name) for name in ("ca.pem", "own.pem", "own.key")))
     (tmp_path / "own.pem").write_bytes(own.certificate.removesuffix(middle.certificate))
-    assert [fault for fault in faults(files, utc_now()) if "what lies between" in fault]
+    assert [fault for fault in faults(files, utc_now()) if "append the" in fault]
     (tmp_path / "own.pem").write_bytes(own.certificate)
     assert faults(files, utc_now()) == []

@@ -20,7 +20,7 @@ from tests.bridge.asking import get
 from tests.bridge.pki.office import DAY
 
 B1 = Member.parse("bridge:b1")
-SOON = "ends on "
+SOON = "expires on "
 
 
 class Holder:

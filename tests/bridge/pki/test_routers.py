@@ -20,15 +20,15 @@ def test_a_router_by_whose_files_nobody_could_be_let_in_says_so_instead_of_liste
     assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
     file, text = pki / "router.json5", capsys.readouterr().out
     for wrong, words in (
-        (("router.r.pem", "bridge.b1.pem"), "for bridge:b1, where a router is to be run"),
+        (("router.r.pem", "bridge.b1.pem"), "for bridge:b1, but this program is a router"),
         (("r.members", "x"), "x.pem: there"),
     ):
         file.write_text(text.replace(*wrong))
-        assert main(["router", "--config", str(file)]) == 1
+        assert main(["router", "--config", str(file)]) == 2
         assert words in capsys.readouterr().err
     file.write_text(text)
     folder.renew(router, utc_now(), days=0)
-    assert main(["router", "--config", str(file)]) == 1
+    assert main(["router", "--config", str(file)]) == 2
     assert "expired on" in capsys.readouterr().err
     ward = pki / "ward.toml"
     files = folder.identity(B1)
@@ -37,7 +37,7 @@ def test_a_router_by_whose_files_nobody_could_be_let_in_says_so_instead_of_liste
         f'certificate = "{files.certificate}"\nkey = "{files.key}"\n'
     )
     assert main(["router", "--config", str(ward)]) == 2
-    assert "which this one would not: `truerate pki router` writes" in capsys.readouterr().err
+    assert "would not check them. Write a router" in capsys.readouterr().err
 
 
 def test_a_router_goes_by_the_issuers_of_its_members_and_not_of_who_was_revoked(pki: Path) -> None:

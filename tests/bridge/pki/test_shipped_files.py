@@ -39,15 +39,15 @@ def written() -> dict[str, str]:
     join = ["tls/ward-3.example:7447", "tls/ward-4.example:7447"]
     hospital = router_file.guarded(LISTEN, identity("router:hospital"), places, join)
     titles = {
-        "one-machine": "A ward on one machine: nobody else reaches its router, so nobody is asked who he is.",
+        "one-machine": "A ward on one machine: no other machine reaches its router, so it asks for no certificate.",
         "ward": (
-            "The router of ward-3 on machines of its own: who has a certificate is let in, to what its role may.\n"
-            "An example with names of its own; yours: truerate pki router router:router-3 --ward ward-3"
+            "The router of ward-3 on several machines: programs with a certificate get the rights of their role.\n"
+            "An example; write your own with: truerate pki router router:router-3 --ward ward-3"
             " --listen tls/0.0.0.0:7447 --at /etc/truerate/pki"
         ),
         "hospital": (
-            "A router that joins two wards: each ward's router speaks and listens for its own ward alone.\n"
-            "An example with names of its own; yours: truerate pki router router:hospital --ward ward-3 --ward ward-4\n"
+            "A router that joins two wards: it accepts each ward's router for its own ward only.\n"
+            "An example; write your own with: truerate pki router router:hospital --ward ward-3 --ward ward-4\n"
             "--member router:router-3@ward-3 --member router:router-4@ward-4 --member viewer:office --listen tls/0.0.0.0:7447\n"
             "--join tls/ward-3.example:7447 --join tls/ward-4.example:7447 --at /etc/truerate/pki"
         ),
@@ -78,13 +78,13 @@ BREAKS = [
     ('"close_link_on_expiration": true', '"close_link_on_expiration": false', "close_link_on_expiration is false"),
     ('"default_permission": "deny"', '"default_permission": "allow"', 'access_control.default_permission is "allow"'),
     ("ward-3/raw/bridge-1/*", "ward-3/raw/*/*", "access_control.rules[bridge:bridge-1 says (ward-3)].key_exprs is"),
-    ("tls/0.0.0.0:7447", "tcp/0.0.0.0:7447", "whoever reaches it reads and commands the ward"),
+    ("tls/0.0.0.0:7447", "tcp/0.0.0.0:7447", "every machine in reach can read and command the ward"),
     ('"cert_common_names": ["viewer:hall"]', '"interfaces": ["lo"]', "access_control.subjects[viewer:hall]"),
     ('"permission": "allow"', '"permission": "deny"', '.permission is "deny"'),
     ('"read": false', '"read": true', "adminspace.permissions.read is true"),
     ('"shared_memory": {"enabled": false}', '"shared_memory": {"enabled": true}', "transport.shared_memory.enabled is"),
     ('"mode": "router"', '"mode": "router", "plugins": {"rest": {"http_port": 8000}}', "plugins.rest"),
-    ("tls/0.0.0.0:7447", "tls/0.0.0.0:7447#enable_mtls=false", "enable_mtls: goes before what the file says"),
+    ("tls/0.0.0.0:7447", "tls/0.0.0.0:7447#enable_mtls=false", "enable_mtls: overrides the settings for all endpoints"),
     (
         '"size_limit": 65536',
         '"size_limit": 65537',
@@ -100,7 +100,7 @@ BREAKS = [
     (
         '"id": "bridge:bridge-2 says',
         '"id": "bridge:bridge-1 says',
-        "access_control.rules: two of them have the same id",
+        "access_control.rules: two entries have the same id",
     ),
     ('"cert_common_names": ["viewer:hall"]', '"cert_common_names": ["viewer:*"]', "cert_common_names is"),
 ]
@@ -108,7 +108,7 @@ JOINED = [
     ('"connect_certificate": "/etc/truerate/pki/router.hospital.pem",', "", "connect_certificate is null"),
     ('"verify_name_on_connect": true', '"verify_name_on_connect": false', "verify_name_on_connect is false"),
     ('"timeout_ms": -1', '"timeout_ms": 0', "connect.timeout_ms is 0"),
-    ('"tls/ward-3.example:7447"', '"tcp/10.0.0.5:7447"', "all of the ward would go there for everybody to read"),
+    ('"tls/ward-3.example:7447"', '"tcp/10.0.0.5:7447"', "the ward's data would travel unencrypted"),
 ]
 
 
@@ -137,7 +137,7 @@ def test_a_second_policy_gives_nobody_anothers_rights(tmp_path: Path) -> None:
     policies.insert(0, {"rules": desk["rules"], "subjects": ["viewer:hall"]})
     changed = tmp_path / "router.json5"
     changed.write_text(json.dumps(settings), "utf-8")
-    assert any("access_control.policies: two of them" in fault for fault in router_check.read(changed).faults)
+    assert any("access_control.policies: two entries" in fault for fault in router_check.read(changed).faults)
 
 
 def test_a_key_zenoh_does_not_know_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -153,7 +153,7 @@ def test_a_key_zenoh_does_not_know_is_refused(tmp_path: Path, capsys: pytest.Cap
 
 def test_one_machine_is_right_and_a_ward_lacks_only_its_certificates(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["config", "check", str(FILES / "one-machine.json5")]) == 0
-    assert "right. A router at tcp/127.0.0.1:7447" in capsys.readouterr().out
+    assert "valid. Router at tcp/127.0.0.1:7447" in capsys.readouterr().out
     assert main(["config", "check", str(FILES / "ward.json5")]) == 2
     said = capsys.readouterr().err
     assert "/etc/truerate/pki/router.router-3.members.pem: there is no such file or folder" in said

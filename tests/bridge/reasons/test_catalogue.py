@@ -66,7 +66,7 @@ def test_what_a_later_version_says_is_shown_as_it_came() -> None:
 
 def test_a_label_is_translated_within_a_sentence() -> None:
     bad = Code.SAMPLES_BAD(percent="12", label="old_boot")
-    assert "12 % are of an earlier boot" in english(bad)
+    assert "12 % of the samples were of an earlier boot" in english(bad)
     assert "属于以前的启动" in catalogue("zh").text((bad,))
     assert in_words("zaru: outside the gate") == "zero-rate update: outside the gate"
     assert in_words("something_new") == "something new"

@@ -169,14 +169,14 @@ def test_recovery_keeps_what_is_whole_and_says_what_is_lost(tmp_path: Path) -> N
 
 def test_what_cannot_be_recovered_is_said(tmp_path: Path) -> None:
     (path,) = recorded(tmp_path, run("one", 0, 50))
-    with pytest.raises(RecordingError, match="it is whole; there is nothing to recover"):
+    with pytest.raises(RecordingError, match="the recording is complete: nothing to recover"):
         recover(path)
     part = path.with_name("y.mcap.part")
     part.write_bytes(path.read_bytes()[:200])
     with pytest.raises(RecordingError, match="nothing can be recovered"):
         recover(part)
     part.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(RecordingError, match="is there already"):
+    with pytest.raises(RecordingError, match="exists already"):
         recover(part, path)
     with pytest.raises(RecordingError, match="cannot be written"):
         recover(part, tmp_path / "nowhere" / "z.mcap")
@@ -194,7 +194,7 @@ def test_a_file_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
     recorder.take(run("one", 0, 50), NOW, 0.0)
     recorder.tick(NOW, 0.0)
     (part,) = tmp_path.glob("*.part")
-    with pytest.raises(RecordingError, match="is being recorded now"):
+    with pytest.raises(RecordingError, match="still being recorded"):
         recover(part)
     assert folder.leftovers() == []
     assert survey([part]).devices["one"].boots[7].samples == 50, "but it can be looked into"
@@ -222,12 +222,12 @@ def test_what_is_refused_is_said_by_all_who_read_it(tmp_path: Path, caplog: pyte
     path.write_bytes(file.getvalue())
     found = read([path])
     assert list(found.stretches) == ["one"]
-    assert "20 messages passed over: with another device's or bridge's id in them" in found.trouble
+    assert "20 messages skipped: with the id of another device or bridge" in found.trouble
     assert replayed.devices(path) == ["one"]
-    assert "20 messages passed over" in caplog.text
+    assert "20 messages skipped" in caplog.text
     caplog.clear()
     assert load(path).device == "one"
-    assert "20 messages passed over" in caplog.text
+    assert "20 messages skipped" in caplog.text
 
 
 def test_a_foreign_schema_costs_its_messages_and_not_the_file(tmp_path: Path) -> None:
@@ -243,7 +243,7 @@ def test_a_foreign_schema_costs_its_messages_and_not_the_file(tmp_path: Path) ->
     torn = tmp_path / "torn.mcap"
     torn.write_bytes(file.getvalue())
     done = recover(torn, tmp_path / "y.mcap")
-    assert "1 message passed over, of 'foxglove.Image'" in done.trouble
+    assert "1 message of 'foxglove.Image' skipped" in done.trouble
     assert survey([torn]).refused.as_dict() == {"foreign_schema": 1}
     assert len(read([done.out]).stretches["one"][0]) == 200
 
@@ -262,10 +262,10 @@ def test_a_wards_recording_is_a_recording(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.gyro, samples("one", 0, 200, NOW).gyro)
     np.testing.assert_allclose(recording.time_s, np.arange(200) * STEP * TICK_S)
     for kwargs, words in (
-        ({}, "it has 2 devices; choose one by --device: one, two"),
-        ({"device": "three"}, "no samples of 'three' in it; it has one, two"),
-        ({"device": "two"}, "booted 2 times; choose one by --boot: 1 (60 samples, 1 s), 2 (70 samples, 1 s)"),
-        ({"device": "two", "boot": 3}, "two has boots 1 to 2, not 3"),
+        ({}, "2 devices; choose one with --device: one, two"),
+        ({"device": "three"}, "no samples of --device 'three'; choose from one, two"),
+        ({"device": "two"}, "2 boots of two; choose one with --boot: 1 (60 samples, 1 s), 2 (70 samples, 1 s)"),
+        ({"device": "two", "boot": 3}, "--boot is 3, but two has boots 1 to 2"),
     ):
         with pytest.raises(RecordingError) as refused:
             load(several, **kwargs)
@@ -286,7 +286,7 @@ def test_a_foreign_mcap_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "foreign.mcap"
     path.write_bytes(file.getvalue())
     for refused in (survey, read):
-        with pytest.raises(RecordingError, match="not a recording of a ward: it has '/imu'"):
+        with pytest.raises(RecordingError, match="not a recording by truerate: it holds '/imu'"):
             refused([path])
-    with pytest.raises(RecordingError, match="not a recording of a ward: it has 'sensor_msgs/Imu'"):
+    with pytest.raises(RecordingError, match="not a recording by truerate: it holds 'sensor_msgs/Imu'"):
         recover(path)

@@ -91,9 +91,9 @@ def test_what_somebody_wrote_is_no_formula_of_a_spreadsheet(some: Recorded, tmp_
 
 def test_nothing_is_overwritten(some: Recorded, tmp_path: Path) -> None:
     export(some, tmp_path / "out", ".npz")
-    with pytest.raises(RecordingError, match=r"one_boot1.npz: is there already and is not overwritten"):
+    with pytest.raises(RecordingError, match=r"one_boot1.npz: exists already and is not overwritten"):
         export(some, tmp_path / "out", ".npz")
-    with pytest.raises(RecordingError, match=r"there is no folder .*; make it first"):
+    with pytest.raises(RecordingError, match=r"the folder .* does not exist; make it"):
         export(some, tmp_path / "no" / "such", ".npz")
     with pytest.raises(RecordingError, match=r"events.csv: is there already"):
         export(some, tmp_path / "out", ".csv")
@@ -133,12 +133,12 @@ def test_a_dataset_grows_by_subjects(some: Recorded, tmp_path: Path) -> None:
     for subject in ("07", "08"):
         export_bids(some, tmp_path / "set", Session(subject, "ward"))
     assert (tmp_path / "set" / "participants.tsv").read_text() == "participant_id\nsub-07\nsub-08\n"
-    with pytest.raises(RecordingError, match="is there already"):
+    with pytest.raises(RecordingError, match="exists already"):
         export_bids(some, tmp_path / "set", Session("08", "ward"))
     motion = tmp_path / "set" / "sub-09" / "motion"
     motion.mkdir(parents=True)
     (motion / "sub-09_task-ward_tracksys-wristleft_channels.json").touch()
-    with pytest.raises(RecordingError, match=r"wristleft_channels.json: is there already"):
+    with pytest.raises(RecordingError, match=r"wristleft_channels.json: exists already"):
         export_bids(some, tmp_path / "set", Session("09", "ward"))
     assert len(list(motion.iterdir())) == 1
     with pytest.raises(RecordingError, match="--subject 'Mrs Doe': BIDS takes letters and digits only"):
@@ -158,7 +158,7 @@ def test_what_a_person_has_in_a_dataset_stays(some: Recorded, tmp_path: Path) ->
         table = tmp_path / "set" / name
         table.parent.mkdir(exist_ok=True)
         table.write_bytes("participant_id\tname\nsub-07\tMüller\n".encode("latin-1"))
-        with pytest.raises(RecordingError, match=f"{table.name}: is not UTF-8"):
+        with pytest.raises(RecordingError, match=f"{table.name}: not UTF-8"):
             export_bids(some, tmp_path / "set", Session(session, "ward"))
         table.unlink()
     assert {path for path in set(tmp_path.rglob("*")) - before if path.is_file()} == set()

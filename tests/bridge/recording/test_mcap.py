@@ -125,7 +125,7 @@ def test_cut_at_any_byte_every_chunk_before_is_there(finish: bool) -> None:
 
 
 def test_an_empty_or_foreign_file_is_refused() -> None:
-    with pytest.raises(RecordingError, match="x: it is empty"):
+    with pytest.raises(RecordingError, match="x: the file is empty"):
         McapReader(BytesIO(b""), "x")
     with pytest.raises(RecordingError, match="not an MCAP file"):
         McapReader(BytesIO(b"PK\x03\x04 a zip, say"), "x")

@@ -68,25 +68,25 @@ def test_lost_samples_do_not_lower_a_rate(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arrays", "said"),
     [
-        ({"rate_hz": 1.0}, "'gyro_rad_s' is missing; the file has rate_hz"),
-        ({"gyro_rad_s": GYRO[:, :2], "rate_hz": 1.0}, "shape (4, 2); (n, 3) is expected"),
-        ({"gyro_rad_s": np.float64(3), "rate_hz": 1.0}, "shape (); (n, 3) is expected"),
-        ({"gyro_rad_s": GYRO, "accel_m_s2": GYRO[:3], "rate_hz": 1.0}, "'accel_m_s2' has shape (3, 3); (4, 3)"),
-        ({"gyro_rad_s": GYRO, "t_s": [1, 2]}, "'t_s' has shape (2,); (4,)"),
-        ({"gyro_rad_s": GYRO, "rate_hz": [1.0]}, "'rate_hz' has shape (1,); ()"),
+        ({"rate_hz": 1.0}, "'gyro_rad_s' is missing, found rate_hz"),
+        ({"gyro_rad_s": GYRO[:, :2], "rate_hz": 1.0}, "shape (4, 2): give (n, 3)"),
+        ({"gyro_rad_s": np.float64(3), "rate_hz": 1.0}, "shape (): give (n, 3)"),
+        ({"gyro_rad_s": GYRO, "accel_m_s2": GYRO[:3], "rate_hz": 1.0}, "'accel_m_s2' has shape (3, 3): give (4, 3)"),
+        ({"gyro_rad_s": GYRO, "t_s": [1, 2]}, "'t_s' has shape (2,): give (4,)"),
+        ({"gyro_rad_s": GYRO, "rate_hz": [1.0]}, "'rate_hz' has shape (1,): give ()"),
         ({"gyro_rad_s": np.where(GYRO == 7, np.nan, GYRO), "rate_hz": 1.0}, "not a finite number at sample 2 (1 such"),
         ({"gyro_rad_s": GYRO, "rate_hz": np.inf}, "'rate_hz' is not a finite number"),
-        ({"gyro_rad_s": GYRO, "rate_hz": -5.0}, "the rate that is told is -5 Hz; 1 to 20000"),
+        ({"gyro_rad_s": GYRO, "rate_hz": -5.0}, "the given rate is -5 Hz: give --rate-hz from 1 to 20000"),
         ({"gyro_rad_s": GYRO[:1], "rate_hz": 1.0}, "1 sample; at least 2"),
-        ({"gyro_rad_s": GYRO}, "neither sample times nor 'rate_hz'; say it with --rate-hz"),
+        ({"gyro_rad_s": GYRO}, "neither sample times nor 'rate_hz': give the rate with --rate-hz"),
         (
             {"gyro_rad_s": GYRO * 100, "rate_hz": 1.0},
-            "is 1100 rad/s at sample 3; up to ±1000 rad/s is taken; is it in degrees",
+            "is 1100 rad/s at sample 3; at most ±1000 rad/s is possible; if the unit is degrees",
         ),
         ({"gyro_rad_s": GYRO * -1e300, "rate_hz": 1.0}, "is -1e+300 rad/s at sample 0"),
-        ({"gyro_rad_s": GYRO, "t_s": [0, 1, 2, 1e300]}, "'t_s' is 1e+300 s at sample 3; up to ±1e+10 s"),
-        ({"gyro_rad_s": GYRO.astype(str), "rate_hz": 1.0}, "not numbers"),
-        ({"gyro_rad_s": GYRO.astype(object), "rate_hz": 1.0}, "or with arrays that are no plain numbers"),
+        ({"gyro_rad_s": GYRO, "t_s": [0, 1, 2, 1e300]}, "'t_s' is 1e+300 s at sample 3; at most ±1e+10 s"),
+        ({"gyro_rad_s": GYRO.astype(str), "rate_hz": 1.0}, "numbers are needed"),
+        ({"gyro_rad_s": GYRO.astype(object), "rate_hz": 1.0}, "or with arrays that are not plain numbers"),
     ],
 )
 def test_a_bad_npz_is_refused(tmp_path: Path, arrays: dict[str, Any], said: str) -> None:
@@ -118,7 +118,7 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "z.wav").write_bytes(b"")
     assert "not a readable" in refusal(tmp_path / "x.npz")
     assert "not a readable" in refusal(tmp_path / "y.npz")
-    assert "ends in .npz, .mcap or .csv" in refusal(tmp_path / "z.wav")
+    assert "give a recording in .npz, .mcap or .csv" in refusal(tmp_path / "z.wav")
     assert "cannot be read: missing" in refusal(tmp_path / "none.npz")
 
 
@@ -127,9 +127,9 @@ def test_what_is_no_file_is_named_and_never_waited_for(tmp_path: Path, ending: s
     (tmp_path / f"folder.{ending}").mkdir()
     os.mkfifo(tmp_path / f"pipe.{ending}")
     (tmp_path / f"empty.{ending}").touch()
-    assert "cannot be read: a folder, where a file is expected" in refusal(tmp_path / f"folder.{ending}")
+    assert "cannot be read: a folder, but a file is expected" in refusal(tmp_path / f"folder.{ending}")
     assert "cannot be read: not a file" in refusal(tmp_path / f"pipe.{ending}")
-    assert "it is empty" in refusal(tmp_path / f"empty.{ending}")
+    assert "the file is empty" in refusal(tmp_path / f"empty.{ending}")
     with pytest.raises(RecordingError, match="cannot be read: not a file"):
         survey([tmp_path / f"pipe.{ending}"])
     with pytest.raises(RecordingError, match="cannot be read: not a file"):
@@ -169,11 +169,11 @@ def test_a_rate_in_a_file_that_contradicts_its_times_is_refused_and_a_told_one_r
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     times: dict[str, Any] = {"gyro_rad_s": GYRO, "t_s": [0, 0.01, 0.02, 0.03]}
-    said = "its times step by 0.01 s, 100 Hz, but its rate is said to be 400 Hz; say the right one, --rate-hz"
+    said = "the times step by 0.01 s (100 Hz), but the file states 400 Hz; give the right rate with --rate-hz"
     path = saved(tmp_path, **times, rate_hz=400.0)
     assert said in refusal(path)
     assert np.allclose(load(path, rate_hz=100.0).time_s, times["t_s"])
-    assert "its times are replaced by the rate that is told, 100 Hz" in caplog.text
+    assert "the times are replaced by the given rate, 100 Hz" in caplog.text
     assert load(saved(tmp_path, **times, rate_hz=104.0)).rate_hz == 104.0  # what the device is sold as
 
 
@@ -185,7 +185,7 @@ def test_a_told_rate_keeps_the_gaps_of_the_times(tmp_path: Path) -> None:
 def test_a_rate_that_is_told_is_used_and_said_to_be_another(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = saved(tmp_path, gyro_rad_s=GYRO, rate_hz=100.0)
     assert load(path, rate_hz=50.0).rate_hz == 50.0
-    assert "its rate is 100 Hz by itself; 50 Hz, as told, is used" in caplog.text
+    assert "the file states 100 Hz; the given 50 Hz is used" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_uneven_times_do_not_contradict_a_rate(tmp_path: Path, times: NDArray[np
 
 def test_times_that_step_by_next_to_nothing_are_not_taken_for_milliseconds(tmp_path: Path) -> None:
     path = saved(tmp_path, gyro_rad_s=np.ones((9, 3)), t_s=np.arange(9) * 1e-5)
-    assert "20000 Hz is taken: is it in another unit? Say --time-unit" in refusal(path)
+    assert "20000 Hz is possible. Give the right --time-unit" in refusal(path)
 
 
 @pytest.mark.parametrize(("seconds", "taken"), [(0.2, True), (0.4, False)])
@@ -222,9 +222,9 @@ def test_readings_that_nothing_can_be_learnt_of_are_said(tmp_path: Path, caplog:
     load(saved(tmp_path, gyro_rad_s=np.zeros((500, 3)), rate_hz=5.0))
     assert not caplog.text
     load(saved(tmp_path, gyro_rad_s=np.radians(np.rint(read)), rate_hz=100.0))
-    assert "its readings are rounded to 1 °/s" in caplog.text
+    assert "the readings are rounded to 1 °/s" in caplog.text
     load(saved(tmp_path, gyro_rad_s=read, rate_hz=4.0))
-    assert "at 4 Hz no rest can be seen" in caplog.text
+    assert "at 4 Hz rests cannot be detected" in caplog.text
 
 
 @pytest.mark.parametrize(

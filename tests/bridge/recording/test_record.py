@@ -84,7 +84,7 @@ def test_nothing_is_not_recorded(tmp_path: Path) -> None:
     run = Run(tmp_path)
     with pytest.raises(RecordingError) as refused:
         run.record(1.0)
-    for words in ("no device was heard within 0.3 s", "truerate/@v1/ward/**", NOWHERE[0], "Is a bridge running?"):
+    for words in ("no device was heard within 0.3 s", "truerate/@v1/ward/**", NOWHERE[0], "start its bridge"):
         assert words in str(refused.value)
     assert not list(tmp_path.iterdir())
 
@@ -97,16 +97,16 @@ def test_no_router_is_said_after_a_while(tmp_path: Path) -> None:
         tries.append(endpoints)
         raise BusError("no router at tcp/127.0.0.1:1")
 
-    with pytest.raises(BusError, match=r"no router at .*; looked for it for 1 s"):
+    with pytest.raises(BusError, match=r"no router at .*; searched for 1 s"):
         record(WARD, NOWHERE, run.settings, Console(file=run.said), open_bus=refuse)
     assert len(tries) > 1
 
 
 def test_where_it_cannot_write_it_does_not_begin(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
-    with pytest.raises(RecordingError, match=r"there is no such folder; make it first: mkdir -p"):
+    with pytest.raises(RecordingError, match=r"the folder does not exist; make it: mkdir -p"):
         Run(tmp_path / "none").record(1.0)
-    with pytest.raises(RecordingError, match="is a file; a folder is needed"):
+    with pytest.raises(RecordingError, match="a file, but a folder is needed"):
         Run(tmp_path / "file").record(1.0)
     with pytest.raises(RecordingError, match=r"no permission to write|read-only|cannot be written"):
         _on_a_disk_that_refuses(tmp_path)
@@ -140,9 +140,9 @@ def test_times_wear_their_unit(text: str, value: float) -> None:
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ('rotate = "10"', "rotate is '10'; a time such as 90s, 10min, 1h, or never, is expected"),
-        ('rotate = "5s"', "rotate is '5s'; 10s or more, or never, is taken"),
-        ("rotate_mb = 0", "rotate_mb is 0; 1 to 1000000 is taken"),
+        ('rotate = "10"', "rotate is '10': give a time such as 90s, 10min or 1h, or never"),
+        ('rotate = "5s"', "rotate is '5s': use 10s or more, or never"),
+        ("rotate_mb = 0", "rotate_mb is 0: use 1 to 1000000"),
         ("keep_free_mb = -1", "keep_free_mb is -1"),
         ("wait_s = 0", "wait_s is 0"),
         ('folder = ""', "folder is empty"),

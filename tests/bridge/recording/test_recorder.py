@@ -220,7 +220,7 @@ def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
     assert disk.outputs[0].fate == "abandoned"
     assert len(disk.outputs[0].entries()) == 1
     assert "truerate recording recover 0.mcap.part" in caplog.text
-    assert sum("Nothing is recorded now" in record.message for record in caplog.records) == 1
+    assert sum("Recording has stopped" in record.message for record in caplog.records) == 1
     disk.error = 0
     recorder.tick(NOW, 8.0)
     recorder.take([raw("one", 50)], NOW, 8.1)

@@ -91,9 +91,9 @@ def test_every_sample_is_due_when_it_was_taken(tmp_path: Path) -> None:
 
 def test_one_of_several_must_be_said(tmp_path: Path) -> None:
     (path,) = recorded(tmp_path, [*run("one", 0, 20), *run("two", 0, 20)])
-    with pytest.raises(DeviceUnavailable, match="recorded_device is one of one, two"):
+    with pytest.raises(DeviceUnavailable, match="recorded_device to one of one, two"):
         ReplayedDriver(ReplayedOptions(file=str(path))).open()
-    with pytest.raises(DeviceUnavailable, match="no samples of 'three' in it; it has one, two"):
+    with pytest.raises(DeviceUnavailable, match="no samples of recorded_device 'three'; choose from one, two"):
         ReplayedDriver(ReplayedOptions(file=str(path), recorded_device="three")).open()
     ReplayedDriver(ReplayedOptions(file=str(path), recorded_device="two")).open()
 

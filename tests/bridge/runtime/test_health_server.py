@@ -67,7 +67,7 @@ def test_alive_and_ready(health: HealthServer, told: Told) -> None:
 
 @pytest.mark.parametrize("said", [b"", b"GET /healthz HTTP/1.1\r\nX: ", b"GET /metrics HTTP/1.1\r\n\r\n"])
 def test_those_who_only_wait_or_do_not_listen_shut_nobody_out(health: HealthServer, told: Told, said: bytes) -> None:
-    long = {(f"{n:04}" * 100,): 1.0 for n in range(10_000)}  # more than what lies between us and them can hold
+    long = {(f"{n:04}" * 100,): 1.0 for n in range(10_000)}  # more than append the us and them can hold
     told.families = [MetricFamily("rate_hz", "Samples a second.", ("device",), long)]
     idle = [socket.create_connection(("127.0.0.1", health.port)) for _ in range(2 * AT_ONCE + 4)]
     for one in idle:
@@ -88,7 +88,7 @@ def test_a_port_in_use_is_said(health: HealthServer) -> None:
 
 @pytest.mark.parametrize("address", ["127.0.0.1", "127.0.0.1:", ":9464", "a:b", "a:0", "a:65536", "a\n:1"])
 def test_what_is_no_address_is_refused(address: str) -> None:
-    with pytest.raises(ValueError, match="looks like"):
+    with pytest.raises(ValueError, match="write HOST:PORT"):
         listening(address)
 
 

@@ -93,7 +93,7 @@ def test_a_command_that_fails_says_so_in_its_form_and_tells_no_password(hostile_
     lines = found.stderr.splitlines()
     if form == logs.JSON:
         (said,) = map(json.loads, lines)
-        assert "password of 'nurse' is no hash" in said["message"]
+        assert "password of 'nurse' is not a hash" in said["message"]
     else:
         assert [line for line in lines if not line.startswith("  ")] == lines[:1]
     assert "hunter2" not in found.stderr + found.stdout

@@ -72,7 +72,7 @@ def test_a_second_bridge_of_one_name_is_refused_and_another_told_of(monkeypatch:
     broker, others = MemoryBroker(), list[str]()
     first = MemoryBus(broker)
     first.declare_alive(keys.build("w", "alive/bridge", bridge="b1"))
-    with pytest.raises(BusError, match="bridge b1 serves ward w already; stop it, or give this one another id"):
+    with pytest.raises(BusError, match="another bridge b1 already serves ward w: stop it, or give this one another id"):
         startup.claim_id(MemoryBus(broker), "w", "bridge", "b1")
     startup.claim_id(MemoryBus(broker), "w", "bridge", "b2", others.append).close()
     assert others == ["b1"]

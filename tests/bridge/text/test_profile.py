@@ -45,20 +45,20 @@ def samples(of: Profile, text: str, rate_hz: float = 0.0) -> tuple[list[Readings
             ('["gx", "gy", "gz"]\nunit', '["gx", "gy", "gq"]\nunit'),
             r"\[gyro\]: unknown column 'gq'; there are .*gx, gy, gz",
         ),
-        (('["gx", "gy", "gz"]\nunit', '["gx", "gy", "gy"]\nunit'), r"\[gyro\]: column 'gy' is already taken"),
+        (('["gx", "gy", "gz"]\nunit', '["gx", "gy", "gy"]\nunit'), r"\[gyro\]: column 'gy' is already used"),
         (('["gx", "gy", "gz"]\nunit', '["gx", "gy"]\nunit'), r"\[gyro\]: key 'columns': .*length 3"),
         (("[gyro]", "[gyrp]"), "unknown key 'gyrp'; did you mean 'gyro'"),
         (("[device]", "[devise]"), "unknown key 'devise'; did you mean 'device'"),
-        (('"dps"', '"counts"'), r"\[gyro\]: counts need sensitivity_mdps"),
-        (('"dps"', '"dps"\nsensitivity_mdps = 8.75'), "sensitivity_mdps goes with unit = 'counts'"),
+        (('"dps"', '"counts"'), r"\[gyro\]: unit 'counts' needs sensitivity_mdps"),
+        (('"dps"', '"dps"\nsensitivity_mdps = 8.75'), "sensitivity_mdps applies only to unit = 'counts'"),
         (('"dps"', '"dps"\nscale = [1, 0, 1]'), "scale is"),
-        (('"dps"', '"dps"\n[accel]\ncolumns = ["ax", "ay", "gz"]\nunit = "g"'), r"'gz' is already taken, by \[gyro\]"),
+        (('"dps"', '"dps"\n[accel]\ncolumns = ["ax", "ay", "gz"]\nunit = "g"'), r"'gz' is already used by \[gyro\]"),
         (('"dps"', '"dps"\n[time]\ncolumn = "t"\nunit = "min"'), r"\[time\]: unknown unit 'min'; .*ms"),
         (('"dps"', '"dps"\n[time]\ncolumn = "t"\nunit = "ms"\nbits = 3'), r"\[time\]: bits is 3"),
         (('"dps"', '"dps"\n[temperature]\ncolumn = "t"\nscale = nan'), r"\[temperature\]: scale is nan"),
         (('"dps"', '"dps"\n[temperature]\ncolumn = "t"\noffset_c = inf'), r"\[temperature\]: offset_c is inf"),
         (('"dps"', '"dps"\n[regex]\nmatch = "(?P<gx>.)"'), "one of the tables"),
-        (("[device]", "banners = ['(']\n[device]"), r"banners: '\(' is no regular expression"),
+        (("[device]", "banners = ['(']\n[device]"), r"banners: '\(' is not a regular expression"),
         (
             ("[device]", "banners = ['v(?P<firmwear>.*)']\n[device]"),
             "unknown group 'firmwear'; did you mean 'firmware'",
@@ -76,7 +76,7 @@ def test_what_does_not_fit_is_refused_with_its_place(tmp_path: Path, change: tup
 
 
 def test_an_unknown_name_is_refused_with_the_nearest() -> None:
-    with pytest.raises(ConfigError, match="no profile 'nano33ble'; did you mean 'nano-33-ble'"):
+    with pytest.raises(ConfigError, match="unknown profile 'nano33ble'; did you mean 'nano-33-ble'"):
         load_profile("nano33ble")
 
 
@@ -182,9 +182,9 @@ def test_blanks_may_separate(tmp_path: Path) -> None:
 
 
 def test_the_ward_s_file_says_what_the_profile_leaves_open(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="rate_hz is missing: devices of profile 'icm-20948-sparkfun' do not tell"):
+    with pytest.raises(ValueError, match="rate_hz is missing: devices of profile 'icm-20948-sparkfun' send no time"):
         options({"port": "/dev/x", "profile": "icm-20948-sparkfun"}, TextOptions)
-    with pytest.raises(ValueError, match="no profile 'nano'"):
+    with pytest.raises(ValueError, match="unknown profile 'nano'"):
         options({"port": "/dev/x", "profile": "nano"}, TextOptions)
     given = options({"port": "/dev/x", "profile": "nano-33-ble", "gyro_range_dps": 500}, TextOptions)
     assert given.baud == 9600

@@ -13,21 +13,21 @@ from bridge.transport.file_port import FilePort
 @pytest.mark.parametrize(
     ("port", "said"),
     [
-        ("tcp://10.0.0.5", "'10.0.0.5' has no port from 1 to 65535; one looks like 'tcp://10.0.0.5:8000'"),
+        ("tcp://10.0.0.5", "'10.0.0.5' has no port from 1 to 65535: write for example 'tcp://10.0.0.5:8000'"),
         ("tcp://10.0.0.5:0", "has no port from 1 to 65535"),
         ("tcp://10.0.0.5:70000", "has no port from 1 to 65535"),
         ("tcp://:8000", "has no host"),
         ("tcp://", "has no port"),
-        ("tcp://fe80::1:8000", r"an IPv6 address goes in brackets, \[fe80::1\]:8000"),
+        ("tcp://fe80::1:8000", r"put an IPv6 address in brackets: \[fe80::1\]:8000"),
         ("tcp://a b:8000", "has no host"),
         ("tcp://a:8000/path", "has no port"),
         ("tcp://a:8000?from=b", "unknown option 'from'; there are none"),
         ("udp://:8000?form=b", "unknown option 'form'; did you mean 'from'?"),
-        ("udp://:8000?from=", "is no host"),
-        ("udp://:8000?from", "after '\\?' comes name=value"),
+        ("udp://:8000?from=", "is not a host"),
+        ("udp://:8000?from", "write name=value after '\\?'"),
         ("udp://:8000?from=a&from=b", "an option is given twice"),
-        ("file://", "names no file; one looks like 'file:///"),
-        ("file:///a?bytes_per_s=0", "bytes_per_s is '0'; 1 to 1e\\+09 is taken"),
+        ("file://", "names no file: write for example 'file:///"),
+        ("file:///a?bytes_per_s=0", "bytes_per_s is '0'; use 1 to 1e\\+09"),
         ("file:///a?bytes_per_s=fast", "bytes_per_s is 'fast'"),
         ("usb://a", "unknown scheme 'usb'; "),
         ("tpc://a:1", "did you mean 'tcp'"),
@@ -76,7 +76,7 @@ def test_a_capture_is_played_to_its_end_each_time(tmp_path: Path) -> None:
         data, lost = played(port)
         assert data == sent
         assert lost.over
-        assert "is over" in str(lost)
+        assert "has ended" in str(lost)
         port.close()
     with pytest.raises(DeviceLost, match="closed"):
         port.read(0.1)
@@ -97,7 +97,7 @@ def test_a_capture_comes_at_the_speed_of_its_line(tmp_path: Path) -> None:
 def test_a_capture_that_is_not_there_says_so(tmp_path: Path) -> None:
     for path, said in [
         (tmp_path / "none", "missing; there is no such file"),
-        (tmp_path, "a folder, where a file is expected"),
+        (tmp_path, "a folder, but a file is expected"),
     ]:
         assert address.state(f"file://{path}") == said
         with pytest.raises(DeviceUnavailable, match=said):

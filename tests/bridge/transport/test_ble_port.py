@@ -128,17 +128,17 @@ def test_addresses() -> None:
     assert parsed("c4:64:e3:12:34:56/FFE4") == ("C4:64:E3:12:34:56", f"0000ffe4{BASE}", "")
     long = "6e400003-b5a3-f393-e0a9-e50e24dcca9e"
     assert parsed(f"C4:64:E3:12:34:56/{long}?write=ffe9")[1:] == (long, f"0000ffe9{BASE}")
-    assert address.state("ble://C4:64:E3:12:34:56/ffe4") == "not looked for before it is opened"
+    assert address.state("ble://C4:64:E3:12:34:56/ffe4") == "searched for only when opened"
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("C4:64:E3:12:34/ffe4", "no Bluetooth address; a port looks like 'ble://"),
-        ("C4:64:E3:12:34:56", "'' is no characteristic"),
-        ("C4:64:E3:12:34:56/ffe", "'ffe' is no characteristic"),
+        ("C4:64:E3:12:34/ffe4", "not a Bluetooth address: write a port such as 'ble://"),
+        ("C4:64:E3:12:34:56", "'' is not a characteristic"),
+        ("C4:64:E3:12:34:56/ffe", "'ffe' is not a characteristic"),
         ("C4:64:E3:12:34:56/ffe4?wrte=ffe9", "unknown option 'wrte'; did you mean 'write'?"),
-        ("C4:64:E3:12:34:56/ffe4?write=", "'' is no characteristic"),
+        ("C4:64:E3:12:34:56/ffe4?write=", "'' is not a characteristic"),
     ],
 )
 def test_what_is_no_address_is_refused_with_one_that_is(text: str, said: str) -> None:

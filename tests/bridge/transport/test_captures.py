@@ -51,7 +51,7 @@ def test_files_that_are_there_are_right_and_ports_are_not_looked_at(
 def test_each_file_that_is_not_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["config", "check", str(ward(folder, "a folder.npz", "none.bin"))]) == 2
     said = capsys.readouterr().err
-    assert f"device 'd1': {folder}/a folder.npz: a folder, where a file is expected" in said
+    assert f"device 'd1': {folder}/a folder.npz: a folder, but a file is expected" in said
     assert f"device 'd2': file://{folder}/none.bin?bytes_per_s=100: missing; there is no such file" in said
     assert "d3" not in said
 
@@ -70,7 +70,7 @@ def test_errors_of_the_system_have_no_numbers(tmp_path: Path) -> None:
         with pytest.raises(OSError, match="Errno") as raised:
             path.read_text()
         said.append(os_errors.said(raised.value))
-    assert said[0] == f"{tmp_path}: a folder, where a file is expected"
+    assert said[0] == f"{tmp_path}: a folder, but a file is expected"
     assert said[1] == f"{tmp_path}/none: there is no such file or folder"
     assert not any("Errno" in words for words in said)
     assert os_errors.said(OSError("of our own")) == "of our own"

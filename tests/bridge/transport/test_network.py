@@ -91,18 +91,18 @@ def test_a_tcp_device_that_takes_nothing_is_lost(server: socket.socket, monkeypa
     monkeypatch.setattr("bridge.transport.tcp_port._WRITE_S", 0.1)
     port = client(server)
     port.open()
-    with server.accept()[0], pytest.raises(DeviceLost, match="does not take what is sent"):
+    with server.accept()[0], pytest.raises(DeviceLost, match="does not accept data sent"):
         port.write(bytes(1 << 25))
     port.close()
 
 
 def test_a_tcp_device_that_cannot_be_reached_is_unavailable_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
     nobody = free_port()
-    with pytest.raises(DeviceUnavailable, match=f"tcp://127.0.0.1:{nobody} refused the connection: nothing listens"):
+    with pytest.raises(DeviceUnavailable, match=f"tcp://127.0.0.1:{nobody} refused the connection: no program listens"):
         TcpPort(f"127.0.0.1:{nobody}", 0).open()
     assert address.state(f"tcp://127.0.0.1:{nobody}").startswith(f"tcp://127.0.0.1:{nobody} refused")
     for error, said in [
-        (socket.gaierror(-2, "Name or service not known"), "The name in tcp://wrist:8000 is not known"),
+        (socket.gaierror(-2, "Name or service not known"), "The name in tcp://wrist:8000 is unknown"),
         (TimeoutError("timed out"), "does not answer. Is the device on"),
         (OSError(113, "No route to host"), "is unreachable. Is the device on"),
     ]:
@@ -218,9 +218,9 @@ def test_a_udp_port_is_busy_in_words(udp: int) -> None:
         with pytest.raises(DeviceUnavailable, match="is busy: another program"):
             opened(f"127.0.0.1:{udp}")
         assert address.state(f"udp://127.0.0.1:{udp}").startswith(f"udp://127.0.0.1:{udp} is busy: another program")
-    assert address.state(f"udp://127.0.0.1:{udp}") == "free to be listened on"
+    assert address.state(f"udp://127.0.0.1:{udp}") == "free"
     first = opened(f":{udp}")
-    with pytest.raises(DeviceUnavailable, match=r"takes datagrams of anyone there. .*\?from="):
+    with pytest.raises(DeviceUnavailable, match=r"receives the datagrams of anyone there. .*\?from="):
         opened(f"0.0.0.0:{udp}")
     second = opened(f":{udp}?from=localhost")
     with pytest.raises(DeviceUnavailable, match=r"takes datagrams of 127\.0\.0\.1"):

@@ -108,7 +108,7 @@ def test_three_full_turns_give_the_diagonal_and_say_why() -> None:
 @pytest.mark.parametrize(
     ("limit", "words"),
     [
-        (("CONDITION", 1.0), "The poses do not show the whole matrix: the condition number"),
+        (("CONDITION", 1.0), "The poses do not determine the full matrix: the condition number"),
         (("FEWEST", 99), "16 movements are too few for a full matrix: make at least 99"),
     ],
 )

@@ -73,7 +73,7 @@ def test_a_model_is_written_and_read_back(tmp_path: Path, capsys: pytest.Capture
     assert "# measured" in path.read_text(encoding="utf-8")
     assert "mpu-6050's, or the upper limit" in path.read_text(encoding="utf-8")
     assert main(words) == 2
-    assert "it is there already" in capsys.readouterr().err
+    assert "the file exists already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_a_model_is_written_and_read_back(tmp_path: Path, capsys: pytest.Capture
     [
         (["--write", "mine.json"], "ends in .toml"),
         (["--write", "mine.toml", "--model", "mpu6050"], "did you mean 'mpu-6050'"),
-        (["--write", "/dev/null/mine.toml"], "/dev/null is a file, not a folder"),
+        (["--write", "/dev/null/mine.toml"], "/dev/null is not a folder"),
     ],
 )
 def test_wrong_use_is_said_before_the_work(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -119,7 +119,7 @@ def test_a_real_mpu_6050(shared_data: Path, capsys: pytest.CaptureFixture[str]) 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--picture", "allan.xyz"], "a picture ends in .png, .svg, .pdf, not in '.xyz'"),
+        (["--picture", "allan.xyz"], "unknown file type '.xyz'; use .png, .svg, .pdf"),
         (["--model", "mpu"], "there is no device model 'mpu'"),
     ],
 )

@@ -149,4 +149,4 @@ def test_samples_without_a_rate_are_left_out_and_said(
 @pytest.mark.parametrize("dps", ["-3", "nan", "1e6"])
 def test_a_range_that_no_gyro_has_is_refused(dps: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4)), "--range-dps", dps]) == 2
-    assert "0 (unknown) to 10000 is taken" in capsys.readouterr().err
+    assert "give 0 (unknown) to 10000" in capsys.readouterr().err

@@ -89,11 +89,11 @@ def test_it_says_in_words_what_became_of_it(recorded: Path, tmp_path: Path, caps
     printed, err = capsys.readouterr()
     recording = load(recorded)
     assert f"{len(recording)} samples" in printed
-    assert "as it would have been live" in printed
+    assert "as in a live ward" in printed
     assert "GOOD" in printed
     assert "TURNING -> TRACKING: The device is calibrated. Three turns closed to" in printed
     assert "temperature: 25.0 to" in printed
-    assert f"written to {tmp_path / 'c.npz'}" in printed
+    assert f"written: {tmp_path / 'c.npz'}" in printed
     assert err == "", "no bar where there is no terminal"
 
 
@@ -161,8 +161,20 @@ def test_only_what_it_wrote_before_is_replaced(
         other.write_text("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n")
     before = other.read_bytes()
     assert main(["correct", str(recorded), str(other)]) == 1
-    assert "is no corrected recording; give another name" in capsys.readouterr().err
+    assert "is not a corrected recording; give another name" in capsys.readouterr().err
     assert other.read_bytes() == before
+
+
+def test_a_recording_without_rests_says_that_nothing_is_corrected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s = np.arange(3000) / 100
+    gyro = np.sin(np.pi * time_s[:, None] + np.arange(3)) * 1.5
+    np.savez(tmp_path / "day.npz", gyro_rad_s=gyro, t_s=time_s)
+    assert main(["correct", str(tmp_path / "day.npz"), str(tmp_path / "out.npz")]) == 1
+    said = capsys.readouterr().out
+    assert "The bias is not corrected" in said
+    assert "Record again" in said
 
 
 @pytest.mark.parametrize(
@@ -178,11 +190,11 @@ def test_only_what_it_wrote_before_is_replaced(
         (["missing.npz", "out.npz"], 1, "cannot be read"),
         (["IN", "out.npz", "--calibration", "missing.json"], 1, "missing.json: cannot be read"),
         (["IN", "out.npz", "--calibration", "IN"], 1, "not a calibration"),
-        (["IN", "out.npz", "--other-boot"], 2, "needs --calibration FILE"),
+        (["IN", "out.npz", "--other-boot"], 2, "add --calibration FILE"),
         (["IN", "out.npz", "--range-dps", "nan"], 2, "--range-dps is nan"),
         (["IN", "out.npz", "--range-dps", "5"], 1, "more than twice the range given, 5 °/s"),
         (["IN", "out.npz", "--picture", "p.xyz"], 2, "--picture p.xyz"),
-        (["IN", "out.npz", "--picture", "out.npz/p.png"], 2, "out.npz is to be a file"),
+        (["IN", "out.npz", "--picture", "out.npz/p.png"], 2, "out.npz is the output file, not a folder"),
     ],
 )
 def test_wrong_use_is_one_line(
@@ -222,9 +234,9 @@ def test_readings_in_other_units_are_refused_or_not_used(
     right = {"gyro_rad_s": session.gyro, "accel_m_s2": session.accel, "t_s": session.time_s}
     for wrong, said in (
         ({"gyro_rad_s": np.degrees(session.gyro)}, "are probably degrees per second, given as rad/s"),
-        ({"t_s": session.time_s * 1e3}, "is it in another unit? Say --time-unit ms"),
-        ({"t_s": session.time_s * 1e6}, "is it in another unit? Say --time-unit ms (us"),
-        ({"t_s": session.time_s * 1e-3}, "is it in another unit?"),
+        ({"t_s": session.time_s * 1e3}, "Give the right --time-unit (ms"),
+        ({"t_s": session.time_s * 1e6}, "Give the right --time-unit (ms, us"),
+        ({"t_s": session.time_s * 1e-3}, "Give the right --time-unit"),
     ):
         saved({**right, **wrong})
         for verb in (["correct", "in.npz", "out.npz"], ["calibrate", "in.npz"]):
@@ -235,7 +247,7 @@ def test_readings_in_other_units_are_refused_or_not_used(
         saved({**right, "accel_m_s2": session.accel * scale})
         for verb in (["correct", "in.npz", "out.npz"], ["calibrate", "in.npz"]):
             assert main(verb) == 0
-            assert f"is it in {unit}, and taken as m/s²? It is not used; say --accel-unit {unit}" in caplog.text
+            assert f"The unit is probably {unit}, not m/s²; then give --accel-unit {unit}" in caplog.text
             caplog.clear()
         with np.load("out.npz") as file:
             assert "accel_m_s2" not in file

@@ -53,10 +53,10 @@ def test_a_ward_that_is_well(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         assert code == 0
         assert main(["doctor", str(config)]) == 0
     assert found["router"] == ("ok", f"reached at {endpoint}")
-    assert found["device gone"] == ("warning", f"{tmp_path}/gone is not there")
+    assert found["device gone"] == ("warning", f"{tmp_path}/gone does not exist")
     assert found["config"][0] == found["disk, store"][0] == found["ports"][0] == "ok"
     shown = capsys.readouterr().out
-    assert f"! device gone: {tmp_path}/gone is not there\n    do: plug it in" in shown
+    assert f"! device gone: {tmp_path}/gone does not exist\n    do: plug it in" in shown
 
 
 def test_a_store_that_an_estimator_could_not_use_is_found_before_it_is_started(

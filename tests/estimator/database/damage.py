@@ -43,7 +43,7 @@ class Damaged:
             if backup:
                 raise AssertionError(f"a store that has backups is known, and refused: {error}") from error
             assert self.path.read_bytes() == data, "what is refused is left as it is"
-            return "refused" if "is not a store" in str(error) else str(error)
+            return "refused" if "is not a truerate store" in str(error) else str(error)
         found, notes = loaded(store), store.database.notes
         store.close()
         assert sound == (not notes), "`truerate store check` and an estimator find the same"

@@ -45,7 +45,7 @@ def test_another_file_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
         db.execute(f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
     db.close()
     for place, words in (
-        (path, "is not a store"),
+        (path, "is not a truerate store"),
         (other, "another program"),
         (newer, "use the truerate that wrote it"),
     ):

@@ -74,7 +74,7 @@ def test_a_link_is_no_way_around_the_lock(tmp_path: Path, link: Callable[[Path, 
     with other_process(path) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "mine\n"
-        with pytest.raises(StoreError, match="another estimator has it; each needs one of its own"):
+        with pytest.raises(StoreError, match="another estimator uses it: give each estimator its own store"):
             Database(alias, patient=True, alone=True)
         (tmp_path / "a.sqlite3.lock").unlink(missing_ok=True)
         assert main(["store", "backup", str(tmp_path / "b.sqlite3"), "--store", str(path)]) == 0
@@ -92,7 +92,7 @@ def test_a_store_that_another_estimator_has_begun_in_its_place_is_left_alone(tmp
         assert other.stdout.readline() == "mine\n"
         inode = path.stat().st_ino
         store.database.look()
-        with pytest.raises(StoreError, match="another estimator has it"):
+        with pytest.raises(StoreError, match="another estimator uses it"):
             store.add_calibration(CALIBRATIONS[1])
         assert path.stat().st_ino == inode
         assert store.database.trouble
@@ -104,7 +104,7 @@ def test_a_store_that_another_estimator_has_begun_in_its_place_is_left_alone(tmp
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
 def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, make: Callable[[Path], None]) -> None:
     make(path := tmp_path / "a.sqlite3")
-    with pytest.raises(StoreError, match="is no regular file"):
+    with pytest.raises(StoreError, match="is not a regular file"):
         Database(path, patient=True)
 
 

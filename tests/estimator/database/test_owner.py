@@ -29,7 +29,7 @@ def test_a_store_is_one_estimators_until_it_ends_however_it_ends(tmp_path: Path)
     assert other.stdout is not None
     assert other.stdout.readline() == "mine\n"
     with (
-        pytest.raises(StoreError, match="another estimator has it; each needs one"),
+        pytest.raises(StoreError, match="another estimator uses it: give each"),
         owned(store),
     ):
         pass
@@ -48,6 +48,6 @@ def test_on_a_full_disk_it_is_had_all_the_same(tmp_path: Path) -> None:
     )
     assert other.stdout is not None
     assert other.stdout.readline() == "mine\n"
-    with pytest.raises(StoreError, match="another estimator has it"), owned(store):
+    with pytest.raises(StoreError, match="another estimator uses it"), owned(store):
         pass
     other.communicate()

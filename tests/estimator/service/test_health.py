@@ -94,7 +94,7 @@ def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     session = ward.service._devices[NAME].session
     session.silence(free("its samples are refused as old"), Event.OUTDATED)
     a_second(ward)
-    assert vitals.unready() == ["nothing that comes of a device can be used"]
+    assert vitals.unready() == ["no device sends usable samples"]
     session.life.on(Event.HEARD)
     with full_disk():
         ward.service._record.boot(info(7))
@@ -115,7 +115,7 @@ def test_a_loop_that_is_stuck_is_sick() -> None:
     vitals.note(Note(100.0, connected=True, store=""))
     assert vitals.sick() == []
     now[0] += STUCK_S + 1
-    assert vitals.sick() == ["the loop has not turned for 6 s"]
+    assert vitals.sick() == ["the service's loop has been stuck for 6 s"]
     assert vitals.unready() == vitals.sick()
 
 

@@ -172,7 +172,7 @@ def test_commands_to_names_that_somebody_made_up_are_refused_counted_and_not_kep
         assert reply.message == (Code.UNKNOWN_DEVICE(device=name), Code.KNOWN_DEVICES(names=NAME))
     assert ward.store.database.rows("audit") == []
     assert ward.service._count_all()["commands to unknown devices"] == 3
-    assert caplog.text.count("Nothing was heard of a device") == 1
+    assert caplog.text.count("Unknown device") == 1
     assert ward.store.devices() == [NAME]
 
 

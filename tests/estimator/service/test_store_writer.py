@@ -117,4 +117,4 @@ def test_what_cannot_be_written_at_the_end_is_told(
         clerk.close()
     assert len(heard) == 4
     assert all("does not answer" in str(error) for error in heard)
-    assert "the last writes are lost" in caplog.text
+    assert "the last entries are lost" in caplog.text

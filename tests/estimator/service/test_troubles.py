@@ -132,7 +132,7 @@ def test_phantoms_are_forgotten_for_a_real_device(
             codec.encode_info(replace(info(1), device=name))
         )
     assert ward.service.counts.as_dict()[device_roster.TOO_MANY] == 20
-    assert caplog.text.count("no more are taken") == 1
+    assert caplog.text.count("is the limit") == 1
     clock[0] += 10.0
     put(ward, replace(batch, device="real"))
     assert set(ward.service._devices) == {NAME, "real"}, "the calibrated one is lost too, but not forgotten"
@@ -243,7 +243,7 @@ def test_a_store_is_not_opened_where_another_has_it(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(serve, "Database", lambda *words, **_: opened.append(words))
     ward = schema.Ward(ward=WARD, estimator=Estimator(id="e1", store=path))
     with owned(path), MemoryBus(broker) as first:
-        with pytest.raises(StoreError, match=r"another estimator has it"):
+        with pytest.raises(StoreError, match=r"another estimator uses it"):
             serve.run(ward)
         with (
             closing(first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))),

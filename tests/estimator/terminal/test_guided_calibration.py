@@ -121,7 +121,7 @@ def test_a_name_that_is_mistyped_is_answered_by_those_there_are() -> None:
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(["calibrate"], "a file is needed, or --live DEVICE"), (["calibrate", "a.npz", "--live", "chest"], "not both")],
+    [(["calibrate"], "give a file, or --live DEVICE"), (["calibrate", "a.npz", "--live", "chest"], "give one of them")],
 )
 def test_it_says_how_to_use_it(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 2

@@ -34,14 +34,14 @@ def hardware(info: DeviceInfo) -> dict[str, str]:
 def test_every_heading_has_its_value() -> None:
     row = hardware(INFO)
     assert row["device"] == "wrist-right-01"
-    assert row["what it is"] == "truerate-virtual 1.0"
+    assert row["model"] == "truerate-virtual 1.0"
     assert row["bridge"] == "bridge-1"
     assert row["Hz"] == "103.9 of 104"
     assert row["samples"] == "123456"
-    assert row["not published or in trouble"] == "3 not finite"
+    assert row["dropped samples or faults"] == "3 not finite"
 
 
 def test_a_device_that_cannot_be_opened_is_shown_with_its_trouble() -> None:
     row = hardware(replace(INFO, boot=0, trouble=free("the port is missing")))
-    assert row["what it is"] == "not heard yet"
-    assert row["not published or in trouble"] == "the port is missing"
+    assert row["model"] == "not heard yet"
+    assert row["dropped samples or faults"] == "the port is missing"

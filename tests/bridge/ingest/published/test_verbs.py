@@ -46,7 +46,7 @@ def test_list_says_which_devices_are_there(tmp_path: Path, capsys: pytest.Captur
         (
             ("bridge", "replay", "none.npz", "--device", "d", "--connect", "foo"),
             2,
-            "truerate: --connect: 'foo' is no endpoint; one looks like 'tcp/127.0.0.1:7447'\n",
+            "truerate: --connect: 'foo' is not an endpoint: write PROTOCOL/HOST:PORT, such as 'tcp/127.0.0.1:7447'\n",
         ),
     ],
 )

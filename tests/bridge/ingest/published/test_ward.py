@@ -164,4 +164,4 @@ def test_a_device_of_which_nothing_can_be_taken_stops_no_other(
     )
     with MemoryBus(broker) as bus, Pump("w", config, bus):
         listener.until(lambda: listener.count("d2") > 100)
-    assert "d1: cannot be published" in caplog.text
+    assert "d1: publishing failed" in caplog.text

@@ -37,12 +37,12 @@ def stalls() -> Floats:
 
 
 MENDED = {
-    "bunches": (arrivals(0.06), "those of arrival, in bunches"),
-    "long bunches": (arrivals(0.2), "those of arrival, in bunches"),
+    "bunches": (arrivals(0.06), "arrival times, in bursts"),
+    "long bunches": (arrivals(0.2), "arrival times, in bursts"),
     "stalls": (stalls(), ""),
-    "one decimal": (np.floor(TIME * 10 + 1e-9) / 10, "its clock is coarse"),
-    "whole seconds": (np.floor(TIME + 1e-9), "its clock is coarse"),
-    "one bad": (np.where(np.arange(len(TIME)) == 400, 9999.0, TIME), "1 bad time, outside the times around"),
+    "one decimal": (np.floor(TIME * 10 + 1e-9) / 10, "the clock is coarse"),
+    "whole seconds": (np.floor(TIME + 1e-9), "the clock is coarse"),
+    "one bad": (np.where(np.arange(len(TIME)) == 400, 9999.0, TIME), "1 bad time, outside the neighbouring times"),
     "a few bad": (np.where(np.isin(np.arange(len(TIME)), [300, 301, 777]), 0.0, TIME), "3 bad times"),
     "the first is bad": (np.where(np.arange(len(TIME)) == 0, 5e5, TIME), "1 bad time"),
     "one missing": (np.where(np.arange(len(TIME)) == 400, np.nan, TIME), "1 time missing, interpolated"),
@@ -59,7 +59,7 @@ def test_a_counter_that_wraps_is_unwrapped(tmp_path: Path) -> None:
     for bits, tick_s, header in ((32, 1e-6, "t_us"), (16, 1e-3, "t_ms")):
         counts = np.mod(np.rint(TIME / tick_s) + (1 << bits) - 5 / tick_s % (1 << bits), 1 << bits)
         path = written(tmp_path / "a.csv", counts, HEADER.replace("t_s", header), "%.0f")
-        assert "its counter wrapped" in right(path)
+        assert "the counter wrapped" in right(path)
 
 
 def test_rows_out_of_order_are_sorted(tmp_path: Path) -> None:
@@ -80,8 +80,8 @@ def test_rows_that_came_twice_are_dropped(tmp_path: Path) -> None:
         with_times, without = tmp_path / f"{name}.csv", tmp_path / f"{name}_without.csv"
         with_times.write_text("\n".join(rows))
         without.write_text("\n".join(row.split(",", 1)[1] for row in rows))
-        assert "time and all" in right(with_times)
-        assert "equal to an earlier one in all values" in right(without, Reading(rate_hz=50.0))
+        assert "including the time" in right(with_times)
+        assert "equal to an earlier row in all values" in right(without, Reading(rate_hz=50.0))
         # The advice that used to lead to a wrong scale: times with repeats in them, and a rate beside them.
         right(with_times, Reading(rate_hz=50.0))
 
@@ -98,18 +98,18 @@ def test_a_reboot_splits_the_file(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", np.concatenate([TIME[:400], TIME[: len(TIME) - 400]]))
     said = refusal(path)
     assert "the device rebooted" in said
-    assert "choose a part by --boot: 1 (400 samples, 8 s), 2" in said
+    assert "choose with --boot: 1 (400 samples, 8 s), 2" in said
     assert "--rate-hz" not in said
     assert len(load(path, boot=1)) == 400
     assert len(load(path, boot=2)) == len(TIME) - 400
     assert "the device rebooted" in refusal(path, Reading(rate_hz=50.0))
-    assert "it has boots 1 to 2, not 3" in refusal(path, Reading(boot=3))
+    assert "--boot is 3, but the file has boots 1 to 2" in refusal(path, Reading(boot=3))
 
 
 def test_times_that_lost_their_digits_ask_for_the_rate(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", 1.73234e9 + TIME, form="%.5e")
-    assert "lost their digits" in refusal(path)
-    assert "its times are replaced by the rate that is told" in right(path, Reading(rate_hz=50.0))
+    assert "the times are rounded" in refusal(path)
+    assert "the times are replaced by the given rate" in right(path, Reading(rate_hz=50.0))
 
 
 def test_times_of_arrival_with_samples_missing_are_refused(tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_times_of_arrival_with_samples_missing_are_refused(tmp_path: Path) -> No
     (tmp_path / "b.csv").write_text(
         "\n".join([rows[0], *(row for row, keep in zip(rows[1:], kept, strict=False) if keep)])
     )
-    assert "those of arrival, and samples are missing" in refusal(tmp_path / "b.csv")
+    assert "arrival times, and samples are missing" in refusal(tmp_path / "b.csv")
 
 
 def test_times_that_go_back_again_and_again_are_refused(tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_a_packet_counter_shows_what_is_missing(tmp_path: Path) -> None:
     path.write_text("\n".join(["PacketCounter,gx_dps,gy_dps,gz_dps", *table([counter, GYRO[kept]])]))
     recording = load(path, rate_hz=50.0)
     assert np.allclose(recording.time_s, TIME[kept])
-    assert "30 samples missing by its counter" in recording.notes
+    assert "30 samples missing, by the counter" in recording.notes
 
 
 ROWS: dict[str, Callable[[list[str]], list[str]]] = {
@@ -219,4 +219,9 @@ def test_a_device_that_corrects_itself_and_a_dead_axis_are_said(tmp_path: Path) 
     dead = GYRO.copy()
     dead[:, 0] = 0.8
     path = written(tmp_path / "b.csv", TIME, gyro=dead)
-    assert "x of the gyro reads the same throughout" in "; ".join(load(path).notes)
+    assert "x of the gyro never changes" in "; ".join(load(path).notes)
+
+
+def test_a_clock_of_two_readings_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "session.csv", np.array([0.0, 0.0, 0.0, 0.02, 0.02]), gyro=GYRO[:5])
+    assert "2 different times in 5 rows" in refusal(path)

@@ -126,6 +126,29 @@ SAID["iOS"] = (
 )
 
 
+SAID["names over three columns, and units"] = (
+    ["Time,Accelerometer,,,Gyroscope,,,Barometer", "us,m/s^2,m/s^2,m/s^2,rad/s,rad/s,rad/s,kPa"],
+    table([TIME * 1e6, M_S2, RAD, np.full(len(TIME), 101.3)]),
+)
+SAID["the sensor's name before the quantity's"] = (
+    [
+        "X[s],Gyro 1: Gyro.X 1 [deg/s],Gyro 1: Gyro.Y 1 [deg/s],Gyro 1: Gyro.Z 1 [deg/s],Gyro 1: Acc.X 1 [g],Gyro 1: Acc.Y 1 [g],Gyro 1: Acc.Z 1 [g]"
+    ],
+    table([TIME, GYRO, ACCEL]),
+)
+SAID["a row per reading"] = (
+    [
+        "% ACCE;AppTimestamp(s);SensorTimestamp(s);Acc_X(m/s^2);Acc_Y(m/s^2);Acc_Z(m/s^2);Accuracy(integer)",
+        "% GYRO;AppTimestamp(s);SensorTimestamp(s);Gyr_X(rad/s);Gyr_Y(rad/s);Gyr_Z(rad/s);Accuracy(integer)",
+    ],
+    [
+        f"{tag};{row};3"
+        for a, g in zip(table([TIME, TIME, M_S2], ";"), table([TIME, TIME, RAD], ";"), strict=True)
+        for tag, row in (("ACCE", a), ("GYRO", g))
+    ],
+)
+
+
 @pytest.mark.parametrize("tool", SAID)
 def test_what_says_its_units_is_read_as_it_is(tmp_path: Path, tool: str) -> None:
     header, rows = SAID[tool]
@@ -145,6 +168,16 @@ ASKED = {
     ),
     "no time": (["gyro_x (deg/s),gyro_y (deg/s),gyro_z (deg/s)"], table([GYRO]), "--rate-hz", Reading(rate_hz=50.0)),
     "no header": ([], table([TIME, GYRO, ACCEL]), "--columns 2,3,4 --gyro-unit deg/s", Reading(columns=("2", "3", "4"), gyro_unit="deg/s", time_column="1")),
+    "a row per reading": (
+        ["sensor,time_ns,x,y,z"],
+        [
+            f"{tag},{row}"
+            for a, g in zip(table([TIME * 1e9, M_S2]), table([TIME * 1e9, RAD]), strict=True)
+            for tag, row in (("accelerometer", a), ("gyroscope", g))
+        ],
+        "--gyro-unit rad/s",
+        Reading(gyro_unit="rad/s"),
+    ),
     "names of nothing": (
         ["a1;a2;a3;a4"],
         table([TIME, GYRO], ";"),
@@ -154,31 +187,31 @@ ASKED = {
     "two sensors": (
         ["t_s,raw_gyro_x_dps,raw_gyro_y_dps,raw_gyro_z_dps,cal_gyro_x_dps,cal_gyro_y_dps,cal_gyro_z_dps"],
         table([TIME, GYRO, GYRO]),
-        "choose one: --columns cal_gyro_x_dps,cal_gyro_y_dps,cal_gyro_z_dps",
+        "choose one, such as --columns cal_gyro_x_dps,cal_gyro_y_dps,cal_gyro_z_dps",
         Reading(columns=("cal_gyro_x_dps", "cal_gyro_y_dps", "cal_gyro_z_dps")),
     ),
     "one name twice": (
         ["t_s,gx_dps,gy_dps,gz_dps,gx_dps,gy_dps,gz_dps"],
         table([TIME, GYRO, GYRO]),
-        "'gx_dps' more than once; choose by number: --columns 2,3,4",
+        "'gx_dps' more than once; choose by number with --columns 2,3,4",
         Reading(columns=("2", "3", "4")),
     ),
     "two units that disagree": (
         ["t_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,gx_dps,gy_dps,gz_dps"],
         table([TIME, GYRO, GYRO]),
-        "are not the same in two units; choose one: --columns gx_dps,gy_dps,gz_dps",
+        "differ by more than their units; choose one with --columns gx_dps,gy_dps,gz_dps",
         Reading(columns=("gx_dps", "gy_dps", "gz_dps")),
     ),
     "two times that disagree": (
         ["t_s,t_ms,gx_dps,gy_dps,gz_dps"],
         table([TIME, TIME * 2000, GYRO]),
-        "its times disagree: 't_s' at 50 Hz; 't_ms' at 25 Hz. Choose one: --time-column 't_s'",
+        "the time columns disagree: 't_s' at 50 Hz; 't_ms' at 25 Hz. Choose one, such as --time-column 't_s'",
         Reading(time_column="t_s"),
     ),
     "a unit of time that cannot be": (
         ["t_us,gx_dps,gy_dps,gz_dps"],
         table([TIME * 1e9, GYRO]),
-        "Say --time-unit ms (us, ns)",
+        "Give the right --time-unit (ms, us, ns)",
         Reading(time_unit="ns"),
     ),
 }  # fmt: skip
@@ -207,7 +240,7 @@ def test_gzip_is_read_and_a_damaged_one_refused(tmp_path: Path) -> None:
     path.write_bytes(gzip.compress(text))
     right(path)
     path.write_bytes(gzip.compress(text)[:-500])
-    assert "a damaged .gz file" in refusal(path)
+    assert "damaged .gz file" in refusal(path)
 
 
 def test_the_accelerometer_may_be_in_a_file_of_its_own(tmp_path: Path) -> None:
@@ -219,10 +252,19 @@ def test_the_accelerometer_may_be_in_a_file_of_its_own(tmp_path: Path) -> None:
         "\n".join(["time,seconds_elapsed,z,y,x", *table([TIME[half] + 5, TIME[half], M_S2[half, ::-1]])])
     )
     reading = Reading(accel_file=tmp_path / "TotalAcceleration.csv")
-    assert "the accelerometer is of TotalAcceleration.csv" in right(tmp_path / "Gyroscope.csv", reading)
+    assert "the accelerometer is read from TotalAcceleration.csv" in right(tmp_path / "Gyroscope.csv", reading)
     recording = load(tmp_path / "Gyroscope.csv", reading=reading)
     assert recording.accel is not None
     assert np.allclose(recording.accel[:-1:2], M_S2[half], atol=1e-4)
+
+
+def test_rows_of_several_sensors_keep_their_accelerometer(tmp_path: Path) -> None:
+    path = tmp_path / "session.csv"
+    header, rows = SAID["a row per reading"]
+    path.write_text("\n".join([*header, *rows]))
+    accel = load(path).accel
+    assert accel is not None
+    assert np.allclose(accel, M_S2, atol=1e-5)
 
 
 def test_a_tool_of_ones_own(tmp_path: Path) -> None:
@@ -236,7 +278,7 @@ def test_a_tool_of_ones_own(tmp_path: Path) -> None:
 def test_a_unit_that_is_told_replaces_the_files_and_that_is_said(tmp_path: Path) -> None:
     path = tmp_path / "session.csv"
     path.write_text("\n".join(["t_s,gx_dps,gy_dps,gz_dps", *table([TIME, RAD], form="%.9f")]))
-    assert "its header says deg/s; --gyro-unit is used instead" in right(path, Reading(gyro_unit="rad/s"))
+    assert "the header states deg/s; --gyro-unit replaces it" in right(path, Reading(gyro_unit="rad/s"))
 
 
 def test_a_wide_header_is_read_in_linear_time_and_named_shortly(tmp_path: Path) -> None:
@@ -250,18 +292,18 @@ def test_a_wide_header_is_read_in_linear_time_and_named_shortly(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "it is empty; a header row"),
-        ("\n\n", "it is empty; a header row"),
-        ("t_s,gx_dps,gy_dps,gz_dps\n", "no rows of numbers are found; it begins with 't_s,gx_dps"),
+        ("", "the file is empty: give a header row"),
+        ("\n\n", "the file is empty: give a header row"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n", "no rows of numbers; the file begins with 't_s,gx_dps"),
         ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n", "1 sample; at least 2"),
         ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n1,2,x,3\n", "'gy_dps' is not a finite number in line 3 (1 such value)"),
         (
             "t_s,gx_dps,gy_dps,gz_dps\n0,1,2,1e9\n0.01,1,2,3\n",
-            "'gz_dps' is 1.74533e+07 rad/s in line 2; up to ±1000 rad/s",
+            "'gz_dps' is 1.74533e+07 rad/s in line 2; at most ±1000 rad/s",
         ),
         (
             "rate_hz,gx_dps,gy_dps,gz_dps\n50,1,1,1\n51,1,1,1\n",
-            "'rate_hz' is not the same in all rows; say the rate: --rate-hz",
+            "'rate_hz' differs between rows; give the rate with --rate-hz",
         ),
     ],
 )

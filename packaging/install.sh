@@ -1,0 +1,20 @@
+#!/bin/sh
+# Installs truerate on this machine from this folder alone, without a network: into /opt/truerate, or --prefix DIR (no root needed).
+set -eu
+cd "$(dirname "$0")"
+prefix=/opt/truerate
+[ "${1:-}" = --prefix ] && prefix=$2
+python=${PYTHON:-python3}
+"$python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || {
+    echo "this bundle is for Python 3.11; this machine's $python is $("$python" -V 2>&1). Set PYTHON=/path/to/python3.11" >&2
+    exit 1
+}
+sha256sum --quiet -c SHA256SUMS
+echo "installing into $prefix; this takes about a minute"
+"$python" -m venv "$prefix"
+"$prefix/bin/python" -m pip install --quiet --no-index --find-links wheels --require-hashes -r requirements.txt
+"$prefix/bin/python" -m pip install --quiet --no-index --no-deps wheels/truerate-*.whl
+"$prefix/bin/python" -m estimator.kernels
+[ -w /usr/local/bin ] && [ "$prefix" = /opt/truerate ] && ln -sf "$prefix/bin/truerate" /usr/local/bin/truerate
+"$prefix/bin/truerate" --version
+echo "done. Next: $prefix/bin/truerate demo, or set up a ward: sudo $prefix/bin/truerate init"

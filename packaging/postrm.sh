@@ -1,0 +1,8 @@
+#!/bin/sh
+set -e
+if [ -d /run/systemd/system ]; then systemctl daemon-reload || true; fi
+if [ "$1" = purge ]; then
+    # Recordings and the store are patients' data: only an administrator removes them.
+    rm -rf /var/cache/truerate
+    echo "kept: /etc/truerate (ward, certificates) and /var/lib/truerate (store, recordings, backups)"
+fi
