@@ -20,23 +20,55 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 
 def encode_orientation(batch: OrientationBatch) -> bytes:
     """Encode an OrientationBatch, the payload of orientation/<device>."""
-    return columns.OrientationBatch(
-        version=VERSION,
-        device=batch.device,
-        boot=batch.boot,
-        sequence=batch.sequence,
-        start_time_ns=batch.start_time_ns,
-        tick_period_s=batch.tick_period_s,
-        clock_rate=batch.clock_rate,
-        ticks=column_of(batch.ticks, _UINT64),
-        quat_wxyz=column_of(batch.quat_wxyz, _FLOAT),
-        linear_accel=b"" if batch.linear_accel is None else column_of(batch.linear_accel, _FLOAT),
-        covariance=column_of(batch.covariance[_ROWS, _COLUMNS], _FLOAT),
-        zero_sequence=batch.zero_sequence,
-        zero=clean(batch.zero, validation.MAX_NAME),
-        quality=int(batch.quality),
-        epoch=batch.epoch,
-    ).SerializeToString()
+    clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
+    return OrientationEncoder(batch.device, batch.epoch).encode(
+        batch.boot,
+        batch.sequence,
+        *clock,
+        column_of(batch.ticks, _UINT64),
+        column_of(batch.quat_wxyz, _FLOAT),
+        b"" if batch.linear_accel is None else column_of(batch.linear_accel, _FLOAT),
+        column_of(batch.covariance[_ROWS, _COLUMNS], _FLOAT),
+        (batch.zero_sequence, batch.zero),
+        batch.quality,
+    )
+
+
+class OrientationEncoder:
+    """Encoder for the orientation of one device."""
+
+    def __init__(self, device: str, epoch: int = 0) -> None:
+        self._message = columns.OrientationBatch(version=VERSION, device=device, epoch=epoch)
+
+    def encode(
+        self,
+        boot: int,
+        sequence: int,
+        start_time_ns: int,
+        tick_period_s: float,
+        clock_rate: float,
+        ticks: bytes,
+        quat_wxyz: bytes,
+        linear_accel: bytes,
+        covariance: bytes,
+        zero: tuple[int, str],
+        quality: Quality,
+    ) -> bytes:
+        """Encode one message from packed columns, as of `column_of`; covariance is xx, xy, xz, yy, yz, zz."""
+        message = self._message
+        message.boot = boot
+        message.sequence = sequence
+        message.start_time_ns = start_time_ns
+        message.tick_period_s = tick_period_s
+        message.clock_rate = clock_rate
+        message.ticks = ticks
+        message.quat_wxyz = quat_wxyz
+        message.linear_accel = linear_accel
+        message.covariance = covariance
+        message.zero_sequence = zero[0]
+        message.zero = clean(zero[1], validation.MAX_NAME)
+        message.quality = int(quality)
+        return message.SerializeToString()
 
 
 def decode_orientation(key: str, payload: bytes) -> OrientationBatch:

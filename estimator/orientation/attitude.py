@@ -15,6 +15,7 @@ methods to navigation problems", Advances in Control Systems 3 (1966); Joseph's 
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -188,5 +189,10 @@ def _carry(attitudes: list[Attitude], due: Sequence[tuple[Attitude, Floats, Floa
     )
     for attitude, state in zip(attitudes, states, strict=True):
         attitude.state = state
-    parts = np.split(out, np.cumsum(counts)[:-1])
-    return [Oriented(*np.split(part, (loop.RESULT_ACCEL, loop.RESULT_COV), axis=1)) for part in parts]
+    quaternions, accel, cov = (
+        out[:, : loop.RESULT_ACCEL],
+        out[:, loop.RESULT_ACCEL : loop.RESULT_COV],
+        out[:, loop.RESULT_COV :],
+    )
+    edges = list(pairwise([0, *np.cumsum(counts).tolist()]))
+    return [Oriented(quaternions[a:b], accel[a:b], cov[a:b]) for a, b in edges]

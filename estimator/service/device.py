@@ -11,7 +11,7 @@ from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowB
 from bridge.wire.refusal import Reason
 from estimator.device.admission import Admission
 from estimator.device.batch_correction import Cut, Rates
-from estimator.device.orientation import OrientedCut, batch_of
+from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.service import output
@@ -85,6 +85,7 @@ class Device:
         self._oriented: Publisher | None = None
         self._unwanted_s = 0  # s for which nobody has subscribed to the orientation
         self._encoder = output.Encoder(name, epoch)
+        self._orientation = output.Orientations(name, epoch)
 
     @property
     def counted(self) -> Counted:
@@ -132,7 +133,7 @@ class Device:
     def say_orientation(self, one: OrientedCut) -> None:
         """Publish the orientation of corrected samples."""
         if self._oriented is not None and not self._unwanted_s:
-            self._oriented.put(codec.encode_orientation(batch_of(one, self.epoch)))
+            self._oriented.put(self._orientation.encode(one))
 
     def look_round(self) -> None:
         """Once a second: make window summaries and orientation only while somebody subscribes to them."""
