@@ -82,7 +82,7 @@ REVISED = BiasRevision(
 )  # fmt: skip
 HALF, ONE = np.full((2, 3), 0.5, np.float32), np.ones(3, np.float32)
 TURNED = OrientationBatch(
-    "d1", 7, 1, 1, 1e-6, 1.0, np.arange(3, dtype=np.uint64), np.tile(np.float32([0.6, 0.0, 0.8, 0.0]), (3, 1)),
+    "d1", 7, 1, 1, 1e-6, 1.0, np.arange(3, dtype=np.uint64), np.tile(np.array([0.6, 0.0, 0.8, 0.0], np.float32), (3, 1)),
     np.ones((3, 3), np.float32), np.eye(3, dtype=np.float32), 1, "start", Quality.GOOD, 5,
 )  # fmt: skip
 SEEN = WindowBatch(

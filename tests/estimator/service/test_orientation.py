@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge.reasons.codes import Code
-from bridge.sim.motion import Still
+from bridge.sim.motion import Piece, Still
 from bridge.sim.motion_scripts import swing
 from bridge.wire.messages import OrientationBatch, SampleBatch
 from estimator.client.stream import Stream
@@ -25,7 +25,7 @@ def ward(tmp_path: Path) -> Ward:
 
 @pytest.fixture(scope="module")
 def batches() -> list[SampleBatch]:
-    after = [Still(2.0), swing(np.random.default_rng(3), 2.0, np.radians(90.0)), Still(2.0)]
+    after: list[Piece] = [Still(2.0), swing(np.random.default_rng(3), 2.0, np.radians(90.0)), Still(2.0)]
     return calibration(seed=1, after=after).batches()
 
 
@@ -103,8 +103,8 @@ def test_a_restored_session_goes_on_bit_for_bit(batches: list[SampleBatch]) -> N
     again = [batch for batch in batches if batch.sequence + len(batch) > after.sequence.next]
     assert again[0].sequence < batches[half].sequence, "a session learns again from what it had corrected before"
     first = again[0].after(after.sequence.next - again[0].sequence)
-    found = [one.attitudes for batch in [first, *again[1:]] for one in after.handle(batch).oriented]
+    goes_on = [one.attitudes for batch in [first, *again[1:]] for one in after.handle(batch).oriented]
     for column in range(3):
         np.testing.assert_array_equal(
-            np.concatenate([one[column] for one in found]), np.concatenate([one[column] for one in expected])
+            np.concatenate([one[column] for one in goes_on]), np.concatenate([one[column] for one in expected])
         )
