@@ -22,7 +22,8 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         ("zero-heading", "make the present heading of a device zero"),
     ):
         verb = add_verb(verbs, name, _command, help_text)
-        verb.add_argument("device", help="device id as in `truerate devices`")
+        wanted = "; all devices of the ward without one" if name == "zero-heading" else ""
+        verb.add_argument("device", nargs="?" if wanted else None, help=f"device id as in `truerate devices`{wanted}")
         verb.add_argument("--reason", default="", help="reason, kept in the audit beside your name")
         verb.set_defaults(verb=name)
         add_ward(verb)
@@ -38,13 +39,16 @@ def _command(given: argparse.Namespace) -> int:
     from estimator.client import Client  # noqa: PLC0415
 
     ward, endpoints = ward_of(given, Role.COMMANDER)
-    device = check_id(given.device, "device")
+    named = [] if given.device is None else [check_id(given.device, "device")]
     with Client(endpoints, ward=ward) as client:
         ask = {"recalibrate": client.recalibrate, "cancel": client.cancel, "zero-heading": client.zero_heading}[
             given.verb
         ]
-        reply = ask(device, person(), given.reason)
-    return _answered(device, reply)
+        devices = named or sorted(client.statuses())
+        replies = {device: ask(device, person(), given.reason) for device in devices}
+    if not replies:
+        raise ConfigError(f"no device is heard in ward {ward}: is an estimator running? See `truerate devices`")
+    return max([_answered(device, reply) for device, reply in replies.items()])
 
 
 def _note(given: argparse.Namespace) -> int:
