@@ -52,20 +52,20 @@ class Score:
     heading_inside: float
 
 
-Method = Callable[[Floats, Floats | None, float], Attitudes]
+Method = Callable[[Floats, Floats | None, float, Floats | None], Attitudes]
 
 
-def vqf_real_time(gyro: Floats, accel: Floats | None, rate_hz: float) -> Attitudes:
+def vqf_real_time(gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Floats | None = None) -> Attitudes:
     """VQF as it comes."""
     return Attitudes(vqf.VQF(1 / rate_hz).updateBatch(gyro, accel)["quat6D"])
 
 
-def vqf_offline(gyro: Floats, accel: Floats | None, rate_hz: float) -> Attitudes:
+def vqf_offline(gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Floats | None = None) -> Attitudes:
     """VQF with the whole recording in hand."""
     return Attitudes(vqf.offlineVQF(gyro, accel, None, 1 / rate_hz)["quat6D"])
 
 
-def fusion(gyro: Floats, accel: Floats | None, rate_hz: float) -> Attitudes:
+def fusion(gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Floats | None = None) -> Attitudes:
     """xio Fusion with its bias correction, without a magnetometer."""
     assert accel is not None
     ahrs, bias, found = imufusion.Ahrs(), imufusion.Bias(), np.empty((len(gyro), 4))
@@ -78,11 +78,11 @@ def fusion(gyro: Floats, accel: Floats | None, rate_hz: float) -> Attitudes:
 
 
 def ours(model: str, *, smooth: bool = False) -> Method:
-    """This project's, as `truerate correct --model` gives it."""
+    """This project's, as `truerate correct --model` gives it; without a temperature the device had been on before."""
 
-    def method(gyro: Floats, accel: Floats | None, rate_hz: float) -> Attitudes:
-        recording = Recording.from_arrays(gyro, accel, rate_hz=rate_hz)
-        c = correct(recording, knobs=knobs_of(load_model(model)), smooth=smooth, warmed_up=True)
+    def method(gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Floats | None = None) -> Attitudes:
+        recording = replace(Recording.from_arrays(gyro, accel, rate_hz=rate_hz), temperature_c=temperature_c)
+        c = correct(recording, knobs=knobs_of(load_model(model)), smooth=smooth, warmed_up=temperature_c is None)
         return Attitudes(c.quat_wxyz.astype(float), c.tilt_std.astype(float), c.heading_std.astype(float))
 
     return method
@@ -125,7 +125,7 @@ def on_broad(method: Method) -> Iterator[Score]:
             moving, rate_hz, truth = file["moving"], float(file["rate_hz"]), file["truth_quat_wxyz"].astype(float)
         first = int(np.argmax(moving))
         zero = slice(0, max(first, int(rate_hz)))
-        yield judged(method(gyro, accel, rate_hz), truth, moving, zero)
+        yield judged(method(gyro, accel, rate_hz, None), truth, moving, zero)
 
 
 def on_days(method: Method, days: int, hours: float) -> Iterator[Score]:
@@ -135,7 +135,7 @@ def on_days(method: Method, days: int, hours: float) -> Iterator[Score]:
         begin = round(60 * day.rate_hz)
         counted = np.arange(len(day.gyro)) >= begin
         gyro, accel = day.gyro.astype(float), day.accel.astype(float)
-        found = method(gyro, accel, day.rate_hz)
+        found = method(gyro, accel, day.rate_hz, day.temperature_c.astype(float))
         yield judged(found, day.attitude.astype(float), counted, slice(0, 10))
 
 
