@@ -27,7 +27,7 @@ def test_heading_of_a_gyro_alone_after_a_minute() -> None:
         error = (found.rotation[-1] * (start.inv() * worn.attitude[-1]).inv()).as_rotvec()
         ratios += (error / np.sqrt(np.diag(attitude.cov))).tolist()
     inside, rms = np.mean(np.abs(ratios) < 2), np.sqrt(np.mean(np.square(ratios)))
-    assert 0.93 <= inside <= 0.98
+    assert 0.90 <= inside <= 0.99  # 120 ratios: 95 % ± 4 %
     assert 0.85 < rms < 1.15
 
 
