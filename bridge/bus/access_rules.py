@@ -14,7 +14,7 @@ from typing import Any
 from bridge.pki.member import Member, Role
 from bridge.wire import keys
 
-PUBLISHED = ("corrected", "status", "calibration", "revision", "note", *keys.BY_NAME)
+PUBLISHED = ("corrected", "orientation", "status", "calibration", "revision", "note", *keys.BY_NAME)
 TOKENS = ("alive/device", "alive/bridge", "alive/estimator")
 
 # zenoh message kinds that carry data, and kinds that request data. Ingress is from a member into the router; egress is back.

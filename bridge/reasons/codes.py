@@ -91,6 +91,8 @@ class Code(StrEnum):
     NOTHING_TO_CANCEL = "nothing_to_cancel", "device"
     NOTED = "noted"
     NOTE_EMPTY = "note_empty"
+    HEADING_IS_ZERO = "heading_is_zero"
+    NO_ORIENTATION = "no_orientation", "device"
     COMMAND_FAILED = "command_failed"
     COMMAND_MALFORMED = "command_malformed", "detail"
     UNKNOWN_DEVICE = "unknown_device", "device"

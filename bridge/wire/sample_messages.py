@@ -4,6 +4,7 @@ Rates are in rad/s, accelerations in m/s², times in seconds unless the name say
 Arrays are read-only by convention: no code writes into a message.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, IntFlag
@@ -98,6 +99,55 @@ class SampleBatch:
 
 
 @frequent(eq=False)
+class OrientationBatch:
+    """Attitudes of consecutive samples of one boot, from sensor to earth axes, z up (docs/orientation.md).
+
+    quat_wxyz (n, 4) float32: unit quaternions, scalar first. linear_accel (n, 3) float32 m/s²: acceleration without gravity,
+    earth axes; None without an accelerometer. covariance (3, 3) float32 rad²: of the attitude error at the last sample, a small
+    rotation about earth axes. zero_sequence: number of the sample at which the heading was zero. zero: `start`, or who reset it.
+    """
+
+    device: str
+    boot: int
+    sequence: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: NDArray[np.uint64]
+    quat_wxyz: NDArray[np.float32]
+    linear_accel: NDArray[np.float32] | None
+    covariance: NDArray[np.float32]
+    zero_sequence: int
+    zero: str
+    quality: Quality
+    epoch: int = 0
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    @property
+    def sample_time_ns(self) -> NDArray[np.int64]:
+        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
+        return _host_ns(self)
+
+    @property
+    def tilt_std(self) -> float:
+        """Rms angle between the true and the estimated vertical, rad."""
+        return math.sqrt(float(self.covariance[0, 0]) + float(self.covariance[1, 1]))
+
+    @property
+    def heading_std(self) -> float:
+        """Standard deviation of the heading since its zero, rad."""
+        return math.sqrt(float(self.covariance[2, 2]))
+
+    @property
+    def heading(self) -> NDArray[np.float64]:
+        """(n,) heading since its zero, rad, -π to π: the rotation about the vertical that is left when the tilt is undone."""
+        w, z = self.quat_wxyz[:, 0].astype(float), self.quat_wxyz[:, 3].astype(float)
+        return np.asarray(np.arctan2(2 * w * z, w * w - z * z))
+
+
+@frequent(eq=False)
 class CorrectedBatch:
     """Corrected rates of one SampleBatch, with bias and standard deviations.
 
@@ -155,7 +205,7 @@ class CorrectedBatch:
         return combined_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
-def _host_ns(batch: SampleBatch | CorrectedBatch) -> NDArray[np.int64]:
+def _host_ns(batch: SampleBatch | CorrectedBatch | OrientationBatch) -> NDArray[np.int64]:
     since_first = (batch.ticks - batch.ticks[0]) * (batch.tick_period_s * batch.clock_rate * 1e9)
     return np.asarray(np.rint(since_first).astype(np.int64) + batch.start_time_ns, dtype=np.int64)
 

@@ -239,6 +239,40 @@ class CorrectedBatch(_message.Message):
     flicker_std: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., rate: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ..., quality: _Optional[_Union[Quality, str]] = ..., noise_std: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale_std: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., cross_std: _Optional[_Iterable[float]] = ..., epoch: _Optional[int] = ..., flicker_std: _Optional[_Iterable[float]] = ...) -> None: ...
 
+class OrientationBatch(_message.Message):
+    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "quat_wxyz", "linear_accel", "covariance", "zero_sequence", "zero", "quality", "epoch")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    START_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    TICK_PERIOD_S_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_RATE_FIELD_NUMBER: _ClassVar[int]
+    TICKS_FIELD_NUMBER: _ClassVar[int]
+    QUAT_WXYZ_FIELD_NUMBER: _ClassVar[int]
+    LINEAR_ACCEL_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_FIELD_NUMBER: _ClassVar[int]
+    ZERO_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    ZERO_FIELD_NUMBER: _ClassVar[int]
+    QUALITY_FIELD_NUMBER: _ClassVar[int]
+    EPOCH_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    sequence: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: _containers.RepeatedScalarFieldContainer[int]
+    quat_wxyz: _containers.RepeatedScalarFieldContainer[float]
+    linear_accel: _containers.RepeatedScalarFieldContainer[float]
+    covariance: _containers.RepeatedScalarFieldContainer[float]
+    zero_sequence: int
+    zero: str
+    quality: Quality
+    epoch: int
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., quat_wxyz: _Optional[_Iterable[float]] = ..., linear_accel: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., zero_sequence: _Optional[int] = ..., zero: _Optional[str] = ..., quality: _Optional[_Union[Quality, str]] = ..., epoch: _Optional[int] = ...) -> None: ...
+
 class Status(_message.Message):
     __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "events", "bridge", "refused_bridges", "epoch")
     class DroppedEntry(_message.Message):

@@ -414,8 +414,18 @@ class BootEstimation:
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
         sure = track.sure and not track.doubt.stands and all(axis < self._knobs.track.bias_std for axis in std.tolist())
-        flicker = self._knobs.track.bias.flicker
-        return choose(self._belief, bias, std, noise_std, flicker, sure=sure, away=self._life.away)
+        knobs = self._knobs.track.bias
+        return choose(
+            self._belief,
+            bias,
+            std,
+            noise_std,
+            knobs.flicker,
+            sure=sure,
+            away=self._life.away,
+            walk=knobs.rate_random_walk,
+            unsure=track.unsure,
+        )
 
 
 def _bias_in(rest: Rest) -> RestBias:

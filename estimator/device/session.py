@@ -31,13 +31,15 @@ from estimator.device.boot_estimation import BootEstimation, BootEstimationState
 from estimator.device.calibration_progress import CalibrationProgress
 from estimator.device.correction import Correction
 from estimator.device.lifecycle import Event, Lifecycle
+from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
 from estimator.device.own_calibration import METHOD, judged
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.sequence_numbers import SequenceNumbers
 from estimator.device.session_knobs import SessionKnobs
 from estimator.device.window_summary import Second
-from estimator.geometry.gyro_model import axis_names
+from estimator.geometry.gyro_model import Floats, axis_names
+from estimator.orientation.attitude import Attitude
 from estimator.samples.blocks import BLOCK_S, SHORT_S, Blocks
 from estimator.samples.finite import runs
 from estimator.samples.sample_buffer import CELSIUS, TIME, Samples, known
@@ -64,6 +66,7 @@ class SessionState(StateStruct):
     sample before it. clock: see `Blocks`.
     applied: correction of the block of `next`; ready: of the block after it, unless more is learnt.
     life: lifecycle state, the state before the device went away, and the reasons of both.
+    attitude: state of the orientation, of the samples corrected so far, and what its heading counts from; None without one.
     """
 
     version: int
@@ -80,6 +83,7 @@ class SessionState(StateStruct):
     ready: Correction
     life: tuple[str, str, Sentences, Sentences]
     learnt: BootEstimationState
+    attitude: tuple[Floats, str] | None = None
 
 
 class DeviceSession:
@@ -103,6 +107,8 @@ class DeviceSession:
         self.last_heard_ns = 0
         #: whether summaries per window (`window_summary`) are wanted; only then the samples of a block are kept for them
         self.windowed = False
+        #: orientation of the current boot; None while nobody wants it
+        self.attitude: Attitude | None = None
         self._away_s = 0.0  # s since the previous admitted batch, by the host's clock
         self._offered: DeviceCalibration | None = None  # the device's own calibration that was judged last
         self._begin(began)
@@ -129,6 +135,8 @@ class DeviceSession:
         if not self._unused or device_time != self.learnt.began or law is not None:
             self._begin(device_time, law)
         self._unused = False
+        if self.attitude is not None:
+            self.orient()
         why = Code.WARMING_UP() if first else Code.RESTARTED()
         self.life.on(Event.BOOTED, () if again else (why,))  # again: no sample of this boot was taken yet
         outcome.changed = True
@@ -155,6 +163,10 @@ class DeviceSession:
         self._lesson: tuple[int, int] | None = None
         self._lesson_applied = self._applied  # correction that was applied to that block, and its length, s
         self._lesson_s = self._blocks.length_s
+
+    def orient(self) -> None:
+        """Begin to estimate the orientation, anew: heading zero is at the next sample."""
+        self.attitude = Attitude(self.knobs.orientation)
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
         if self.learnt.under_way is None:
@@ -250,6 +262,7 @@ class DeviceSession:
                 self._ready,
                 self.life.saved,
                 self.learnt.saved(buffer, end),
+                None if self.attitude is None else (self.attitude.state, self.attitude.zero),
             )
         )
 
@@ -284,6 +297,8 @@ class DeviceSession:
         session._blocks.length_s = saved.length_s
         session._blocks.resume(buffer, saved.clock, saved.begun_s)
         session._applied, session._ready = saved.applied, saved.ready
+        if saved.attitude is not None:
+            session.attitude = Attitude(session.knobs.orientation, *saved.attitude)
         session.sequence.resume(saved.boot, saved.first, saved.next)
         session.last_heard_ns, session._unused = saved.last_heard_ns, False
         if saved.learnt.under_way:
@@ -333,6 +348,8 @@ class DeviceSession:
             outcome = self._put(samples.part(begin, end), 0, cuts, outcome)
         outcome = outcome or Outcome()
         outcome.corrected = [batch_of(cut, rates) for cut, rates in zip(cuts, correct(cuts), strict=True)]
+        if self.attitude is not None:
+            outcome.oriented = oriented([(self.attitude, cut) for cut in cuts])
         self._learn(outcome)
         return outcome
 
@@ -439,6 +456,13 @@ class DeviceSession:
         if self.tracker.doubt.stands:
             self.life.on(Event.DOUBTED)
         self.learnt.cancel(who)
+        return None
+
+    def zero_heading(self, who: str) -> Sentence | None:
+        """Make the present heading zero. Returns None, or why it is refused."""
+        if self.attitude is None or not self.attitude.begun:
+            return Code.NO_ORIENTATION(device=self.device)
+        self.attitude.reset_heading(who)
         return None
 
     def silence(self, reason: Sentences, event: Event = Event.SILENT) -> bool:

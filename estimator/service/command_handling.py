@@ -59,7 +59,8 @@ class CommandHandler:
         self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
         if (refusal := refusals[0]) is not None:
             return CommandReply(command.request_id, accepted=False, message=(refusal,))
-        message = (Code.NOTED(),) if verb == "note" else device.session.life.goes_on
+        done = {"note": (Code.NOTED(),), "zero-heading": (Code.HEADING_IS_ZERO(),)}
+        message = done.get(verb, device.session.life.goes_on)
         return CommandReply(command.request_id, accepted=True, message=message)
 
 
@@ -78,4 +79,6 @@ def _obey(device: Device, verb: str, command: Command) -> Sentence | None:
         return device.session.recalibrate(command.who, command.reason)
     if verb == "cancel":
         return device.session.cancel(command.who)
+    if verb == "zero-heading":
+        return device.session.zero_heading(command.who)
     return None if command.reason.strip() else Code.NOTE_EMPTY()

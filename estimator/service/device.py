@@ -9,6 +9,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowBatch
 from estimator.device.admission import Admission
 from estimator.device.batch_correction import Cut, Rates
+from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.service import output
@@ -24,6 +25,8 @@ NEWCOMER_S = 2.0
 FIRST_CHECKPOINT_S = 1.0
 #: silence after which the status states how old its information is, s
 SILENT_S = 2.0
+#: s without a subscriber after which the orientation is given up; who comes back earlier finds the same heading
+FORGET_ORIENTATION_S = 10
 #: sample counts before some work on a device: held, taken in, corrected and published
 Counted = tuple[int, int, int, int]
 
@@ -75,7 +78,10 @@ class Device:
         self._gone = False
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
+        self._oriented: Publisher | None = None
+        self._unwanted_s = 0  # s for which nobody has subscribed to the orientation
         self._encoder = output.Encoder(name, epoch)
+        self._orientation = output.Orientations(name, epoch)
 
     @property
     def counted(self) -> Counted:
@@ -110,9 +116,22 @@ class Device:
         if fit is not None and self._windowed is not None:
             self._windowed.put(codec.encode_windows(fit))
 
+    def say_orientation(self, one: OrientedCut) -> None:
+        """Publish the orientation of corrected samples."""
+        if self._oriented is not None and not self._unwanted_s:
+            self._oriented.put(self._orientation.encode(one))
+
     def look_round(self) -> None:
-        """Once a second: make window summaries only while somebody subscribes to them."""
-        if self._windowed is None and self._publishers:
+        """Once a second: make window summaries and orientation only while somebody subscribes to them."""
+        if self._oriented is None and self.announced:
+            self._oriented = self._bus.publisher(keys.build(self._ward, "orientation", device=self.name))
+        oriented = self._oriented is not None and self._oriented.wanted
+        self._unwanted_s = 0 if oriented else self._unwanted_s + 1
+        if oriented and self.session.attitude is None:
+            self.session.orient()
+        elif self._unwanted_s > FORGET_ORIENTATION_S:
+            self.session.attitude = None
+        if self._windowed is None and self.announced:
             self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         wanted = self._windowed is not None and self._windowed.wanted
         self.session.windowed = wanted
@@ -223,9 +242,9 @@ class Device:
     def close(self) -> None:
         """Close all publishers."""
         self._say_unsaid()
-        for publisher in (*self._publishers.values(), *filter(None, [self._windowed])):
+        for publisher in (*self._publishers.values(), *filter(None, [self._windowed, self._oriented])):
             publisher.close()
-        self._publishers, self._windowed = {}, None
+        self._publishers, self._windowed, self._oriented = {}, None, None
 
     def _say(self, what: str, payload: bytes) -> None:
         """Publish a message of an announced device; publishers are declared on first use to keep a takeover fast."""

@@ -14,6 +14,7 @@ from bridge.wire.refusal import Refusal
 from estimator.client.decoder import Decoder
 from estimator.device.batch_correction import Cut, correct
 from estimator.device.bridge_choice import BEGINS, Ruling
+from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
 from estimator.samples.sample_buffer import Samples
 from estimator.service.boot_start import Boots
@@ -189,7 +190,7 @@ class Intake:
         self._say(device, outcome)
 
     def _publish(self) -> None:
-        """Correct all due samples together and publish them in order."""
+        """Correct all due samples together and publish them in order, then the orientations that somebody wants."""
         due, self._due = self._due, []
         for (device, cut), rates in zip(due, correct([cut for _, cut in due]), strict=True):
             try:
@@ -198,3 +199,7 @@ class Intake:
                 before = device.counted
                 device.told -= cut.n
                 self._guarded.failed(device, error, before)
+        turning = [(attitude, cut) for device, cut in due if (attitude := device.session.attitude) is not None]
+        for one in oriented(turning):
+            if (turned := self._devices.get(one.cut.samples.device)) is not None:
+                turned.say_orientation(one)

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire import validation
-from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, CorrectedEncoder
+from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, CorrectedEncoder
 from bridge.wire.messages import BiasRevision, Status, WindowBatch
+from bridge.wire.orientation import OrientationEncoder
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 from estimator.device.batch_correction import Cut, Rates
 from estimator.device.correction import Correction
+from estimator.device.orientation import OrientedCut
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
@@ -75,6 +77,34 @@ class Encoder:
             samples.clock_rate,
             cut.ticks,
             *rates,
+        )
+
+
+class Orientations:
+    """Encoder of one device's orientation into payloads within the wire's limits."""
+
+    def __init__(self, device: str, epoch: int = 0) -> None:
+        self._encoder = OrientationEncoder(device, epoch)
+
+    def encode(self, one: OrientedCut) -> bytes:
+        """Encode the orientation of a cut of samples; an acceleration beyond the range is limited to it."""
+        cut, attitudes, zero = one
+        samples, accel = cut.samples, b""
+        if not isnan(attitudes.accel.item(0)):
+            force = attitudes.accel.astype(np.float32)
+            accel = (force if np.vdot(force, force) <= MAX_ACCEL**2 else force.clip(-MAX_ACCEL, MAX_ACCEL)).tobytes()
+        return self._encoder.encode(
+            samples.boot,
+            cut.sequence,
+            cut.start_time_ns,
+            samples.tick_period_s,
+            samples.clock_rate,
+            cut.ticks,
+            attitudes.quat_wxyz.astype(np.float32).tobytes(),
+            accel,
+            attitudes.cov[-1].astype(np.float32).tobytes(),
+            zero,
+            cut.correction.quality,
         )
 
 

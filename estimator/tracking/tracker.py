@@ -197,6 +197,14 @@ class Tracker:
         return then.x[BIAS], np.asarray(std)
 
     @property
+    def unsure(self) -> Floats | None:
+        """(12,) rms errors of the matrix in use, relative, row by row, and of the accelerometer, m/s²; or None."""
+        if len(self._filter.x) == OWN:
+            return None
+        x, var = self._filter.x, self._filter.cov.diagonal()
+        return np.concatenate([np.sqrt(var[own] + x[own] ** 2) for own in (MATRIX, ACCEL_BIAS)])
+
+    @property
     def sure(self) -> bool:
         """Whether the bias is known better than `TrackKnobs.bias_std` on all axes."""
         most = self.knobs.bias_std / self.doubt.consistency.inflation
