@@ -122,8 +122,12 @@ def _failed(given: argparse.Namespace, words: str, code: int) -> int:
 
 def _is_memory(error: BaseException) -> bool:
     """Whether memory ran out, in Python or while a library was loaded."""
-    cause = error.__cause__ or error.__context__
-    return isinstance(error, MemoryError) or _NO_ROOM in str(error) or (cause is not None and _is_memory(cause))
+    chain = list[BaseException]()
+    found: BaseException | None = error
+    while found is not None and found not in chain:  # a chain may lead back to its start
+        chain.append(found)
+        found = found.__cause__ or found.__context__
+    return any(isinstance(one, MemoryError) or _NO_ROOM in str(one) for one in chain)
 
 
 def _no_memory(given: argparse.Namespace) -> int:

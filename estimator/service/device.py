@@ -92,7 +92,7 @@ class Device:
     @property
     def announced(self) -> bool:
         """Whether the device's messages are published; a newcomer's are only once it has lived for NEWCOMER_S."""
-        return not self.announced_after_s
+        return not self._gone and not self.announced_after_s
 
     @property
     def worthless(self) -> bool:
@@ -248,7 +248,7 @@ class Device:
 
     def _say(self, what: str, payload: bytes) -> None:
         """Publish a message of an announced device; publishers are declared on first use to keep a takeover fast."""
-        if self._gone or not self.announced:
+        if not self.announced:
             return
         if (publisher := self._publishers.get(what)) is None:
             key = keys.build(self._ward, what, device=self.name)

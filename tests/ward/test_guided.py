@@ -117,7 +117,7 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     hand.follow(turns=1)
     hand.wait_for(("turn",))
     table.reboot()
-    expect(page.locator("#rebooted")).to_contain_text("the turns so far are lost")
+    expect(page.locator("#rebooted")).to_contain_text("The turns are lost.")
     keep(page, "guide-rebooted")
     hand.follow()
     expect(do).to_have_text("Done: it is calibrated")

@@ -135,7 +135,8 @@ def test_abandoned_pictures_are_not_drawn(site: Site, monkeypatch: pytest.Monkey
 
 def test_a_drawn_picture_leaves_no_figure_in_memory() -> None:
     points = Biases("5", np.arange(3) * 10**9, np.zeros((3, 3)), np.ones((3, 3)), np.full(3, 25.0))
-    assert report_pages._drawn(History("chest", (), (), (), (points,))).startswith(b"\x89PNG")
+    drawn = report_pages._drawn(History("chest", (), (), (), (points,)), dark=False, narrow=False)
+    assert drawn.startswith(b"\x89PNG")
     assert not [thing for thing in gc.get_objects() if isinstance(thing, Figure)]
 
 

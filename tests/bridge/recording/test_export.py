@@ -125,7 +125,7 @@ def test_nothing_is_overwritten(some: Recorded, tmp_path: Path) -> None:
         export(some, tmp_path / "out", ".npz")
     with pytest.raises(RecordingError, match=r"the folder .* does not exist; make it"):
         export(some, tmp_path / "no" / "such", ".npz")
-    with pytest.raises(RecordingError, match=r"events.csv: is there already"):
+    with pytest.raises(RecordingError, match=r"events.csv: exists already"):
         export(some, tmp_path / "out", ".csv")
     assert [path.name for path in (tmp_path / "out").glob("*.csv")] == [
         "events.csv"
@@ -171,7 +171,7 @@ def test_a_dataset_grows_by_subjects(some: Recorded, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"wristleft_channels.json: exists already"):
         export_bids(some, tmp_path / "set", Session("09", "ward"))
     assert len(list(motion.iterdir())) == 1
-    with pytest.raises(RecordingError, match="--subject 'Mrs Doe': BIDS takes letters and digits only"):
+    with pytest.raises(RecordingError, match="--subject 'Mrs Doe': BIDS allows only letters and digits"):
         Session("Mrs Doe", "ward")
     with pytest.raises(RecordingError, match="--task ''"):
         Session("07", "")

@@ -217,7 +217,7 @@ def test_a_udp_port_is_busy_in_words(udp: int) -> None:
     with pytest.raises(DeviceUnavailable, match=r"receives the datagrams of anyone there. .*\?from="):
         opened(f"0.0.0.0:{udp}")
     second = opened(f":{udp}?from=localhost")
-    with pytest.raises(DeviceUnavailable, match=r"takes datagrams of 127\.0\.0\.1"):
+    with pytest.raises(DeviceUnavailable, match=r"receives the datagrams of 127\.0\.0\.1"):
         opened(f":{udp}?from=127.0.0.1")
     first.close()
     second.close()
