@@ -251,3 +251,32 @@ gyro_turns_status gyro_turns_solve(const gyro_turns *c, gyro_turns_result *resul
     }
     return GYRO_TURNS_NOT_CONVERGED;
 }
+
+static uint8_t *put32(uint8_t *at, uint32_t value)
+{
+    for (int i = 0; i < 4; i++) *at++ = (uint8_t)(value >> 8 * i);
+    return at;
+}
+
+void gyro_turns_packet(const gyro_turns_result *result, uint64_t boot, uint32_t sequence, uint8_t out[GYRO_TURNS_PACKET])
+{
+    uint8_t plain[GYRO_TURNS_PACKET - 2] = {0x03}, *code = out++;
+    uint8_t *at = put32(put32(put32(plain + 1, (uint32_t)boot), (uint32_t)(boot >> 32)), sequence);
+    for (int j = 0; j < 6; j++) {
+        uint32_t bits;
+        memcpy(&bits, j < 3 ? &result->k[j] : &result->bias[j - 3], sizeof bits);
+        at = put32(at, bits);
+    }
+    uint32_t crc = ~(uint32_t)0; /* CRC-32, as in zlib */
+    for (const uint8_t *byte = plain; byte < at; byte++) {
+        crc ^= *byte;
+        for (int bit = 0; bit < 8; bit++) crc = crc >> 1 ^ (crc & 1 ? 0xEDB88320u : 0);
+    }
+    at = put32(at, ~crc);
+    for (const uint8_t *byte = plain; byte < at; byte++) { /* COBS */
+        if (*byte) *out++ = *byte;
+        else *code = (uint8_t)(out - code), code = out++;
+    }
+    *code = (uint8_t)(out - code);
+    *out = 0;
+}

@@ -50,6 +50,9 @@ typedef struct {
     int iterations;
 } gyro_turns_result;
 
+/* Bytes of the result as a packet of truerate's native serial protocol. */
+#define GYRO_TURNS_PACKET 43
+
 /* Working memory; its fields are private. */
 typedef struct {
     gyro_turns_settings set;
@@ -80,5 +83,8 @@ gyro_turns_status gyro_turns_add(gyro_turns *c, const int16_t counts[3]);
 
 /* Compute the result; GYRO_TURNS_OK, or an error, and then *result is unchanged. */
 gyro_turns_status gyro_turns_solve(const gyro_turns *c, gyro_turns_result *result);
+
+/* Write the result as a packet, ready to send: boot as in HELLO, sequence of the last sample. Send it with each HELLO. */
+void gyro_turns_packet(const gyro_turns_result *result, uint64_t boot, uint32_t sequence, uint8_t out[GYRO_TURNS_PACKET]);
 
 #endif

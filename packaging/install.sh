@@ -17,4 +17,4 @@ echo "installing into $prefix; this takes about a minute"
 "$prefix/bin/python" -m estimator.kernels
 [ -w /usr/local/bin ] && [ "$prefix" = /opt/truerate ] && ln -sf "$prefix/bin/truerate" /usr/local/bin/truerate
 "$prefix/bin/truerate" --version
-echo "done. Next: $prefix/bin/truerate demo, or set up a ward: sudo $prefix/bin/truerate init"
+echo "done. Next: $prefix/bin/truerate demo, or a ward: docs/install.md"

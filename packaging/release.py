@@ -169,6 +169,7 @@ def _documents(share: Path, version: str) -> None:
     shutil.copy(ROOT / "LICENSE", docs / "copyright")
     (docs / "changelog.gz").write_bytes(gzip.compress((ROOT / "CHANGELOG.md").read_bytes(), 9, mtime=0))
     shutil.copytree(ROOT / "configs", docs / "examples")
+    shutil.copy(ROOT / "docs/install.md", docs)
     parser = build()
     for shell, path in (("bash", "bash-completion/completions/truerate"), ("zsh", "zsh/vendor-completions/_truerate")):
         (share / path).parent.mkdir(parents=True)

@@ -55,11 +55,11 @@ def test_arrays_need_no_accelerometer_and_are_copied(session: Session) -> None:
 @pytest.mark.parametrize(
     ("gyro", "accel", "rate_hz", "words"),
     [
-        (np.zeros((5, 2)), None, 100.0, r"gyro has shape \(5, 2\); \(n, 3\) is expected"),
+        (np.zeros((5, 2)), None, 100.0, r"gyro has shape \(5, 2\); give \(n, 3\)"),
         (np.zeros((1, 3)), None, 100.0, "1 sample; at least 2 are needed"),
         (np.full((5, 3), np.nan), None, 100.0, "gyro is not finite at sample 0"),
         (np.full((5, 3), 2000.0), None, 100.0, "gyro is 2000 rad/s at sample 0.*degrees per second"),
-        (np.zeros((5, 3)), np.zeros((4, 3)), 100.0, r"accel has shape \(4, 3\); \(5, 3\) is expected"),
+        (np.zeros((5, 3)), np.zeros((4, 3)), 100.0, r"accel has shape \(4, 3\); give \(5, 3\)"),
         (np.zeros((5, 3)), None, -5.0, "rate_hz is -5"),
     ],
 )

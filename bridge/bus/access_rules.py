@@ -1,5 +1,7 @@
 """Access rules per role, in the format of zenoh's access control: everything else is denied. Pure.
 
+Who may recalibrate: a commander, and behind the dashboard its people; docs/security.md states both.
+
 zenoh identifies a member by the exact common name of its certificate, so the rules name every member. zenoh denies
 silently, and a subscription wider than its rule gets nothing. For the key of an advanced publisher, `KEY/@adv/**` carries
 heartbeats, history and, for publishers of other programs, the announcement of the publisher. `**` does not match `@adv`.
@@ -12,7 +14,7 @@ from typing import Any
 from bridge.pki.member import Member, Role
 from bridge.wire import keys
 
-PUBLISHED = ("corrected", "status", "calibration", "revision", "note", *keys.BY_NAME)
+PUBLISHED = ("corrected", "orientation", "status", "calibration", "revision", "note", *keys.BY_NAME)
 TOKENS = ("alive/device", "alive/bridge", "alive/estimator")
 
 # zenoh message kinds that carry data, and kinds that request data. Ingress is from a member into the router; egress is back.

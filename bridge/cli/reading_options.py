@@ -51,7 +51,7 @@ def _reading(given: argparse.Namespace) -> Reading:
         accel_sensitivity=given.accel_sensitivity,
         columns=named(given.columns or ""),
         time_column=given.time_column,
-        accel_file=given.accel_file,
+        accel_file=given.accel_file and str(given.accel_file),
         boot=given.boot,
     )
 

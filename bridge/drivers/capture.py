@@ -1,10 +1,10 @@
 """Decodes a capture of a device's bytes, or a text log, into the columns of a recording."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from bridge.drivers.byte_stream import Decoder, Holds

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.reasons.codes import Sentence
-from bridge.wire.messages import BootCause
+from bridge.wire.messages import BootCause, DeviceCalibration
 from bridge.wire.refusal import Tally
 
 
@@ -79,7 +79,7 @@ class Notice:
     said: Sentence | None
 
 
-Event = Identity | Readings | Battery | Notice
+Event = Identity | Readings | Battery | Notice | DeviceCalibration
 
 
 class Driver(Protocol):

@@ -6,7 +6,7 @@ from bridge.drivers.byte_stream import StreamOptions, stream_kind
 from bridge.drivers.driver import Event, Identity, Readings
 from bridge.framing import packets
 from bridge.framing.cobs_frames import Deframer, frame
-from bridge.wire.messages import BootCause
+from bridge.wire.messages import BootCause, DeviceCalibration
 from bridge.wire.refusal import Tally
 
 ASK = frame(packets.encode_identify())
@@ -67,6 +67,8 @@ class NativeDecoder:
                 continue
             if isinstance(packet, packets.Hello):
                 events += self._greeted(packet)
+            elif isinstance(packet, DeviceCalibration):
+                events.append(packet)
             else:
                 events += self._read(packet, receive_time_ns)
         return events

@@ -11,11 +11,9 @@ import secrets
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
-from msgspec import Struct
 
 from bridge.drivers.driver import DriverKind, Event, Readings
 from bridge.drivers.replay_segments import ReplaySegment
@@ -28,14 +26,13 @@ from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.wire.refusal import Tally
 
 _MAX_CHUNK = 4096  # samples
-_READING = [one.name for one in fields(Reading) if one.name not in {"device", "accel_file"}]
 _SALT = secrets.randbits(64)  # one for all devices of a playback, so that devices sharing a boot number still share it
 _reading = threading.Lock()
 _log = logging.getLogger(__name__)
 
 
-class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a replay: file, speed, and properties missing in the file, as in recording.Reading.
+class ReplayedOptions(Reading, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Options of a replay: file, speed, gyro range, and properties missing in the file, as in recording.Reading.
 
     recorded_device: the device of a .mcap to play, if there are several.
     """
@@ -44,30 +41,10 @@ class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     file: str
     #: multiple of the recorded pace, 0.01 to 1000; 2 plays twice as fast
     speed: float = 1.0
-    #: output data rate, Hz, for example 104; replaces the times of the file
-    rate_hz: float | None = None
     #: full-scale range of the gyro, °/s, for example 2000; 0 if unknown
     gyro_range_dps: float = 0.0
     #: id of the recorded device to play, for example `wrist-01`; needed if a `.mcap` holds several devices
     recorded_device: str | None = None
-    #: unit of the rates in the file: `deg/s`, `rad/s` or `mdeg/s`; default: as the file says
-    gyro_unit: str | None = None
-    #: unit of the accelerations in the file: `g`, `m/s2` or `mg`; default: as the file says
-    accel_unit: str | None = None
-    #: unit of the times in the file: `s`, `ms`, `us` or `ns`; default: as the file says
-    time_unit: str | None = None
-    #: raw counts per °/s, for example 131, if the file holds the gyro's raw counts
-    gyro_sensitivity: float | None = None
-    #: raw counts per g, for example 16384, if the file holds the accelerometer's raw counts
-    accel_sensitivity: float | None = None
-    #: names or numbers (from 1) of the columns of the gyro's x, y, z, then of the accelerometer's x, y, z; or one tool's name
-    columns: tuple[str, ...] = ()
-    #: name or number (from 1) of the column with the sample times
-    time_column: str | None = None
-    #: second file that holds the accelerometer's samples, for example `acc.csv`
-    accel_file: str | None = None
-    #: number of the boot to play, from 1, if the device was switched on several times
-    boot: int | None = None
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.speed <= 1000:
@@ -76,6 +53,10 @@ class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
             raise ValueError(f"rate_hz is {self.rate_hz:g}: use a number above 0, up to 10000")
         if not 0 <= self.gyro_range_dps <= 10_000:
             raise ValueError(f"gyro_range_dps is {self.gyro_range_dps:g}: use 0 (unknown) to 10000")
+        try:
+            Reading.__post_init__(self)
+        except RecordingError as error:
+            raise ValueError(str(error)) from None
 
 
 class Playback:
@@ -158,9 +139,7 @@ def _takes(options: ReplayedOptions) -> list[ReplaySegment]:
     gyro_range = math.radians(options.gyro_range_dps)
     path = Path(options.file)
     if path.suffix != ".mcap":
-        told = {name: getattr(options, name) for name in _READING}
-        reading = Reading(**told, accel_file=Path(options.accel_file) if options.accel_file else None)
-        return [ReplaySegment.of_recording(load(path, reading=reading), secrets.randbits(64), gyro_range)]
+        return [ReplaySegment.of_recording(load(path, reading=options), secrets.randbits(64), gyro_range)]
     recorded, whom = _recorded(path), options.recorded_device
     found = devices(path)
     if whom is None and len(found) > 1:

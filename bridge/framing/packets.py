@@ -2,12 +2,15 @@
 
     HELLO     01 version boot tick_period_s rate_hz gyro_range has model 00 firmware    device -> host
     DATA      02 n boot sequence (ticks gyro[3] accel[3] temperature)[n]                device -> host
+    OWN       03 boot sequence k[3] bias[3]                                             device -> host
     IDENTIFY  81                                                                        host -> device: send HELLO
     RATE      82 rate_hz                                                                host -> device: set this rate
 
 A device sends HELLO at boot, once a second and when asked. `boot` is a number drawn at power-up, `sequence` counts
 samples since then, `ticks` is the device's clock (32 bits, wraps). Gyro in rad/s, accelerometer in m/s², temperature in
-°C, as float32; `has` tells which of the last two are measured. A device may ignore RATE. A device that obeys sends
+°C, as float32; `has` tells which of the last two are measured. OWN is a calibration that the device made itself in
+this boot, from samples up to `sequence`: rate = k (gyro - bias), bias in rad/s, as float32. A device that has one sends
+it with each HELLO. A device may ignore RATE. A device that obeys sends
 HELLO with its new rate, which lasts until power is lost.
 """
 
@@ -18,13 +21,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.wire.messages import DeviceCalibration
+
 VERSION = 1
-HELLO, DATA, IDENTIFY, RATE = 0x01, 0x02, 0x81, 0x82
+HELLO, DATA, OWN, IDENTIFY, RATE = 0x01, 0x02, 0x03, 0x81, 0x82
 HAS_ACCEL, HAS_TEMPERATURE = 1, 2
 MAX_SAMPLES = 24  # keeps a DATA packet well under the frame limit
 
 _HELLO = struct.Struct("<BBQdddB")
 _DATA = struct.Struct("<BBQI")
+_OWN = struct.Struct("<BQI6f")
 _RATE = struct.Struct("<Bd")
 _SAMPLE = np.dtype([("ticks", "<u4"), ("gyro", "<f4", 3), ("accel", "<f4", 3), ("temperature_c", "<f4")])
 
@@ -80,6 +86,11 @@ def encode_data(data: Data) -> bytes:
     return _DATA.pack(DATA, n, data.boot, data.sequence & 0xFFFFFFFF) + samples.tobytes()
 
 
+def encode_own(own: DeviceCalibration) -> bytes:
+    """Encode the payload of an OWN packet."""
+    return _OWN.pack(OWN, own.boot, own.sequence, *own.scale, *own.bias)
+
+
 def encode_identify() -> bytes:
     """Encode the payload that asks a device for HELLO."""
     return bytes([IDENTIFY])
@@ -98,12 +109,14 @@ def decode_rate(payload: bytes) -> float | None:
     return float(rate_hz) if 0.1 <= rate_hz <= 100_000 else None
 
 
-def decode(payload: bytes) -> Hello | Data:
+def decode(payload: bytes) -> Hello | Data | DeviceCalibration:
     """Decode a packet from a device; raises BadPacket with the label to count."""
     if payload[0] == HELLO:
         return _decode_hello(payload)
     if payload[0] == DATA:
         return _decode_data(payload)
+    if payload[0] == OWN:
+        return _decode_own(payload)
     raise BadPacket("packet_unknown_kind")
 
 
@@ -131,3 +144,13 @@ def _decode_data(payload: bytes) -> Data:
         raise BadPacket("packet_length")
     samples = np.frombuffer(payload, _SAMPLE, n, _DATA.size)
     return Data(boot, sequence, samples["ticks"], samples["gyro"], samples["accel"], samples["temperature_c"])
+
+
+def _decode_own(payload: bytes) -> DeviceCalibration:
+    if len(payload) != _OWN.size:
+        raise BadPacket("packet_length")
+    _, boot, sequence, *values = _OWN.unpack(payload)
+    scale, bias = tuple(values[:3]), tuple(values[3:])
+    if not (all(abs(k) <= 10 for k in scale) and all(abs(b) <= 1000 for b in bias)):  # neither is NaN
+        raise BadPacket("packet_content")
+    return DeviceCalibration(boot, sequence, scale, bias)

@@ -18,7 +18,7 @@ from bridge.ingest.sample_clock import SampleClock, SampleTimes
 from bridge.ingest.sensor_faults import SensorFaults
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Sentence, Sentences
-from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
+from bridge.wire.messages import BootCause, DeviceCalibration, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
 from bridge.wire.validation import MAX_TEXTS
 
@@ -27,6 +27,7 @@ _NO_TEMPERATURE, _RATE_DIFFERS, _LATE = "temperature_missing", "rate_differs", "
 _RATE_CHANGED = "rate_changed"
 _BAD = frozenset({"clipped", "stuck", "not_a_number", "temperature_step"})  # events that count bad samples
 _MISSING = "missing_samples"
+_OF_ANOTHER_BOOT = "own_calibration_of_another_boot"
 _ODD = 0x9E3779B97F4A7C15  # offset between boot numbers made here, which no device draws
 _INSTEAD_OF_0 = 1  # boot 0 means that the device was not heard
 
@@ -59,6 +60,7 @@ class Intake:
         self._old = 0  # consecutive samples that are not new
         self._next: int | None = None  # the next sequence number without a gap
         self._sensor = SensorFaults(self.events)
+        self._calibration: DeviceCalibration | None = None  # the device's own
 
     @property
     def boot(self) -> int | None:
@@ -78,7 +80,10 @@ class Intake:
             return self._greet(event)
         if isinstance(event, Readings):
             return [batch for readings in self._ready(event) for batch in self._read(readings)]
-        self._account.note(event)
+        if isinstance(event, DeviceCalibration):
+            self._calibrated(event)
+        else:
+            self._account.note(event)
         return []
 
     def release(self) -> list[SampleBatch]:
@@ -99,6 +104,7 @@ class Intake:
         events |= {label: max(n, events.get(label, 0)) for label, n in faults.items()}
         counted = self.samples, time_ns, dropped, events, trouble
         info = self._account.info(self._identity, self.boot or 0, self.timeline, *counted)
+        info = replace(info, calibration=self._calibration)
         bad = {label: n for label, n in events.items() if label in _BAD}
         if said := self._shares.notable(time_ns, self.samples_in, {**bad, **dropped}):
             info = replace(info, notices=(*info.notices, *said)[-MAX_TEXTS:])
@@ -119,6 +125,13 @@ class Intake:
             self._rate_changed(self.timeline.told(self._identity.rate_hz, identity.rate_hz))
         self._identity = identity
         return released
+
+    def _calibrated(self, own: DeviceCalibration) -> None:
+        """Keep a calibration that the device made itself in this boot, and count one of another boot."""
+        if self._identity is None or own.boot != self._identity.boot:
+            self.events.add(_OF_ANOTHER_BOOT)
+        else:
+            self._calibration = replace(own, boot=self.boot or 0)
 
     def _ready(self, readings: Readings) -> list[Readings]:
         """Readings that may be numbered now; without a device clock, a possible gap must be settled first."""

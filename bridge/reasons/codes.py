@@ -91,6 +91,8 @@ class Code(StrEnum):
     NOTHING_TO_CANCEL = "nothing_to_cancel", "device"
     NOTED = "noted"
     NOTE_EMPTY = "note_empty"
+    HEADING_IS_ZERO = "heading_is_zero"
+    NO_ORIENTATION = "no_orientation", "device"
     COMMAND_FAILED = "command_failed"
     COMMAND_MALFORMED = "command_malformed", "detail"
     UNKNOWN_DEVICE = "unknown_device", "device"
@@ -129,6 +131,12 @@ class Code(StrEnum):
     LAST_MOVEMENT = "last_movement"
     NO_CHECKED_MOVEMENT = "no_checked_movement"
     ACCELEROMETER_NOT_GRAVITY = "accelerometer_not_gravity", "reading_m_s2"
+
+    # Calibrations that devices make themselves
+    OWN_ACCEPTED = "own_accepted"
+    OWN_OF_ANOTHER_BOOT = "own_of_another_boot"
+    OWN_BIAS_LARGE = "own_bias_large", "bias_dps", "most_dps"
+    OWN_BIAS_CONTRADICTED = "own_bias_contradicted", "own_dps", "seen_dps"
 
     # Verdicts
     TURNS_CLOSED = "turns_closed", "angle_deg"
@@ -179,6 +187,7 @@ class Code(StrEnum):
     WARD_EMPTY = "ward_empty", "ward"
     TWO_BRIDGES = "two_bridges", "devices", "owner", "refused"
     TWO_BRIDGES_AND_MORE = "two_bridges_and_more", "devices", "more", "owner", "refused"
+    SETTING_DOUBTED = "setting_doubted", "devices", "names", "setting"
     ESTIMATOR_OVERLOADED = "estimator_overloaded", "duration_s"
     STORE_FAILING = "store_failing", "devices"
     SAMPLES_UNACCOUNTED = "samples_unaccounted", "device", "taken", "out", "dropped", "lost"

@@ -122,6 +122,16 @@ def channels(stretch: Stretch) -> list[Channel]:
         if values is not None
         for column, axis in enumerate(AXES)
     ]
+    if (oriented := stretch.oriented) is not None:
+        words = "attitude, sensor to earth axes with z up"
+        found += [
+            Channel(f"quat_{axis}", f"quat_{axis}", "ORNT", _NONE, words, oriented.quat_wxyz[:, column])
+            for column, axis in enumerate("wxyz")
+        ]
+        found += [
+            Channel(f"{name}std", _NONE, "MISC", "rad", f"standard deviation of the {name}", values)
+            for name, values in (("tilt", oriented.tilt_std), ("heading", oriented.heading_std))
+        ]
     if stretch.temperature_c is not None:
         found.append(Channel("temperature", _NONE, "MISC", "oC", "of the sensor", stretch.temperature_c))
     if stretch.corrected is not None:

@@ -2,7 +2,8 @@
 
 npz: `t_s`, `gyro_rad_s`, `accel_m_s2`, `temperature_c` and `rate_hz` as `load` takes them, with `device` and `boot`.
 Per sample also `host_time_ns`, `sequence` and `flags`. If corrected rates were recorded: `rate_rad_s`, `rate_std_rad_s`
-and `bias_rad_s` (n, 3), NaN for a sample without a corrected rate, and `quality` (n,), -1 there.
+and `bias_rad_s` (n, 3), NaN for a sample without a corrected rate, and `quality` (n,), -1 there. If orientation was recorded:
+`quat_wxyz` (n, 4), scalar first, `tilt_std` and `heading_std` (n,) rad, NaN for a sample without one.
 
 CSV: the same columns, one per axis; the quality is a number. `events.csv` lists boots, calibrations and notes.
 """
@@ -93,6 +94,12 @@ def columns(stretch: Stretch) -> Columns:
             "bias_rad_s": corrected.bias,
             "quality": corrected.quality,
         }
+    if (oriented := stretch.oriented) is not None:
+        found |= {
+            "quat_wxyz": oriented.quat_wxyz,
+            "tilt_std": oriented.tilt_std,
+            "heading_std": oriented.heading_std,
+        }
     return found | {"host_time_ns": stretch.time_ns, "sequence": stretch.sequence, "flags": stretch.flags}
 
 
@@ -148,6 +155,8 @@ def _texts(column: NDArray[np.generic], missing: str) -> list[str]:
 def _names(column: str, values: NDArray[np.generic]) -> list[str]:
     if values.ndim == 1:
         return [column]
+    if column == "quat_wxyz":
+        return [f"quat_{part}" for part in "wxyz"]
     name, unit = next((column[: -len(unit)], unit) for unit in ("_rad_s", "_m_s2") if column.endswith(unit))
     return [f"{name}_{axis}{unit}" for axis in AXES]
 

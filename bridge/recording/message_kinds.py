@@ -15,6 +15,7 @@ from bridge.wire.messages import (
     CorrectedBatch,
     DeviceInfo,
     Note,
+    OrientationBatch,
     SampleBatch,
     Status,
 )
@@ -22,7 +23,7 @@ from bridge.wire.messages import (
 #: largest difference between a message's own time and the recorder's clock at which the own time is the log time
 MAX_APART_NS = 60_000_000_000
 
-Said = SampleBatch | DeviceInfo | CorrectedBatch | Status | Calibration | BiasRevision | Note
+Said = SampleBatch | DeviceInfo | CorrectedBatch | OrientationBatch | Status | Calibration | BiasRevision | Note
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,7 @@ class Kind:
 KINDS: dict[str, Kind] = {
     "raw": Kind("SampleBatch", codec.decode_samples, "start_time_ns"),
     "corrected": Kind("CorrectedBatch", codec.decode_corrected, "start_time_ns"),
+    "orientation": Kind("OrientationBatch", codec.decode_orientation, "start_time_ns"),
     "info": Kind("DeviceInfo", codec.decode_info, "time_ns", repeated=True),
     "status": Kind("Status", codec.decode_status, "time_ns", repeated=True),
     "calibration": Kind("Calibration", codec.decode_calibration, "time_ns", repeated=True),

@@ -5,10 +5,10 @@ To support another kind of file, add a function from a path to a Table to READER
 
 import logging
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from bridge.recording import stretches
 from bridge.recording.error import MAX_BYTES, RecordingError, check_file

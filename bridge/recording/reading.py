@@ -1,14 +1,12 @@
 """Options for reading a recording: what its file does not say, or says wrongly."""
 
-from dataclasses import dataclass, fields
-from pathlib import Path
+from msgspec import Struct
 
 from bridge.recording.error import RecordingError
 from bridge.recording.units import ACCEL, GYRO, TIME, unit_in
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How to read one file. An option that is given replaces what the file says.
 
     rate_hz: output data rate in Hz; it replaces the times.
@@ -23,16 +21,27 @@ class Reading:
     Raises RecordingError for an invalid option.
     """
 
+    #: output data rate, Hz, for example 104; replaces the times of the file
     rate_hz: float | None = None
+    #: unit of the rates in the file: `deg/s`, `rad/s` or `mdeg/s`; default: as the file says
     gyro_unit: str | None = None
+    #: unit of the accelerations in the file: `g`, `m/s2` or `mg`; default: as the file says
     accel_unit: str | None = None
+    #: unit of the times in the file: `s`, `ms`, `us` or `ns`; default: as the file says
     time_unit: str | None = None
+    #: raw counts per °/s, for example 131, if the file holds the gyro's raw counts
     gyro_sensitivity: float | None = None
+    #: raw counts per g, for example 16384, if the file holds the accelerometer's raw counts
     accel_sensitivity: float | None = None
+    #: names or numbers (from 1) of the columns of the gyro's x, y, z, then of the accelerometer's x, y, z; or one tool's name
     columns: tuple[str, ...] = ()
+    #: name or number (from 1) of the column with the sample times
     time_column: str | None = None
-    accel_file: Path | None = None
+    #: second file that holds the accelerometer's samples, for example `acc.csv`
+    accel_file: str | None = None
+    #: id of the recorded device to read, where a recording holds several
     device: str | None = None
+    #: number of the boot to play, from 1, if the device was switched on several times
     boot: int | None = None
 
     def __post_init__(self) -> None:
@@ -80,6 +89,5 @@ AS_SAID = Reading()
 
 def as_table(reading: Reading) -> dict[str, object]:
     """Return the given options as keys of a replayed device in a ward's file."""
-    told = {one.name: getattr(reading, one.name) for one in fields(reading)}
-    keys = {name: str(value) if isinstance(value, Path) else value for name, value in told.items()}
-    return {name: value for name, value in keys.items() if value not in (None, ())}
+    told = {name: getattr(reading, name) for name in reading.__struct_fields__}
+    return {name: value for name, value in told.items() if value not in (None, ())}

@@ -12,7 +12,7 @@ from bridge.recording.contents import Tell
 from bridge.recording.error import RecordingError
 from bridge.recording.survey import Boot, Device, survey
 from bridge.terminal.plurals import count
-from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, SampleBatch, Verdict
+from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, OrientationBatch, SampleBatch, Verdict
 
 Singles = NDArray[np.float32]
 #: quality of a sample without a recorded corrected rate
@@ -30,6 +30,18 @@ class Rates:
     rate_std: Singles
     bias: Singles
     quality: NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attitudes:
+    """Orientation of a stretch, one row per sample; NaN for a sample without one.
+
+    quat_wxyz (n, 4): sensor to earth, scalar first. tilt_std, heading_std (n,): rad, of the message's last sample.
+    """
+
+    quat_wxyz: Singles
+    tilt_std: Singles
+    heading_std: Singles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +67,7 @@ class Stretch:
     temperature_c: Singles | None
     flags: NDArray[np.uint32]
     corrected: Rates | None
+    oriented: Attitudes | None = None
 
     def __len__(self) -> int:
         return len(self.ticks)
@@ -121,9 +134,9 @@ class Recorded:
 def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _done, _of: None) -> Recorded:
     """Read recordings completely. Raises RecordingError for a file that is not a recording of a ward.
 
-    corrected: also read corrected rates. tell(done, total) counts bytes.
+    corrected: also read corrected rates and orientation. tell(done, total) counts bytes.
     """
-    wanted = ["raw", "info", "calibration", "note", *(["corrected"] if corrected else [])]
+    wanted = ["raw", "info", "calibration", "note", *(["corrected", "orientation"] if corrected else [])]
     found = survey(paths, tell, wanted, keep=True)
     refused = found.refused.as_dict().items()
     trouble = found.trouble + [f"{count(n, 'message')} skipped: {in_words(reason)}" for reason, n in refused]
@@ -165,6 +178,7 @@ def _stretch(name: str, device: Device, boot: Boot, batches: list[SampleBatch], 
         temperature_c=_temperature(batches),
         flags=np.concatenate([batch.flags for batch in batches]),
         corrected=_rates(boot.rates, sequence, ticks),
+        oriented=_attitudes(boot.attitudes, sequence, ticks),
     )
 
 
@@ -187,11 +201,31 @@ def _rates(batches: list[CorrectedBatch], sequence: NDArray[np.int64], ticks: ND
         quality=np.full(len(ticks), NOT_CORRECTED, np.int8),
     )
     for batch in batches:
-        at = np.searchsorted(ticks, batch.ticks)
-        numbers = np.arange(batch.sequence, batch.sequence + len(batch))
-        inside = np.minimum(at, len(ticks) - 1)
-        mine = (at < len(ticks)) & (ticks[inside] == batch.ticks) & (sequence[inside] == numbers)
-        rows = inside[mine]
+        rows, mine = _rows(batch, sequence, ticks)
         rates.rate[rows], rates.rate_std[rows] = batch.rate[mine], batch.rate_std[mine]
         rates.bias[rows], rates.quality[rows] = batch.bias, batch.quality
     return rates if (rates.quality != NOT_CORRECTED).any() else None
+
+
+def _attitudes(
+    batches: list[OrientationBatch], sequence: NDArray[np.int64], ticks: NDArray[np.uint64]
+) -> Attitudes | None:
+    """Return the orientation of the samples with these numbers and ticks, as `_rates` does."""
+    n = len(ticks)
+    found = Attitudes(np.full((n, 4), np.nan, np.float32), *(np.full(n, np.nan, np.float32) for _ in range(2)))
+    for batch in batches:
+        rows, mine = _rows(batch, sequence, ticks)
+        found.quat_wxyz[rows] = batch.quat_wxyz[mine]
+        found.tilt_std[rows], found.heading_std[rows] = batch.tilt_std, batch.heading_std
+    return found if np.isfinite(found.tilt_std).any() else None
+
+
+def _rows(
+    batch: CorrectedBatch | OrientationBatch, sequence: NDArray[np.int64], ticks: NDArray[np.uint64]
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Return the rows of those samples of a batch that have these numbers and ticks, and which samples those are."""
+    at = np.searchsorted(ticks, batch.ticks)
+    numbers = np.arange(batch.sequence, batch.sequence + len(batch))
+    inside = np.minimum(at, len(ticks) - 1)
+    mine = (at < len(ticks)) & (ticks[inside] == batch.ticks) & (sequence[inside] == numbers)
+    return inside[mine], mine

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bridge.recording.contents import Contents, Tell
 from bridge.recording.sequence_tracker import SequenceTracker
-from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, Quality, SampleBatch
+from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, OrientationBatch, Quality, SampleBatch
 from bridge.wire.refusal import Tally
 
 
@@ -16,7 +16,8 @@ class Boot:
     """One boot of a device: host times of its first and last sample, counts of samples, gaps and repeats.
 
     corrected: corrected samples by quality, each counted once, without those from before the first recorded reading.
-    kept: the readings, each once, in parts that begin where numbers start over. rates: corrected rates as they came.
+    kept: the readings, each once, in parts that begin where numbers start over. rates, attitudes: corrected rates and
+    orientations as they came.
     """
 
     boot: int
@@ -31,6 +32,7 @@ class Boot:
     end: int = 0
     kept: list[list[SampleBatch]] = field(default_factory=list)
     rates: list[CorrectedBatch] = field(default_factory=list)
+    attitudes: list[OrientationBatch] = field(default_factory=list)
     _readings: SequenceTracker = field(default_factory=SequenceTracker)
     _rated: SequenceTracker = field(default_factory=SequenceTracker)
     _runs: list[tuple[int, int, str]] = field(default_factory=list)  # first number, the one after the last, quality
@@ -142,6 +144,9 @@ def survey(
             device.boots.setdefault(said.boot, Boot(said.boot)).read(said, keep=keep)
         elif isinstance(said, CorrectedBatch):
             device.boots.setdefault(said.boot, Boot(said.boot)).rated(said, keep=keep)
+        elif isinstance(said, OrientationBatch):
+            if keep:
+                device.boots.setdefault(said.boot, Boot(said.boot)).attitudes.append(said)
         elif isinstance(said, DeviceInfo):
             device.infos[said.boot] = said
         elif isinstance(said, Calibration):

@@ -12,12 +12,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from bridge.framing.cobs_frames import Deframer, frame
-from bridge.framing.packets import MAX_SAMPLES, Data, Hello, decode_rate, encode_data, encode_hello, encode_identify
+from bridge.framing.packets import (
+    MAX_SAMPLES,
+    Data,
+    Hello,
+    decode_rate,
+    encode_data,
+    encode_hello,
+    encode_identify,
+    encode_own,
+)
 from bridge.sim.imu_errors import DEMO_SPEC, ImuSpec, Truth
 from bridge.sim.motion_scripts import demo_script
+from bridge.sim.quaternion import Array
 from bridge.sim.sample_source import Samples, SimulatedSource, Source, TrueSamples
 from bridge.sim.truth_log import TruthLog
 from bridge.sim.ward_script import Life
+from bridge.wire.messages import DeviceCalibration
 
 TICK_S = 1e-6
 _MASK_32 = 0xFFFFFFFF
@@ -55,6 +66,7 @@ class _Boot:
     read: int = 0  # samples taken from the source
     sent: int = 0
     ended: bool = False
+    own: DeviceCalibration | None = None
     ready: Samples | None = None  # taken from the source, not yet sent
 
 
@@ -108,6 +120,12 @@ class VirtualDevice:
     def power_on(self) -> None:
         """Boot at the next advance; does nothing if on."""
         self._switches.append(True)
+
+    def calibrates_itself(self, scale: Array, bias: Array) -> None:
+        """Send a calibration of the device's own with each HELLO of this boot: scale (3,), bias (3,) rad/s."""
+        if self._now is not None:
+            now = self._now
+            now.own = DeviceCalibration(now.number, now.sent & _MASK_32, tuple(scale.tolist()), tuple(bias.tolist()))
 
     def truth_of(self, boot: int) -> Truth:
         """Sensor truth of a boot; raises LookupError for an unknown boot."""
@@ -191,7 +209,8 @@ class VirtualDevice:
             model=self.spec.model,
             firmware=self.spec.firmware,
         )
-        return frame(encode_hello(hello))
+        own = b"" if now.own is None else frame(encode_own(now.own))
+        return frame(encode_hello(hello)) + own
 
     def _hellos(self, now: _Boot, clock_s: float) -> list[bytes]:
         """HELLO frames due by clock_s."""

@@ -58,8 +58,8 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
     place = parse_key(key, "raw")
     raw = read(columns.SampleBatch, payload)
     same_id(raw.device, place, "device")
-    ticks = _ticks(raw.ticks)
-    _times(raw, ticks)
+    ticks = ticks_of(raw.ticks)
+    times_of(raw, ticks)
     n = len(ticks)
     return SampleBatch(
         device=raw.device,
@@ -134,8 +134,8 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
     place = parse_key(key, "corrected")
     raw = read(columns.CorrectedBatch, payload)
     same_id(raw.device, place, "device")
-    ticks = _ticks(raw.ticks)
-    _times(raw, ticks)
+    ticks = ticks_of(raw.ticks)
+    times_of(raw, ticks)
     n = len(ticks)
     noise_std, bias_std, scale_std, cross_std, flicker_std = stds_of(raw)
     return CorrectedBatch(
@@ -189,7 +189,8 @@ def packed_flags(flags: NDArray[np.uint32]) -> bytes:
     return packed if packed.strip(b"\0") else b""
 
 
-def _ticks(column: bytes) -> NDArray[np.uint64]:
+def ticks_of(column: bytes) -> NDArray[np.uint64]:
+    """Unpack a read-only column of rising ticks. Raises Refusal."""
     n, odd = divmod(len(column), 8)
     if odd or not 1 <= n <= MAX_SAMPLES:
         raise Refusal(
@@ -201,7 +202,9 @@ def _ticks(column: bytes) -> NDArray[np.uint64]:
     return ticks
 
 
-def _times(raw: columns.SampleBatch | columns.CorrectedBatch, ticks: NDArray[np.uint64]) -> None:
+def times_of(
+    raw: columns.SampleBatch | columns.CorrectedBatch | columns.OrientationBatch, ticks: NDArray[np.uint64]
+) -> None:
     """Check that the host times of the first and the last sample are in range; raises Refusal."""
     start_ns = validation.time_ns(raw.start_time_ns, "start_time_ns")
     period_s = validation.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0)

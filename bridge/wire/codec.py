@@ -32,6 +32,7 @@ from bridge.wire.control_messages import (
     encode_status,
 )
 from bridge.wire.envelope import MAX_PAYLOAD
+from bridge.wire.orientation import decode_orientation, encode_orientation
 from bridge.wire.revisions import MAX_POINTS, decode_revision, encode_revision
 from bridge.wire.windows import MAX_WINDOWS, decode_windows, encode_windows
 
@@ -51,6 +52,7 @@ __all__ = [
     "decode_corrected",
     "decode_info",
     "decode_note",
+    "decode_orientation",
     "decode_owned",
     "decode_rates",
     "decode_reply",
@@ -64,6 +66,7 @@ __all__ = [
     "encode_corrected",
     "encode_info",
     "encode_note",
+    "encode_orientation",
     "encode_owned",
     "encode_reply",
     "encode_revision",

@@ -127,3 +127,37 @@ class WindowBatch(_message.Message):
     calibration: str
     flicker_std: bytes
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., window_s: _Optional[float] = ..., sequences: _Optional[bytes] = ..., times_ns: _Optional[bytes] = ..., samples: _Optional[bytes] = ..., flags: _Optional[bytes] = ..., reading_mean: _Optional[bytes] = ..., reading_std: _Optional[bytes] = ..., reading_min: _Optional[bytes] = ..., reading_max: _Optional[bytes] = ..., rate_mean: _Optional[bytes] = ..., rate_std: _Optional[bytes] = ..., rate_min: _Optional[bytes] = ..., rate_max: _Optional[bytes] = ..., quality: _Optional[int] = ..., noise_std: _Optional[bytes] = ..., bias_std: _Optional[bytes] = ..., scale_std: _Optional[bytes] = ..., cross_std: _Optional[bytes] = ..., bias: _Optional[bytes] = ..., calibration: _Optional[str] = ..., flicker_std: _Optional[bytes] = ...) -> None: ...
+
+class OrientationBatch(_message.Message):
+    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "quat_wxyz", "linear_accel", "covariance", "zero_sequence", "zero", "quality", "epoch")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    START_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    TICK_PERIOD_S_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_RATE_FIELD_NUMBER: _ClassVar[int]
+    TICKS_FIELD_NUMBER: _ClassVar[int]
+    QUAT_WXYZ_FIELD_NUMBER: _ClassVar[int]
+    LINEAR_ACCEL_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_FIELD_NUMBER: _ClassVar[int]
+    ZERO_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    ZERO_FIELD_NUMBER: _ClassVar[int]
+    QUALITY_FIELD_NUMBER: _ClassVar[int]
+    EPOCH_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    sequence: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: bytes
+    quat_wxyz: bytes
+    linear_accel: bytes
+    covariance: bytes
+    zero_sequence: int
+    zero: str
+    quality: int
+    epoch: int
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[bytes] = ..., quat_wxyz: _Optional[bytes] = ..., linear_accel: _Optional[bytes] = ..., covariance: _Optional[bytes] = ..., zero_sequence: _Optional[int] = ..., zero: _Optional[str] = ..., quality: _Optional[int] = ..., epoch: _Optional[int] = ...) -> None: ...

@@ -12,6 +12,7 @@ from bridge.wire.messages import (
     Calibration,
     Command,
     CommandReply,
+    DeviceCalibration,
     DeviceInfo,
     Note,
     Quality,
@@ -56,6 +57,7 @@ def encode_info(info: DeviceInfo) -> bytes:
         charging=info.charging,
         notices=encoded(info.notices),
         has_clock=info.has_clock,
+        calibration=_own_message(info.calibration),
     ).SerializeToString()
 
 
@@ -88,6 +90,22 @@ def decode_info(key: str, payload: bytes) -> DeviceInfo:
         charging=raw.charging,
         notices=decoded(raw.notices, "notices"),
         has_clock=raw.has_clock,
+        calibration=_own_in(raw.calibration) if raw.HasField("calibration") else None,
+    )
+
+
+def _own_message(own: DeviceCalibration | None) -> pb.DeviceCalibration | None:
+    if own is None:
+        return None
+    return pb.DeviceCalibration(boot=own.boot, sequence=own.sequence, scale=own.scale, bias=own.bias)
+
+
+def _own_in(raw: pb.DeviceCalibration) -> DeviceCalibration:
+    return DeviceCalibration(
+        boot=raw.boot,
+        sequence=raw.sequence,
+        scale=tuple(validation.vector(raw.scale, "scale", 3, -10.0, 10.0).tolist()),
+        bias=tuple(validation.vector(raw.bias, "bias", 3, -MAX_RATE, MAX_RATE).tolist()),
     )
 
 

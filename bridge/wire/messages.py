@@ -1,42 +1,58 @@
-"""Message types: frozen dataclasses with NumPy arrays, validated by the codec.
+"""Message types: frozen dataclasses, validated by the codec; `sample_messages` has those with sample arrays.
 
-Rates are in rad/s, accelerations in m/s², times in seconds unless the name says otherwise. Vectors are in the sensor frame.
-Arrays are read-only by convention: no code writes into a message.
+Rates are in rad/s, times in seconds unless the name says otherwise.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from enum import IntEnum, IntFlag
-from typing import NamedTuple, TypeVar, dataclass_transform
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import NamedTuple
 
 from bridge.reasons.codes import Sentences
+from bridge.wire.sample_messages import (
+    STEADY,
+    BiasRevision,
+    CorrectedBatch,
+    Floats,
+    OrientationBatch,
+    Quality,
+    SampleBatch,
+    SampleFlag,
+    WindowBatch,
+    combined_std,
+    frequent,
+)
+
+__all__ = [
+    "NO_REST_S",
+    "STEADY",
+    "VERSION",
+    "BiasRevision",
+    "BootCause",
+    "Calibration",
+    "Checkpoint",
+    "Command",
+    "CommandReply",
+    "CorrectedBatch",
+    "DeviceInfo",
+    "Floats",
+    "Holding",
+    "Move",
+    "Note",
+    "OrientationBatch",
+    "Owned",
+    "Quality",
+    "SampleBatch",
+    "SampleFlag",
+    "State",
+    "Status",
+    "Turn",
+    "Verdict",
+    "WindowBatch",
+    "combined_std",
+]
 
 VERSION = 1
-Floats = NDArray[np.float64]
-T = TypeVar("T")
-#: (3,) rad/s: flicker_std of a message without one
-STEADY = np.zeros(3, np.float32)
-
-
-@dataclass_transform(frozen_default=True, field_specifiers=(field,))
-def _frequent(*, eq: bool) -> Callable[[type[T]], type[T]]:
-    """Declare a dataclass that is frozen for type checkers only: creating a really frozen one takes eight times as long."""
-    return dataclass(slots=True, eq=eq)
-
-
-class SampleFlag(IntFlag):
-    """Bits of a sample's `flags`; truerate.proto defines each bit."""
-
-    OK = 0
-    AFTER_GAP = 1
-    CLIPPED = 2
-    STUCK = 4
-    LATE = 8
-    TEMPERATURE_STEP = 16
 
 
 class BootCause(IntEnum):
@@ -45,16 +61,6 @@ class BootCause(IntEnum):
     UNKNOWN = 0
     POWER_UP = 1
     PORT_OPENED = 2
-
-
-class Quality(IntEnum):
-    """Quality of a corrected rate, from NONE to GOOD; DEGRADED when evidence is old or contradicts. See truerate.proto."""
-
-    NONE = 0
-    PRIOR = 1
-    BIAS_ONLY = 2
-    GOOD = 3
-    DEGRADED = 4
 
 
 class State(IntEnum):
@@ -79,136 +85,17 @@ class Verdict(IntEnum):
     REFUSED = 3
 
 
-@_frequent(eq=False)
-class SampleBatch:
-    """Raw samples: n consecutive samples of one boot, without a gap.
+@dataclass(frozen=True, slots=True)
+class DeviceCalibration:
+    """Calibration that a device made itself: corrected = scale (reading - bias), axis by axis. bias in rad/s.
 
-    ticks (n,) uint64, device time in ticks; gyro (n, 3) float32 rad/s; accel (n, 3) float32 m/s² or None;
-    temperature_c (n,) float32 or None; flags (n,) uint32. `sequence` is the number of the first sample since boot.
-    `bridge` is the id of the publishing bridge, from the key.
+    sequence: number of the last sample it was made of, as the device counts: 32 bits.
     """
 
-    device: str
     boot: int
     sequence: int
-    receive_time_ns: int
-    start_time_ns: int
-    tick_period_s: float
-    clock_rate: float
-    ticks: NDArray[np.uint64]
-    gyro: NDArray[np.float32]
-    accel: NDArray[np.float32] | None
-    temperature_c: NDArray[np.float32] | None
-    flags: NDArray[np.uint32]
-    bridge: str = ""
-
-    def __len__(self) -> int:
-        return len(self.ticks)
-
-    @property
-    def device_time(self) -> Floats:
-        """(n,) device seconds of each sample, since the device's own zero."""
-        return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
-
-    @property
-    def sample_time_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
-        return _host_ns(self)
-
-    def after(self, n: int) -> "SampleBatch":
-        """The batch without its first n samples."""
-        return replace(
-            self,
-            sequence=self.sequence + n,
-            start_time_ns=int(self.sample_time_ns[n]),
-            ticks=self.ticks[n:],
-            gyro=self.gyro[n:],
-            accel=None if self.accel is None else self.accel[n:],
-            temperature_c=None if self.temperature_c is None else self.temperature_c[n:],
-            flags=self.flags[n:],
-        )
-
-
-@_frequent(eq=False)
-class CorrectedBatch:
-    """Corrected rates of one SampleBatch, with bias and standard deviations.
-
-    rate (n, 3) float32 rad/s; bias and every `_std` (3,) float32. noise_std, bias_std and flicker_std are in rad/s;
-    scale_std and cross_std are relative. bias_std is for the bias averaged over minutes, flicker_std for its flicker
-    about that average.
-    """
-
-    device: str
-    boot: int
-    sequence: int
-    start_time_ns: int
-    tick_period_s: float
-    clock_rate: float
-    ticks: NDArray[np.uint64]
-    rate: NDArray[np.float32]
-    flags: NDArray[np.uint32]
-    quality: Quality
-    noise_std: NDArray[np.float32]
-    bias_std: NDArray[np.float32]
-    scale_std: NDArray[np.float32]
-    bias: NDArray[np.float32]
-    calibration: str
-    cross_std: NDArray[np.float32]
-    epoch: int = 0  # of the estimator's ownership of the device: a higher epoch is later; 0 when unknown
-    flicker_std: NDArray[np.float32] = field(default_factory=lambda: STEADY)
-
-    def __len__(self) -> int:
-        return len(self.ticks)
-
-    @property
-    def device_time(self) -> Floats:
-        """(n,) device seconds of each sample, since the device's own zero."""
-        return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
-
-    @property
-    def sample_time_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
-        return _host_ns(self)
-
-    def after(self, n: int) -> "CorrectedBatch":
-        """The batch without its first n samples."""
-        return replace(
-            self,
-            sequence=self.sequence + n,
-            start_time_ns=int(self.sample_time_ns[n]),
-            ticks=self.ticks[n:],
-            rate=self.rate[n:],
-            flags=self.flags[n:],
-        )
-
-    @property
-    def rate_std(self) -> Floats:
-        """(n, 3) standard deviation of each corrected rate, rad/s: noise, bias, flicker, scale and misalignment combined."""
-        return rate_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
-
-
-def _host_ns(batch: SampleBatch | CorrectedBatch) -> NDArray[np.int64]:
-    since_first = (batch.ticks - batch.ticks[0]) * (batch.tick_period_s * batch.clock_rate * 1e9)
-    return np.asarray(np.rint(since_first).astype(np.int64) + batch.start_time_ns, dtype=np.int64)
-
-
-def rate_std(
-    rate: NDArray[np.floating],
-    noise_std: NDArray[np.floating],
-    bias_std: NDArray[np.floating],
-    scale_std: NDArray[np.floating],
-    cross_std: NDArray[np.floating],
-    flicker_std: NDArray[np.floating],
-) -> Floats:
-    """Return the (n, 3) standard deviation of corrected rates (n, 3), both rad/s.
-
-    The parts are those of a CorrectedBatch, each (3,) for all samples or (n, 3) per sample.
-    """
-    rate_var = rate.astype(float) ** 2
-    across_var = rate_var.sum(axis=1, keepdims=True) - rate_var
-    var = rate_var * scale_std.astype(float) ** 2 + across_var * cross_std.astype(float) ** 2
-    var += noise_std.astype(float) ** 2 + bias_std.astype(float) ** 2 + flicker_std.astype(float) ** 2
-    return np.asarray(np.sqrt(var), dtype=np.float64)
+    scale: tuple[float, ...]
+    bias: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,13 +124,14 @@ class DeviceInfo:
     charging: bool = False
     notices: Sentences = ()  # what a person should know about the device
     has_clock: bool = True  # ticks are device time; False: the bridge derived them from the sample count
+    calibration: DeviceCalibration | None = None  # the latest that the device made itself in this boot
 
 
 #: evidence_age_s of a device without a known rest
 NO_REST_S = 1e12
 
 
-@_frequent(eq=True)
+@frequent(eq=True)
 class Status:
     """Status of a device: life state, quality, reason, bias and counts. Vectors are tuples of three, bias in rad/s."""
 
@@ -309,76 +197,6 @@ class Calibration:
     temperature_c: float
     who: str
     epoch: int = 0  # as in CorrectedBatch
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BiasRevision:
-    """Revised bias of past samples: m points, each at a sample, linear in time between points.
-
-    A revision applies to the CorrectedBatches of the same device, boot and calibration.
-
-    matrix: (3, 3), the matrix in use.
-    sequences: (m,) uint64, rising. times_ns: (m,) int64, host time, rising.
-    bias, bias_std: (m, 3) float32 rad/s, of the reading, not of the corrected rate.
-    """
-
-    device: str
-    boot: int
-    calibration: str
-    time_ns: int
-    matrix: Floats
-    sequences: NDArray[np.uint64]
-    times_ns: NDArray[np.int64]
-    bias: NDArray[np.float32]
-    bias_std: NDArray[np.float32]
-    reason: Sentences
-
-    def __len__(self) -> int:
-        return len(self.sequences)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WindowBatch:
-    """Statistics of samples in m windows of window_s device seconds each, for display.
-
-    sequences: (m,) uint64, number of each window's last sample. times_ns: (m,) int64, host time of that sample.
-    samples: (m,) uint32, number of samples per window. flags: (m,) uint32, flags of all samples of a window combined.
-    reading_…, rate_…: (m, 3) float32 rad/s, statistics of readings and of corrected rates.
-    Other fields are as in the CorrectedBatch of the last sample.
-    """
-
-    device: str
-    boot: int
-    window_s: float
-    sequences: NDArray[np.uint64]
-    times_ns: NDArray[np.int64]
-    samples: NDArray[np.uint32]
-    flags: NDArray[np.uint32]
-    reading_mean: NDArray[np.float32]
-    reading_std: NDArray[np.float32]
-    reading_min: NDArray[np.float32]
-    reading_max: NDArray[np.float32]
-    rate_mean: NDArray[np.float32]
-    rate_std: NDArray[np.float32]
-    rate_min: NDArray[np.float32]
-    rate_max: NDArray[np.float32]
-    quality: Quality
-    noise_std: NDArray[np.float32]
-    bias_std: NDArray[np.float32]
-    scale_std: NDArray[np.float32]
-    cross_std: NDArray[np.float32]
-    bias: NDArray[np.float32]
-    calibration: str
-    flicker_std: NDArray[np.float32] = field(default_factory=lambda: STEADY)
-
-    def __len__(self) -> int:
-        return len(self.samples)
-
-    @property
-    def rate_mean_std(self) -> Floats:
-        """(m, 3) standard deviation of each mean corrected rate, rad/s: averaging reduces noise, but not the other errors."""
-        noise = self.noise_std / np.sqrt(self.samples.astype(float))[:, None]
-        return rate_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
 class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five times a second

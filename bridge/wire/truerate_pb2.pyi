@@ -120,7 +120,7 @@ class SampleBatch(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., receive_time_ns: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., gyro: _Optional[_Iterable[float]] = ..., accel: _Optional[_Iterable[float]] = ..., temperature_c: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class DeviceInfo(_message.Message):
-    __slots__ = ("version", "device", "bridge", "boot", "boot_cause", "model", "firmware", "driver", "port", "rate_hz", "measured_rate_hz", "gyro_range", "has_accel", "has_temperature", "time_ns", "samples", "dropped", "events", "trouble", "battery_percent", "charging", "notices", "has_clock")
+    __slots__ = ("version", "device", "bridge", "boot", "boot_cause", "model", "firmware", "driver", "port", "rate_hz", "measured_rate_hz", "gyro_range", "has_accel", "has_temperature", "time_ns", "samples", "dropped", "events", "trouble", "battery_percent", "charging", "notices", "has_clock", "calibration")
     class DroppedEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -158,6 +158,7 @@ class DeviceInfo(_message.Message):
     CHARGING_FIELD_NUMBER: _ClassVar[int]
     NOTICES_FIELD_NUMBER: _ClassVar[int]
     HAS_CLOCK_FIELD_NUMBER: _ClassVar[int]
+    CALIBRATION_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     bridge: str
@@ -181,7 +182,20 @@ class DeviceInfo(_message.Message):
     charging: bool
     notices: _containers.RepeatedCompositeFieldContainer[Sentence]
     has_clock: bool
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., trouble: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., battery_percent: _Optional[float] = ..., charging: _Optional[bool] = ..., notices: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., has_clock: _Optional[bool] = ...) -> None: ...
+    calibration: DeviceCalibration
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., trouble: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., battery_percent: _Optional[float] = ..., charging: _Optional[bool] = ..., notices: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., has_clock: _Optional[bool] = ..., calibration: _Optional[_Union[DeviceCalibration, _Mapping]] = ...) -> None: ...
+
+class DeviceCalibration(_message.Message):
+    __slots__ = ("boot", "sequence", "scale", "bias")
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    SCALE_FIELD_NUMBER: _ClassVar[int]
+    BIAS_FIELD_NUMBER: _ClassVar[int]
+    boot: int
+    sequence: int
+    scale: _containers.RepeatedScalarFieldContainer[float]
+    bias: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, boot: _Optional[int] = ..., sequence: _Optional[int] = ..., scale: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class CorrectedBatch(_message.Message):
     __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration", "cross_std", "epoch", "flicker_std")
@@ -224,6 +238,40 @@ class CorrectedBatch(_message.Message):
     epoch: int
     flicker_std: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., rate: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ..., quality: _Optional[_Union[Quality, str]] = ..., noise_std: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale_std: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., cross_std: _Optional[_Iterable[float]] = ..., epoch: _Optional[int] = ..., flicker_std: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class OrientationBatch(_message.Message):
+    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "quat_wxyz", "linear_accel", "covariance", "zero_sequence", "zero", "quality", "epoch")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    START_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    TICK_PERIOD_S_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_RATE_FIELD_NUMBER: _ClassVar[int]
+    TICKS_FIELD_NUMBER: _ClassVar[int]
+    QUAT_WXYZ_FIELD_NUMBER: _ClassVar[int]
+    LINEAR_ACCEL_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_FIELD_NUMBER: _ClassVar[int]
+    ZERO_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    ZERO_FIELD_NUMBER: _ClassVar[int]
+    QUALITY_FIELD_NUMBER: _ClassVar[int]
+    EPOCH_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    sequence: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: _containers.RepeatedScalarFieldContainer[int]
+    quat_wxyz: _containers.RepeatedScalarFieldContainer[float]
+    linear_accel: _containers.RepeatedScalarFieldContainer[float]
+    covariance: _containers.RepeatedScalarFieldContainer[float]
+    zero_sequence: int
+    zero: str
+    quality: Quality
+    epoch: int
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., quat_wxyz: _Optional[_Iterable[float]] = ..., linear_accel: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., zero_sequence: _Optional[int] = ..., zero: _Optional[str] = ..., quality: _Optional[_Union[Quality, str]] = ..., epoch: _Optional[int] = ...) -> None: ...
 
 class Status(_message.Message):
     __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "events", "bridge", "refused_bridges", "epoch")

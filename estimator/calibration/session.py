@@ -103,6 +103,8 @@ class CalibrationSession:
 
     def expire(self, now: float) -> tuple[int, ...]:
         """Drop the turns that are too old at device time `now`, s, and return their axes."""
+        if not self.turns:
+            return ()
         old = tuple(axis for axis in self.done() if now - self.turns[axis].samples.time[-1] >= STALE_S)
         for axis in old:
             self._drop(axis, too_old((axis,)))
@@ -115,13 +117,6 @@ class CalibrationSession:
     def missing(self) -> tuple[int, ...]:
         """Axes without a valid turn."""
         return tuple(axis for axis in range(3) if axis not in self.turns)
-
-    @property
-    def near(self) -> bool:
-        """Whether the method may run after the next movement."""
-        if self._by_movements:
-            return len(self._movements) + 1 >= BY_MOVEMENTS[self.method]
-        return len(self.turns) >= 2
 
     @property
     def movements(self) -> tuple[Movement, ...]:

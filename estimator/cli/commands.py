@@ -1,4 +1,4 @@
-"""The verbs that send commands to a ward's estimator: recalibrate, cancel, note."""
+"""The verbs that send commands to a ward's estimator: recalibrate, cancel, zero-heading, note."""
 
 import argparse
 import sys
@@ -15,13 +15,15 @@ from estimator.cli.ward_options import person, ward_of
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `recalibrate`, `cancel` and `note`."""
+    """Add `recalibrate`, `cancel`, `zero-heading` and `note`."""
     for name, help_text in (
         ("recalibrate", "request three new turns; the old calibration stays in use until the new one is accepted"),
         ("cancel", "cancel a running calibration; the old one stays in use"),
+        ("zero-heading", "make the present heading of a device zero"),
     ):
         verb = add_verb(verbs, name, _command, help_text)
-        verb.add_argument("device", help="device id as in `truerate devices`")
+        wanted = "; all devices of the ward without one" if name == "zero-heading" else ""
+        verb.add_argument("device", nargs="?" if wanted else None, help=f"device id as in `truerate devices`{wanted}")
         verb.add_argument("--reason", default="", help="reason, kept in the audit beside your name")
         verb.set_defaults(verb=name)
         add_ward(verb)
@@ -37,11 +39,16 @@ def _command(given: argparse.Namespace) -> int:
     from estimator.client import Client  # noqa: PLC0415
 
     ward, endpoints = ward_of(given, Role.COMMANDER)
-    device = check_id(given.device, "device")
+    named = [] if given.device is None else [check_id(given.device, "device")]
     with Client(endpoints, ward=ward) as client:
-        ask = client.recalibrate if given.verb == "recalibrate" else client.cancel
-        reply = ask(device, person(), given.reason)
-    return _answered(device, reply)
+        ask = {"recalibrate": client.recalibrate, "cancel": client.cancel, "zero-heading": client.zero_heading}[
+            given.verb
+        ]
+        devices = named or sorted(client.statuses())
+        replies = {device: ask(device, person(), given.reason) for device in devices}
+    if not replies:
+        raise ConfigError(f"no device is heard in ward {ward}: is an estimator running? See `truerate devices`")
+    return max([_answered(device, reply) for device, reply in replies.items()])
 
 
 def _note(given: argparse.Namespace) -> int:

@@ -15,9 +15,11 @@ from estimator.noise.device_model import GENERIC, load_model
 HELP = f"""{HOLDS}
 corrected:
   a row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation, quality.
+  Orientation: the quaternion turns sensor axes to earth axes (z up), scalar first; standard deviations of tilt and heading.
   The standard deviation of the bias is that of its mean over minutes. That of the rate also contains the flicker of the bias.
   .npz   t_s (n), rate_rad_s, rate_std_rad_s, bias_rad_s, bias_std_rad_s (n, 3), quality (n) as an index of quality_names,
-         matrix (3, 3), rate_hz; and as recorded accel_m_s2 (n, 3), temperature_c (n).
+         matrix (3, 3), rate_hz; quat_wxyz (n, 4), tilt_std, heading_std (n) rad;
+         and as recorded accel_m_s2 (n, 3), temperature_c (n).
   .csv   the same with one column per axis: t_s, rate_x_rad_s …, rate_std_x_rad_s …, bias_x_rad_s …; quality by name.
 quality:
   NONE                 bias unknown or in doubt, scale unknown

@@ -29,7 +29,7 @@ VERBS = {
     "bridge.cli.pki": ("pki",),
     "estimator.cli.estimator": ("estimator",),
     "estimator.cli.devices": ("devices", "status", "watch"),
-    "estimator.cli.commands": ("recalibrate", "cancel", "note"),
+    "estimator.cli.commands": ("recalibrate", "cancel", "zero-heading", "note"),
     "estimator.cli.cluster": ("cluster",),
     "estimator.cli.store": ("history", "store"),
     "estimator.cli.calibrate": ("calibrate",),
@@ -45,6 +45,10 @@ _LOG_FORMAT = "--log-format"
 _PRIVATE = 0o027
 #: Python's message when the system refuses another thread
 _NO_THREAD = "can't start new thread"
+#: what the system says when a library does not fit into memory; and our own words
+_NO_ROOM = "failed to map segment"
+_TOO_LITTLE = "not enough memory: raise the limit (ulimit -v), or end other programs"
+_PLAIN = f"truerate: {_TOO_LITTLE}\n".encode()
 EPILOG = """examples:
   truerate demo                                  run a small simulated ward for a minute
   truerate config check configs/ward.toml        check the ward file
@@ -87,9 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         return 1
-    except MemoryError:
-        return _failed(given, "not enough memory: raise the limit (ulimit -v), or end other programs", 1)
     except Exception as error:
+        if _is_memory(error):
+            return _no_memory(given)
         if str(error) == _NO_THREAD:
             return _failed(given, "the system refuses another thread: raise the limit (ulimit -u)", 1)
         if not isinstance(error, _expected()):
@@ -114,6 +118,24 @@ def _failed(given: argparse.Namespace, words: str, code: int) -> int:
     else:
         print(logs.printable_lines(f"truerate: {words}").replace("\n", "\n  "), file=sys.stderr)
     return code
+
+
+def _is_memory(error: BaseException) -> bool:
+    """Whether memory ran out, in Python or while a library was loaded."""
+    chain = list[BaseException]()
+    found: BaseException | None = error
+    while found is not None and found not in chain:  # a chain may lead back to its start
+        chain.append(found)
+        found = found.__cause__ or found.__context__
+    return any(isinstance(one, MemoryError) or _NO_ROOM in str(one) for one in chain)
+
+
+def _no_memory(given: argparse.Namespace) -> int:
+    try:
+        return _failed(given, _TOO_LITTLE, 1)
+    except MemoryError:  # there is not even enough to format this
+        os.write(2, _PLAIN)
+        return 1
 
 
 def _expected() -> tuple[type[Exception], ...]:

@@ -15,6 +15,7 @@ from bridge.wire.messages import (
     CommandReply,
     DeviceInfo,
     Note,
+    OrientationBatch,
     Owned,
     SampleBatch,
     Status,
@@ -97,6 +98,16 @@ class Client:
         Iteration ends as for `corrected`. `revised` applies a revision to a batch.
         """
         return self._stream("revision", codec.decode_revision, device, idle_s, history=history, queue=queue)
+
+    def orientation(
+        self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
+    ) -> Stream[OrientationBatch]:
+        """Stream of attitudes: quaternions sensor to earth, tilt and heading with standard deviations (docs/orientation.md).
+
+        Made only while somebody subscribes, from a second later on, without history: a message follows each corrected batch.
+        Iteration ends as for `corrected`.
+        """
+        return self._stream("orientation", codec.decode_orientation, device, idle_s, history=False, queue=queue)
 
     def windows(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
@@ -181,6 +192,10 @@ class Client:
     def note(self, device: str, who: str, text: str) -> CommandReply:
         """Attach a text to this moment of a device, in the audit table and published for recordings."""
         return self._command(device, "note", who, text)
+
+    def zero_heading(self, device: str, who: str, reason: str = "") -> CommandReply:
+        """Make a device's present heading zero. Raises BusError when no estimator answers."""
+        return self._command(device, "zero-heading", who, reason)
 
     def close(self) -> None:
         """Close the session; a bus that was passed in stays open."""

@@ -1,4 +1,7 @@
-"""The table [dashboard] of a ward's file: where the page listens, and who may give commands."""
+"""The table [dashboard] of a ward's file: where the page listens, and which people may give commands.
+
+Which programs may recalibrate is the router's rule; docs/security.md states both.
+"""
 
 from ipaddress import ip_address
 
@@ -42,6 +45,8 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     session_hours: float = 8.0
     #: minutes without a page or command until a person has to log in again
     idle_minutes: float = 30.0
+    #: days after which a certificate says that a calibration is due again
+    due_days: float = 365.0
 
     def __post_init__(self) -> None:
         try:
@@ -64,6 +69,8 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"session_hours is {self.session_hours:g}; 0.05 to 168 is taken")
         if not 1 <= self.idle_minutes <= 10_080:
             raise ValueError(f"idle_minutes is {self.idle_minutes:g}; 1 to 10080 is taken")
+        if not 1 <= self.due_days <= 3650:
+            raise ValueError(f"due_days is {self.due_days:g}; 1 to 3650 is taken")
 
     @property
     def local(self) -> bool:

@@ -22,8 +22,8 @@ class _Held(NamedTuple):
     came_s: float
 
 
-class ReorderBuffer:
-    """Reorder buffer for messages of one boot: early ones wait until the missing samples arrive, or are overdue.
+class EarlyBatches:
+    """Early batches of one boot: they wait until the missing samples arrive, or are overdue.
 
     Repeated samples pass through: `SequenceNumbers` counts them. `held` is sorted by sequence number; the buffer is
     truthy while it holds anything. begins: first sequence number of the boot, if known.
@@ -85,7 +85,7 @@ class Admission:
     def __init__(self, silence_s: float) -> None:
         self.source, self.sequence = BridgeChoice(silence_s), SequenceNumbers()
         #: messages that wait for missing samples before them
-        self.waiting = ReorderBuffer()
+        self.waiting = EarlyBatches()
         #: boot of the latest samples refused as old, and when they came, s
         self.outdated = 0, float("-inf")
         #: of a failed session: boot, next sequence number, and receive time of its last samples, ns
@@ -93,7 +93,7 @@ class Admission:
 
     def begin_at(self, sequence: int) -> None:
         """Set the boot's first sequence number: no sample before it is waited for."""
-        self.waiting = ReorderBuffer(sequence)
+        self.waiting = EarlyBatches(sequence)
 
     def go_on(self, sequence: int, heard_ns: int) -> None:
         """Continue a boot at this sequence number; other boots' samples received before heard_ns count as earlier boots'."""
@@ -120,7 +120,7 @@ class Admission:
             for late in self.waiting.drop():
                 sequence.refuse(late, Reason.OLD_BOOT)
             if sequence.boot is not None:
-                self.waiting = ReorderBuffer()  # the first number of the new boot is not known
+                self.waiting = EarlyBatches()  # the first number of the new boot is not known
         return ruling, []
 
     def in_order(self, batch: Samples, now: float) -> list[Samples]:
@@ -140,7 +140,7 @@ class Admission:
         last_ns: receive time of the last samples the failed session took, ns.
         """
         before = self.sequence
-        self.waiting = ReorderBuffer(before.next or 0)
+        self.waiting = EarlyBatches(before.next or 0)
         if before.boot is not None:
             self._came_to = before.boot, before.next or 0, last_ns
         self.sequence = before.anew(lost, uncounted)

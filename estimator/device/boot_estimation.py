@@ -2,9 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable
-from math import isnan
-
-import numpy as np
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
@@ -19,10 +16,11 @@ from estimator.device.lifecycle import Event, Lifecycle
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge, calibrated_bias, wider
 from estimator.device.revision_sequences import RevisionSequences
+from estimator.device.saved_samples import SavedSamples
 from estimator.device.session_knobs import SessionKnobs
 from estimator.geometry.gyro_model import reading_std
-from estimator.samples.sample_buffer import HOST_NS, SEQUENCE, TIME, WIDTH, Floats, SampleBuffer
-from estimator.state import StateStruct, shaped
+from estimator.samples.sample_buffer import Floats, SampleBuffer
+from estimator.state import StateStruct
 from estimator.stillness.detector import Stillness, StillnessState, Windows
 from estimator.tracking.bias_filter import BiasState
 from estimator.tracking.evidence import Receipt
@@ -40,42 +38,6 @@ _WAS_DOUBTED = (Code.BIAS_WAS_DOUBTED(),)
 _CONFIRMED = (Code.BIAS_CONFIRMED(),)
 
 
-class Taken(StateStruct):
-    """Samples still needed, by column, numbered from `first` on; whole numbers are stored as differences.
-
-    time: bit patterns of device times in s, as integers. rows (n, 8): the other columns of
-    estimator/samples/sample_buffer.py.
-    """
-
-    first: int
-    time: list[int]
-    rows: Floats
-    sequence: list[int]
-    host_ns: list[int]
-
-    @classmethod
-    def of(cls, buffer: SampleBuffer, end: int) -> "Taken":
-        """Collect the samples of a buffer that are numbered below `end`."""
-        rows, places = buffer.rows(buffer.begin, end), buffer.places(buffer.begin, end)
-        time = np.ascontiguousarray(rows[:, TIME]).view(np.int64)
-        columns = (np.diff(column, prepend=0).tolist() for column in (places[:, SEQUENCE], places[:, HOST_NS]))
-        return cls(buffer.begin, np.diff(time, prepend=0).tolist(), np.delete(rows, TIME, axis=1), *columns)
-
-    def buffer(self) -> SampleBuffer:
-        """Rebuild the sample buffer. Raises ValueError when the columns do not fit together."""
-        n = len(self.time)
-        shaped(self.rows, n, WIDTH - 1)
-        if not n == len(self.sequence) == len(self.host_ns):
-            raise ValueError("damaged state: columns of samples of unlike length")
-        time, sequence, host_ns = (
-            np.cumsum(np.array(column, np.int64)) for column in (self.time, self.sequence, self.host_ns)
-        )
-        buffer = SampleBuffer(self.first)
-        places = np.column_stack([sequence, host_ns, np.zeros(n, np.int64)])
-        buffer.put([(np.insert(self.rows, TIME, time.view(np.float64), axis=1), places)])
-        return buffer
-
-
 class BootEstimationState(StateStruct):
     """Saved state of a boot's estimation, without the samples of a calibration in progress and the smoother's history.
 
@@ -86,7 +48,7 @@ class BootEstimationState(StateStruct):
 
     tracker: TrackerState
     stillness: StillnessState
-    taken: Taken
+    taken: SavedSamples
     calibration: str
     under_way: bool
     asked: tuple[str, str] | None
@@ -146,7 +108,7 @@ class BootEstimation:
         return BootEstimationState(
             self.tracker.saved(),
             self._stillness.saved,
-            Taken.of(buffer, end),
+            SavedSamples.of(buffer, end),
             "" if used is None else used.id,
             self.under_way is not None,
             self.asked,
@@ -210,6 +172,29 @@ class BootEstimation:
             self.tracker.doubt.why = (Code.CALIBRATED(), *_WAS_DOUBTED)
             self._life.on(Event.DOUBTED, self.tracker.doubt.why)
 
+    def accept(self, calibration: Calibration, reason: Sentences) -> None:
+        """Use a calibration that the device made itself in this boot; a bias that rests have shown is kept."""
+        if self.tracker.sure and not self.tracker.doubt.stands:
+            self.calibration, self.prior, self.under_way = calibration, None, None
+            self._belief = believed(calibration, None, self._knobs.prior)
+            self.tracker.rescaled(self._belief.model)
+            self._slope_learnt = self._law is not None
+            self._life.on(Event.RESTORED)
+        else:
+            self.restore(PriorKnowledge(calibration, None), calibration, self.tracker.thermometer.reading)
+        self.scratch = ()
+        self._life.say(reason)
+
+    @property
+    def seen(self) -> tuple[Floats, Floats] | None:
+        """Bias (3,) that rests of this boot have shown and its standard deviation (3,), rad/s; None while not sure."""
+        return (self.tracker.bias, self.tracker.std) if self.tracker.sure else None
+
+    @property
+    def noise_std(self) -> Floats:
+        """White noise (3,) of a reading, rad/s: as rests show it, or that of the model."""
+        return reading_std(self._stillness.noise_std) if self._stillness.noise_known else self._belief.model.noise_std
+
     def resume(self, remembered: PriorKnowledge, temperature_c: float | None) -> bool:
         """Continue with the remembered bias of an uncalibrated boot; False if there is none."""
         kept = remembered.bias_at(self.now, self._knobs.track.bias_std)
@@ -261,48 +246,49 @@ class BootEstimation:
 
         of: device and boot of the samples. Results and events go to `outcome`.
         """
-        tracker, begin, belief = self.tracker, self.tracker.time, self._belief
-        tracked, windows = begin, self._stillness.take(buffer, end)
-        seconds: deque[tuple[int, Second]] | None = None  # seconds that these windows complete, with the window's index
-        for i, ((begun, now, last, still), celsius) in enumerate(zip(windows.heads, windows.celsius, strict=True)):
+        begin, belief = self.tracker.time, self._belief
+        windows = self._stillness.take(buffer, end)
+        windows = windows.part(self._warm_up(windows, buffer, outcome))
+        if self.under_way is not None and len(windows):
+            self.under_way.add(windows)
+        seconds = deque(self.tracker.seconds.take(windows))
+        for i, (begun, now, last, still) in enumerate(windows.heads):
             self.now = now
-            if not isnan(celsius):
-                tracker.thermometer.read(now, celsius)
-            if self._life.state is State.WARMING:
-                self._warming(windows.part(i, i + 1), outcome)
-                buffer.forget(last)
-                continue
-            if seconds is None:
-                others = windows.part(i)
-                seconds = deque((i + at, second) for at, second in tracker.seconds.take(others))
-                if self.under_way is not None:
-                    self.under_way.add(others)
             while seconds and seconds[0][0] == i:
-                _, second = seconds.popleft()
-                self._second(tracker.learn(second), outcome)
-                self._past.note(second.end, *buffer.place(second.last))
-                buffer.forget(second.last)
+                self._second(seconds.popleft()[1], buffer, of, outcome)
             if (under_way := self.under_way) is not None:
                 for progress in under_way.judge(begun, now, still=still):
                     self._progress(progress, under_way, outcome, buffer.place(last)[1])
             if now >= self._cancelled_until:
                 self._as_it_is(outcome)
-            if tracked != tracker.time and (improved := tracker.improved()) is not None:
-                used, (_, time_ns) = self._belief, buffer.place(last)
-                revision = self._past.revision(of, time_ns, used.calibration, used.model.matrix, *improved)
-                outcome.revisions += [] if revision is None else [revision]
-            tracked = tracker.time
-        return tracker.time != begin or self._belief is not belief
+        return self.tracker.time != begin or self._belief is not belief
 
-    def _warming(self, windows: Windows, outcome: Outcome) -> None:
-        """Process a window while the device warms up."""
-        if self.under_way is not None:
-            self.under_way.add(windows)
-        if self.now - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
-            self._happens(Event.WARM, _HOLD_STILL, outcome)
-        self.tracker.skip(windows)
+    def _warm_up(self, windows: Windows, buffer: SampleBuffer, outcome: Outcome) -> int:
+        """Process the windows while the device warms up; returns their number."""
+        heads = windows.heads if self._life.state is State.WARMING else []
+        for i, (_, now, last, _) in enumerate(heads):
+            self.now, window = now, windows.part(i, i + 1)
+            if self.under_way is not None:
+                self.under_way.add(window)
+            self.tracker.skip(window)
+            buffer.forget(last)
+            warm = now - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s
+            if warm and self._happens(Event.WARM, _HOLD_STILL, outcome):
+                return i + 1
+        return len(heads)
 
-    def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
+    def _second(self, second: Second, buffer: SampleBuffer, of: tuple[str, int], outcome: Outcome) -> None:
+        """Track the bias over a second, and revise the bias of a gap in the evidence that it ends."""
+        self._heard(self.tracker.learn(second), outcome)
+        sequence, time_ns = buffer.place(second.last)
+        self._past.note(second.end, sequence, time_ns)
+        buffer.forget(second.last)
+        if (improved := self.tracker.improved()) is not None:
+            used = self._belief
+            revision = self._past.revision(of, time_ns, used.calibration, used.model.matrix, *improved)
+            outcome.revisions += [] if revision is None else [revision]
+
+    def _heard(self, receipts: list[Receipt], outcome: Outcome) -> None:
         """Process the tracker's receipts of a second."""
         for receipt in receipts:
             if not receipt.accepted:
@@ -356,6 +342,7 @@ class BootEstimation:
         made = self._as_message(result, under_way.who, now_ns)
         outcome.calibrations.append(made)
         if result.verdict is not Verdict.ACCEPTED:
+            under_way.refused = result.reason
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
         self.calibration, self.prior, self.under_way, self.scratch = made, None, None, ()
@@ -393,11 +380,6 @@ class BootEstimation:
     # ---- estimates -------------------------------------------------------------------------------------------------
 
     @property
-    def near(self) -> bool:
-        """Whether the next samples may complete a calibration, which takes as long as hundreds of batches."""
-        return self.under_way is not None and self.under_way.near
-
-    @property
     def awaited(self) -> bool:
         """Whether a person waits for the next samples' result: a calibration's first rest, or one of its turns."""
         return self.under_way is not None and self.under_way.awaited
@@ -432,8 +414,18 @@ class BootEstimation:
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
         sure = track.sure and not track.doubt.stands and all(axis < self._knobs.track.bias_std for axis in std.tolist())
-        flicker = self._knobs.track.bias.flicker
-        return choose(self._belief, bias, std, noise_std, flicker, sure=sure, away=self._life.away)
+        knobs = self._knobs.track.bias
+        return choose(
+            self._belief,
+            bias,
+            std,
+            noise_std,
+            knobs.flicker,
+            sure=sure,
+            away=self._life.away,
+            walk=knobs.rate_random_walk,
+            unsure=track.unsure,
+        )
 
 
 def _bias_in(rest: Rest) -> RestBias:

@@ -25,6 +25,8 @@ class CalibrationProgress:
     def __init__(self, knobs: SessionKnobs, who: str = "", why: str = "") -> None:
         self._capture = CalibrationSession(knobs.method, turn_knobs=turn_knobs(knobs), scale_limit=knobs.scale_limit)
         self.who, self.why = who, why
+        #: reason of the last verdict that refused, which stays while turns are repeated
+        self.refused: Sentences = ()
 
     @property
     def asked(self) -> tuple[str, str] | None:
@@ -35,11 +37,6 @@ class CalibrationProgress:
     def awaited(self) -> bool:
         """Whether a person waits for the next samples' result: the first rest, or a turn after another."""
         return bool(self.turned) or not self._capture.rested
-
-    @property
-    def near(self) -> bool:
-        """Whether the next samples may complete the calibration, which takes as long as hundreds of batches."""
-        return self._capture.near
 
     @property
     def turned(self) -> tuple[int, ...]:
@@ -72,4 +69,5 @@ class CalibrationProgress:
                 what = (too_old(axes),)
             case Ignored(no_turn):
                 what = no_turn.reason
-        return (*what, Code.TURNS_NEEDED(axes=axis_names(missing))) if missing else what
+        needed = (Code.TURNS_NEEDED(axes=axis_names(missing)),) if missing else ()
+        return (*what, *needed, *(one for one in self.refused if one not in what))

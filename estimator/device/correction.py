@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, Quality
 from estimator.geometry.gyro_model import AXES, GyroModel, PriorKnobs, uncalibrated
+from estimator.orientation.attitude import known
 from estimator.state import shaped
 
 Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
+#: m/s², bias of an accelerometer of which gravity has taught nothing yet
+_ACCEL_STD = 0.05
 
 
 class PublishedCorrection(NamedTuple):
@@ -31,7 +34,8 @@ class Correction:
     """One set of correction parameters: all that a CorrectedBatch carries beside its samples.
 
     bias_std (3,) rad/s, standard deviation of the bias; flicker rad/s, standard deviation of the bias instability;
-    calibration: id of the calibration in use.
+    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. unsure (12,): standard deviations of
+    the matrix's elements, relative, and of the accelerometer's bias, m/s², as gravity has taught them; None before.
     """
 
     model: GyroModel
@@ -39,6 +43,8 @@ class Correction:
     quality: Quality
     calibration: str
     flicker: float
+    walk: float = 0.0
+    unsure: Floats | None = None
 
     @cached_property
     def told(self) -> PublishedCorrection:
@@ -54,6 +60,15 @@ class Correction:
         """Matrix (row by row) and bias, concatenated to (12,)."""
         return np.concatenate([self.model.matrix.ravel(), self.model.bias])
 
+    @cached_property
+    def known(self) -> Floats:
+        """What the orientation needs to know: see `orientation.attitude.known`."""
+        unsure = self.unsure
+        if unsure is None:
+            unsure = np.repeat([*self.model.cross_std, _ACCEL_STD], 3)
+            unsure[:9:4] = self.model.scale_std
+        return known(self.model, self.bias_std, unsure, self.flicker, self.walk)
+
     def check(self) -> None:
         """Check shapes and values. Raises ValueError when a reading cannot be corrected with them."""
         model = self.model
@@ -61,6 +76,8 @@ class Correction:
         shaped(model.bias, 3, finite=True)
         for std in (model.scale_std, model.cross_std, model.noise_std, self.bias_std):
             shaped(std, 3)
+        if self.unsure is not None:
+            shaped(self.unsure, 12, finite=True)
 
     def same(self, other: "Correction") -> bool:
         """Whether both corrections are equal, to the last bit."""
@@ -75,12 +92,18 @@ class Correction:
             and _same(mine.matrix, theirs.matrix)
             and _same(mine.scale_std, theirs.scale_std)
             and _same(mine.cross_std, theirs.cross_std)
+            and self.walk == other.walk
+            and _same_or_none(self.unsure, other.unsure)
         )
 
 
 def _same(a: Floats, b: Floats) -> bool:
     """Whether two small arrays are equal; comparing lists takes a tenth of NumPy's time."""
     return a is b or a.tolist() == b.tolist()
+
+
+def _same_or_none(a: Floats | None, b: Floats | None) -> bool:
+    return a is b or (a is not None and b is not None and _same(a, b))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,11 +145,13 @@ def choose(
     *,
     sure: bool,
     away: bool = False,
+    walk: float = 0.0,
+    unsure: Floats | None = None,
 ) -> Correction:
     """Combine a belief with the tracked bias (3,) rad/s, its std (3,) and the flicker, rad/s, to a correction.
 
     noise_std (3,): noise of the present rest, or None for the model's. sure: the bias is known well enough and undoubted.
-    away: the device sends nothing.
+    away: the device sends nothing. walk, unsure: see `Correction`.
     """
     quality = belief.quality
     if quality is Quality.GOOD:
@@ -136,7 +161,7 @@ def choose(
     known = belief.model
     noise_std = known.noise_std if noise_std is None else noise_std
     model = GyroModel(known.matrix, bias, known.scale_std, known.cross_std, noise_std)
-    return Correction(model, bias_std, quality, belief.calibration, flicker)
+    return Correction(model, bias_std, quality, belief.calibration, flicker, walk, unsure)
 
 
 def _cross_std(used: Calibration, knobs: PriorKnobs) -> Floats:

@@ -41,7 +41,10 @@ CAUSES: dict[Event, str] = {
     Event.TURNED: "a full turn about an axis was accepted",
     Event.CALIBRATED: "the turns fit together",
     Event.NOT_CALIBRATED: "the turns contradict each other: some have to be repeated",
-    Event.RESTORED: "the estimator was restarted, the device was not: calibration and filter continue",
+    Event.RESTORED: (
+        "the estimator was restarted, the device was not: calibration and filter continue; "
+        "or the device calibrated itself"
+    ),
     Event.CHANGED: (
         "model, firmware or range changed within the boot, or the rate of a device without time: "
         "the calibration is void"

@@ -13,7 +13,17 @@ import numpy as np
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence, Sentences
-from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, Quality, SampleBatch, State, Status
+from bridge.wire.messages import (
+    NO_REST_S,
+    Calibration,
+    DeviceCalibration,
+    DeviceInfo,
+    Quality,
+    SampleBatch,
+    State,
+    Status,
+    Verdict,
+)
 from bridge.wire.refusal import Reason
 from estimator.calibration.result import Result
 from estimator.device.batch_correction import Cut, batch_of, correct
@@ -21,12 +31,15 @@ from estimator.device.boot_estimation import BootEstimation, BootEstimationState
 from estimator.device.calibration_progress import CalibrationProgress
 from estimator.device.correction import Correction
 from estimator.device.lifecycle import Event, Lifecycle
+from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
+from estimator.device.own_calibration import METHOD, judged
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.sequence_numbers import SequenceNumbers
 from estimator.device.session_knobs import SessionKnobs
 from estimator.device.window_summary import Second
-from estimator.geometry.gyro_model import axis_names
+from estimator.geometry.gyro_model import Floats, axis_names
+from estimator.orientation.attitude import Attitude
 from estimator.samples.blocks import BLOCK_S, SHORT_S, Blocks
 from estimator.samples.finite import runs
 from estimator.samples.sample_buffer import CELSIUS, TIME, Samples, known
@@ -37,9 +50,11 @@ from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import Tracker
 
 #: version of the bytes from `state`; any other version is refused
-VERSION = 1
+VERSION = 2
 #: event name for turns of a calibration lost when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
+#: event name for calibrations of the device's own that were not plausible
+OWN_REFUSED = "own calibration refused"
 #: s; after a longer silence the bias is less certain from the first sample on, before the next second is judged
 SILENCE_S = 5.0
 
@@ -51,6 +66,7 @@ class SessionState(StateStruct):
     sample before it. clock: see `Blocks`.
     applied: correction of the block of `next`; ready: of the block after it, unless more is learnt.
     life: lifecycle state, the state before the device went away, and the reasons of both.
+    attitude: state of the orientation, of the samples corrected so far, and what its heading counts from; None without one.
     """
 
     version: int
@@ -67,6 +83,7 @@ class SessionState(StateStruct):
     ready: Correction
     life: tuple[str, str, Sentences, Sentences]
     learnt: BootEstimationState
+    attitude: tuple[Floats, str] | None = None
 
 
 class DeviceSession:
@@ -90,7 +107,10 @@ class DeviceSession:
         self.last_heard_ns = 0
         #: whether summaries per window (`window_summary`) are wanted; only then the samples of a block are kept for them
         self.windowed = False
+        #: orientation of the current boot; None while nobody wants it
+        self.attitude: Attitude | None = None
         self._away_s = 0.0  # s since the previous admitted batch, by the host's clock
+        self._offered: DeviceCalibration | None = None  # the device's own calibration that was judged last
         self._begin(began)
         self._unused = True  # no boot has begun since `_begin`
 
@@ -115,6 +135,8 @@ class DeviceSession:
         if not self._unused or device_time != self.learnt.began or law is not None:
             self._begin(device_time, law)
         self._unused = False
+        if self.attitude is not None:
+            self.orient()
         why = Code.WARMING_UP() if first else Code.RESTARTED()
         self.life.on(Event.BOOTED, () if again else (why,))  # again: no sample of this boot was taken yet
         outcome.changed = True
@@ -141,6 +163,10 @@ class DeviceSession:
         self._lesson: tuple[int, int] | None = None
         self._lesson_applied = self._applied  # correction that was applied to that block, and its length, s
         self._lesson_s = self._blocks.length_s
+
+    def orient(self) -> None:
+        """Begin to estimate the orientation, anew: heading zero is at the next sample."""
+        self.attitude = Attitude(self.knobs.orientation)
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
         if self.learnt.under_way is None:
@@ -181,6 +207,26 @@ class DeviceSession:
         self._restore(remembered, calibration, self.tracker.thermometer.reading)
         self.learnt.scratch = ()
 
+    def offered(self, own: DeviceCalibration, now_ns: int) -> Outcome:
+        """Judge a calibration that the device made itself, and use it if it is plausible.
+
+        It never replaces a calibration made here in this boot, and waits while turns are under way here.
+        """
+        learnt, known = self.learnt, self.calibration
+        if own == self._offered or self.life.away or learnt.turned or learnt.asked:
+            return Outcome()
+        if known is not None and (known.method != METHOD or _same(own, known)):
+            return Outcome()
+        self._offered = own
+        result = judged(own, self.boot or 0, learnt.seen, learnt.noise_std)
+        made = _as_message(self, result, "", now_ns)
+        if result.verdict is Verdict.ACCEPTED:
+            learnt.accept(made, (Code.CALIBRATED(), *result.reason))
+            self._apply()
+        else:
+            self.count_event(OWN_REFUSED)
+        return Outcome(calibrations=[made], changed=True, said=[english(*result.reason)])
+
     # ---- saving and restoring -------------------------------------------------------------------------------------
 
     def state(self) -> bytes | None:
@@ -216,6 +262,7 @@ class DeviceSession:
                 self._ready,
                 self.life.saved,
                 self.learnt.saved(buffer, end),
+                None if self.attitude is None else (self.attitude.state, self.attitude.zero),
             )
         )
 
@@ -250,6 +297,8 @@ class DeviceSession:
         session._blocks.length_s = saved.length_s
         session._blocks.resume(buffer, saved.clock, saved.begun_s)
         session._applied, session._ready = saved.applied, saved.ready
+        if saved.attitude is not None:
+            session.attitude = Attitude(session.knobs.orientation, *saved.attitude)
         session.sequence.resume(saved.boot, saved.first, saved.next)
         session.last_heard_ns, session._unused = saved.last_heard_ns, False
         if saved.learnt.under_way:
@@ -299,6 +348,8 @@ class DeviceSession:
             outcome = self._put(samples.part(begin, end), 0, cuts, outcome)
         outcome = outcome or Outcome()
         outcome.corrected = [batch_of(cut, rates) for cut, rates in zip(cuts, correct(cuts), strict=True)]
+        if self.attitude is not None:
+            outcome.oriented = oriented([(self.attitude, cut) for cut in cuts])
         self._learn(outcome)
         return outcome
 
@@ -407,6 +458,13 @@ class DeviceSession:
         self.learnt.cancel(who)
         return None
 
+    def zero_heading(self, who: str) -> Sentence | None:
+        """Make the present heading zero. Returns None, or why it is refused."""
+        if self.attitude is None or not self.attitude.begun:
+            return Code.NO_ORIENTATION(device=self.device)
+        self.attitude.reset_heading(who)
+        return None
+
     def silence(self, reason: Sentences, event: Event = Event.SILENT) -> bool:
         """Mark the device as away, by an event and its reason; False if it was away already (the reason may be updated)."""
         if not self.life.on(event, reason):
@@ -489,6 +547,11 @@ class DeviceSession:
     def _rate(self) -> float:
         seconds = self._blocks.seconds
         return (self.sequence.seen - 1) / seconds if seconds > 0 else 0.0
+
+
+def _same(own: DeviceCalibration, known: Calibration) -> bool:
+    """Whether a calibration in use has these values."""
+    return np.array_equal(own.scale, known.matrix.diagonal()) and np.array_equal(own.bias, known.bias)
 
 
 def _as_message(session: DeviceSession, result: Result, who: str, now_ns: int) -> Calibration:

@@ -1,7 +1,9 @@
 """Turn a device's status and readings into instructions for a person. Pure: messages in, Instruction out."""
 
 from dataclasses import replace
-from math import pi
+from math import degrees, pi
+
+import numpy as np
 
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import SampleBatch, State, Status
@@ -64,8 +66,10 @@ _OF_TURNS = frozenset(
         Code.TURNS_OPEN,
     }
 )
-#: a movement below this angle only stood the device on its side, degrees
-_QUARTER = 120.0
+#: tilt, degrees, from which on a device lies on another face
+_ANOTHER_FACE = 45.0
+#: faults of a movement that was no attempt at a turn where it only laid the device on another face
+_OF_ATTEMPTS = frozenset({Code.TURN_TOO_SHORT, Code.BACK_AND_FORTH, Code.NOT_ONE_AXIS, Code.RESTLESS})
 #: number of sides of a device
 SIDES = 6
 
@@ -87,15 +91,20 @@ class Guide:
         self._rebooted = self._began = False
         self._turned = False  # whether the running calibration has completed turns, as far as was heard
         self._before = ""  # id of the calibration in force when this one began
-        #: verdict on the previous turn when the present turn began
+        #: verdict on the previous turn when the present turn began, and the axis and the way that were asked for
         self._verdict: tuple[object, ...] = ()
+        self._asked: tuple[int, Picture] | None = None
+        #: axis of the last attempt; where that failed, it is asked for again
+        self._tried: int | None = None
 
     def take_samples(self, batch: SampleBatch) -> None:
         """Take the device's next raw readings."""
         was_settled = self.hand.settled
         self.hand.take(batch)
         if was_settled and not self.hand.settled:
-            self._verdict = self._said()
+            self._verdict, self._asked = self._said(), self._asks()
+        if not was_settled and self.hand.settled and self.hand.moved:
+            self._put_down()
         if self.hand.settled and self.hand.upright is not None and self._sure:
             self._sides = tuple(dict.fromkeys((*self._sides, 2 * self.hand.upright + self.hand.upside_down)))
 
@@ -104,7 +113,7 @@ class Guide:
         before, self._status = self._status, status
         if status.boot and status.boot != self._boot:
             self._rebooted |= self._turned
-            self._boot, self._sides, self._turned = status.boot, (), False
+            self._boot, self._sides, self._turned, self._tried = status.boot, (), False, None
         if status.axes_done and self._rebooted:
             self._rebooted = False
         if before is not None and before.state is State.AWAITING_STILL and status.state is State.BIAS_ONLY:
@@ -117,7 +126,7 @@ class Guide:
         if begins or not self._began:
             self._began, self._before = True, status.calibration
         if begins:
-            self._sides = ()
+            self._sides, self._tried = (), None
             self.hand.begin_rest()  # rest before the calibration began does not count
 
     def told(self) -> Instruction:
@@ -143,7 +152,7 @@ class Guide:
         return self._under_way(status)
 
     def _over(self, status: Status) -> Instruction:
-        self._rebooted = False
+        self._rebooted, self._tried = False, None
         why, exact = wrong_in(status.reason), status.state is State.TRACKING
         if self._began and status.calibration == self._before:
             return Instruction(Step.CANCELLED, Picture.EDGE, Words("cancelled_old"), wrong=why)
@@ -156,9 +165,7 @@ class Guide:
         hand = self.hand
         done = status.axes_done
         needed = self._order(done)
-        wrong = wrong_in(status.reason)
-        if self._horizontal:
-            wrong = tuple(one for one in wrong if not self._is_standing_up(one))
+        wrong = tuple(self._as_seen(one) for one in wrong_in(status.reason) if not self._is_no_attempt(one))
         if status.state is State.AWAITING_STILL:
             return Instruction(
                 Step.PLACE, Picture.EDGE, Words("place"), hand.rested, done=done, needed=needed, wrong=wrong,
@@ -174,13 +181,41 @@ class Guide:
                 Step.STAND, Picture.POSE, Words("stand"), axis=axis, done=done, needed=needed, wrong=wrong
             )
         words = Words(f"{'again' if wrong else 'turn'}_{way}", {"axis": AXES[axis]})
-        return Instruction(Step.TURN, way, words, 0.0, 0.0, axis, done, needed, wrong)
+        return Instruction(Step.TURN, way, words, 0.0, 0.0, axis, done, needed, wrong, laid=hand.laid and not wrong)
 
-    def _is_standing_up(self, one: Sentence) -> bool:
-        """Whether a rejected movement only stood the device on its side, or the device was so stood afterwards."""
-        if one.code == Code.TURN_TOO_SHORT:
-            return float(one.params["angle_deg"]) < _QUARTER
-        return one.code == Code.VERTICAL_TURN and self._way(AXES.index(one.params["axis"])) is not Picture.SIDE
+    def _is_no_attempt(self, one: Sentence) -> bool:
+        """Whether a rejected movement only laid the device on another face, as it was asked for or as it lay before."""
+        if one.code == Code.VERTICAL_TURN:
+            return self.hand.laid and self._way(AXES.index(one.params["axis"])) is not Picture.SIDE
+        return self.hand.laid and one.code in _OF_ATTEMPTS
+
+    def _as_seen(self, one: Sentence) -> Sentence:
+        """A fault as a person sees it: a device that came to lie on another face was not turned all the way round."""
+        if one.code != Code.ENDED_TILTED or float(one.params["angle_deg"]) < _ANOTHER_FACE:
+            return one
+        angle = degrees(float(np.linalg.norm(self.hand.turned)))
+        return (
+            Code.TURN_TOO_SHORT(angle_deg=f"{angle:.0f}")
+            if angle < 360
+            else Code.TURN_TOO_LONG(angle_deg=f"{angle:.0f}")
+        )
+
+    def _asks(self) -> tuple[int, Picture] | None:
+        """The turn that is asked for now: its axis, and how the device is turned about it."""
+        status = self._status
+        needed = () if status is None or status.state not in CALIBRATING else self._order(status.axes_done)
+        return (needed[0], self._way(needed[0])) if needed else None
+
+    def _put_down(self) -> None:
+        """Take note of a movement that ended: what it was an attempt at, and what it shows of how the device lies."""
+        hand = self.hand
+        if hand.laid:
+            return
+        axis = hand.axis
+        self._tried = axis if axis is not None or self._asked is None else self._asked[0]
+        way = None if self._asked is None else self._asked[1]
+        if axis is not None and axis != hand.top and way in (Picture.ALONG, Picture.ACROSS):
+            hand.believe(axis if way is Picture.ALONG else 3 - hand.top - axis)
 
     def _between_poses(self, status: Status) -> Instruction:
         """Instruction for methods by movements: a rest on each side, until the estimator has the whole matrix."""
@@ -223,22 +258,30 @@ class Guide:
         return () if status is None else (status.axes_done, status.reason, status.events.get(_IGNORED, 0))
 
     def _order(self, done: tuple[int, ...]) -> tuple[int, ...]:
-        """Axes still needed, easiest turn first: the upright axis first, or last if turns must be horizontal."""
-        needed = (axis for axis in range(3) if axis not in done)
-        return tuple(sorted(needed, key=lambda axis: ((axis == self._upright) == self._horizontal, axis)))
+        """Axes still needed: of a failed turn first, then the easiest turn, flat on the table.
+
+        Where turns must be horizontal, a turn that is flat comes last.
+        """
+
+        def hard(axis: int) -> tuple[bool, bool, bool]:
+            flat = axis == self.hand.top
+            return axis != self._tried or (flat and self._horizontal), flat == self._horizontal, axis != self.hand.edge
+
+        return tuple(sorted((axis for axis in range(3) if axis not in done), key=hard))
 
     def _way(self, axis: int) -> Picture:
         """Picture of how to turn the device about an axis."""
-        if axis == self._upright:
+        if axis == self.hand.top:
             return Picture.SIDE if self._horizontal and self.hand.upright is not None else Picture.FLAT
-        return Picture.ALONG if axis == min({0, 1, 2} - {self._upright}) else Picture.ACROSS
-
-    @property
-    def _upright(self) -> int:
-        """The axis that stands upright; z while unknown."""
-        return 2 if self.hand.upright is None else self.hand.upright
+        return Picture.ALONG if axis == self.hand.edge else Picture.ACROSS
 
 
 def wrong_in(reason: Sentences) -> Sentences:
-    """The faults among a status's reasons, without the usual messages."""
+    """The faults among a status's reasons, without the usual messages.
+
+    After the turns still needed comes why an earlier verdict refused: a turn that was taken since is no fault.
+    """
+    codes = [one.code for one in reason]
+    if Code.TURN_TAKEN in codes and Code.TURNS_NEEDED in codes:
+        reason = reason[: codes.index(Code.TURNS_NEEDED)]
     return tuple(one for one in reason if one.code not in _USUAL)

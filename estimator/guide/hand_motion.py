@@ -1,16 +1,19 @@
-"""Track hand motion from a device's readings: how long it rests, and how far it has turned about which axis."""
+"""Track hand motion from a device's readings: how long it rests, how it lies, and how far it has turned about which axis."""
 
 import numpy as np
 
 from bridge.wire.messages import Floats, SampleBatch, SampleFlag
 from estimator.calibration.stages import StageKnobs
 from estimator.calibration.turn_recognition import TurnKnobs
+from estimator.geometry import rotation
 from estimator.stillness.detector import Stillness, StillnessKnobs, Window
 
 #: smallest part of the rotation about one axis for that axis to be named during the turn
 SHARE = 0.8
 #: smallest part of gravity along an axis for it to count as upright
 UPRIGHT = 0.8
+#: a movement below this angle, rad, that ends on another face only laid the device there
+_LAID = np.radians(135.0)
 
 
 class Hand:
@@ -18,7 +21,7 @@ class Hand:
 
     def __init__(self, stillness: StillnessKnobs | None = None) -> None:
         self._knobs = stillness or StillnessKnobs()
-        self.rest_s, self._nudge = StageKnobs().rest_s, TurnKnobs().nudge
+        self.rest_s, self._turn = StageKnobs().rest_s, TurnKnobs()
         self._begin(None)
 
     def _begin(self, boot: int | None) -> None:
@@ -37,6 +40,12 @@ class Hand:
         self.upright: int | None = None
         #: whether the upright axis points down
         self.upside_down = False
+        #: the upright axis, and the level axis along the edge of the table: as gravity shows, else as the gyro carries them
+        self.top, self.edge = 2, 0
+        #: whether the last movement only laid the device on another face
+        self.laid = False
+        #: (3, 3) rotation since the last sufficient rest
+        self._moved: Floats = np.eye(3)
 
     def take(self, batch: SampleBatch) -> None:
         """Take the next batch of readings; repeated and non-finite samples are left out."""
@@ -55,7 +64,7 @@ class Hand:
 
     def begin_rest(self) -> None:
         """Reset the rest timer and the angles: a calibration begins, and only rest from now on counts."""
-        self._since, self.still_s, self.settled, self.turned = None, 0.0, False, np.zeros(3)
+        self._since, self.still_s, self.settled, self.turned, self._moved = None, 0.0, False, np.zeros(3), np.eye(3)
 
     @property
     def rested(self) -> float:
@@ -67,23 +76,29 @@ class Hand:
         """The axis of the present turn; None while the rotation is below a nudge or spread over several axes."""
         angle = float(np.linalg.norm(self.turned))
         axis = int(np.argmax(np.abs(self.turned)))
-        return axis if angle > self._nudge and abs(float(self.turned[axis])) > SHARE * angle else None
+        return axis if angle > self._turn.nudge and abs(float(self.turned[axis])) > SHARE * angle else None
 
     @property
     def moved(self) -> bool:
         """Whether the device has turned by more than a nudge since the last rest."""
-        return float(np.linalg.norm(self.turned)) > self._nudge
+        return float(np.linalg.norm(self.turned)) > self._turn.nudge
+
+    def believe(self, along: int) -> None:
+        """Take it that this axis lies along the edge, as a person showed by turning the device about it."""
+        if along != self.top:
+            self.edge = along
 
     def _window(self, window: Window) -> None:
         if window.still:
             self._rests(window)
         else:
             if self.settled:
-                self.turned = np.zeros(3)
+                self.turned, self._moved = np.zeros(3), np.eye(3)
             self._since, self.still_s, self.settled = None, 0.0, False
         if not self.settled:
             since = self._until if window.start_time - self._until < self._stillness.knobs.gap_s else window.start_time
-            self.turned = self.turned + (window.mean - self._bias) * (window.end_time - since)
+            step = (window.mean - self._bias) * (window.end_time - since)
+            self.turned, self._moved = self.turned + step, self._moved @ rotation.chained(step[None])[-1]
         self._until = window.end_time
 
     def _rests(self, window: Window) -> None:
@@ -93,8 +108,25 @@ class Hand:
         self.still_s = window.end_time - self._since
         if self.still_s < self.rest_s:
             return
+        came, face = not self.settled, (self.top, self.upside_down)
         self.settled, self._bias = True, self._sum / self._n
         if window.accel_mean is not None:
             down = np.abs(window.accel_mean) / max(float(np.linalg.norm(window.accel_mean)), 1e-9)
             self.upright = int(np.argmax(down)) if down.max() > UPRIGHT else None
             self.upside_down = self.upright is not None and bool(window.accel_mean[self.upright] < 0)
+        if came:
+            self._put_down(face)
+
+    def _put_down(self, face: tuple[int, bool]) -> None:
+        """Find how the device lies after a movement; `face` is the axis that was upright, and whether it pointed down."""
+        angle = float(np.linalg.norm(self.turned))
+        whole = (
+            2 * np.pi / self._turn.k_max < angle < 2 * np.pi / self._turn.k_min
+        )  # as far as a gyro of unknown scale shows
+        same = self.upright is None or (self.upright, self.upside_down) == face
+        moved = np.eye(3) if whole and same else self._moved
+        top, edge = np.abs(moved[self.top]), np.abs(moved[self.edge])  # the directions then, in axes of the device now
+        self.top = int(np.argmax(top)) if self.upright is None else self.upright
+        edge[self.top] = -1.0
+        self.edge = int(np.argmax(edge))
+        self.laid = self.moved and angle < _LAID and (self.top != face[0] or (self.upright is not None and not same))

@@ -12,19 +12,10 @@ from estimator.kernels.compiled import compiled
 Floats = NDArray[np.float64]
 
 
-@compiled("Tuple((f8[::1], f8[:, ::1], f8, f8))(f8[:], f8[:, :], f8[:, :], f8[:], f8[:, :], f8[:, :], i8)")
-def weighed(
-    z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, M: Floats, first: int
-) -> tuple[Floats, Floats, float, float]:
-    """Innovation (m,) of z = H x, its covariance S (m, m), and the NIS of the first `first` elements of z and of the others.
-
-    Innovation, S and NIS of the other elements are conditional on the first ones. S then has zeros between the two
-    groups.
-    An NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.
-    M (n, m): covariance of the error of x with the noise of z; (n, 0) where they are independent.
-    """
-    m, n = H.shape
-    y, S, seen, sound = np.empty(m), np.empty((m, m)), np.zeros((m, n)), True
+def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats, S: Floats) -> bool:
+    """Write the innovation y (m,) and its covariance S (m, m); return whether all are finite and each z has noise."""
+    (m, n), sound = H.shape, True
+    seen = np.zeros((m, n))
     for i in range(m):
         y[i] = z[i]
         for k in range(n):
@@ -38,12 +29,14 @@ def weighed(
             S[i, j] = R[i, j]
             for k in range(n):
                 S[i, j] += seen[i, k] * H[j, k]
-            if M.shape[1]:
-                for k in range(n):
-                    S[i, j] += H[i, k] * M[k, j] + M[k, i] * H[j, k]
             sound &= np.isfinite(S[i, j])
-    # Cholesky: S = L L', L a = y, NIS = a' a.
-    L, a, before, nis = np.zeros((m, m)), np.empty(m), 0.0, 0.0
+    return sound
+
+
+def whitened(y: Floats, S: Floats) -> tuple[Floats, Floats]:
+    """Cholesky: L (m, m) with S = L L', and a (m,) with L a = y, so that NIS = a' a."""
+    m = len(y)
+    L, a = np.zeros((m, m)), np.empty(m)
     for i in range(m):
         a[i] = y[i]
         for j in range(i + 1):
@@ -55,20 +48,44 @@ def weighed(
                 a[i] -= L[i, j] * a[j]
         L[i, i] = np.sqrt(L[i, i])
         a[i] /= L[i, i]
+    return L, a
+
+
+def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
+    """Make the elements of y and S from `first` on conditional on those before."""
+    for i in range(first, len(y)):
+        y[i] = 0.0
+        for k in range(first, i + 1):
+            y[i] += L[i, k] * a[k]
+        S[i, :first], S[:first, i] = 0.0, 0.0
+        for j in range(first, len(y)):
+            S[i, j] = 0.0
+            for k in range(first, min(i, j) + 1):
+                S[i, j] += L[i, k] * L[j, k]
+
+
+@compiled(
+    "Tuple((f8[::1], f8[:, ::1], f8, f8))(f8[:], f8[:, :], f8[:, :], f8[:], f8[:, :], i8)",
+    *(innovation, whitened, given),
+)
+def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, first: int) -> tuple[Floats, Floats, float, float]:
+    """Innovation (m,) of z = H x, its covariance S (m, m), and the NIS of the first `first` elements of z and of the others.
+
+    Innovation, S and NIS of the other elements are conditional on the first ones. S then has zeros between the two
+    groups.
+    An NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.
+    """
+    m = len(z)
+    y, S, before, nis = np.empty(m), np.empty((m, m)), 0.0, 0.0
+    sound = innovation(z, H, R, x, P, y, S)
+    L, a = whitened(y, S)
+    for i in range(m):
         if i < first:
             before += a[i] * a[i]
         else:
             nis += a[i] * a[i]
     if first:
-        for i in range(first, m):
-            y[i] = 0.0
-            for k in range(first, i + 1):
-                y[i] += L[i, k] * a[k]
-            S[i, :first], S[:first, i] = 0.0, 0.0
-            for j in range(first, m):
-                S[i, j] = 0.0
-                for k in range(first, min(i, j) + 1):
-                    S[i, j] += L[i, k] * L[j, k]
+        given(first, L, a, y, S)
     sound &= np.isfinite(before + nis)
     return y, S, before if sound else np.inf, nis if sound else np.inf
 
@@ -90,17 +107,14 @@ def inverse(S: Floats) -> Floats:
     return found
 
 
-@compiled("f8[::1](f8[:], f8[:, :], f8[:, :], f8, f8, f8[:], f8)")
-def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> Floats:
-    """Variance (3,) that the bias gains in a filter step; writes bias and slope into x (n,), F and Q (n, n).
+@compiled("void(f8[:], f8[:, :], f8[:, :], f8, f8, f8[:], f8)")
+def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> None:
+    """Write a filter step of bias and slope into x (n,), F and Q (n, n).
 
     The bias moves by its slope over `warmer` K, by over / 2 times bend (3,), and by a random walk of variance var.
     bend: standard deviation of the slope's change over `over` K.
     """
-    by = np.empty(3)
     for i in range(3):
-        by[i] = (over / 2 * bend[i]) ** 2 + var
         x[i] += warmer * x[3 + i]
         F[i, 3 + i] = warmer
-        Q[i, i], Q[3 + i, 3 + i] = by[i], bend[i] ** 2
-    return by
+        Q[i, i], Q[3 + i, 3 + i] = (over / 2 * bend[i]) ** 2 + var, bend[i] ** 2

@@ -22,11 +22,14 @@ _SAFE: dict[str, Any] = {"error_model": "numpy", "boundscheck": True}
 _makers: list[Callable[[], Any]] = []
 
 
-def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator: compile a function for one signature (Numba's notation). Arguments are passed by position."""
+def compiled(signature: str, *steps: Callable[..., Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator: compile a function for one signature (Numba's notation). Arguments are passed by position.
+
+    steps: functions of the same file that the function calls; they are compiled into it.
+    """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        make = functools.cache(functools.partial(_compile, function, signature))
+        make = functools.cache(functools.partial(_compile, function, signature, steps))
 
         @functools.wraps(function)
         def call(*args: Any) -> Any:
@@ -59,8 +62,12 @@ def _load() -> None:
             import_module(f"{package}.{module.name}")
 
 
-def _compile(function: Callable[..., Any], signature: str) -> Any:
+def _compile(function: Callable[..., Any], signature: str, steps: tuple[Callable[..., Any], ...]) -> Any:
     from numba import njit  # noqa: PLC0415 - see above
+    from numba.extending import register_jitable  # noqa: PLC0415
+
+    for step in steps:
+        register_jitable(**_SAFE)(step)
 
     try:
         made = njit(signature, cache=True, **_SAFE)(function)

@@ -7,8 +7,77 @@ from estimator.kernels.compiled import compiled
 
 Floats = NDArray[np.float64]
 
+#: index of gravity, velocity, accelerometer bias and the gyro's matrix in the state; the gyro's bias is first
+_G, _V, _A, _M = 6, 9, 12, 15
 
-@compiled("Tuple((f8[::1], f8[:, ::1], f8[:, ::1]))(f8[:], f8[:, :], f8[:, ::1], f8, f8, UniTuple(f8, 3))")
+
+def crossing(v: Floats) -> Floats:
+    """Matrix (3, 3) of the cross product with v (3,)."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def steered(F: Floats, P: Floats, span: Floats, at: tuple[int, int, int], tilts: Floats, swings: Floats) -> float:
+    """Write into F how n parameters of the gyro move gravity and velocity; return the variance of the angle they leave.
+
+    at: index of the first of them in the state, n, and row of their slopes in the span. tilts, swings (3, 3): cross products
+    with gravity and with velocity.
+    """
+    part, n, row = at
+    turn, pushing = span[row : row + n].reshape(3, n), span[row + n : row + 2 * n].reshape(3, n)
+    tilt, swing, doubt = np.empty(3), np.empty(3), 0.0
+    for j in range(n):
+        for i in range(3):
+            for k in range(n):
+                doubt += turn[i, j] * P[part + j, part + k] * turn[i, k]
+        for i in range(3):
+            tilt[i], swing[i] = 0.0, pushing[i, j]
+            for k in range(3):
+                tilt[i] += tilts[i, k] * turn[k, j]
+                swing[i] += swings[i, k] * turn[k, j]
+        for i in range(3):
+            for k in range(3):
+                F[_G + i, part + j] += span[k, i] * tilt[k]
+                F[_V + i, part + j] += span[k, i] * swing[k]
+    return doubt
+
+
+def carried_over(x: Floats, span: Floats, after: Floats, kept: float, strength: float) -> Floats:
+    """State x (24,) after a span: gravity and velocity in axes of the end, `after` (3,) being velocity in those of the begin."""
+    moved, norm = x.copy(), 0.0
+    for i in range(3):
+        moved[_G + i] = moved[_V + i] = 0.0
+        moved[_A + i] = kept * x[_A + i]
+        for k in range(3):
+            moved[_G + i] += span[k, i] * x[_G + k]
+            moved[_V + i] += span[k, i] * after[k]
+        norm += moved[_G + i] ** 2
+    for i in range(3):
+        moved[_G + i] *= strength / np.sqrt(norm)
+    return moved
+
+
+def stirred(Q: Floats, tilting: Floats, seconds: float, doubt: float, noise: tuple[float, float, float]) -> None:
+    """Write the process noise of a span into Q. tilting (3, 3): gravity's change by a rotation; doubt: second-order variance."""
+    turned, pushed, posed = noise
+    for i in range(3):
+        # A rotation tilts g by its whole angle and v by half of that on average.
+        for j in range(3):
+            tilted = 0.0
+            for k in range(3):
+                tilted += turned * tilting[i, k] * tilting[j, k]
+            if i == j:
+                tilted += doubt
+            Q[_G + i, _G + j] = tilted
+            Q[_G + i, _V + j] = Q[_V + i, _G + j] = -seconds / 2 * tilted
+            Q[_V + i, _V + j] = seconds**2 / 4 * tilted
+        Q[_V + i, _V + i] += pushed
+        Q[_A + i, _A + i] = posed
+
+
+@compiled(
+    "Tuple((f8[::1], f8[:, ::1], f8[:, ::1]))(f8[:], f8[:, :], f8[:, ::1], f8, f8, UniTuple(f8, 3))",
+    *(crossing, steered, carried_over, stirred),
+)
 def carried(
     x: Floats, P: Floats, span: Floats, kept: float, strength: float, noise: tuple[float, float, float]
 ) -> tuple[Floats, Floats, Floats]:
@@ -20,62 +89,21 @@ def carried(
     An uncertain angle, from bias or matrix, also shifts gravity by half of its square. F has no such term, so Q has it
     as noise (second order; A. H. Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
     """
-    turned, pushed, posed = noise
-    bias, g, v, a, m = 0, 6, 9, 12, 15  # index of each part of the state
-    end, push, push_by_accel, seconds = span[:3], span[3], span[12:15], span[33, 0]
-    moved, F, Q, after = np.empty(24), np.zeros((24, 24)), np.zeros((24, 24)), np.empty(3)
-    for i in range(24):
-        moved[i], F[i, i] = x[i], 1.0
+    F, Q, after, tilting = np.eye(24), np.zeros((24, 24)), np.empty(3), np.zeros((3, 3))
+    push, push_by_accel, seconds = span[3], span[12:15], span[33, 0]
     for i in range(3):
-        after[i] = x[v + i] + push[i] - x[g + i] * seconds
-    # Cross-product matrices of g and after.
-    tilts, swings, tilting = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
-    tilts[2, 1], tilts[0, 2], tilts[1, 0] = x[g], x[g + 1], x[g + 2]
-    tilts[1, 2], tilts[2, 0], tilts[0, 1] = -x[g], -x[g + 1], -x[g + 2]
-    swings[2, 1], swings[0, 2], swings[1, 0] = after[0], after[1], after[2]
-    swings[1, 2], swings[2, 0], swings[0, 1] = -after[0], -after[1], -after[2]
-    tilt, swing, doubt = np.empty(9), np.empty(9), 0.0
-    for part, n, at in ((bias, 3, 6), (m, 9, 15)):
-        turn, pushing = span[at : at + n].reshape(3, n), span[at + n : at + 2 * n].reshape(3, n)
-        for j in range(n):
-            for i in range(3):
-                for k in range(n):
-                    doubt += turn[i, j] * P[part + j, part + k] * turn[i, k]
-            for i in range(3):
-                tilt[i], swing[i] = 0.0, pushing[i, j]
-                for k in range(3):
-                    tilt[i] += tilts[i, k] * turn[k, j]
-                    swing[i] += swings[i, k] * turn[k, j]
-            for i in range(3):
-                for k in range(3):
-                    F[g + i, part + j] += end[k, i] * tilt[k]
-                    F[v + i, part + j] += end[k, i] * swing[k]
-    norm = 0.0
+        after[i] = x[_V + i] + push[i] - x[_G + i] * seconds
+    tilts = crossing(x[_G : _G + 3])
+    doubt = steered(F, P, span, (0, 3, 6), tilts, crossing(after)) + steered(
+        F, P, span, (_M, 9, 15), tilts, crossing(after)
+    )
     for i in range(3):
-        moved[g + i] = moved[v + i] = 0.0
-        moved[a + i] = kept * x[a + i]
-        F[a + i, a + i] = kept
+        F[_A + i, _A + i] = kept
         for k in range(3):
-            moved[g + i] += end[k, i] * x[g + k]
-            moved[v + i] += end[k, i] * after[k]
-            F[g + i, g + k] = F[v + i, v + k] = end[k, i]
-            F[v + i, g + k] = -seconds * end[k, i]
+            F[_G + i, _G + k] = F[_V + i, _V + k] = span[k, i]
+            F[_V + i, _G + k] = -seconds * span[k, i]
             for j in range(3):
-                tilting[i, j] += end[k, i] * tilts[k, j]
-                F[v + i, a + j] += end[k, i] * push_by_accel[k, j]
-        norm += moved[g + i] ** 2
-    for i in range(3):
-        moved[g + i] *= strength / np.sqrt(norm)
-        # A rotation tilts g by its whole angle and v by half of that on average.
-        for j in range(3):
-            tilted = 0.0
-            for k in range(3):
-                tilted += turned * tilting[i, k] * tilting[j, k]
-            if i == j:
-                tilted += (strength * doubt / 2) ** 2
-            Q[g + i, g + j] = tilted
-            Q[g + i, v + j] = Q[v + i, g + j] = -seconds / 2 * tilted
-            Q[v + i, v + j] = seconds**2 / 4 * tilted
-        Q[v + i, v + i] += pushed
-        Q[a + i, a + i] = posed
-    return moved, F, Q
+                tilting[i, j] += span[k, i] * tilts[k, j]
+                F[_V + i, _A + j] += span[k, i] * push_by_accel[k, j]
+    stirred(Q, tilting, seconds, (strength * doubt / 2) ** 2, noise)
+    return carried_over(x, span, after, kept, strength), F, Q

@@ -14,7 +14,35 @@ Wholes = NDArray[np.int64]
 COUNT, ACCEL, CELSIUS, FLAGS, FIRST, START = range(6)
 
 
-@compiled("void(i8[:, :], f8[:, :], u8[:], f4[:], u4[:], f8[:], f8[:, :], i8[:, :], f8[:, :])")
+def vector(values: Float32s, limit: float, row: Floats) -> bool:
+    """Write a reading (3,); return whether it is within the limit."""
+    fit = True
+    for c in range(3):
+        fit &= bool(abs(values[c]) <= limit)
+        row[c] = values[c]
+    return fit
+
+
+def starts(numbers: Wholes, ticks: int) -> tuple[int, int, int, int]:
+    """Index of the first value of gyro, accel, °C and flags behind the ticks of all messages."""
+    gyro = 2 * ticks
+    accel = gyro + 3 * ticks
+    celsius = accel + numbers[ACCEL].sum() // 4
+    return gyro, accel, celsius, celsius + numbers[CELSIUS].sum() // 4
+
+
+def host_time(passed_ns: float, start: int, latest: float, place: Wholes) -> bool:
+    """Write the host time of a sample, ns, so long after the first one; return whether it is not beyond the latest."""
+    if not passed_ns <= latest - start:
+        return False
+    place[1] = start + np.int64(np.rint(passed_ns))
+    return True
+
+
+@compiled(
+    "void(i8[:, :], f8[:, :], u8[:], f4[:], u4[:], f8[:], f8[:, :], i8[:, :], f8[:, :])",
+    *(vector, starts, host_time),
+)
 def unpacked(
     numbers: Wholes,
     clocks: Floats,
@@ -36,47 +64,27 @@ def unpacked(
     limits: largest gyro, accel, °C and host time; masks of known flags, of those that make a reading unfit, and of
     those that make its °C unfit.
     """
-    m = numbers.shape[1]
     known, unfit, stepped = np.uint32(limits[4]), np.uint32(limits[5]), np.uint32(limits[6])
-    at, gyro = 0, 2 * len(ticks)
-    accel = gyro + 3 * len(ticks)
-    celsius = accel
-    for i in range(m):
-        celsius += numbers[ACCEL, i] // 4
-    flags = celsius
-    for i in range(m):
-        flags += numbers[CELSIUS, i] // 4
-    for message in range(m):
+    gyro, accel, celsius, flags = starts(numbers, len(ticks))
+    at = 0
+    for message in range(numbers.shape[1]):
         n, first, start = numbers[COUNT, message], numbers[FIRST, message], numbers[START, message]
         aided, warm, marked = numbers[ACCEL, message] > 0, numbers[CELSIUS, message] > 0, numbers[FLAGS, message] > 0
         period, rate, begin, fit = clocks[0, message], clocks[1, message], ticks[at], True
         for i in range(n):
             row, place, tick = rows[at + i], places[at + i], ticks[at + i]
             fit &= tick < np.uint64(1 << 63) and (i == 0 or tick > ticks[at + i - 1])
-            row[0] = tick * period
-            for c in range(3):
-                value = floats[gyro + 3 * i + c]
-                fit &= bool(abs(value) <= limits[0])
-                row[1 + c] = value
-                row[4 + c] = np.nan
-                if aided:
-                    value = floats[accel + 3 * i + c]
-                    fit &= bool(abs(value) <= limits[1])
-                    row[4 + c] = value
             mark = words[flags + i] if marked else np.uint32(0)
             fit &= mark & ~known == 0
-            row[7] = 1.0 if mark & unfit else 0.0
-            row[8] = np.nan
+            row[0], row[4:7], row[7], row[8] = tick * period, np.nan, 1.0 if mark & unfit else 0.0, np.nan
+            fit &= vector(floats[gyro + 3 * i : gyro + 3 * i + 3], limits[0], row[1:4])
+            if aided:
+                fit &= vector(floats[accel + 3 * i : accel + 3 * i + 3], limits[1], row[4:7])
             if warm:
-                value = floats[celsius + i]
-                fit &= bool(abs(value) <= limits[2])
-                if not mark & stepped:
-                    row[8] = value
+                fit &= bool(abs(floats[celsius + i]) <= limits[2])
+                row[8] = np.nan if mark & stepped else floats[celsius + i]
             passed_ns = np.float64(tick - begin) * period * rate * 1e9 if tick >= begin else np.inf
-            if passed_ns <= limits[3] - start:
-                place[1] = start + np.int64(np.rint(passed_ns))
-            else:
-                fit = False
+            fit &= host_time(passed_ns, start, limits[3], place)
             place[0], place[2] = first + i, mark
         found[0, message], found[1, message], found[2, message] = rows[at, 0], rows[at + n - 1, 0], 1.0 if fit else 0.0
         at += n

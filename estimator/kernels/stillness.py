@@ -24,7 +24,147 @@ def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
     return state, recent
 
 
-@compiled("f8[:, ::1](f8[:, ::1], f8[:, ::1], f8[:, ::1], UniTuple(f8, 12))")
+def near(a: Floats, b: Floats, tolerance: float) -> bool:
+    """Whether two rates (3,) differ by less than a tolerance on every axis."""
+    return bool(abs(a[0] - b[0]) < tolerance and abs(a[1] - b[1]) < tolerance and abs(a[2] - b[2]) < tolerance)
+
+
+def window_end(time: Floats, read: Floats, begin: int, fewest: int, window_s: float, far: float) -> int:
+    """Index after the last sample of the window that begins at `begin`; beyond the samples where more are needed."""
+    held, end = len(time), begin
+    while end < held and time[end] < time[begin] + window_s:
+        end += 1
+    end = max(end + 1, begin + fewest)
+    # A window does not end at a spike: only the readings after a spike show that it is one.
+    for _ in range(_SPIKE_AND_BACK):
+        if end > held:
+            break
+        leap = 0.0
+        for c in range(3):
+            leap = max(leap, abs(read[end - 1, c] - read[end - 2, c]))
+        if leap <= far:
+            break
+        end += 1
+    return end
+
+
+def summed(read: Floats, mean: Floats, std: Floats) -> None:
+    """Write mean (6,) and standard deviation (6,) of readings (n, 6)."""
+    n = len(read)
+    mean[:], std[:] = 0.0, 0.0
+    for i in range(n):
+        for c in range(6):
+            mean[c] += read[i, c]
+    for c in range(6):
+        mean[c] /= n
+    for i in range(n):
+        for c in range(6):
+            std[c] += (read[i, c] - mean[c]) ** 2
+    for c in range(6):
+        std[c] = np.sqrt(std[c] / (n - 1))
+
+
+def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, float, float]) -> int:
+    """Replace spikes in readings (n, 6) by the mean of their neighbours; return in how many samples.
+
+    before (3,): the reading before the first. spikes: least distance, the same relative to the usual one, and to the
+    neighbours'.
+    """
+    n, (far, unusual, alone) = len(read), spikes
+    lone, around, off = np.zeros(n, np.bool_), np.empty(n + 1), np.zeros(n + 1)
+    for c in range(3):
+        around[0], around[1:] = before[c], read[:, c]
+        # The last reading has only one neighbour and is never taken for a spike.
+        for i in range(1, n):
+            off[i] = abs(around[i] - 0.5 * (around[i - 1] + around[i + 1]))
+        usual = np.median(off[1:n])
+        for i in range(1, n):
+            # At a step, or at two equal readings, the neighbours differ by twice as much.
+            agreed = off[i] > abs(around[i + 1] - around[i - 1])
+            # A spike also spoils its neighbours' means, by half of itself.
+            by_itself = off[i] > alone * max(off[i - 1], off[i + 1])
+            if agreed and by_itself and off[i] > max(far, unusual * usual):
+                read[i - 1, c] = 0.5 * (around[i - 1] + around[i + 1])
+                lone[i - 1] = True
+    for i in range(n):
+        if lone[i]:  # a mended reading is no longer clipped
+            clipped[i] = 0.0
+    return int(lone.sum())
+
+
+def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[bool, bool]:
+    """Whether a window has a gap, and whether a reading in it is clipped; before: time of the sample before it."""
+    gap, cut_off = False, False
+    for i in range(len(time)):
+        gap |= time[i] - before >= gap_s
+        cut_off |= clipped[i] != 0.0
+        before = time[i]
+    return gap, cut_off
+
+
+def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple[float, ...]) -> bool:
+    """Whether readings of this mean (6,) and std (6,) scatter no more than at rest; accel's mean is NaN without one."""
+    _, _, factor, floor, jolt, _, _, ceiling, _, _, _, _ = knobs
+    # At a higher output data rate a reading averages over less time: its noise is larger until learnt anew.
+    denser = np.sqrt(rate_hz / noise[0]) if rate_hz > _FASTER * noise[0] else 1.0
+    calm = np.isnan(mean[3]) or max(std[3], std[4], std[5]) <= jolt
+    for c in range(3):
+        calm &= not std[c] > min(max(factor * denser * noise[1 + c], floor), ceiling)
+    return bool(calm)
+
+
+def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[float, ...]) -> bool:
+    """Whether a quiet window of mean rate (3,) belongs to a rest, or is long enough at another rate to be one."""
+    _, _, _, _, _, tolerance, new_s, _, _, _, _, _ = knobs
+    rest, odd, reference = state[1], state[2], state[4, 1:]
+    rested = np.isnan(reference[0]) or near(mean, reference, tolerance)
+    if rested and (np.isnan(rest[1]) or near(mean, rest[1:], tolerance)):
+        odd[:] = np.nan
+        return True
+    # Quiet but at another rate: an even turn, or a rest after an unobserved change of the bias.
+    if rested:
+        reference[:] = rest[1:]
+    if np.isnan(odd[0]) or not near(mean, odd[1:], tolerance):
+        odd[0], odd[1:] = begun, mean
+    if ended - odd[0] < new_s:
+        return False
+    reference[:], odd[:] = mean, np.nan
+    return True
+
+
+def middle(values: Floats, lower: int) -> float:
+    """Median of values; of an even number the mean of the two in the middle, or with lower = 0 the upper of the two."""
+    known, ordered = len(values), np.empty(RECENT)
+    for i in range(known):
+        place = i
+        while place > 0 and ordered[place - 1] > values[i]:
+            ordered[place] = ordered[place - 1]
+            place -= 1
+        ordered[place] = values[i]
+    return float(ordered[(known - lower) // 2] + ordered[known // 2]) / 2
+
+
+def learnt(known: int, state: Floats, recent: Floats) -> bool:
+    """Update the mean of the rest and the noise from the latest `known` windows; return whether the noise was updated."""
+    rest, noise, reference = state[1], state[3], state[4, 1:]
+    # The first windows of a stream may be the end of a movement: require several in a row.
+    if known >= 4 or (known and not np.isnan(reference[0])):
+        for c in range(3):
+            reference[c] = recent[:known, c].mean()
+        # The mean stays fixed after four windows, so that a slow turn does not drag it along.
+        if known >= 4 and np.isnan(rest[1]):
+            rest[1:] = reference
+    if known < 8:
+        return False
+    for c in range(4):
+        noise[c] = middle(recent[:known, 3 + c], min(c, 1))
+    return True
+
+
+@compiled(
+    "f8[:, ::1](f8[:, ::1], f8[:, ::1], f8[:, ::1], UniTuple(f8, 12))",
+    *(near, window_end, summed, mended, broken, quiet, rests, middle, learnt),
+)
 def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]) -> Floats:
     """Judged windows (m, 22) of samples, rows (n, 9) of samples/sample_buffer.py; spikes are mended in the rows.
 
@@ -35,108 +175,31 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
     noise was learnt, and the noise; unused, and the mean of the last rest.
     recent (RECENT, 7): mean, rate and std of the latest windows of this rest.
     """
-    window_s, least, factor, floor, jolt, tolerance, new_s, ceiling, gap_s, far, unusual, alone = knobs
-    last, rest, odd, noise, reference = state[0], state[1], state[2], state[3], state[4, 1:]
-
-    def near(a: Floats, b: Floats) -> bool:
-        return bool(abs(a[0] - b[0]) < tolerance and abs(a[1] - b[1]) < tolerance and abs(a[2] - b[2]) < tolerance)
-
+    window_s, least, _, _, _, _, _, _, gap_s, far, unusual, alone = knobs
+    last, rest, odd, noise = state[0], state[1], state[2], state[3]
     time, read, clipped = rows[:, 0], rows[:, 1:7], rows[:, 7]
     held, fewest, begin, found = len(time), int(least), 0, 0
-    windows, ordered = np.empty((held // fewest, 22)), np.empty(RECENT)
+    windows = np.empty((held // fewest, 22))
     while held - begin >= fewest and time[-1] - time[begin] >= window_s:
-        end = begin
-        while end < held and time[end] < time[begin] + window_s:
-            end += 1
-        end = max(end + 1, begin + fewest)
-        # A window does not end at a spike: only the readings after a spike show that it is one.
-        for _ in range(_SPIKE_AND_BACK):
-            if end > held:
-                break
-            leap = 0.0
-            for c in range(3):
-                leap = max(leap, abs(read[end - 1, c] - read[end - 2, c]))
-            if leap <= far:
-                break
-            end += 1
+        end = window_end(time, read, begin, fewest, window_s, far)
         if end > held:
             break
-        row = windows[found]
+        row, here = windows[found], read[begin:end]
         mean, std = row[7:13], row[13:19]
-        n, begun, ended = end - begin, time[begin], time[end - 1]
+        n, begun, ended, spikes = end - begin, time[begin], time[end - 1], 0
         rate_hz = (n - 1) / (ended - begun) if ended > begun else 0.0
-
-        spikes = 0
-        for again in range(2):
-            mean[:], std[:] = 0.0, 0.0
-            for i in range(begin, end):
-                for c in range(6):
-                    mean[c] += read[i, c]
-            for c in range(6):
-                mean[c] /= n
-            for i in range(begin, end):
-                for c in range(6):
-                    std[c] += (read[i, c] - mean[c]) ** 2
-            for c in range(6):
-                std[c] = np.sqrt(std[c] / (n - 1))
-            if again or max(std[0], std[1], std[2]) * np.sqrt(2.0 * (n - 1)) <= far:
-                break  # no reading can be a spike
-            lone = np.zeros(n, np.bool_)
-            for c in range(3):
-                around, off = np.empty(n + 1), np.zeros(n + 1)
-                around[0] = last[1 + c] if begun - last[0] < gap_s else read[begin, c]
-                around[1:] = read[begin:end, c]
-                # The last reading has only one neighbour and is never taken for a spike.
-                for i in range(1, n):
-                    off[i] = abs(around[i] - 0.5 * (around[i - 1] + around[i + 1]))
-                usual = np.median(off[1:n])
-                for i in range(1, n):
-                    # At a step, or at two equal readings, the neighbours differ by twice as much.
-                    agreed = off[i] > abs(around[i + 1] - around[i - 1])
-                    # A spike also spoils its neighbours' means, by half of itself.
-                    by_itself = off[i] > alone * max(off[i - 1], off[i + 1])
-                    if agreed and by_itself and off[i] > max(far, unusual * usual):
-                        read[begin + i - 1, c] = 0.5 * (around[i - 1] + around[i + 1])
-                        lone[i - 1] = True
-            spikes = lone.sum()
-            for i in range(n):
-                if lone[i]:  # a mended reading is no longer clipped
-                    clipped[begin + i] = 0.0
-            if not spikes:
-                break
-
-        gap, cut_off, before = False, False, last[0]
-        for i in range(begin, end):
-            gap |= time[i] - before >= gap_s
-            cut_off |= clipped[i] != 0.0
-            before = time[i]
+        summed(here, mean, std)
+        if max(std[0], std[1], std[2]) * np.sqrt(2.0 * (n - 1)) > far:  # a reading may be a spike
+            before = last[1:] if begun - last[0] < gap_s else here[0, :3].copy()
+            spikes = mended(here, clipped[begin:end], before, (far, unusual, alone))
+            if spikes:
+                summed(here, mean, std)
+        gap, cut_off = broken(time[begin:end], clipped[begin:end], last[0], gap_s)
         last[0], last[1:] = ended, read[end - 1, :3]
-        if gap:
+        still = not (gap or cut_off) and quiet(mean, std, rate_hz, noise, knobs)
+        if gap or not (still or cut_off):
             odd[:] = np.nan
-        # A window with accelerometer readings in only a part of it is judged without them.
-        aided, still = not np.isnan(mean[3]), False
-        if not (gap or cut_off):
-            quiet = not aided or max(std[3], std[4], std[5]) <= jolt
-            # At a higher output data rate a reading averages over less time: its noise is larger until learnt anew.
-            denser = np.sqrt(rate_hz / noise[0]) if rate_hz > _FASTER * noise[0] else 1.0
-            for c in range(3):
-                quiet &= not std[c] > min(max(factor * denser * noise[1 + c], floor), ceiling)
-            rested = np.isnan(reference[0]) or near(mean, reference)
-            if not quiet:
-                odd[:] = np.nan
-            elif rested and (np.isnan(rest[1]) or near(mean, rest[1:])):
-                odd[:] = np.nan
-                still = True
-            else:
-                # Quiet but at another rate: an even turn, or a rest after an unobserved change of the bias.
-                if rested:
-                    reference[:] = rest[1:]
-                if np.isnan(odd[0]) or not near(mean, odd[1:]):
-                    odd[0], odd[1:] = begun, mean[:3]
-                if ended - odd[0] >= new_s:
-                    reference[:], odd[:] = mean[:3], np.nan
-                    still = True
-
+        still = still and rests(mean[:3], begun, ended, state, knobs)
         known = 0
         if still:
             latest = recent[int(rest[0]) % RECENT]
@@ -145,25 +208,10 @@ def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]
             known = min(int(rest[0]), RECENT)
         else:
             rest[0], rest[1:] = 0.0, np.nan
-        # The first windows of a stream may be the end of a movement: require several in a row.
-        if known >= 4 or (still and not np.isnan(reference[0])):
-            for c in range(3):
-                reference[c] = recent[:known, c].mean()
-            # The mean stays fixed after four windows, so that a slow turn does not drag it along.
-            if known >= 4 and np.isnan(rest[1]):
-                rest[1:] = reference
-        told = known >= 8
-        if told:
-            for c in range(4):
-                for i in range(known):
-                    value, place = recent[i, 3 + c], i
-                    while place > 0 and ordered[place - 1] > value:
-                        ordered[place] = ordered[place - 1]
-                        place -= 1
-                    ordered[place] = value
-                noise[c] = ordered[known // 2] if c == 0 else (ordered[(known - 1) // 2] + ordered[known // 2]) / 2
+        row[6] = learnt(known, state, recent)
         row[0], row[1], row[2], row[3] = begun, ended, end, spikes
-        row[4], row[5], row[6] = still, aided, told
+        # A window with accelerometer readings in only a part of it is judged without them.
+        row[4], row[5] = still, not np.isnan(mean[3])
         row[19:] = noise[1:]
         begin, found = end, found + 1
     return windows[:found]

@@ -20,43 +20,46 @@ END, PUSH, SHIFT, DRIFT, BY_BIAS, PUSH_BY_BIAS, PUSH_BY_ACCEL = (
 BY_MATRIX, PUSH_BY_MATRIX, SCALARS, ROWS = slice(15, 24), slice(24, 33), 33, 34
 
 
-@compiled("f8[:, ::1](f8[:], f8[:, :], f8[:, :], f8[:, :], f8[:], f8[:], f8[:])")
-def summed(
-    dt: Floats, gyro: Floats, accel: Floats, calibrated: Floats, bias: Floats, accel_bias: Floats, change: Floats
-) -> Floats:
-    """Rows (ROWS, 3) of a span by geometry/strapdown.py; the slopes by the matrix, (3, 9), fill nine rows.
-
-    The matrix used is (1 + change) calibrated, with change (9,) and calibrated (3, 3). SCALARS: seconds, way, unrest.
-    """
-    n = len(dt)
-    rate, force, carried, moved = np.empty((n, 3)), np.empty((n, 3)), np.empty((9, n)), np.empty((9, n))
-    rows, matrix = np.zeros((ROWS, 3)), calibrated.copy()
-    scalars, by_bias, by_matrix = rows[SCALARS], np.zeros((6, 3)), rows[15:33].reshape(6, 9)
+def rates(gyro: Floats, bias: Floats, calibrated: Floats, change: Floats) -> tuple[Floats, Floats]:
+    """Rates (n, 3) of readings, and the matrix (3, 3) used for them: (1 + change) calibrated."""
+    rate, matrix = np.empty(gyro.shape), calibrated.copy()
     for r in range(3):
         for c in range(3):
             for k in range(3):
                 matrix[r, c] += change[3 * r + k] * calibrated[k, c]
+    for i in range(len(gyro)):
+        x, y, z = gyro[i, 0] - bias[0], gyro[i, 1] - bias[1], gyro[i, 2] - bias[2]
+        for r in range(3):
+            rate[i, r] = matrix[r, 0] * x + matrix[r, 1] * y + matrix[r, 2] * z
+    return rate, matrix
+
+
+def half_turn(speed: float, h: float) -> tuple[float, float]:
+    """Cosine of half the angle turned in h s, and its sine divided by the speed, rad/s."""
+    half = 0.5 * speed * h
+    if half >= 0.05:
+        return np.cos(half), np.sin(half) / speed
+    q = half * half  # the series are exact here, and faster
+    cosine = 1 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320))))
+    return cosine, 0.5 * h * (1 - q * (1 / 6 - q * (1 / 120 - q * (1 / 5040))))
+
+
+def turned(dt: Floats, rate: Floats, force: Floats, carried: Floats, end: Floats) -> tuple[float, float]:
+    """Integrate the attitude; return the span's length, s, and the angle turned in total, rad.
+
+    force (n, 3), changed in place from device axes to axes of the begin. Written: carried (9, n), the mean attitude in each
+    sample times its dt, and end (3, 3), the last attitude.
+    """
     seconds = way = 0.0
     # Scalars stay in registers: the attitude as a quaternion, and as matrix rows x, y and z before and after a sample.
     qw, qx, qy, qz = 1.0, 0.0, 0.0, 0.0
     xx, xy, xz, yx, yy, yz, zx, zy, zz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
-    for i in range(n):
-        h = dt[i]
-        x, y, z = gyro[i, 0] - bias[0], gyro[i, 1] - bias[1], gyro[i, 2] - bias[2]
-        u = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z
-        v = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z
-        w = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z
-        rate[i, 0], rate[i, 1], rate[i, 2] = u, v, w
+    for i in range(len(dt)):
+        h, u, v, w = dt[i], rate[i, 0], rate[i, 1], rate[i, 2]
         speed = np.sqrt(u * u + v * v + w * w)
         seconds += h
         way += speed * h
-        half = 0.5 * speed * h
-        if half < 0.05:  # the series are exact here, and faster
-            q = half * half
-            cosine = 1 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320))))
-            sine = 0.5 * h * (1 - q * (1 / 6 - q * (1 / 120 - q * (1 / 5040))))
-        else:
-            cosine, sine = np.cos(half), np.sin(half) / speed
+        cosine, sine = half_turn(speed, h)
         x, y, z = sine * u, sine * v, sine * w
         qw, qx, qy, qz = (
             qw * cosine - qx * x - qy * y - qz * z,
@@ -64,7 +67,7 @@ def summed(
             qw * y - qx * z + qy * cosine + qz * x,
             qw * z + qx * y - qy * x + qz * cosine,
         )
-        ax, ay, az = accel[i, 0] - accel_bias[0], accel[i, 1] - accel_bias[1], accel[i, 2] - accel_bias[2]
+        ax, ay, az = force[i, 0], force[i, 1], force[i, 2]
         now_x = qw * qw + qx * qx - qy * qy - qz * qz, 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)
         now_y = 2 * (qx * qy + qw * qz), qw * qw - qx * qx + qy * qy - qz * qz, 2 * (qy * qz - qw * qx)
         now_z = 2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), qw * qw - qx * qx - qy * qy + qz * qz
@@ -80,10 +83,16 @@ def summed(
         xx, xy, xz = now_x
         yx, yy, yz = now_y
         zx, zy, zz = now_z
-    scalars[0], scalars[1] = seconds, way
+    end[0], end[1], end[2] = (xx, xy, xz), (yx, yy, yz), (zx, zy, zz)
+    return seconds, way
+
+
+def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Floats:
+    """Velocity changes (9, n) by the rotation `carried` of each sample; writes their sum of forces, push (3,)."""
     # A rotation phi moves the force f by phi x f. A sample's rotation error moves all pushes from that sample on.
+    moved = np.empty(carried.shape)
     ahead_x = ahead_y = ahead_z = 0.0
-    for i in range(n - 1, -1, -1):
+    for i in range(len(dt) - 1, -1, -1):
         ahead_x += force[i, 0] * dt[i]
         ahead_y += force[i, 1] * dt[i]
         ahead_z += force[i, 2] * dt[i]
@@ -92,7 +101,13 @@ def summed(
             moved[c, i] = ahead_z * y - ahead_y * z
             moved[3 + c, i] = ahead_x * z - ahead_z * x
             moved[6 + c, i] = ahead_y * x - ahead_x * y
-    rows[PUSH, 0], rows[PUSH, 1], rows[PUSH, 2] = ahead_x, ahead_y, ahead_z
+    push[0], push[1], push[2] = ahead_x, ahead_y, ahead_z
+    return moved
+
+
+def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_matrix: Floats) -> None:
+    """Write the slopes of rotation and push by a rate error of each device axis (6, 3), and by the matrix (6, 9)."""
+    n = len(rate)
     for r in range(3):
         for c in range(3):
             # Several independent sums at once, since each addition waits for the one before in its own sum.
@@ -110,10 +125,13 @@ def summed(
             by_bias[r, c], by_bias[3 + r, c] = turn, push
             by_matrix[r, 3 * c], by_matrix[r, 3 * c + 1], by_matrix[r, 3 * c + 2] = turn_x, turn_y, turn_z
             by_matrix[3 + r, 3 * c], by_matrix[3 + r, 3 * c + 1], by_matrix[3 + r, 3 * c + 2] = push_x, push_y, push_z
-    rows[0], rows[1], rows[2] = (xx, xy, xz), (yx, yy, yz), (zx, zy, zz)
-    square = 0.0
+
+
+def strayed(dt: Floats, force: Floats, push: Floats, seconds: float, shift: Floats) -> float:
+    """Unrest, m/s: rms deviation of the velocity from a constant push; writes shift (3,)."""
+    n, square = len(dt), 0.0
     for r in range(3):
-        evenly, shifted, pushed, strayed, passed = rows[PUSH, r] / seconds, 0.0, 0.0, 0.0, 0.0
+        evenly, shifted, pushed, strays, passed = push[r] / seconds, 0.0, 0.0, 0.0, 0.0
         for i in range(n):
             h = dt[i]
             more = force[i, r] * h
@@ -121,14 +139,37 @@ def summed(
             pushed += more
             passed += h
             stray = pushed - evenly * passed
-            strayed += stray
+            strays += stray
             square += stray * stray
-        rows[SHIFT, r] = shifted
-        square -= strayed * strayed / n
-    scalars[2] = np.sqrt(max(0.0, square) / n)
+        shift[r] = shifted
+        square -= strays * strays / n
+    return float(np.sqrt(max(0.0, square) / n))
+
+
+@compiled(
+    "f8[:, ::1](f8[:], f8[:, :], f8[:, :], f8[:, :], f8[:], f8[:], f8[:])",
+    *(rates, half_turn, turned, moved_ahead, slopes, strayed),
+)
+def summed(
+    dt: Floats, gyro: Floats, accel: Floats, calibrated: Floats, bias: Floats, accel_bias: Floats, change: Floats
+) -> Floats:
+    """Rows (ROWS, 3) of a span by geometry/strapdown.py; the slopes by the matrix, (3, 9), fill nine rows.
+
+    The matrix used is (1 + change) calibrated, with change (9,) and calibrated (3, 3). SCALARS: seconds, way, unrest.
+    """
+    rows, force, carried = np.zeros((ROWS, 3)), np.empty(accel.shape), np.empty((9, len(dt)))
+    scalars, by_bias, by_matrix = rows[SCALARS], np.zeros((6, 3)), rows[15:33].reshape(6, 9)
+    rate, matrix = rates(gyro, bias, calibrated, change)
+    for i in range(len(dt)):
+        for c in range(3):
+            force[i, c] = accel[i, c] - accel_bias[c]
+    scalars[0], scalars[1] = turned(dt, rate, force, carried, rows[:3])
+    moved = moved_ahead(dt, force, carried, rows[PUSH])
+    slopes(carried, moved, rate, by_bias, by_matrix)
+    scalars[2] = strayed(dt, force, rows[PUSH], scalars[0], rows[SHIFT])
     for r in range(3):
         for c in range(3):
-            rows[DRIFT, r] += rows[c, r] * (rows[PUSH, c] - rows[SHIFT, c] / seconds)
+            rows[DRIFT, r] += rows[c, r] * (rows[PUSH, c] - rows[SHIFT, c] / scalars[0])
             rows[12 + r, c] = -by_bias[r, c]
             for k in range(3):
                 rows[6 + r, c] -= by_bias[r, k] * matrix[k, c]

@@ -1,10 +1,12 @@
 """Writes a corrected recording to an .npz or .csv file, atomically.
 
 npz: `t_s` (n,), `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s`, `bias_std_rad_s` (n, 3), `quality` (n,) as a number,
-`quality_names`, `matrix` (3, 3) and `rate_hz`. If recorded, also `accel_m_s2` (n, 3) and `temperature_c` (n,).
+`quality_names`, `quat_wxyz` (n, 4) sensor to earth, scalar first, `tilt_std`, `heading_std` (n,) in rad, `matrix` (3, 3) and
+`rate_hz`. If recorded, also `accel_m_s2` (n, 3) and `temperature_c` (n,).
 
 CSV: a header row, then a row per sample, with the same quantities in the same units. A vector has a column per axis:
-rate_x_rad_s, rate_std_x_rad_s, bias_x_rad_s, bias_std_x_rad_s …; quality is given by name.
+rate_x_rad_s, rate_std_x_rad_s, bias_x_rad_s, bias_std_x_rad_s …; quality is given by name; then quat_w … quat_z, tilt_std,
+heading_std.
 """
 
 import os
@@ -20,7 +22,7 @@ from bridge.recording import Recording
 from bridge.recording.error import RecordingError
 from bridge.wire.messages import Quality
 from estimator.geometry.gyro_model import AXES
-from estimator.offline.corrected_recording import CorrectedRecording, Floats
+from estimator.offline.corrected_recording import CorrectedRecording, Floats, Singles
 
 _QUALITIES = tuple(quality.name for quality in sorted(Quality))
 _VECTORS = ("rate", "rate_std", "bias", "bias_std")
@@ -89,6 +91,7 @@ def _save_npz(
         **{f"{name}_rad_s": getattr(c, name) for name in _VECTORS},
         "quality": c.quality,
         "quality_names": np.array(_QUALITIES),
+        **_orientation(c),
         "matrix": c.matrix,
         "rate_hz": np.float64(c.rate_hz),
         **_passed_on(recording),
@@ -100,8 +103,9 @@ def _save_npz(
 def _save_csv(
     file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
 ) -> None:
-    passed_on = _passed_on(recording)
+    passed_on = {**_orientation(c), **_passed_on(recording)}
     names = ["t_s", *(f"{vector}_{axis}_rad_s" for vector in _VECTORS for axis in AXES), "quality"]
+    names += [*(f"quat_{axis}" for axis in "wxyz"), "tilt_std", "heading_std"]
     names += [f"accel_{axis}_m_s2" for axis in AXES] if "accel_m_s2" in passed_on else []
     names += ["temperature_c"] if "temperature_c" in passed_on else []
     form = ",".join(["%.6f", *["%.9g"] * 12, "%s", *["%.9g"] * (len(names) - 14)]) + "\n"
@@ -115,6 +119,10 @@ def _save_csv(
         rows = zip(before, quality, after, strict=True)
         file.write("".join(form % tuple(chain(b, (q,), a)) for b, q, a in rows).encode())
         progress(min(part.stop, len(c)), len(c))
+
+
+def _orientation(c: CorrectedRecording) -> dict[str, Singles | Floats]:
+    return {"quat_wxyz": c.quat_wxyz, "tilt_std": c.tilt_std, "heading_std": c.heading_std}
 
 
 def _passed_on(recording: Recording) -> dict[str, Floats]:

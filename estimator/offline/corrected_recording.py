@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from bridge.wire.messages import CorrectedBatch, Quality
+from estimator.orientation.attitude import Oriented
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -20,6 +22,7 @@ class CorrectedRecording:
     time_s (n,): seconds since the first sample. rate (n, 3): corrected rate, rad/s, in the device's frame.
     rate_std (n, 3): its standard deviation from noise, bias and bias flicker, scale and misalignment.
     bias (n, 3) rad/s: reading at zero rate; bias_std (n, 3): its standard deviation.
+    quat_wxyz (n, 4): attitude, sensor to earth (z up), scalar first; see docs/orientation.md. tilt_std, heading_std (n,) rad.
     quality (n,): values of bridge.wire.messages.Quality. matrix (3, 3) and calibration (its id): those of the last row.
     events: counts of events on the way. said: messages that the live service would have logged.
 
@@ -32,6 +35,9 @@ class CorrectedRecording:
     bias: Singles
     bias_std: Singles
     quality: NDArray[np.uint8]
+    quat_wxyz: Singles
+    tilt_std: Singles
+    heading_std: Singles
     matrix: Floats
     calibration: str
     rate_hz: float
@@ -41,6 +47,11 @@ class CorrectedRecording:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @property
+    def rotation(self) -> Rotation:
+        """Rotations from sensor to earth axes; `rotation.apply(vectors)` gives a sensor's vectors in earth axes."""
+        return Rotation.from_quat(self.quat_wxyz, scalar_first=True)
 
     def seconds(self) -> dict[str, float]:
         """Return seconds spent in each quality, by name, in the order of Quality; absent qualities are left out."""
@@ -55,6 +66,9 @@ class Rows:
         self.filled = 0
         self.rate, self.rate_std, self.bias, self.bias_std = (np.empty((n, 3), np.float32) for _ in range(4))
         self.quality = np.empty(n, np.uint8)
+        self.quat_wxyz = np.empty((n, 4), np.float32)
+        self.tilt_std, self.heading_std = np.empty(n, np.float32), np.empty(n, np.float32)
+        self._oriented = 0
 
     def take(self, batch: CorrectedBatch, matrix: Floats) -> None:
         """Fill the next rows from a batch that was corrected with this matrix (3, 3)."""
@@ -65,3 +79,11 @@ class Rows:
         var = np.linalg.solve(matrix**2, np.square(batch.bias_std.astype(float)))
         self.bias_std[part] = np.sqrt(np.maximum(var, 0.0))
         self.filled = part.stop
+
+    def turn(self, attitudes: Oriented, first: int | None = None) -> None:
+        """Fill the attitudes of the rows from `first` on, by default of the next rows."""
+        begin = self._oriented if first is None else first
+        part = slice(begin, begin + len(attitudes.quat_wxyz))
+        self.quat_wxyz[part] = attitudes.quat_wxyz
+        self.tilt_std[part], self.heading_std[part] = attitudes.tilt_std, attitudes.heading_std
+        self._oriented = part.stop

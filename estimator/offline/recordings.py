@@ -201,6 +201,7 @@ class _Pass:
             remembered = PriorKnowledge(replace(known, boot=_BOOT + other_boot), None)
             self._matrices[known.id] = known.matrix
             self._names[known.id] = known.id
+        self._session.orient()
         self._session.begin_boot(_BOOT, float(recording.device_time[0]), remembered)
 
     def take(self, samples: SampleBatch) -> None:
@@ -232,6 +233,8 @@ class _Pass:
         for batch in outcome.corrected:
             self.rows.take(batch, self._matrices[batch.calibration])
             self._last = batch
+        for one in outcome.oriented:
+            self.rows.turn(one.attitudes)
 
     def corrected(self) -> CorrectedRecording:
         last, rows, session = self._last, self.rows, self._session
@@ -249,6 +252,9 @@ class _Pass:
             bias=rows.bias,
             bias_std=rows.bias_std,
             quality=rows.quality,
+            quat_wxyz=rows.quat_wxyz,
+            tilt_std=rows.tilt_std,
+            heading_std=rows.heading_std,
             matrix=matrix,
             calibration=self._names[last.calibration],
             rate_hz=self._recording.rate_hz,

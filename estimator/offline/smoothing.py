@@ -1,15 +1,20 @@
 """Smooths a corrected recording: corrects it again with a bias that uses later evidence too."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.recording import Recording, RecordingError
-from bridge.wire.messages import CorrectedBatch, Quality, rate_std
+from bridge.wire.messages import CorrectedBatch, Quality, combined_std
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
+from estimator.kernels.orientation import KNOWN_ACCEL_STD, KNOWN_BIAS_STD, KNOWN_MATRIX_STD, KNOWN_NOISE, TRACE
 from estimator.offline.corrected_recording import Floats, Rows
+from estimator.orientation.attitude import Attitude, Oriented
+from estimator.orientation.smoothing import smooth
+from estimator.samples.sample_buffer import ACCEL, CLIPPED, GYRO, TIME, WIDTH
 
 #: rows processed at a time, to limit memory
 _ROWS = 100_000
@@ -42,8 +47,9 @@ def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: 
         rate = (recording.gyro[part] - bias_now) @ matrix.T
         left = np.sqrt(np.square(bias_std) @ np.square(matrix).T)
         rows.rate[part], rows.bias[part], rows.bias_std[part] = rate, bias_now, bias_std
-        rows.rate_std[part] = rate_std(rate, last.noise_std, left, last.scale_std, last.cross_std, last.flicker_std)
+        rows.rate_std[part] = combined_std(rate, last.noise_std, left, last.scale_std, last.cross_std, last.flicker_std)
     rows.quality[:] = _quality(rows, session)
+    _smooth_attitudes(rows, recording, session)
 
 
 def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
@@ -56,6 +62,24 @@ def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
         trusted = np.flatnonzero(rows.quality != doubted)
         unsure[trusted[-1] + 1 if len(trusted) else 0 :] = True
     return np.where(unsure, doubted, known)
+
+
+def _smooth_attitudes(rows: Rows, recording: Recording, session: DeviceSession) -> None:
+    """Overwrite the attitudes: once more from the smoothed rates, and levelled by later samples too."""
+    known, attitude = session.applied.known.copy(), Attitude(session.knobs.orientation)
+    known[:KNOWN_BIAS_STD] = *np.eye(3).ravel(), *np.zeros(3)
+    samples = np.full((len(recording), WIDTH), np.nan)
+    samples[:, TIME], samples[:, GYRO], samples[:, CLIPPED] = recording.device_time, rows.rate, 0.0
+    if recording.accel is not None:
+        samples[:, ACCEL] = recording.accel
+    trace, parts = np.empty((len(recording), TRACE)), list[Oriented]()
+    seconds = np.flatnonzero(np.diff(np.floor(samples[:, TIME]), prepend=-np.inf)).tolist()
+    for start, end in pairwise([*seconds, len(recording)]):
+        known[KNOWN_BIAS_STD:KNOWN_MATRIX_STD] = rows.bias_std[start]
+        found, trace[start:end] = attitude.traced(samples[start:end], known)
+        parts.append(found)
+    whole = Oriented(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    rows.turn(smooth(whole, trace, known[KNOWN_ACCEL_STD:KNOWN_NOISE]), 0)
 
 
 def _between(now: Floats, time: Floats, values: Floats) -> Floats:

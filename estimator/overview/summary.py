@@ -3,20 +3,27 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isnan
 from typing import Any
 
 from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english, in_words, sentences_as_json
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import DeviceInfo, State, Status
+from estimator.device.attention import complaints, needs_person
 from estimator.device.bridge_choice import ELSEWHERE
-from estimator.overview.ward import LOW_BATTERY_PERCENT, charge_it
+from estimator.overview.ward import listed
 from estimator.service import overload
 from estimator.service.conservation import EVENT
 from estimator.service.quota import FLOODED
 
 _MOST = 3  # most reasons shown
+#: settings of the ward's file that are probably wrong where several devices give the same reason
+_SETTINGS = {
+    Code.NOT_ONE_TURN: "model",
+    Code.SENSITIVITY_WRONG: "model",
+    Code.RATE_WRONG: "rate_hz",
+    Code.RATE_OFF_BY_TWO: "rate_hz",
+}
 #: notices that a device's rate is not as expected
 _OF_RATE = (Code.RATE_CHANGED, Code.RATE_DIFFERS, Code.CLOCK_DIFFERS)
 _URGENT = (
@@ -85,6 +92,7 @@ def summarise(
         *duplicate_bridges.found(statuses.values()),
         *overload.found(statuses.values()),
         *overload.unkept(statuses.values()),
+        *_alike(statuses),
     ]
     return WardSummary(
         ward=ward,
@@ -100,6 +108,19 @@ def summarise(
         bridges=sorted(bridges),
         estimators=sorted(estimators),
         troubles=tuple(troubles) if names else (*troubles, Code.NO_DEVICE(), *_misnamed(ward, bridges, estimators)),
+    )
+
+
+def _alike(statuses: Mapping[str, Status]) -> Sentences:
+    """Settings that are doubted, as several devices are refused for the same reason."""
+    found: dict[str, list[str]] = {}
+    for name, status in sorted(statuses.items()):
+        for setting in {_SETTINGS[Code(one.code)] for one in status.reason if one.code in _SETTINGS}:
+            found.setdefault(setting, []).append(name)
+    return tuple(
+        Code.SETTING_DOUBTED(devices=len(names), names=listed(names), setting=setting)
+        for setting, names in found.items()
+        if len(names) > 1
     )
 
 
@@ -179,22 +200,10 @@ def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | N
     trouble = info.trouble if info else ()
     if status is None or (trouble and status.state is State.LOST):
         return Need(name, State.UNKNOWN if status is None else State.LOST, trouble or (Code.NEVER_HEARD(),))
-    if status.state is not State.TRACKING:
-        return Need(name, status.state, status.reason + _refused(info))
-    if refused := _refused(info):
-        return Need(name, status.state, refused)
-    if (
-        info is not None
-        and not isnan(info.battery_percent)
-        and info.battery_percent < LOW_BATTERY_PERCENT
-        and not info.charging
-    ):
-        return Need(name, status.state, (charge_it(info.battery_percent),))
-    return None
-
-
-def _refused(info: DeviceInfo | None) -> Sentences:
-    return () if info is None else tuple(one for one in info.notices if one.code == Code.SAMPLES_BAD)
+    if not needs_person(status.state, info):
+        return None
+    why = () if status.state is State.TRACKING else status.reason
+    return Need(name, status.state, why + complaints(info))
 
 
 def _law(name: str, status: Status) -> Sentence | None:

@@ -8,16 +8,20 @@ from typing import Any
 
 from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import sentences_as_json
-from bridge.reasons.codes import Code, Sentence, Sentences
+from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
+from estimator.device.attention import LOW_BATTERY_PERCENT, complaints, needs_person
 from estimator.device.lifecycle import NEVER_S
 
 #: seconds without a status after which a device counts as silent; a status comes once a second
 SILENT_S = 3.5
-LOW_BATTERY_PERCENT = 15.0
 SILENT, UNKNOWN, TRACKING = "silent", "unknown", "tracking"
 #: states, most urgent first
 URGENCY = ("lost", SILENT, UNKNOWN, "awaiting still", "bias only", "degraded", "turning", "warming", TRACKING)
+#: of a device that tracks and yet needs a person
+_ASKS = URGENCY.index("awaiting still")
+#: states of devices that wait for turns by hand
+_WAIT = ("awaiting still", "bias only", "warming", "turning")
 _LISTED = 20
 #: most bridges per device whose info is kept
 _BRIDGES = 8
@@ -29,11 +33,13 @@ class DeviceRow:
     """One device of a ward.
 
     `gaps` and `missing_samples` count since the estimator knows the device. None is unknown.
+    needs_person: as `estimator.device.attention` defines it; a device that nothing is known of needs a person too.
     """
 
     device: str
     state: str
     reason: Sentences
+    needs_person: bool = True
     quality: str = ""
     rate_hz: float = 0.0
     gaps: int = 0
@@ -49,11 +55,11 @@ class DeviceRow:
         return self.battery_percent is not None and self.battery_percent < LOW_BATTERY_PERCENT and not self.charging
 
     @property
-    def order(self) -> tuple[int, int, str]:
+    def order(self) -> tuple[int, bool, str]:
         """Sort key: most urgent first."""
         urgency = URGENCY.index(self.state)
-        if self.low_battery:
-            urgency = min(urgency, URGENCY.index("awaiting still"))
+        if self.needs_person and self.state == TRACKING:
+            urgency = min(urgency, _ASKS)
         return urgency, not self.notices, self.device
 
     def as_dict(self) -> dict[str, Any]:
@@ -132,13 +138,15 @@ class WardView:
         about: dict[str, Any] = {}
         if info is not None:
             battery = None if math.isnan(info.battery_percent) else info.battery_percent
-            about = {"battery_percent": battery, "charging": info.charging, "notices": info.notices}
+            low = tuple(one for one in complaints(info) if one.code == Code.LOW_BATTERY)
+            about = {"battery_percent": battery, "charging": info.charging, "notices": (*low, *info.notices)}
         trouble = () if info is None else info.trouble
         if status is None:
             reason = trouble or (Code.NO_ESTIMATOR_SPOKE(),)
             return DeviceRow(name, UNKNOWN, reason, **about)
-        state, reason = WORDS[status.state], status.reason
+        state, reason, needs = WORDS[status.state], status.reason, needs_person(status.state, info)
         if silence := _silence(now - heard):
+            needs = True
             state, reason = SILENT, silence
         else:
             reason = trouble + reason
@@ -148,6 +156,7 @@ class WardView:
             name,
             state,
             reason,
+            needs,
             status.quality.name.lower().replace("_", " "),
             status.rate_hz,
             status.events.get("gaps", 0),
@@ -169,9 +178,10 @@ def _unless_silent(status: Status, for_s: float) -> Status:
     return replace(status, state=State.UNKNOWN, quality=quality, reason=silence)
 
 
-def charge_it(percent: float) -> Sentence:
-    """Return the sentence for a low battery."""
-    return Code.LOW_BATTERY(percent=f"{percent:.0f}")
+def to_calibrate(rows: Iterable[DeviceRow]) -> list[str]:
+    """Return the devices that wait for turns by hand, those that nobody has begun with first."""
+    waits = sorted((row for row in rows if row.state in _WAIT), key=lambda row: _WAIT.index(row.state))
+    return [row.device for row in waits]
 
 
 def counted(rows: Iterable[DeviceRow]) -> str:

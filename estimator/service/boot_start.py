@@ -13,9 +13,7 @@ from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.restore_key import changed, restore_key
 from estimator.samples.sample_buffer import Samples
 from estimator.service.device import Device
-from estimator.service.device_roster import DeviceRoster
-from estimator.service.fault_isolation import FaultIsolation
-from estimator.service.store_access import StoreAccess
+from estimator.service.parts import Parts
 
 log = logging.getLogger(__name__)
 
@@ -23,8 +21,8 @@ log = logging.getLogger(__name__)
 class Boots:
     """Starts boots of the roster's devices from stored and replicated knowledge."""
 
-    def __init__(self, devices: DeviceRoster, record: StoreAccess, guarded: FaultIsolation) -> None:
-        self._devices, self._record, self._guarded = devices, record, guarded
+    def __init__(self, parts: Parts) -> None:
+        self._devices, self._record, self._guarded = parts.devices, parts.record, parts.guarded
 
     def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
         """Begin a boot from the first batch, with what is known of the boot and a prior from earlier boots.

@@ -3,18 +3,19 @@
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from bridge.bus.contract import Bus, Message
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
-from bridge.wire.messages import Checkpoint, Holding, Move, Owned
+from bridge.wire.messages import Checkpoint, Holding, Owned
 from bridge.wire.refusal import Refusal, Tally
 from estimator.client.decoder import Decoder
 from estimator.service.checkpoints import Checkpoints, checkpoint_of
 from estimator.service.device import Device
 from estimator.service.device_roster import MAX_DEVICES
 from estimator.service.membership import LEASE_S, Membership
+from estimator.service.moves import Moves
 from estimator.service.ownership import BEYOND
 from estimator.service.replay_log import ReplayLog
 
@@ -26,7 +27,7 @@ SAY_S, SAY_ALONE_S = 0.25, 1.0
 TAKEN_AT_ONCE = 8
 #: a round that starts this long after the last was delayed here; the others' silence is then excused, s
 HELD_UP_S = 0.5
-_MOVES, _TOKENS, _KEYS, _SAID = 8, 65536, 16384, 64
+_TOKENS, _SAID = 65536, 64
 #: messages of another estimator with this estimator's id are counted under this name
 DOUBLE = "messages of another estimator with our id"
 
@@ -50,7 +51,8 @@ class Cluster:
         self.membership = Membership(own, peers, now)
         self.replicas = Checkpoints(MAX_DEVICES)
         self._bus, self._now_ns, self._counts = bus, now_ns, counts
-        self._replay = ReplayLog()
+        #: recent messages of all devices, kept beside other estimators
+        self.replay = ReplayLog()
         #: whether another estimator was ever seen
         self.company = not self.membership.alone
         #: called on a thread of the bus when an estimator appears or disappears
@@ -64,8 +66,7 @@ class Cluster:
         self._kept = bus.subscribe(keys.pattern(ward, "checkpoint"), history=True, prompt=False)
         self._watch = bus.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
         self._looked, self._deaf_s, self._next_say, self._scan = now, 0.0, 0.0, True
-        self._devices = dict[str, str | None]()  # by key
-        self._moves: deque[Move] = deque(maxlen=_MOVES)
+        self._moves = Moves(now_ns)
         self._came = False
         self._why: Sentences = ()
         self._calibrated: list[Checkpoint] = []
@@ -113,7 +114,7 @@ class Cluster:
             membership.lose(device, taker, now)
         for name in sorted(set(lost.values())):
             left = sum(taker == name for taker in lost.values())
-            self._moves.append(Move(self._now_ns(), 0, left, (Code.ESTIMATOR_TOOK(estimator=name),)))
+            self._moves.left(left, name)
         return list(lost)
 
     def look_round(self, now: float, devices: Collection[str]) -> None:
@@ -186,29 +187,22 @@ class Cluster:
                 *(Code.ESTIMATOR_GONE(estimator=name) for name in gone),
             )
 
-    # ---- whose messages are ours --------------------------------------------------------------------------------------
+    # ---- which devices are ours ---------------------------------------------------------------------------------------
 
-    def sift(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
-        """Split messages: those of our devices, and devices to take over now, each with its backlog of messages."""
-        held, ours = self.membership.held, list[Message]()
-        others: dict[str, list[Message]] = {}
-        for message in messages:
-            device = self._device(message.key)
-            if device is None or device in held:
-                ours.append(message)  # a malformed key is refused and counted by the decoder
-            else:
-                others.setdefault(device, []).append(message)
-            if device is not None and self.company:
-                self._replay.add(device, message, now)
-        self._replay.tidy(now)
+    def take(self, others: Mapping[str, Sequence[Message]], now: float) -> dict[str, list[Message]]:
+        """Take the devices that belong to us now; returns each with its backlog of messages.
+
+        others: messages of this round, by device, of devices that we do not hold.
+        """
+        self.replay.tidy(now)
         wanted = [device for device in others if self.membership.wants(device, now)]
         if self._scan and self.membership.ready(now):
-            known = {known.device for known in self.replicas} | self._replay.devices()
+            known = {known.device for known in self.replicas} | self.replay.devices()
             wanted = list(dict.fromkeys([*wanted, *(d for d in sorted(known) if self.membership.wants(d, now))]))
             self._scan = False
             self._why = self._why if wanted else ()
         if not wanted:
-            return ours, {}
+            return {}
         # Alone, no other estimator holds messages of a device not yet taken.
         taken = wanted[:TAKEN_AT_ONCE] if self.company else wanted
         self._scan |= len(wanted) > len(taken)
@@ -216,7 +210,7 @@ class Cluster:
             self.membership.take(device, self._now_ns())
         again = any(self.replicas.of(device) is not None for device in taken)
         self._moved(len(taken), self._why or (Code.SHARED_ANEW() if again else Code.HEARD_FIRST(),))
-        return ours, self._replay.of(taken) if self.company else {device: others.get(device, []) for device in taken}
+        return self.replay.of(taken) if self.company else {device: list(others.get(device, ())) for device in taken}
 
     def epoch(self, device: str) -> int:
         """Epoch under which we hold a device; takes the device if it is not held yet."""
@@ -225,17 +219,6 @@ class Cluster:
     def answers(self, device: str) -> bool:
         """Whether this estimator is the one to answer commands for the device."""
         return self.membership.answers(device)
-
-    def _device(self, key: str) -> str | None:
-        if key in self._devices:
-            return self._devices[key]
-        if len(self._devices) >= _KEYS:
-            self._devices.clear()
-        try:
-            device = self._devices[key] = keys.parse(key).device
-        except Refusal:
-            device = None
-        return device
 
     # ---- what is said of ours -----------------------------------------------------------------------------------------
 
@@ -258,7 +241,7 @@ class Cluster:
                     membership.highest,
                     self._load,
                     some,
-                    tuple(self._moves),
+                    tuple(self._moves.latest),
                     part,
                     parts,
                 )
@@ -280,9 +263,7 @@ class Cluster:
             device.say_checkpoint(codec.encode_checkpoint(checkpoint))
 
     def _moved(self, came: int, why: Sentences) -> None:
-        if self._moves and self._moves[-1].came and self._moves[-1].reason == why:
-            came += self._moves.pop().came
-        self._moves.append(Move(self._now_ns(), came, 0, why))
+        self._moves.came(came, why)
         self._next_say = 0.0  # publish ownership before any message under the new epoch, which is unknown to the others
         if not self._scan:
             self._why = ()

@@ -8,12 +8,9 @@ from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire import keys
 from bridge.wire.messages import Command, CommandReply
-from bridge.wire.refusal import Tally
 from estimator.service.device import Device
-from estimator.service.device_roster import DeviceRoster
 from estimator.service.enrolment_gate import EnrolmentGate
-from estimator.service.fault_isolation import FaultIsolation
-from estimator.service.store_access import StoreAccess
+from estimator.service.parts import Parts
 
 log = logging.getLogger(__name__)
 
@@ -26,17 +23,9 @@ REPEATED = "commands repeated"
 class CommandHandler:
     """Executor of commands, on the service's own thread. Commands.work calls `do`."""
 
-    def __init__(
-        self,
-        devices: DeviceRoster,
-        record: StoreAccess,
-        gate: EnrolmentGate,
-        guarded: FaultIsolation,
-        counts: Tally,
-        now_ns: Callable[[], int],
-    ) -> None:
-        self._devices, self._record, self._gate = devices, record, gate
-        self._guarded, self._counts, self._now_ns = guarded, counts, now_ns
+    def __init__(self, parts: Parts, gate: EnrolmentGate) -> None:
+        self._devices, self._record, self._gate = parts.devices, parts.record, gate
+        self._guarded, self._counts, self._now_ns = parts.guarded, parts.counts, parts.now_ns
 
     def do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
         """Execute a command unless it was executed before; `kept` is called once the outcome is on disk."""
@@ -70,7 +59,8 @@ class CommandHandler:
         self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
         if (refusal := refusals[0]) is not None:
             return CommandReply(command.request_id, accepted=False, message=(refusal,))
-        message = (Code.NOTED(),) if verb == "note" else device.session.life.goes_on
+        done = {"note": (Code.NOTED(),), "zero-heading": (Code.HEADING_IS_ZERO(),)}
+        message = done.get(verb, device.session.life.goes_on)
         return CommandReply(command.request_id, accepted=True, message=message)
 
 
@@ -89,4 +79,6 @@ def _obey(device: Device, verb: str, command: Command) -> Sentence | None:
         return device.session.recalibrate(command.who, command.reason)
     if verb == "cancel":
         return device.session.cancel(command.who)
+    if verb == "zero-heading":
+        return device.session.zero_heading(command.who)
     return None if command.reason.strip() else Code.NOTE_EMPTY()

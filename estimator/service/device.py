@@ -2,15 +2,14 @@
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowBatch
-from bridge.wire.refusal import Reason
 from estimator.device.admission import Admission
 from estimator.device.batch_correction import Cut, Rates
+from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.service import output
@@ -20,12 +19,14 @@ from estimator.service.overload import OVERLOADED, UNKEPT
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
 #: kept open for a time after a takeover: rates, the calibrations they name, and checkpoints for a cut-off estimator
 _ASKED_FOR = "corrected", "calibration", "checkpoint"
-#: a device is announced once it has sent this many samples, since an id alone costs next to nothing
-ANNOUNCED_AT = 5
+#: a newcomer that no list names is announced once it has lived for so long, device s: its publishers cost much
+NEWCOMER_S = 2.0
 #: the first checkpoint is due after this time, s; until then the former owner's checkpoint still serves
 FIRST_CHECKPOINT_S = 1.0
 #: silence after which the status states how old its information is, s
 SILENT_S = 2.0
+#: s without a subscriber after which the orientation is given up; who comes back earlier finds the same heading
+FORGET_ORIENTATION_S = 10
 #: sample counts before some work on a device: held, taken in, corrected and published
 Counted = tuple[int, int, int, int]
 
@@ -57,6 +58,9 @@ class Device:
         #: encoded calibrations to be published once stored; messages that refer to them wait in `_held`
         self._unsaid: dict[str, bytes] = {}
         self._held: list[bytes] = []
+        #: device s after which the device is announced: NEWCOMER_S where neither a list nor the store knows it, else 0
+        self.announced_after_s = 0.0
+        self._first_s = math.inf  # device time of the first sample of a device that is not announced
         self._told = ""  # id of the calibration published last
         #: how long the estimator has not kept up with its devices, s; 0 when it keeps up
         self.overloaded_s = 0
@@ -69,17 +73,15 @@ class Device:
         self.session = DeviceSession(name, knobs, began, self.admission.sequence)
         #: boot number that another power-up had before, until this power-up is calibrated
         self.repeated: int | None = None
-        #: corrected samples published, or to be published in this round or once the device is announced
+        #: corrected samples published, or to be published in this round
         self.told = 0
-        #: encoded corrected batches that wait until the device is announced, with their sample counts
-        self._waiting: list[tuple[bytes, int]] = []
-        self._put: Callable[[bytes], None] = _nowhere  # publishes a corrected batch
         self._gone = False
-        #: samples after which the device is announced; 0 where another estimator has published its checkpoint
-        self.announced_at = ANNOUNCED_AT
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
+        self._oriented: Publisher | None = None
+        self._unwanted_s = 0  # s for which nobody has subscribed to the orientation
         self._encoder = output.Encoder(name, epoch)
+        self._orientation = output.Orientations(name, epoch)
 
     @property
     def counted(self) -> Counted:
@@ -89,8 +91,8 @@ class Device:
 
     @property
     def announced(self) -> bool:
-        """Whether the device's messages are published."""
-        return bool(self._publishers)
+        """Whether the device's messages are published; a newcomer's are only once it has lived for NEWCOMER_S."""
+        return not self._gone and not self.announced_after_s
 
     @property
     def worthless(self) -> bool:
@@ -98,25 +100,15 @@ class Device:
         return self.session.calibration is None and self.session.prior is None
 
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
-        """Publish corrected samples, or keep the first few until the device is announced."""
-        payload = self._encoder.encode(cut, rates)
-        if not self._publishers and not self._announced():
-            self._waiting.append((payload, cut.n))
-            return
-        if self._waiting:
-            for waited, _ in self._waiting:
-                self._put(waited)
-            self._waiting = []
-        self._put(payload)
+        """Publish corrected samples, or keep them: of a newcomer, and while their calibration waits to be stored."""
+        self._held.append(self._encoder.encode(cut, rates))
+        if not self.announced:
+            self._first_s = min(self._first_s, cut.samples.first_s)
+            if cut.samples.last_s - self._first_s >= self.announced_after_s:
+                self.announced_after_s = 0.0
+        self._say_held()
         if self._delay_s is None:
             self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
-
-    def drop_waiting(self) -> None:
-        """Drop unpublished samples of the previous boot as OLD_BOOT, since a new boot began before the announcement."""
-        waiting, self._waiting = sum(n for _, n in self._waiting), []
-        if waiting:
-            self.session.sequence.drop(Reason.OLD_BOOT, waiting)
-            self.told -= waiting
 
     def say_windows(self, batch: WindowBatch) -> None:
         """Publish window summaries, if they fit the wire's limits."""
@@ -124,8 +116,21 @@ class Device:
         if fit is not None and self._windowed is not None:
             self._windowed.put(codec.encode_windows(fit))
 
+    def say_orientation(self, one: OrientedCut) -> None:
+        """Publish the orientation of corrected samples."""
+        if self._oriented is not None and not self._unwanted_s:
+            self._oriented.put(self._orientation.encode(one))
+
     def look_round(self) -> None:
-        """Once a second: make window summaries only while somebody subscribes to them."""
+        """Once a second: make window summaries and orientation only while somebody subscribes to them."""
+        if self._oriented is None and self.announced:
+            self._oriented = self._bus.publisher(keys.build(self._ward, "orientation", device=self.name))
+        oriented = self._oriented is not None and self._oriented.wanted
+        self._unwanted_s = 0 if oriented else self._unwanted_s + 1
+        if oriented and self.session.attitude is None:
+            self.session.orient()
+        elif self._unwanted_s > FORGET_ORIENTATION_S:
+            self.session.attitude = None
         if self._windowed is None and self.announced:
             self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         wanted = self._windowed is not None and self._windowed.wanted
@@ -133,21 +138,19 @@ class Device:
 
     def say_status(self, time_ns: int) -> None:
         """Publish the present status, unless a calibration still waits to be stored."""
-        if not self._unsaid and (self._publishers or self._announced()):
+        if not self._unsaid:
             self.latest = self.status(time_ns)
             self._say("status", codec.encode_status(self.latest))
             self._say_known()
 
     def say_calibration(self, calibration: str, payload: bytes) -> None:
         """Publish an encoded calibration with this id."""
-        if self._publishers or self._announced():
-            self._told = calibration
-            self._say("calibration", payload)
+        self._told = calibration
+        self._say("calibration", payload)
 
     def hold(self, calibration: str, payload: bytes) -> None:
         """Hold back rates corrected by this calibration until it is stored: nobody could look it up before."""
         self._unsaid[calibration] = payload
-        self._put = self._held.append
 
     def let_go(self, calibration: str) -> bool:
         """Publish a held calibration and the rates that waited for it; returns whether it was held."""
@@ -155,12 +158,14 @@ class Device:
         if payload is None:
             return False
         self.say_calibration(calibration, payload)
-        if not self._unsaid:
-            held, self._held = self._held, []
-            if self._announced():
-                for waited in held:
-                    self._put(waited)
+        self._say_held()
         return True
+
+    def _say_held(self) -> None:
+        if self.announced and not self._unsaid:
+            held, self._held = self._held, []
+            for payload in held:
+                self._say("corrected", payload)
 
     def _say_unsaid(self) -> None:
         """Publish everything that waits for the disk."""
@@ -169,8 +174,7 @@ class Device:
 
     def say_checkpoint(self, payload: bytes) -> None:
         """Publish an encoded checkpoint for the other estimators."""
-        if self._publishers:
-            self._say("checkpoint", payload)
+        self._say("checkpoint", payload)
 
     def _say_known(self) -> None:
         """Publish the calibration in use if a former owner published it, so that new subscribers can look it up."""
@@ -181,14 +185,13 @@ class Device:
     def say_revision(self, revision: BiasRevision) -> None:
         """Publish a revision of the past bias, if any of it fits the wire's limits."""
         fit = output.revision(revision)
-        if fit is not None and (self._publishers or self._announced()):
+        if fit is not None:
             self._say("revision", codec.encode_revision(fit))
 
     def say_note(self, time_ns: int, who: str, text: str) -> None:
         """Publish a person's note on the device."""
-        if self._publishers or self._announced():
-            note = Note(self.name, self.session.boot or 0, time_ns, who, text)
-            self._say("note", codec.encode_note(note))
+        note = Note(self.name, self.session.boot or 0, time_ns, who, text)
+        self._say("note", codec.encode_note(note))
 
     def status(self, time_ns: int) -> Status:
         """The complete status, within the wire's limits."""
@@ -239,27 +242,15 @@ class Device:
     def close(self) -> None:
         """Close all publishers."""
         self._say_unsaid()
-        for publisher in (*self._publishers.values(), *filter(None, [self._windowed])):
+        for publisher in (*self._publishers.values(), *filter(None, [self._windowed, self._oriented])):
             publisher.close()
-        self._publishers, self._windowed = {}, None
-
-    def _announced(self) -> bool:
-        if self._gone or self.session.sequence.samples_out < self.announced_at:
-            return False
-        put = self._publisher("corrected").put
-        self._put = self._held.append if self._unsaid else put
-        return True
+        self._publishers, self._windowed, self._oriented = {}, None, None
 
     def _say(self, what: str, payload: bytes) -> None:
-        self._publisher(what).put(payload)
-
-    def _publisher(self, what: str) -> Publisher:
-        """Publisher for one kind of message, declared on first use to keep a takeover of many devices fast."""
+        """Publish a message of an announced device; publishers are declared on first use to keep a takeover fast."""
+        if not self.announced:
+            return
         if (publisher := self._publishers.get(what)) is None:
             key = keys.build(self._ward, what, device=self.name)
             publisher = self._publishers[what] = self._bus.publisher(key, cache=CACHES[what])
-        return publisher
-
-
-def _nowhere(payload: bytes) -> None:
-    raise RuntimeError(f"{len(payload)} bytes of a device that is not announced")
+        publisher.put(payload)

@@ -26,8 +26,6 @@ log = logging.getLogger(__name__)
 STRANGER, FOREIGN = "messages refused, not enrolled", "messages refused, another bridge's device"
 #: most strangers listed, and how long each is listed after its last message, s
 LISTED, LISTED_S = 64, 30.0
-#: most keys remembered as admitted
-_KNOWN = 16_384
 
 
 @dataclass(slots=True)
@@ -46,7 +44,6 @@ class EnrolmentGate:
         self._enrolment, self._counts = enrolment, counts
         self._stamp = self._stamped()  # taken before reading: a change during the read is then read again
         self._places = enrolment.read() if enrolment else {}
-        self._known = set[str]()
         self._heard = set[str]()  # enrolled devices heard from their own bridges
         self.strangers: dict[str, Stranger] = {}
 
@@ -54,8 +51,7 @@ class EnrolmentGate:
         """The messages of enrolled devices, and those with malformed keys, which the decoder refuses with a reason."""
         if self._enrolment is None:
             return messages
-        known = self._known
-        return [message for message in messages if message.key in known or self._admits(message.key, now)]
+        return [message for message in messages if self.admits(message.key, now)]
 
     def look(self, now: float) -> None:
         """Once a second: reload the enrolment file if it changed, and drop strangers no longer heard."""
@@ -79,7 +75,6 @@ class EnrolmentGate:
             return
         log.info("[devices]: %d devices are enrolled now, %d before", len(places), len(self._places))
         self._places = places
-        self._known.clear()
         self._heard.clear()
         for name in self.strangers.keys() & places.keys():
             del self.strangers[name]
@@ -93,7 +88,10 @@ class EnrolmentGate:
             return ()
         return (Code.NOT_ENROLLED(),)
 
-    def _admits(self, key: str, now: float) -> bool:
+    def admits(self, key: str, now: float) -> bool:
+        """Whether a message with this key is admitted; a refused one is counted, and its device may be listed."""
+        if self._enrolment is None:
+            return True
         _, bridge, device = ("", "", *key.rsplit("/", 2))[-3:]
         place = self._places.get(device)
         if not (keys.ID.match(device) and keys.ID.match(bridge)):
@@ -108,9 +106,6 @@ class EnrolmentGate:
                 self._list(device, bridge, now)
             return False
         self._heard.add(device)
-        if len(self._known) >= _KNOWN:
-            self._known.clear()
-        self._known.add(key)
         return True
 
     def _count(self, device: str, bridge: str, now: float) -> None:

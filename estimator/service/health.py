@@ -21,13 +21,14 @@ STUCK_S = 5.0
 class DeviceHealth(NamedTuple):
     """Health of one device: status, mean NIS per degree of freedom, seconds from a sample's receipt to its publication.
 
-    violations: how often the conservation law was broken.
+    violations: how often the conservation law was broken. needs_person: see `estimator.device.attention`.
     """
 
     status: Status
     nis: float
     latency_s: float
     violations: int
+    needs_person: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +153,7 @@ def _of_devices(devices: Mapping[str, DeviceHealth]) -> Iterator[MetricFamily]:
         lambda d: d.violations,
         counter=True,
     )
+    yield family("needs_person", "1 if a person has to do something.", lambda d: d.needs_person)
     yield family("rate_hz", "Samples per second of the device's clock.", lambda d: d.status.rate_hz)
     yield family(
         "latency_seconds", "Seconds from a sample's receipt at the bridge to its publication.", lambda d: d.latency_s

@@ -10,17 +10,17 @@ from bridge.bus.contract import Message
 from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.wire import codec, keys
-from bridge.wire.refusal import Refusal, Tally
+from bridge.wire.refusal import Refusal
 from estimator.client.decoder import Decoder
 from estimator.device.batch_correction import Cut, correct
 from estimator.device.bridge_choice import BEGINS, Ruling
+from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
 from estimator.samples.sample_buffer import Samples
 from estimator.service.boot_start import Boots
 from estimator.service.decode import decode
 from estimator.service.device import Device
-from estimator.service.device_roster import DeviceRoster
-from estimator.service.fault_isolation import FaultIsolation
+from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.replay_log import DONE, Resumed
 
@@ -38,17 +38,15 @@ class Intake:
 
     def __init__(
         self,
-        devices: DeviceRoster,
+        parts: Parts,
         boots: Boots,
         stock: PeriodicChecks,
-        guarded: FaultIsolation,
         resumed: Resumed,
-        counts: Tally,
         tell: Callable[[Device, Outcome], None],
         newcomer: Callable[[Samples, float], Device | None],
     ) -> None:
-        self._devices, self._boots, self._guarded = devices, boots, guarded
-        self._resumed, self._counts = resumed, counts
+        self._devices, self._boots, self._guarded = parts.devices, boots, parts.guarded
+        self._resumed, self._counts = resumed, parts.counts
         self._say, self._newcomer, self._came = tell, newcomer, stock.came
         self._samples = Decoder("sample", codec.decode_samples, self._refused)
         self._infos = Decoder("info", codec.decode_info, self._refused)
@@ -86,6 +84,8 @@ class Intake:
         def introduced() -> None:
             if (outcome := self._boots.introduced(device, info, before)) is not None:
                 self._tell(device, outcome)
+            if info.calibration is not None and device.announced:  # a refusal could not be published before
+                self._tell(device, device.session.offered(info.calibration, time.time_ns()))
 
         self._guarded(device, introduced)
 
@@ -106,7 +106,6 @@ class Intake:
         """Release a device taken by another estimator; batches that wait for their turn are counted as MOVED."""
         self._holding.pop(device.name, None)
         device.admission.leave(MOVED)
-        device.drop_waiting()
 
     def refused(self) -> dict[str, int]:
         """Number of messages that could not be decoded, by kind and reason."""
@@ -159,7 +158,6 @@ class Intake:
         self._handle(device, released)
         if ruling in BEGINS:
             self._publish()  # publish the samples of the boot before
-            device.drop_waiting()
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
         ready = admission.in_order(batch, now)
         if len(ready) == 1:
@@ -192,7 +190,7 @@ class Intake:
         self._say(device, outcome)
 
     def _publish(self) -> None:
-        """Correct all due samples together and publish them in order."""
+        """Correct all due samples together and publish them in order, then the orientations that somebody wants."""
         due, self._due = self._due, []
         for (device, cut), rates in zip(due, correct([cut for _, cut in due]), strict=True):
             try:
@@ -201,3 +199,7 @@ class Intake:
                 before = device.counted
                 device.told -= cut.n
                 self._guarded.failed(device, error, before)
+        turning = [(attitude, cut) for device, cut in due if (attitude := device.session.attitude) is not None]
+        for one in oriented(turning):
+            if (turned := self._devices.get(one.cut.samples.device)) is not None:
+                turned.say_orientation(one)

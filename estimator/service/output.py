@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire import validation
-from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, CorrectedEncoder
-from bridge.wire.messages import BiasRevision, SampleFlag, Status, WindowBatch
+from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, CorrectedEncoder
+from bridge.wire.messages import BiasRevision, Status, WindowBatch
+from bridge.wire.orientation import OrientationEncoder
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 from estimator.device.batch_correction import Cut, Rates
 from estimator.device.correction import Correction
+from estimator.device.orientation import OrientedCut
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
@@ -78,6 +80,34 @@ class Encoder:
         )
 
 
+class Orientations:
+    """Encoder of one device's orientation into payloads within the wire's limits."""
+
+    def __init__(self, device: str, epoch: int = 0) -> None:
+        self._encoder = OrientationEncoder(device, epoch)
+
+    def encode(self, one: OrientedCut) -> bytes:
+        """Encode the orientation of a cut of samples; an acceleration beyond the range is limited to it."""
+        cut, attitudes, zero = one
+        samples, accel = cut.samples, b""
+        if not isnan(attitudes.accel.item(0)):
+            force = attitudes.accel.astype(np.float32)
+            accel = (force if np.vdot(force, force) <= MAX_ACCEL**2 else force.clip(-MAX_ACCEL, MAX_ACCEL)).tobytes()
+        return self._encoder.encode(
+            samples.boot,
+            cut.sequence,
+            cut.start_time_ns,
+            samples.tick_period_s,
+            samples.clock_rate,
+            cut.ticks,
+            attitudes.quat_wxyz.astype(np.float32).tobytes(),
+            accel,
+            attitudes.cov[-1].astype(np.float32).tobytes(),
+            zero,
+            cut.correction.quality,
+        )
+
+
 def _told(correction: Correction) -> dict[str, NDArray[np.float32]]:
     """Published values of a correction, each number in the wire's range."""
     told = correction.told._asdict()
@@ -109,26 +139,14 @@ def revision(said: BiasRevision) -> BiasRevision | None:
 
 
 def windows(said: WindowBatch) -> WindowBatch | None:
-    """Windows with every number in the wire's range; None where their times are invalid."""
+    """Windows, for viewers; None where a time or number is outside the wire's range."""
     times = said.times_ns.tolist()
     if times[0] < 0 or times[-1] > validation.MAX_TIME_NS or any(a >= b for a, b in pairwise(times)):
         return None
     most = max(float(said.rate_max.max()), -float(said.rate_min.min()))
     worst = max(*said.noise_std.tolist(), *said.bias_std.tolist(), *said.scale_std.tolist())
-    if most <= MAX_CORRECTED and worst <= MAX_STD and max(map(abs, said.bias.tolist())) <= MAX_RATE:
-        return said
-    return replace(
-        said,
-        flags=(said.flags | np.uint32(SampleFlag.CLIPPED)).astype(np.uint32) if most > MAX_CORRECTED else said.flags,
-        rate_mean=_clipped(said.rate_mean, -MAX_CORRECTED, MAX_CORRECTED),
-        rate_std=_clipped(said.rate_std, 0.0, MAX_CORRECTED),
-        rate_min=_clipped(said.rate_min, -MAX_CORRECTED, MAX_CORRECTED),
-        rate_max=_clipped(said.rate_max, -MAX_CORRECTED, MAX_CORRECTED),
-        noise_std=_clipped(said.noise_std, 0.0, MAX_STD),
-        bias_std=_clipped(said.bias_std, 0.0, MAX_STD),
-        scale_std=_clipped(said.scale_std, 0.0, MAX_STD),
-        bias=_clipped(said.bias, -MAX_RATE, MAX_RATE),
-    )
+    fits = most <= MAX_CORRECTED and worst <= MAX_STD and max(map(abs, said.bias.tolist())) <= MAX_RATE
+    return said if fits else None
 
 
 def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_]:

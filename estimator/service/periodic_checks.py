@@ -3,6 +3,7 @@
 import logging
 
 from bridge.wire.refusal import Tally
+from estimator.device.attention import needs_person
 from estimator.device.bridge_choice import ELSEWHERE
 from estimator.service.conservation import EVENT, Conservation, SampleAccount
 from estimator.service.device import Device
@@ -49,7 +50,8 @@ class PeriodicChecks:
         """Note the health of a device that has a published status."""
         if device.latest is not None:
             nis, violations = device.session.tracker.doubt.consistency.nis, self._law.violations.get(device.name, 0)
-            self._seen[device.name] = DeviceHealth(device.latest, nis, device.delay(), violations)
+            needs = needs_person(device.latest.state, device.session.info)
+            self._seen[device.name] = DeviceHealth(device.latest, nis, device.delay(), violations, needs)
 
     def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float) -> None:
         """Publish the health snapshot, with the last noted health of every device still in the roster."""

@@ -6,7 +6,7 @@ own.
 """
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import keys
@@ -23,18 +23,16 @@ class _Token:
     since_s: float
 
 
-@dataclass(slots=True)
-class _Known:
-    """Bounded number of tokens by name; the token that changed longest ago is dropped first."""
+#: the latest tokens by name; the one that changed longest ago comes first
+_Tokens = dict[str, _Token]
 
-    room: int
-    tokens: dict[str, _Token] = field(default_factory=dict)
 
-    def note(self, name: str, token: _Token) -> None:
-        self.tokens.pop(name, None)
-        while len(self.tokens) >= self.room:
-            del self.tokens[next(iter(self.tokens))]
-        self.tokens[name] = token
+def _note(tokens: _Tokens, name: str, token: _Token, room: int) -> None:
+    """Note a token; beyond `room` names the one that changed longest ago is dropped."""
+    tokens.pop(name, None)
+    while len(tokens) >= room:
+        del tokens[next(iter(tokens))]
+    tokens[name] = token
 
 
 class Presence:
@@ -43,8 +41,8 @@ class Presence:
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
         self._waiting: deque[tuple[str, bool]] = deque(maxlen=_MAX_WAITING)
-        self._bridges = _Known(MAX_NAMES)
-        self._devices: dict[str, _Known] = {}
+        self._bridges: _Tokens = {}
+        self._devices: dict[str, _Tokens] = {}
         self._forgot = False
 
     def change(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
@@ -62,22 +60,22 @@ class Presence:
                 continue
             token = _Token(alive, now)
             if key.what == "alive/bridge":
-                self._bridges.note(key.ids["bridge"], token)
+                _note(self._bridges, key.ids["bridge"], token, MAX_NAMES)
             elif key.what == "alive/device":
                 while key.device not in self._devices and len(self._devices) >= MAX_NAMES:
                     del self._devices[next(iter(self._devices))]
-                self._devices.setdefault(key.device, _Known(MAX_BOOTS)).note(key.ids["boot"], token)
+                _note(self._devices.setdefault(key.device, {}), key.ids["boot"], token, MAX_BOOTS)
 
     def forget(self) -> None:
         """Forget all tokens: they vanish with the router, which says nothing about devices."""
         self._forgot = True
         self._waiting.clear()
-        self._bridges.tokens.clear()
+        self._bridges.clear()
         self._devices.clear()
 
     def gone(self, device: str, boot: int, bridge: str, now: float) -> bool:
         """Whether a live bridge has withdrawn the token of exactly this boot."""
-        token, there = self._boot(device, boot), self._bridges.tokens.get(bridge)
+        token, there = self._boot(device, boot), self._bridges.get(bridge)
         return (
             token is not None
             and there is not None
@@ -88,12 +86,12 @@ class Presence:
 
     def heard(self, device: str, boot: int, bridge: str) -> bool:
         """Whether a live bridge states that it hears exactly this boot."""
-        token, there = self._boot(device, boot), self._bridges.tokens.get(bridge)
+        token, there = self._boot(device, boot), self._bridges.get(bridge)
         return token is not None and there is not None and token.alive and there.alive
 
     def why(self, device: str, boot: int, bridge: str) -> Sentences:
         """Known reasons why nothing arrives from a device; empty if there are none."""
-        there, token = self._bridges.tokens.get(bridge), self._boot(device, boot)
+        there, token = self._bridges.get(bridge), self._boot(device, boot)
         if there is not None and not there.alive:
             return (Code.BRIDGE_GONE(bridge=bridge),)
         if token is not None and not token.alive:
@@ -103,5 +101,4 @@ class Presence:
         return ()
 
     def _boot(self, device: str, boot: int) -> _Token | None:
-        known = self._devices.get(device)
-        return None if known is None else known.tokens.get(keys.boot_id(boot))
+        return self._devices.get(device, {}).get(keys.boot_id(boot))

@@ -6,10 +6,8 @@ bias history are thinned (`retention`).
 
 import logging
 from collections.abc import Callable, Iterable
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Self
 
 import msgspec
 import numpy as np
@@ -17,15 +15,24 @@ import numpy as np
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
-from bridge.wire.refusal import Refusal
 from estimator.database import Database, Row, StoreError
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.restore_key import differing, restore_key
 from estimator.service.retention import BOOTS, POINTS, THIN
+from estimator.service.store_rows import (
+    Before,
+    Kept,
+    calibrations_in,
+    kept_in,
+    own_version,
+    read_sentences,
+    repeat_request,
+    written,
+)
 from estimator.tracking.bias_filter import OWN, BiasState
 from estimator.tracking.temperature_learning import Points
 
-__all__ = ["BOOTS", "POINTS", "REPEATED", "Before", "Store", "StoreError"]
+__all__ = ["BOOTS", "POINTS", "REPEATED", "Before", "Store", "StoreError", "read_sentences"]
 
 log = logging.getLogger(__name__)
 
@@ -39,39 +46,6 @@ _FEW = 8
 _FILLED = ", ".join(f"{name} = iif({name}, {name}, excluded.{name})" for name in ("gyro_range", "rate_hz"))
 _FILLED += "".join(f", {name} = iif({name} = '', excluded.{name}, {name})" for name in ("model", "firmware"))
 _ONE_OF_BOOT = "ON CONFLICT (device, boot) DO UPDATE SET"
-
-
-class Before(NamedTuple):
-    """Calibrations of an earlier power-up under the same boot number: their ids, and when that was seen, or None."""
-
-    ids: frozenset[str]
-    seen_ns: int | None
-
-    def has(self, calibration: Calibration) -> bool:
-        """Whether a calibration belongs to the earlier power-up, as far as known."""
-        return calibration.id in self.ids or (self.seen_ns is not None and calibration.time_ns < self.seen_ns)
-
-
-class _Kept(msgspec.Struct):
-    """Stored bias of a boot: see `Store.save_bias`."""
-
-    x: list[float]
-    P: list[list[float]]
-    time: float
-    temperature_c: float
-    powered: float
-    lag_k: float
-    doubted: bool
-    calibration: str
-    asked: tuple[str, str] | None
-    reached: tuple[int, int] | None
-    bridge: str
-    #: the whole session of an estimator that was stopped in order; empty where only the bias is stored
-    session: bytes = b""
-
-    def state(self) -> BiasState:
-        x, P = np.array(self.x), np.array(self.P)
-        return BiasState(x, P, self.time, self.temperature_c, self.powered, lag_k=self.lag_k)
 
 
 class Store:
@@ -104,9 +78,9 @@ class Store:
         row |= {
             "method": c.method,
             "verdict": c.verdict.name,
-            "reason": _written(c.reason),
+            "reason": written(c.reason),
             "who": c.who,
-            "version": _version(),
+            "version": own_version(),
         }
         row |= restore_key(c) | {"payload": codec.encode_calibration(c)}
         self.database.insert("calibrations", row, "ON CONFLICT (id) DO NOTHING")
@@ -141,7 +115,7 @@ class Store:
         # A restored tracker starts anew with all states except the filter's own.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
         at = float(state.time), float(state.temperature_c), float(state.powered)
-        kept = _Kept(x, P, *at, float(state.lag_k), doubted, calibration, asked, reached, bridge, session)
+        kept = Kept(x, P, *at, float(state.lag_k), doubted, calibration, asked, reached, bridge, session)
         with self.database.transaction():
             self._save_state(device, boot, time_ns, msgspec.msgpack.encode(kept))
             if history:
@@ -170,7 +144,7 @@ class Store:
     ) -> None:
         """Append a request to the estimator, or its refusal of a calibration, with the outcome, to the audit."""
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
-        self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": _written(message)})
+        self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": written(message)})
 
     def repeat(self, device: str, boot: int, time_ns: int, made: Iterable[str] = ()) -> None:
         """Note that another power-up has this boot number: stored calibrations and bias belong to the earlier one.
@@ -178,7 +152,7 @@ class Store:
         made: ids of calibrations of the earlier power-up that are still to be written.
         """
         name = keys.boot_id(boot)
-        message = _written((Code.BOOT_NUMBER_REPEATED(),))
+        message = written((Code.BOOT_NUMBER_REPEATED(),))
         with self.database.transaction():
             self.database.execute(
                 "INSERT INTO audit (time_ns, device, verb, request_id, who, accepted, message, reason) SELECT ?, ?, ?, ?, ?, ?,"
@@ -187,7 +161,7 @@ class Store:
                     time_ns,
                     device,
                     REPEATED,
-                    _repeated(device, boot),
+                    repeat_request(device, boot),
                     "estimator",
                     1,
                     message,
@@ -237,7 +211,7 @@ class Store:
         """Calibration of this boot, if any, with the bias since then and its age at now_ns; None if neither is stored."""
         calibration = self.calibrated(device, boot)
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
-            if (kept := _kept(row)) is not None:
+            if (kept := kept_in(row)) is not None:
                 age_s = (now_ns - row["time_ns"]) / 1e9
                 found = PriorKnowledge(calibration, kept.state(), age_s, kept.doubted, kept.asked)
                 if calibration is not None and kept.calibration != calibration.id:
@@ -248,7 +222,7 @@ class Store:
     def session(self, device: str, boot: int) -> tuple[bytes, str]:
         """Whole session of this boot, left by an estimator stopped in order, and its bridge; empty where not stored."""
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
-            if (kept := _kept(row)) is not None:
+            if (kept := kept_in(row)) is not None:
                 return kept.session, kept.bridge
         return b"", ""
 
@@ -261,11 +235,11 @@ class Store:
         """All calibrations of this boot, in order of writing, without those of an earlier power-up."""
         before = self.made_before(device, boot)
         rows = self.database.rows("calibrations", "device = ? AND boot = ?", (device, keys.boot_id(boot)))
-        return _calibrations(row for row in rows if row["id"] not in before.ids)
+        return calibrations_in(row for row in rows if row["id"] not in before.ids)
 
     def made_before(self, device: str, boot: int) -> Before:
         """Calibrations under this boot number that belong to an earlier power-up."""
-        values = device, _repeated(device, boot), REPEATED
+        values = device, repeat_request(device, boot), REPEATED
         repeats = self.database.rows("audit", "device = ? AND request_id = ? AND verb = ?", values)
         ids = frozenset(made for row in repeats for made in row["reason"].split())
         return Before(ids, max((row["time_ns"] for row in repeats), default=None))
@@ -279,7 +253,7 @@ class Store:
         found: dict[str, tuple[int, int, int, str]] = {}
         for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
             found.pop(row["device"], None)
-            kept = _kept(row)
+            kept = kept_in(row)
             if kept is not None and kept.reached is not None and kept.asked is None:
                 found[row["device"]] = int(row["boot"], 16), *kept.reached, kept.bridge
         return found
@@ -302,7 +276,7 @@ class Store:
         for row in self.database.rows("calibrations", "device = ?", (info.device,), _LATEST_FIRST, _FEW):
             if row["boot"] not in {this, *found} and not differing(row, info):
                 found[row["boot"]] = row
-        return _calibrations(reversed(found.values()))
+        return calibrations_in(reversed(found.values()))
 
     def latest(self, device: str) -> Calibration | None:
         """Latest calibration of a device, whatever its restore key."""
@@ -325,47 +299,11 @@ class Store:
 
     def calibrations(self, device: str) -> list[Calibration]:
         """All calibrations of a device, oldest first."""
-        return _calibrations(self.database.rows("calibrations", "device = ?", (device,), "time_ns, number"))
+        return calibrations_in(self.database.rows("calibrations", "device = ?", (device,), "time_ns, number"))
 
     def _latest(self, device: str, wanted: Callable[[Row], bool]) -> Calibration | None:
         for few in (_FEW, -1):
             rows = self.database.rows("calibrations", "device = ?", (device,), _LATEST_FIRST, few)
-            if found := _calibrations(row for row in rows if wanted(row)):
+            if found := calibrations_in(row for row in rows if wanted(row)):
                 return found[0]
         return None
-
-
-def _calibrations(rows: Iterable[Row]) -> list[Calibration]:
-    found = []
-    for row in rows:
-        try:
-            place = keys.build("store", "calibration", device=row["device"])
-            found.append(codec.decode_calibration(place, row["payload"]))
-        except Refusal as refusal:  # written by a truerate whose limits differ
-            log.error("calibration %s of %s is not used: %s", row["id"], row["device"], refusal)
-    return found
-
-
-def _written(sentences: Sentences) -> str:
-    """Sentences as JSON for a text column."""
-    return msgspec.json.encode(sentences).decode()
-
-
-def read_sentences(text: str) -> Sentences:
-    """Sentences from the JSON of a text column."""
-    return msgspec.json.decode(text, type=Sentences)
-
-
-def _kept(row: dict[str, Any]) -> _Kept | None:
-    """Content of a row of `bias`; None where another power-up used its boot number."""
-    return msgspec.msgpack.decode(row["state"], type=_Kept) if row["state"] else None
-
-
-def _repeated(device: str, boot: int) -> str:
-    """Request id of a repeated boot number in the audit."""
-    return f"{device} {keys.boot_id(boot)}"
-
-
-@cache
-def _version() -> str:
-    return version("truerate")

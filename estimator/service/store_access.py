@@ -7,7 +7,7 @@ and are tried again (`clerk`). Another estimator's statements on a device it own
 
 import logging
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -21,13 +21,12 @@ from estimator.service.checkpoints import Checkpoints, calibrated
 from estimator.service.device import Device
 from estimator.service.earlier_boots import EarlierBoots
 from estimator.service.store import Store, StoreError
+from estimator.service.store_care import StoreCare
 from estimator.service.store_writer import StoreWriter
 
 log = logging.getLogger(__name__)
 
 CHECKPOINT_S, HISTORY_S = 5.0, 60.0
-#: interval of thinning a device's past, and of checking whether a backup is due, s
-THIN_S, BACKUP_S = 86400.0, 3600.0
 #: audit verb for a device whose earlier calibrations no longer apply
 SCRATCH = "from scratch"
 #: writes that could not be stored at all are counted under this name
@@ -52,22 +51,18 @@ class StoreAccess:
         highest: Callable[[], int] = lambda: 0,
         guarded: Callable[[Device, Callable[[], None]], object] = lambda _, work: work(),
     ) -> None:
-        self._replicas, self._tell, self._highest, self._guarded = replicas or Checkpoints(0), tell, highest, guarded
+        self._replicas, self._tell, self._guarded = replicas or Checkpoints(0), tell, guarded
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or StoreWriter(store.database, thread=False)
         #: calibrations not on disk yet, by id, in order of creation
         self._pending: dict[str, Calibration] = {}
         self.earlier = EarlierBoots(store, self._replicas, self._clerk, now_ns, self._of_device)
-        self._counted = Counter[str]()  # how many of the store's own counts are in `counts` already
-        self._epoch = 0  # the highest epoch stored
         #: devices whose latest bias waits to be written
         self._noting = set[str]()
         #: deadlines, monotonic s, with what is then done at the latest: publish a calibration, answer a command
         self._due: deque[tuple[float, Callable[[], None]]] = deque()
-        self._next_backup = self._next_thin = float("-inf")
-        self._to_thin: list[str] = []
         self._known = store.calibrated_devices()
-        self._looked = True
+        self._care = StoreCare(store, counts, now_ns, self._clerk, highest, self._write)
 
     @property
     def trouble(self) -> str:
@@ -86,31 +81,8 @@ class StoreAccess:
         self._clerk.close()
 
     def tend(self, now: float) -> None:
-        """Once a second: count failures, store the highest epoch, and start due backups and thinning."""
-        database = self._store.database
-        for what, n in (("store failed", database.failures), ("damage in the store", len(database.notes))):
-            if n > self._counted[what]:
-                self._counts.add(what, n - self._counted[what])
-                self._counted[what] = n
-        if self._looked:  # the previous look has finished
-            self._looked = False
-            self._clerk.look_up(database.look, self._has_looked)
-        epoch = self._highest()
-        if epoch != self._epoch or (self.trouble and self._clerk.idle):  # only a write shows recovery
-            self._epoch = epoch
-            self._write(lambda: self._store.save_epoch(epoch))
-        if now >= self._next_backup:
-            self._next_backup = now + BACKUP_S
-            self._clerk.look_up(database.back_up_if_due)
-        if now >= self._next_thin:
-            self._next_thin = now + THIN_S
-            self._clerk.look_up(lambda: self._to_thin.extend(self._store.devices()))
-        if self._to_thin:
-            device, now_ns = self._to_thin.pop(), self._now_ns()
-            self._write(lambda: self._store.thin(device, now_ns), soon=False)
-
-    def _has_looked(self, _: StoreError | None) -> None:
-        self._looked = True
+        """Once a second: see StoreCare."""
+        self._care.tend(now)
 
     def knows(self, device: str) -> bool:
         """Whether a calibration of a device was stored before this estimator started."""
@@ -251,8 +223,7 @@ class StoreAccess:
 
     def epoch(self) -> int:
         """Highest epoch known before this estimator started."""
-        self._epoch = self._store.epoch()
-        return self._epoch
+        return self._care.stored_epoch()
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False, whole: bool = False) -> None:
         """Every few seconds: publish a checkpoint and store the bias, where known.

@@ -181,12 +181,6 @@ class Windows:
         ]
 
     @property
-    def celsius(self) -> list[float]:
-        """Temperature at the last sample of each window, °C; NaN where unknown."""
-        temperatures: list[float] = self.rows[self.found[:, 2].astype(np.intp) - 1, CELSIUS].tolist()
-        return temperatures
-
-    @property
     def samples(self) -> tuple[int, Floats]:
         """Number of the first sample, and the rows (n, 9) of all windows."""
         end = int(self.found.item(-1, 2)) if len(self) else self.begin
@@ -257,16 +251,26 @@ class Stillness:
         """Number of samples fed so far."""
         return self._own.end
 
-    def feed(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags | None = None) -> Windows:
+    def feed(
+        self,
+        time: Floats,
+        gyro: Floats,
+        accel: Floats | None,
+        clipped: Flags | None = None,
+        celsius: NDArray[np.floating] | None = None,
+    ) -> Windows:
         """Add samples and return the windows that close.
 
-        time (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, clipped (n,) bool or None for no clipped reading.
+        time (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, clipped (n,) bool or None for no clipped reading, celsius
+        (n,) °C or None.
         """
         rows = np.full((len(time), WIDTH), np.nan)
         rows[:, TIME], rows[:, GYRO] = time, gyro
         rows[:, CLIPPED] = 0.0 if clipped is None else clipped
         if accel is not None:
             rows[:, ACCEL] = accel
+        if celsius is not None:
+            rows[:, CELSIUS] = celsius
         return self.feed_rows(rows)
 
     def feed_rows(self, rows: Floats) -> Windows:

@@ -168,7 +168,7 @@ def sentences(told: Instruction, t: Texts) -> list[str]:
     """Return an instruction as sentences: what was wrong, what to do, how."""
     wrong = [t.text((one,)) for one in told.wrong]
     again = [t("guide.rebooted")] if told.rebooted else []
-    return [*again, *wrong, t.say("head", told.head), f"  {t(f'how.{told.step}')}"]
+    return [*again, *wrong, t.say("head", told.head), f"  {t(f'how.{told.how}')}"]
 
 
 def panel(told: Instruction, device: str, t: Texts) -> list[RenderableType]:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 from contextlib import closing
-from math import degrees
+from math import asin, degrees, hypot
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -15,7 +15,7 @@ from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english, in_words
 from bridge.reasons.codes import Code
 from bridge.terminal.tables import Column, Columns
-from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, Status
+from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, OrientationBatch, Status
 from estimator.client.client import NONE_S, Client
 from estimator.device.lifecycle import NEVER_S
 from estimator.geometry.gyro_model import AXES, SIGMAS
@@ -135,8 +135,10 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
         corrected = client.corrected(device, history=False, quiet=True)
         status = client.follow(device)
         revisions = client.revisions(device, history=False)
+        attitudes = client.orientation(device)
         live = Live(console=console, refresh_per_second=10) if console.is_terminal else None
         view, latest, shown = WardView(), None, _Shown()
+        turned: OrientationBatch | None = None
         heard, waiting = False, f"waiting for {device} …"
         told = False
         shown_at = begin = time.monotonic()
@@ -157,11 +159,13 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
                     told, waiting, seconds = True, f"{waiting}\n{why}", 0.0 if misspelt else seconds
                     if not live:
                         console.print(waiting, highlight=False, soft_wrap=True)
+                turned = attitudes.latest() or turned
                 if live:
-                    live.update(_panel(device, batch, latest) if batch or latest else Text(waiting))
+                    panel = _panel(device, batch, latest) if batch or latest else Text(waiting)
+                    live.update(Group(panel, Text(_orientation(turned))) if turned else panel)
                 elif new is not None and time.monotonic() - shown_at >= 1.0:
                     shown_at = time.monotonic()
-                    console.print(_line(new, latest), highlight=False)
+                    console.print(_line(new, latest) + (f"  {_orientation(turned)}" if turned else ""), highlight=False)
         except KeyboardInterrupt:
             interrupted(begin, heard=heard)
         finally:
@@ -170,6 +174,14 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
     if not heard:
         console.print(_unheard(device, ward, latest), highlight=False, soft_wrap=True)
     return 0 if heard else 1
+
+
+def _orientation(turned: OrientationBatch) -> str:
+    """Tilt of the device's z axis from the vertical, and heading, with the 95 % bands of both."""
+    _, x, y, _ = turned.quat_wxyz[-1].astype(float).tolist()
+    tilt = degrees(2 * asin(min(hypot(x, y), 1.0)))
+    tilt_band, heading_band = (degrees(SIGMAS * std) for std in (turned.tilt_std, turned.heading_std))
+    return f"tilt {tilt:.1f} ± {tilt_band:.1f}°, heading {degrees(turned.heading[-1]):+.1f} ± {heading_band:.1f}°"
 
 
 class _Shown:

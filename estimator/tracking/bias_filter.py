@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from estimator.kernels.bias_filter import inverse, walked, weighed
 from estimator.state import StateStruct, shaped
 from estimator.tracking.evidence import Evidence, Receipt
-from estimator.tracking.random_walk import RandomWalks
 from estimator.tracking.temperature_law import TemperatureLaw
 
 Floats = NDArray[np.float64]
@@ -27,8 +26,8 @@ BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: number of the filter's own states
 OWN = 6
 _NOTHING = np.zeros(3)
-#: cross-covariance of a present measurement's noise with the state error: none
-_UNCORRELATED = np.zeros((OWN, 0))
+#: variances of the bias, in a covariance
+_DIAGONAL = range(3), range(3)
 #: K; the slope may change only after temperature has moved this far. Per second the changes, squared and added, would sum to
 #: next to nothing over hours, and a thermometer's noise would add up too.
 _BEND_K = 1.0
@@ -104,11 +103,10 @@ def start(
 
 
 class FilterState(StateStruct):
-    """Saved filter: its state; unsure (3,): slope variance under the law; walks: of measurements that wait."""
+    """Saved filter: its state; unsure (3,): slope variance under the law."""
 
     now: BiasState
     unsure: Floats
-    walks: RandomWalks
 
 
 class Step(NamedTuple):
@@ -139,9 +137,6 @@ class BiasFilter:
         self.widened: Floats | None = None
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
         self._bent_c = state.bent_c
-        #: variance (3,) of the walk in the last step, and gain and H of the updates since
-        self._walked, self._taken = _NOTHING, list[tuple[Floats, Floats]]()
-        self._walks = RandomWalks.none(len(state.x))
 
     def restart(self, state: BiasState) -> None:
         """Discard the present state and continue from another."""
@@ -151,7 +146,7 @@ class BiasFilter:
     @property
     def saved(self) -> FilterState:
         """All that evolves from second to second, to be saved."""
-        return FilterState(self.state, self._unsure, self._walks)
+        return FilterState(self.state, self._unsure)
 
     def resume(self, saved: FilterState, law: TemperatureLaw | None) -> None:
         """Restore a saved filter under a law. Raises ValueError when it is damaged."""
@@ -159,12 +154,11 @@ class BiasFilter:
         shaped(saved.now.x, n, finite=True)
         shaped(saved.now.P, n, n, finite=True)
         shaped(saved.unsure, 3)
-        saved.walks.check(n)
         if n < OWN or not isfinite(saved.now.time) or (np.diag(saved.now.P) < 0).any():
             raise ValueError("damaged state: no state of a bias filter")
         self.law = law
         self._take(saved.now)
-        self._unsure, self._walks = saved.unsure, saved.walks
+        self._unsure = saved.unsure
 
     def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
         """Estimate the bias at a time before a given state: the random walk is as long backward as forward."""
@@ -205,9 +199,8 @@ class BiasFilter:
         else:
             warmer, bend, over, self.bent = 0.0, _NOTHING, 0.0, None
         var = self.walked(dt, known=known)
-        self._walked = walked(step.x, step.F, step.Q, warmer, over, bend, var)
+        walked(step.x, step.F, step.Q, warmer, over, bend, var)
         self._step(step)
-        self._taken.clear()
         if self.bent is not None:
             self._x[:OWN] += self.bent
         self.time, self.widened = time, None
@@ -227,8 +220,6 @@ class BiasFilter:
         kf = self._filterpy()
         kf.predict(F=step.F, Q=step.Q)
         self._x, self._P = step.x.copy(), kf.P  # x itself from step.x: F is only its derivative
-        if len(self._walks):
-            self._walks.step(step.F, self._walked)
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use a temperature law from now on; its slope and variance replace the tracked ones."""
@@ -239,7 +230,6 @@ class BiasFilter:
             P = self._P
             P[SLOPE, :] = P[:, SLOPE] = 0.0
             P[SLOPE, SLOPE] = np.diag(self._unsure)
-            self._walks.cross[:, SLOPE] = 0.0
 
     def follow(self, law: TemperatureLaw) -> None:
         """Use a temperature law from now on; the slope, learnt under it, is kept."""
@@ -294,26 +284,14 @@ class BiasFilter:
         self._P[BIAS, BIAS] += cov
         self.widened = cov if self.widened is None else self.widened + cov
 
-    def wait(self) -> None:
-        """Keep the measurement of the last step for later, for `take_first`."""
-        self._walks.begin(self._walked, self._taken)
-
-    @property
-    def waiting(self) -> int:
-        """Number of waiting measurements; restarting the state discards them."""
-        return len(self._walks)
-
-    def forget(self) -> None:
-        """Discard all waiting measurements."""
-        self._walks = RandomWalks.none(len(self._x))
-
     def extend(self, own: BiasState) -> None:
         """Replace the state by one with other states appended to the filter's own six."""
         self._take(own)
 
     def weigh(self, evidence: Evidence) -> Receipt:
         """Receipt of a measurement as `update` would give it, without the update."""
-        return self._receipt(evidence, evidence.H, evidence.R, _UNCORRELATED)
+        innovation, cov, _, nis = weighed(evidence.z, evidence.H, evidence.R, self._x, self._P, 0)
+        return self._said(evidence, innovation, cov, nis)
 
     def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt]:
         """Update with two simultaneous measurements, in one step when both pass their gates; returns both receipts."""
@@ -321,7 +299,7 @@ class BiasFilter:
         z, H = np.concatenate([first.z, then.z]), np.concatenate([first.H, then.H])
         R = np.zeros((len(z), len(z)))
         R[:m, :m], R[m:, m:] = first.R, then.R
-        y, S, before, nis = weighed(z, H, R, self._x, self._P, _UNCORRELATED, m)
+        y, S, before, nis = weighed(z, H, R, self._x, self._P, m)
         said = self._said(first, y[:m], S[:m, :m], before), self._said(then, y[m:], S[m:, m:], nis)
         if not (said[0].accepted and said[1].accepted and first.common_var is None):
             return self.update(first), self.update(then)
@@ -346,22 +324,28 @@ class BiasFilter:
         kf = self._filterpy()
         kf.update(z, R=R, H=H)
         self._x, self._P = kf.x, kf.P
-        self._taken.append((kf.K, H))
-        if len(self._walks):
-            self._walks.taken(kf.K, H)
 
-    def take_first(self, evidence: Evidence) -> Receipt:
-        """Update with the measurement that has waited longest, if it passes its gate; corrects for the walk since then."""
-        H, noise, M = self._walks.sight(evidence.H)
-        R, K = evidence.R + noise, np.zeros(M.shape)
-        receipt = self._receipt(evidence, H, R, M)
+    def update_late(self, evidence: Evidence, time: float, celsius: float) -> Receipt:
+        """Update with evidence of the bias at an earlier time, s, and temperature, °C, if it passes its gate.
+
+        The random walk w since then is in the error of the state and, reversed, in the evidence: M is their covariance.
+        That updates since then have told of w is left out.
+        """
+        m, n, walk = len(evidence.z), len(self._x), self.walked(self.time - time)
+        H, M, then = np.zeros((m, n)), np.zeros((n, m)), self._P.copy()
+        H[:, BIAS] = axes = evidence.H[:, BIAS]
+        if isfinite(warmer := self.temperature_c - celsius):
+            H[:, SLOPE] = -warmer * axes
+        M[BIAS] = -walk * axes.T
+        then[_DIAGONAL] -= walk
+        innovation, cov, _, nis = weighed(evidence.z, H, evidence.R, self._x, then, 0)
+        receipt = self._said(evidence, innovation, cov, nis)
         if receipt.accepted:
             kf = self._filterpy()
             kf.M = M
-            kf.update_correlated(evidence.z, R=R, H=H)
-            self._x, self._P, K = kf.x, kf.P, kf.K
+            kf.update_correlated(evidence.z, R=evidence.R + walk * (axes @ axes.T), H=H)
+            self._x, self._P = kf.x, kf.P
             self._doubt_common(evidence)
-        self._walks.first_taken(K, H)
         return receipt
 
     def _filterpy(self) -> Any:
@@ -375,10 +359,6 @@ class BiasFilter:
             H, P = evidence.H, self._P
             seen = ((H @ P) * H).sum(axis=1)
             self._P = P + H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
-
-    def _receipt(self, evidence: Evidence, H: Floats, R: Floats, M: Floats) -> Receipt:
-        innovation, cov, _, nis = weighed(evidence.z, H, R, self._x, self._P, M, 0)
-        return self._said(evidence, innovation, cov, nis)
 
     def _said(self, evidence: Evidence, innovation: Floats, cov: Floats, nis: float) -> Receipt:
         """Build a receipt. Values that are not finite never reach filterpy: x would be NaN for ever, P look perfect."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimator.geometry.gyro_model import COARSE_STEP
 from estimator.kernels import second_statistics as loop
 from estimator.kernels.second_cuts import cut, let_go, nothing_gathered
-from estimator.samples.sample_buffer import ACCEL, GYRO, TIME
+from estimator.samples.sample_buffer import ACCEL, CELSIUS, GYRO, TIME
 from estimator.state import StateStruct, shaped
 from estimator.stillness.detector import Windows
 from estimator.tracking.sample_gaps import HOLE, unseen
@@ -45,6 +45,7 @@ class Second(NamedTuple):
     mean, std (3,): of the readings. mean_var (3,): variance of the mean at rest; common_var (3,): its part from rounding, the
     same error in all means. noise_std (3,): noise of a reading as known then.
     accel_mean, accel_std (3,): None without accelerometer. accel_strength: mean magnitude, m/s², NaN without.
+    celsius: mean temperature, °C, NaN where unknown.
     last: number of the last sample, counted from the first one fed.
     unseen_turn, rad, unseen_push, m/s: rms uncertainty of angle and velocity change from lost samples.
     """
@@ -64,6 +65,7 @@ class Second(NamedTuple):
     accel_mean: Floats | None
     accel_std: Floats | None
     accel_strength: float = float("nan")
+    celsius: float = float("nan")
     unseen_turn: float = 0.0
     unseen_push: float = 0.0
     last: int = -1
@@ -197,6 +199,7 @@ class Seconds:
             None if accel is None else rows[loop.ACCEL_MEAN],
             None if accel is None else rows[loop.ACCEL_STD],
             strength,
+            rows.item(loop.CELSIUS, 0) if flaw != "gap" else samples.item(-1, CELSIUS),  # it may have cooled in the gap
             unseen_turn,
             unseen_push,
             last,

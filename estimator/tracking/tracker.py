@@ -128,7 +128,7 @@ class Tracker:
             self._law,
             self.law_refuted,
             self._gravity.state,
-            self._zaru.saved(self._filter),
+            self._zaru.saved(),
             self._bounded.state,
             self.seconds.state,
             self.thermometer.state,
@@ -150,7 +150,7 @@ class Tracker:
         if len(self._filter.x) not in (OWN, SIZE):
             raise ValueError("damaged state: no state of a bias filter")
         self._gravity.restore(saved.gravity)
-        self._zaru.restore(saved.zaru, self._filter)
+        self._zaru.restore(saved.zaru)
         self._bounded.restore(saved.bounded)
         self.seconds.restore(saved.seconds, first, samples)
         self.thermometer.state, self._accelerometer.state = saved.thermometer, saved.accelerometer
@@ -195,6 +195,14 @@ class Tracker:
         then.predict(time, now.temperature_c if celsius is None else self.thermometer.ahead(time, celsius))
         std = np.sqrt(then.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation
         return then.x[BIAS], np.asarray(std)
+
+    @property
+    def unsure(self) -> Floats | None:
+        """(12,) rms errors of the matrix in use, relative, row by row, and of the accelerometer, m/s²; or None."""
+        if len(self._filter.x) == OWN:
+            return None
+        x, var = self._filter.x, self._filter.cov.diagonal()
+        return np.concatenate([np.sqrt(var[own] + x[own] ** 2) for own in (MATRIX, ACCEL_BIAS)])
 
     @property
     def sure(self) -> bool:
@@ -302,6 +310,7 @@ class Tracker:
 
     def learn(self, second: Second) -> list[Receipt]:
         """Learn from the next second; returns receipts of rests."""
+        self.thermometer.read(second.end, second.celsius)
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:
             self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.state.rested)
@@ -388,7 +397,7 @@ class Tracker:
         quiet = max(second.std.tolist()) < self.knobs.quiet_gyro and (
             second.accel_std is None or max(second.accel_std.tolist()) < self.knobs.quiet_accel
         )
-        resting = quiet and self._zaru.at_rest(second, self._filter)
+        resting = quiet and self._zaru.at_rest(second)
         gravity, up = None, None
         if span is not None:
             gravity, up = self._gravity.evidence(span, resting=resting), self._filter.x[GRAVITY]

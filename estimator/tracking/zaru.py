@@ -29,8 +29,8 @@ _RECENT = 8
 #: NIS by degrees of freedom that one measurement in a thousand exceeds
 _SURPRISE = {1: 10.83, 2: 13.82, 3: 16.27}
 _AXES = np.eye(3)
-#: a measurement to be judged with the following ones; its begin and end, s
-_Waiting = tuple[Evidence, float, float]
+#: a measurement to be judged with the following ones; its begin and end, s, and temperature, °C
+_Waiting = tuple[Evidence, float, float, float]
 REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
 INSISTED, JUMPED = "insisted", "jumped"
 
@@ -76,7 +76,7 @@ class ZaruState(StateStruct):
     second belongs to a proven rest. ever_proven: whether any did, or the bias was known at the start. rested: whether a rest
     was proven since a restart. blind: whether samples were missing, and no rest was seen since. surprised: kinds of evidence
     already checked against the gap. in_question: variance, (rad/s)², of a bias believed only for its insistence. waiting:
-    measurements to be judged with the following ones, with begin and end. contradiction: its begin, s, and z and R measured
+    measurements to be judged with the following ones. contradiction: its begin, s, and z and R measured
     then. surprises, judged: receipts not yet fetched.
     """
 
@@ -92,7 +92,7 @@ class ZaruState(StateStruct):
     blind: bool = False
     surprised: set[str] = msgspec.field(default_factory=lambda: {"zaru", "zaru level", "zaru vertical"})
     in_question: float = 0.0
-    waiting: list[tuple[Evidence, float, float]] = msgspec.field(default_factory=list)
+    waiting: list[tuple[Evidence, float, float, float]] = msgspec.field(default_factory=list)
     contradiction: tuple[float, Floats, Floats] | None = None
     surprises: list[Receipt] = msgspec.field(default_factory=list)
     judged: list[Receipt] = msgspec.field(default_factory=list)
@@ -107,22 +107,20 @@ class Zaru:
         self.tilt = TiltCheck(self.knobs.tilt)
         self.state = ZaruState(self.tilt.state, ever_proven=known)
 
-    def saved(self, bias: BiasFilter) -> ZaruState:
-        """State to save, without measurements that the filter has discarded."""
+    def saved(self) -> ZaruState:
+        """State to save."""
         self.state.tilt = self.tilt.state
-        self._drop_forgotten(bias)
         return self.state
 
-    def restore(self, state: ZaruState, bias: BiasFilter) -> None:
-        """Restore a state, beside a filter restored to the same moment. Raises ValueError when it is damaged."""
-        n = len(bias.x)
+    def restore(self, state: ZaruState) -> None:
+        """Restore a state. Raises ValueError when it is damaged."""
         shaped(state.means, -1, 2, 3)
-        for evidence, _, _ in state.waiting:
+        for evidence, *_ in state.waiting:
             m = len(evidence.z)
             if m not in GATES:
                 raise ValueError("damaged state: what waits is no measurement")
             shaped(evidence.z, m, finite=True)
-            shaped(evidence.H, m, n, finite=True)
+            shaped(evidence.H, m, -1, finite=True)
             shaped(evidence.R, m, m, finite=True)
             if evidence.common_var is not None:
                 shaped(evidence.common_var, m)
@@ -165,28 +163,22 @@ class Zaru:
     def _judge(self, bias: BiasFilter) -> None:
         """Judge the waiting measurements now, without the ones that would have followed."""
         if self.state.waiting:
-            evidence, begun, ended = self.state.waiting.pop()
-            self.state.waiting.append((self._at_edge(evidence), begun, ended))
-        self._drop_forgotten(bias)
+            evidence, begun, ended, celsius = self.state.waiting.pop()
+            self.state.waiting.append((self._at_edge(evidence), begun, ended, celsius))
         while self.state.waiting:
             self.state.judged.append(self._late(bias))
-        bias.forget()
 
     def judged(self) -> list[Receipt]:
         """Receipts of measurements that waited when their rest ended, since the last call."""
         judged, self.state.judged = self.state.judged, []
         return judged
 
-    def _drop_forgotten(self, bias: BiasFilter) -> None:
-        """Discard what was measured before the filter was restarted: its new state contains that evidence."""
-        del self.state.waiting[: len(self.state.waiting) - bias.waiting]
-
     def surprises(self) -> list[Receipt]:
         """Receipts of surprising measurements since the last call, as they were before the bias was widened."""
         surprises, self.state.surprises = self.state.surprises, []
         return surprises
 
-    def at_rest(self, second: Second, bias: BiasFilter) -> bool:
+    def at_rest(self, second: Second) -> bool:
         """Note a quiet second; returns whether it belongs to a rest, rather than breathing or swaying."""
         knobs = self.knobs
         self.state.quiet += 1
@@ -195,7 +187,6 @@ class Zaru:
         quiet = calm(self.state.means, knobs.quasi_static**2, knobs.scatter)
         if self.tilt.watch(second):
             self.state.waiting.clear()
-            bias.forget()
         if second.start - self.state.quiet_until >= knobs.gap_s:
             self.state.gap_s, self.state.surprised = second.start - self.state.quiet_until, set()
         self.state.quiet_until = second.end
@@ -226,7 +217,7 @@ class Zaru:
         if up is None or second.accel_mean is None:
             receipts = self._gated(_along("zaru", _AXES, second, var, GATES[3], bias), second, bias)
         elif self.tilt.state.seen:
-            bias.forget()
+            self.state.waiting.clear()
             z = second.mean - bias.x[BIAS]
             self.state.contradiction = None
             nothing = Receipt(bias.time, "zaru", z, np.diag(var), np.inf, accepted=False, reason=REFUSED_TILT)
@@ -267,13 +258,10 @@ class Zaru:
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
         """Update with unchecked parts: they must pass the gate, averaged over seconds if noisy, or insist."""
         self._adapt(evidence, bias)
-        self._drop_forgotten(bias)
-        if self.state.waiting and self.state.waiting[0][0].H.shape != evidence.H.shape:
+        if self.state.waiting and len(self.state.waiting[0][0].z) != len(evidence.z):
             self.state.waiting.clear()  # the accelerometer appeared or vanished
-            bias.forget()
         evidence = self._questioned(evidence)
-        bias.wait()
-        self.state.waiting.append((evidence, second.start, second.end))
+        self.state.waiting.append((evidence, second.start, second.end, bias.temperature_c))
         weighed = bias.weigh(_mean(evidence, self.state.waiting) if len(self.state.waiting) > 1 else evidence)
         if weighed.accepted:
             self.state.contradiction = None
@@ -281,7 +269,6 @@ class Zaru:
             return [self._late(bias) for _ in range(ready)]
         begun = self.state.waiting[0][1]
         self.state.waiting.clear()
-        bias.forget()
         if not self._insisted(weighed.time, begun, evidence.z, evidence.R, bias):
             return [weighed]
         self.state.contradiction = None
@@ -302,8 +289,8 @@ class Zaru:
 
     def _late(self, bias: BiasFilter) -> Receipt:
         """Update with the measurement that has waited longest, corrected for the walk since then."""
-        evidence, _, _ = self.state.waiting.pop(0)
-        receipt = bias.take_first(evidence)
+        evidence, _, end, celsius = self.state.waiting.pop(0)
+        receipt = bias.update_late(evidence, end, celsius)
         unproven = min(evidence.R.diagonal().tolist()) >= self.knobs.unproven**2
         return receipt._replace(reason=receipt.reason or UNPROVEN) if unproven else receipt
 
@@ -372,5 +359,5 @@ def _split(whole: Evidence, vertical_gate: float) -> tuple[Evidence, Evidence]:
 def _mean(latest: Evidence, waiting: Iterable[_Waiting]) -> Evidence:
     """Mean of all waiting measurements, the latest included; their common error does not average out."""
     common = np.zeros(len(latest.z)) if latest.common_var is None else latest.common_var
-    z, R = together(np.array([e.z for e, _, _ in waiting]), np.array([e.R for e, _, _ in waiting]), common)
+    z, R = together(np.array([e.z for e, *_ in waiting]), np.array([e.R for e, *_ in waiting]), common)
     return latest._replace(z=z, R=R)

@@ -17,7 +17,7 @@ POINTS = 720
 REST_S = 3.0
 #: a rest began this long before its first evidence, s
 TAUGHT_S = SecondKnobs().length_s
-RESTS, MARKS = 120, 120
+RESTS, MARKS, BOOTS = 120, 120, 50
 #: a clock that goes back by more was reset or is another's; later points are then dropped
 BACK_NS = 5 * 10**9
 #: marks a device's events that are refused evidence, as the tracker names them: `zaru: the reason`
@@ -37,7 +37,7 @@ class Mark:
 
 
 class Trail:
-    """History of one device. Columns of `points`: bias x, y, z and its std x, y, z in rad/s, temperature in °C."""
+    """History of one device. Columns of `points`: bias x, y, z, their std in rad/s, temperature in °C; NaN between boots."""
 
     def __init__(self) -> None:
         self._times = np.zeros(POINTS, np.int64)
@@ -73,14 +73,18 @@ class Trail:
                 self._behind_ns = status.time_ns
                 return
             self._cut(status.time_ns)
+        if self._n and self._boot and status.boot != self._boot:
+            self._append(status.time_ns - 1, np.full(7, np.nan))  # no line leads from one boot to the next
         self._happenings(status)
-        if self._n == POINTS:
-            self._thin()
-        self._times[self._n] = status.time_ns
-        self._rows[self._n] = (*status.bias, *status.bias_std, status.temperature_c)
-        self._n += 1
+        self._append(status.time_ns, (*status.bias, *status.bias_std, status.temperature_c))
         if status.evidence_age_s < NEVER_S:
             self._rest(status.time_ns - round(status.evidence_age_s * 1e9))
+
+    def _append(self, time_ns: int, row: Floats | tuple[float, ...]) -> None:
+        if self._n == POINTS:
+            self._thin()
+        self._times[self._n], self._rows[self._n] = time_ns, row
+        self._n += 1
 
     def mark(self, mark: Mark) -> None:
         """Add an event, unless it is known already."""
@@ -90,7 +94,7 @@ class Trail:
     def revise(self, revision: BiasRevision) -> None:
         """Replace the past bias by the values of a revision."""
         times = self.times_ns
-        inside = (times >= revision.times_ns[0]) & (times <= revision.times_ns[-1])
+        inside = (times >= revision.times_ns[0]) & (times <= revision.times_ns[-1]) & np.isfinite(self.points[:, 0])
         for axis in range(3):
             for column, values in ((axis, revision.bias), (3 + axis, revision.bias_std)):
                 known = np.interp(times[inside], revision.times_ns, values[:, axis].astype(float))
@@ -132,6 +136,7 @@ class Trail:
 
     def _thin(self) -> None:
         half = POINTS // 2
-        kept = np.concatenate([np.arange(0, half, 2), np.arange(half, POINTS)])
+        gaps = np.flatnonzero(np.isnan(self._rows[:half, 0]))[-BOOTS:]
+        kept = np.unique(np.concatenate([np.arange(0, half, 2), gaps, np.arange(half, POINTS)]))
         self._times[: len(kept)], self._rows[: len(kept)] = self._times[kept], self._rows[kept]
         self._n = len(kept)

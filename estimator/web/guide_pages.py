@@ -1,4 +1,4 @@
-"""Page that guides a person through a calibration."""
+"""Pages that guide a person through calibrations: of one device, and of a whole ward."""
 
 import time
 
@@ -7,15 +7,30 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from estimator.guide.guide import Guide
+from estimator.language.texts import texts
+from estimator.overview.ward import to_calibrate
 from estimator.web.guide_view import guide_view
 from estimator.web.language import language
 from estimator.web.pages import show
 from estimator.web.site import Desk
+from estimator.web.tiles import ward_page
 
 
 def routes() -> list[BaseRoute]:
     """Route of the guide page."""
-    return [Route("/devices/{device}/calibrate", calibrate, name="calibrate")]
+    return [
+        Route("/devices/{device}/calibrate", calibrate, name="calibrate"),
+        Route("/calibrate", queue, name="queue"),
+    ]
+
+
+async def queue(request: Request) -> Response:
+    """Serve the page on which a ward is calibrated, several devices at once."""
+    desk = Desk.of(request)
+    now = time.monotonic()
+    waiting = to_calibrate(desk.known.rows(now))
+    page = ward_page(desk.known, now, time.time_ns(), texts(language(request)))
+    return show(request, "queue.html", {"page": page, "waiting": waiting})
 
 
 async def calibrate(request: Request) -> Response:

@@ -11,6 +11,7 @@ from estimator.guide.guide import CALIBRATING, SIDES
 from estimator.guide.hand_motion import Hand
 from estimator.guide.steps import Instruction, Picture, Step, Words
 from estimator.language.texts import LANGUAGES, Texts, texts
+from estimator.overview.ward import to_calibrate
 from estimator.web import number_format
 from estimator.web.device_page import interval
 from estimator.web.tiles import troubles
@@ -61,7 +62,8 @@ class Axis:
 class GuideView:
     """Everything the guide page shows.
 
-    percent: fill of the ring; centre: the text inside it; way: direction of the turn, 1, -1, or 0 for either.
+    following: the next device to calibrate, once this one is over. percent: fill of the ring; centre: the text
+    inside it; way: direction of the turn, 1, -1, or 0 for either.
     """
 
     device: str
@@ -75,6 +77,7 @@ class GuideView:
     can_begin: bool
     can_cancel: bool
     calibration: str
+    following: str
     result: Sequence[Axis]
     say: Mapping[str, Said]
 
@@ -98,9 +101,15 @@ def guide_view(told: Instruction, known: Known, device: str, now: float) -> Guid
         can_begin=not deaf and status is not None and status.state in _RECALIBRATES,
         can_cancel=not deaf and status is not None and status.state in CALIBRATING,
         calibration=calibration.id if calibration else "",
+        following=_following(known, device, now) if told.step in _OVER else "",
         result=rows(calibration, before) if calibration else (),
         say={name: _said(told, known, calibration, before, texts(name)) for name in LANGUAGES},
     )
+
+
+def _following(known: Known, device: str, now: float) -> str:
+    """The next device of the ward that waits for turns by hand; empty where none does."""
+    return next((other for other in to_calibrate(known.rows(now)) if other != device), "")
 
 
 def unless_broken(told: Instruction, known: Known, device: str, now: float) -> Instruction:
@@ -140,7 +149,7 @@ def _said(
     progress |= dict.fromkeys(_RESTS, t("guide.rest", percent=percent))
     return Said(
         head=t.say("head", told.head),
-        how=t(f"how.{told.step}"),
+        how=t(f"how.{told.how}"),
         wrong=[t.text((one,)) for one in told.wrong],
         rebooted=t("guide.rebooted") if told.rebooted else "",
         progress=progress.get(told.step, ""),
@@ -158,8 +167,8 @@ def _turns(told: Instruction, t: Texts) -> list[Turn]:
     for axis in (*told.done, *told.needed):
         mark = "done" if axis in told.done else "now" if turning and axis == told.axis else "next"
         picture = told.ways[axis]
-        # The edge of a finished turn is unknown: only the posture at that time could show it.
-        how = "" if told.step in _OVER else t(f"guide.{picture}")
+        # How a finished turn was made is unknown: only the posture at that time could show it.
+        how = "" if mark == "done" or told.step in _OVER else t(f"guide.{picture}")
         found.append(Turn(AXES[axis], picture, mark, how, t(f"guide.{mark}")))
     return sorted(found, key=lambda turn: (bool(turn.how) and turn.picture != Picture.FLAT, turn.axis))
 

@@ -52,8 +52,9 @@ def show(request: Request, template: str, values: Mapping[str, Any], status: HTT
 async def ward(request: Request) -> Response:
     """Serve the ward page."""
     page = ward_page(Desk.of(request).known, time.monotonic(), time.time_ns(), texts(language(request)))
-    plain = request.cookies.get("truerate-plain") == "1"  # set by static/choice.js
-    return show(request, "ward.html", {"page": page, "plain": plain})
+    wall = request.query_params.get("wall") == "1"  # a screen that nobody touches
+    plain = wall or request.cookies.get("truerate-numbers") != "1"  # set by static/choice.js
+    return show(request, "ward.html", {"page": page, "plain": plain, "wall": wall})
 
 
 async def login_form(request: Request) -> Response:

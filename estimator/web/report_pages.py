@@ -1,11 +1,14 @@
 """Printable reports: certificate of a calibration, summary of the ward, and a chart of a device's bias."""
 
+import gc
 import time
 from datetime import UTC, datetime
 from http import HTTPStatus
 from importlib.metadata import version
 from io import BytesIO
 
+import segno
+from markupsafe import Markup
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -41,25 +44,34 @@ async def certificate(request: Request) -> Response:
     if (found := known.get(number)) is None:
         raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", id=number[:80], device=name)
     story = desk.story(name)
-    page = reports.certificate(found, known.values(), story.status, texts(language(request)))
-    return _report(request, "certificate.html", page, picture=bool(reports.past(story, name).biases))
+    page = reports.certificate(
+        found, known.values(), story.status, texts(language(request)),
+        limit=desk.treatment.of(name).scale_limit, due_days=desk.settings.due_days,
+    )  # fmt: skip
+    picture = bool(reports.past(story, name).biases)
+    code = Markup(segno.make(str(request.url.replace(query=""))).svg_inline(scale=2, border=1))  # noqa: S704 - made here
+    label = request.query_params.get("label") == "1"
+    return _report(request, "certificate.html", page, picture=picture and not label, code=code, label=label)
 
 
 async def bias(request: Request) -> Response:
-    """Serve a chart of the device's bias over time as PNG."""
+    """Serve a chart of the device's bias over time as PNG; `?dark=1` for a dark page, `?narrow=1` for a phone."""
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
     if not reports.past(story, name).biases:
         raise Fault(HTTPStatus.NOT_FOUND, "no_bias", device=name)
-    drawn = await desk.pictures.get(request, name, lambda: _drawn(reports.past(story, name)))
+    dark, narrow = (request.query_params.get(way) == "1" for way in ("dark", "narrow"))
+    key = f"{name} {dark:d}{narrow:d}"
+    drawn = await desk.pictures.get(request, key, lambda: _drawn(reports.past(story, name), dark=dark, narrow=narrow))
     return Response(drawn, media_type="image/png")
 
 
-def _drawn(of: History) -> bytes:
+def _drawn(of: History, *, dark: bool, narrow: bool) -> bytes:
     from estimator.figures.histories import history  # noqa: PLC0415 - matplotlib takes a second to load
 
     drawn = BytesIO()
-    history(of, drawn, datetime.now().astimezone().tzinfo or UTC, words=False)
+    history(of, drawn, datetime.now().astimezone().tzinfo or UTC, words=False, dark=dark, narrow=narrow)
+    gc.collect()  # a figure is a cycle of references with megabytes of pixels: else ten of them wait to be freed
     return drawn.getvalue()
 
 

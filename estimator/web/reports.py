@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, isfinite
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from estimator.language.texts import Texts
 from estimator.service.history import Biases, History
 from estimator.web import number_format
 from estimator.web.guide_view import Axis, against, rows
-from estimator.web.tiles import NEEDS, toned, troubles, word
+from estimator.web.tiles import toned, troubles, word
 from estimator.web.ward_state import Known, Story
 
 #: a bias this many times less certain than the best point is left out of a chart
@@ -34,12 +34,17 @@ class TurnLine:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Everything a certificate shows. matrix: rows of the full matrix; empty where only the diagonal was estimated."""
+    """Everything a certificate shows.
+
+    when, due: dates. matrix: rows of the full matrix; empty where only the diagonal was estimated.
+    """
 
     device: str
     verdict: str
     accepted: bool
     in_use: bool
+    when: str
+    due: str
     facts: Sequence[tuple[str, str]]
     result: Sequence[Axis]
     matrix: Sequence[Sequence[str]]
@@ -72,8 +77,19 @@ class Summary:
     devices: Sequence[Line]
 
 
-def certificate(calibration: Calibration, known: Iterable[Calibration], status: Status | None, t: Texts) -> Certificate:
-    """Certificate of a calibration, accepted or rejected. known: all known calibrations of the device."""
+def certificate(
+    calibration: Calibration,
+    known: Iterable[Calibration],
+    status: Status | None,
+    t: Texts,
+    *,
+    limit: float,
+    due_days: float,
+) -> Certificate:
+    """Certificate of a calibration, accepted or rejected. known: all known calibrations of the device.
+
+    limit: largest relative scale error that is taken (`SessionKnobs.scale_limit`). due_days: days until it is due again.
+    """
     c = calibration
     before = last_before(c, known)
     whole = bool(np.any(c.matrix - np.diag(np.diag(c.matrix))))
@@ -89,6 +105,7 @@ def certificate(calibration: Calibration, known: Iterable[Calibration], status: 
         ("reason", t.text(c.reason)),
         ("temperature", number_format.temperature(c.temperature_c)),
         ("noise", f"{noise} °/s" if np.any(c.noise_std) else ""),
+        ("limit", t("report.within", percent=f"{100 * limit:.3g}") if isfinite(limit) else ""),
         ("boot", f"{c.boot:016x}"),
         ("id", c.id),
     ]
@@ -97,6 +114,8 @@ def certificate(calibration: Calibration, known: Iterable[Calibration], status: 
         verdict=t(f"report.{c.verdict.name.lower()}"),
         accepted=c.verdict.name == "ACCEPTED",
         in_use=status is not None and status.calibration == c.id,
+        when=number_format.clock(c.time_ns)[:10],
+        due=number_format.clock(c.time_ns + round(due_days * 86400e9))[:10],
         facts=[(t(f"report.{name}"), value) for name, value in facts if value],
         result=rows(c, before) if c.parameters else (),
         matrix=[[f"{value:.5f}".replace("-", number_format.MINUS) for value in row] for row in c.matrix]
@@ -138,26 +157,29 @@ def summary(known: Known, now: float, t: Texts) -> Summary:
         tracking=sum(row.state == "tracking" for row in found),
         of=len(found),
         troubles=troubles(known, t),
-        needs=[lines[row.device] for row in found if lines[row.device].tone in NEEDS],
+        needs=[lines[row.device] for row in found if row.needs_person],
         devices=[lines[name] for name in sorted(lines)],
     )
 
 
 def past(story: Story, device: str) -> History:
-    """Bias history for a chart; far less certain points are left out, since they would hide the present bias."""
+    """Bias history for a chart, boot by boot; far less certain points are left out, since they would hide the present bias."""
     times_ns, points = story.trail.times_ns, story.trail.points
     if (stored := story.biases) is not None and len(times_ns):
         before = stored.time_ns < times_ns[0]
         rows = np.column_stack([stored.bias, stored.std, stored.temperature_c])
         times_ns, points = np.append(stored.time_ns[before], times_ns), np.append(rows[before], points, axis=0)
-    std = points[:, 3:6].max(axis=1)
     known = np.isfinite(points[:, :6]).all(axis=1)
-    known &= std <= _UNSURE * std[known].min(initial=np.inf)
-    points, times_ns = points[known], times_ns[known]
-    if len(points) < 2:
+    best = points[known, 3:6].max(axis=1, initial=0).min(initial=np.inf)
+    shown = known & (np.nan_to_num(points[:, 3:6], nan=np.inf).max(axis=1) <= _UNSURE * best)
+    biases = [
+        Biases("", times_ns[part], points[part, :3], points[part, 3:6], points[part, 6])
+        for run in np.split(np.arange(len(points)), np.flatnonzero(~known))
+        if len(part := run[shown[run]]) > 1
+    ]
+    if not biases:
         return History(device, (), (), (), ())
-    biases = Biases("", times_ns, points[:, :3], points[:, 3:6], points[:, 6])
-    since_ns = times_ns[0] - _BEFORE_NS
+    since_ns = biases[0].time_ns[0] - _BEFORE_NS
     boots = [{"time_ns": boot.time_ns} for boot in story.boots.values() if boot.time_ns >= since_ns]
     made = [c for c in story.calibrations.values() if c.time_ns >= since_ns]
-    return History(device, made, boots, (), [biases])
+    return History(device, made, boots, (), biases)

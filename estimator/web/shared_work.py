@@ -4,10 +4,10 @@ import asyncio
 import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from http import HTTPStatus
 from typing import Generic, TypeVar
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from estimator.web.http_error import Fault
@@ -21,11 +21,12 @@ PATIENCE_S = 1.0
 
 
 class SharedWork(Generic[T]):
-    """Computes answers one at a time on a thread; an answer serves equal requests until it is keep_s seconds old."""
+    """Computes answers one at a time on a thread of its own; an answer serves equal requests until it is keep_s seconds old."""
 
     def __init__(self, keep_s: float) -> None:
         self._keep_s = keep_s
         self._one_at_a_time = asyncio.Lock()
+        self._thread = ThreadPoolExecutor(1)  # of its own: the system keeps freed memory for each thread that drew
         self._made: OrderedDict[str, tuple[float, T]] = OrderedDict()
         self._tasks: dict[str, asyncio.Task[T | None]] = {}
         self._askers = Counter[str]()
@@ -65,7 +66,7 @@ class SharedWork(Generic[T]):
             async with self._one_at_a_time:
                 if key not in self._askers:
                     return None
-                answer = await run_in_threadpool(make)
+                answer = await asyncio.get_running_loop().run_in_executor(self._thread, make)
             self._made[key] = time.monotonic(), answer
             self._made.move_to_end(key)
             while len(self._made) > KEPT:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from bridge.wire.messages import State
 from estimator.geometry.gyro_model import AXES
 from estimator.language.texts import Texts
-from estimator.overview.ward import SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, charge_it
+from estimator.overview.ward import SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, to_calibrate
 from estimator.web import number_format
 from estimator.web.ward_state import Known, Story
 
@@ -18,12 +18,10 @@ TONES = {
     "awaiting still": "ask",
     "bias only": "ask",
     "degraded": "ask",
-    "turning": "busy",
+    "turning": "ask",
     "warming": "busy",
     TRACKING: "well",
 }
-#: tones of devices that need a person
-NEEDS = ("bad", "ask")
 _CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 #: states in which a person with the device in hand can help
 _BY_HAND = ("awaiting still", "bias only", "degraded", "turning", "warming")
@@ -33,7 +31,7 @@ _BY_HAND = ("awaiting still", "bias only", "degraded", "turning", "warming")
 class Tile:
     """Tile of one device, in words of one language, shown as they are. Numbers are for sorting, None last.
 
-    state: name for programs; word: name for people.
+    state: name for programs; word: name for people. advice: one plain sentence, which says what to do.
     """
 
     id: str
@@ -42,6 +40,7 @@ class Tile:
     word: str
     tone: str
     needs: bool
+    advice: str
     reason: str
     notices: str
     quality: str
@@ -66,7 +65,8 @@ class Tile:
 class WardPage:
     """Everything the ward page shows.
 
-    `troubles` concern the ward itself; `counts` holds name, tone, number and word of each state.
+    `troubles` concern the ward itself; `queue` lists the devices that wait for turns by hand. `counts` holds
+    name, tone, number and word of each state.
     """
 
     ward: str
@@ -78,6 +78,7 @@ class WardPage:
     of: int
     counts: Sequence[tuple[str, str, int, str]]
     troubles: Sequence[str]
+    queue: Sequence[str]
     tiles: Sequence[Tile]
 
 
@@ -98,6 +99,7 @@ def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
         of=len(rows),
         counts=counts,
         troubles=troubles(known, t),
+        queue=to_calibrate(rows),
         tiles=tiles,
     )
 
@@ -118,18 +120,16 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
     told_hz, measured_hz = (info.rate_hz, info.measured_rate_hz) if info else (0.0, 0.0)
     calibrated_ns = status.calibrated_time_ns if status else 0
     calibrating = status is not None and status.state in _CALIBRATING
-    tone = toned(row)
-    notices = [charge_it(row.battery_percent)] if row.low_battery and row.battery_percent is not None else []
-    notices += row.notices
     return Tile(
         id=row.device,
         number=story.number,
         state=row.state,
         word=word(row.state, t),
-        tone=tone,
-        needs=tone in NEEDS,
+        tone=toned(row),
+        needs=row.needs_person,
+        advice=_advice(row, story, t),
         reason=t.text(row.reason),
-        notices=t.text(notices),
+        notices=t.text(row.notices),
         quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
         bias=number_format.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
         calibrated=number_format.ago(calibrated_ns, now_ns, t)
@@ -156,8 +156,18 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
 
 
 def toned(row: DeviceRow) -> str:
-    """Tone of a device; a low battery asks for a person even if all else is well."""
-    return "ask" if row.low_battery and TONES[row.state] not in NEEDS else TONES[row.state]
+    """Tone of a device: whatever its state, a device that needs a person never looks well."""
+    return "ask" if row.needs_person and TONES[row.state] in ("busy", "well") else TONES[row.state]
+
+
+def _advice(row: DeviceRow, story: Story, t: Texts) -> str:
+    """What a person is to do with the device, in one plain sentence."""
+    key, done = row.state.replace(" ", "_"), len(story.status.axes_done) if story.status else 0
+    if row.state == TRACKING and row.needs_person:
+        key = "charge" if row.low_battery else "bad_samples"
+    elif row.state in ("awaiting still", "bias only") and rebooted(story):
+        key = "rebooted"
+    return t(f"tile.{key}", done=done)
 
 
 def _rest(row: DeviceRow, now_ns: int, t: Texts) -> str:

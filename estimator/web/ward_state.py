@@ -221,7 +221,7 @@ class Known:
         status = self.stories[row.device].status
         known = status is not None and status.state is not State.UNKNOWN
         last = (Code.LAST_STATE(label=WORDS[status.state]),) if status is not None and known else ()
-        return replace(row, state=UNKNOWN, reason=(Code.ROUTER_GONE(), *last))
+        return replace(row, state=UNKNOWN, needs_person=True, reason=(Code.ROUTER_GONE(), *last))
 
     def deaf(self, device: str) -> bool:
         """Whether a fault of the ward prevents hearing a device: router, estimator or its bridge is gone."""

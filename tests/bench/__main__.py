@@ -13,15 +13,16 @@ from rich.console import Console
 from bridge.terminal.tables import Column, Columns
 
 GROUPS = {
-    "calibration": ("calibration", "closure_honesty", "gravity_methods", "machines", "clipping"),
-    "tracking": ("tracking", "cost", "temperature", "warming", "honesty", "rests"),
+    "calibration": ("closure_honesty", "gravity_methods", "machines", "clipping"),
+    "tracking": ("tracking", "cost", "temperature", "warming", "honesty"),
+    "orientation": ("orientation",),
     "load": ("load",),
-    "bridge": ("bridge_load", "hotplug"),
+    "bridge": ("hotplug",),
     "cluster": ("cluster",),
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
     "hostile": ("forged", "access", "attacks"),
-    "viewers": ("subscribing", "dashboard", "recorder", "kills"),
+    "viewers": ("subscribing", "dashboard", "kills"),
 }
 OUT = Path("out/bench")
 

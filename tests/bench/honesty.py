@@ -163,10 +163,8 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
     tracker = Tracker(knobs, 0.0, model, np.full(3, std))
     last, force = 0.0, day.accel.astype(float) if accel else None
     nees, squared, within = [], [], []
-    for windows in Stillness().feed(day.time_s, day.gyro.astype(float), force).each():
-        if scene.step_k or scene.other:
-            ((_, now, sample, _),) = windows.heads
-            tracker.thermometer.read(now, float(day.temperature_c[sample]))
+    celsius = day.temperature_c if scene.step_k or scene.other else None
+    for windows in Stillness().feed(day.time_s, day.gyro.astype(float), force, celsius=celsius).each():
         tracker.take(windows)
         if tracker.time == last:
             continue

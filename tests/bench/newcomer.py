@@ -21,8 +21,12 @@ NAME, _CHROMIUM = "wrist", "/usr/bin/chromium"
 _READS_MS = 2000.0
 
 
-def calibrated(browser: Browser, seed: int, *, fails: bool) -> tuple[float, float]:
-    """Seconds from the ward page to the verdict, and of the device's life; with one turn that must be repeated, or none."""
+#: turns that are made by half, by the picture that is shown
+_MISTAKES = ("", "along", "flat,along,across,along")
+
+
+def calibrated(browser: Browser, seed: int, *, half: str) -> tuple[float, float]:
+    """Seconds from the ward page to the verdict, and of the device's life; turns at these pictures are first made by half."""
     with tempfile.TemporaryDirectory() as folder, Ward(Path(folder), (NAME,)) as ward:
         ward.start("router", "estimator", "bridge", "dashboard")
         context = browser.new_context(base_url=f"http://{ward.page}", viewport={"width": 820, "height": 1180})
@@ -33,7 +37,7 @@ def calibrated(browser: Browser, seed: int, *, fails: bool) -> tuple[float, floa
         begin, port = time.monotonic(), ward.plug(NAME, table.device)
         hand = Hand(page, table, _READS_MS)
         hand.from_the_ward_page(NAME)
-        hand.follow(half="along" if fails else "")
+        hand.follow(half=half)
         took = time.monotonic() - begin, port.device_time_s
         expect(page.locator("#do")).to_have_text("Done: it is calibrated")
         context.close()
@@ -49,10 +53,10 @@ def main() -> int:
     expect.set_options(timeout=60_000)
     with sync_playwright() as p:
         browser = p.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"])
-        for fails in (False, True):
+        for half in _MISTAKES:
             for seed in range(given.times):
-                took_s, lived_s = calibrated(browser, seed, fails=fails)
-                how = "one turn failed and repeated" if fails else "each turn right"
+                took_s, lived_s = calibrated(browser, seed, half=half)
+                how = f"{len(half.split(','))} turns by half and repeated" if half else "each turn right"
                 console.print(
                     f"from the ward page to the verdict, {how}: {took_s:.0f} s, {lived_s:.0f} s of the device's time"
                 )

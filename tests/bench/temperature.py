@@ -55,18 +55,16 @@ def states(day: Day, law: TemperatureLaw | None, *, accel: bool = True, until_s:
     tracker = Tracker(_KNOBS, 0.0, model, np.full(3, _TURN_ON), law)
     stillness, alone = Stillness(), None
     gyro, force = day.gyro.astype(float), day.accel.astype(float) if accel else None
-    for windows in stillness.feed(day.time_s, gyro, force).each():
+    for windows in stillness.feed(day.time_s, gyro, force, celsius=day.temperature_c).each():
         ((_, now, last, _),) = windows.heads
-        celsius = float(day.temperature_c[last])
         if now > until_s:
             if alone is None:
                 known = tracker.state
                 own = replace(known, x=known.x[:OWN], P=known.P[:OWN, :OWN])
                 alone = BiasFilter(own, _KNOBS.bias, law)
-            alone.predict(now, celsius)
+            alone.predict(now, float(day.temperature_c[last]))
             yield alone.state
         else:
-            tracker.thermometer.read(now, celsius)
             tracker.take(windows)
             yield tracker.state
 

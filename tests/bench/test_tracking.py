@@ -1,7 +1,6 @@
 """The bench measures what it says: its figures of a peer, its matrix, and the truth itself as a tracker."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +8,7 @@ import pytest
 from tests.bench import broad
 from tests.bench.cases import ERROR, KEPT, ROWS, day_cases, turn_cases
 from tests.bench.optical import drift_deg_per_min, matrix_of
-from tests.bench.rests import Held, held_against_what_follows
-from tests.bench.trackers import TRACKERS, Track, first_still
+from tests.bench.trackers import Track
 from tests.bench.tracking import written
 from tests.sim.scenes import rests_and_motion
 
@@ -56,33 +54,3 @@ def test_the_truth_keeps_slow_turns_and_days() -> None:
                 true, within = {"°/s": (0.0, 1e-6), "%": (100.0, 5.0)}[row.unit]
                 assert worth[row.name] == pytest.approx(true, abs=within)
                 assert row.group != KEPT or "0.1" in row.label
-
-
-@pytest.mark.parametrize(("told", "least", "most"), [(1.0, 90.0, 99.0), (0.5, 50.0, 90.0), (3.0, 99.0, 100.0)])
-def test_an_honest_bias_is_within_its_interval_at_rest_and_one_too_sure_is_not(
-    told: float, least: float, most: float
-) -> None:
-    trial, std = simulated(), np.radians(0.01)
-    off = np.repeat(np.random.default_rng(3).normal(size=(300, 3)), 200, axis=0)[: len(trial.bias)] * std
-    found = Track(trial.bias + off, np.full(off.shape, told * std))
-    held = Held([z for when, z in held_against_what_follows(trial, found) if when == "in it"])
-    assert least < held.share <= most
-
-
-def test_a_first_rest_is_not_known_before_it_has_passed() -> None:
-    trial = simulated()
-    bias = first_still(trial.gyro, None, None, trial.rate_hz).bias
-    assert not bias[: int(2 * trial.rate_hz)].any()
-    assert np.abs(bias[-1] - trial.bias[-1]).max() < np.radians(0.01)
-
-
-@pytest.mark.data
-def test_vqf_does_as_published(shared_data: Path) -> None:
-    trial = broad.load(next((shared_data / "broad").glob("08_*")))
-    errors = []
-    for name in broad.SCENARIOS:
-        tried = broad.scenario(name, trial)
-        track = TRACKERS["VQF"](tried.gyro, tried.accel, None, tried.rate_hz)
-        assert track is not None
-        errors.append(tried.rmse_dps(track.bias))
-    assert errors == pytest.approx([0.0031, 0.1625, 0.0216, 0.8782], abs=6e-5)

@@ -131,10 +131,9 @@ def ours(
     for start in range(0, n, _BLOCK):
         here = slice(start, start + _BLOCK)
         force = None if accel is None else accel[here]
-        for windows in stillness.feed(time[here], gyro[here], force).each():
-            ((_, now, last, _),) = windows.heads
-            if temperature_c is not None:
-                tracker.thermometer.read(now, float(temperature_c[last]))
+        celsius = None if temperature_c is None else temperature_c[here]
+        for windows in stillness.feed(time[here], gyro[here], force, celsius=celsius).each():
+            ((_, now, _, _),) = windows.heads
             tracker.take(windows)
             if now - steps[-1] > 0.5:
                 found.append(tracker.bias)

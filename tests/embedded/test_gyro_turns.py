@@ -3,25 +3,36 @@
 import shutil
 import struct
 import subprocess
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from bridge.framing.cobs_frames import Deframer, frame
+from bridge.framing.packets import decode, encode_own
 from bridge.recording import load
 from bridge.recording.recording import Recording
 from bridge.sim.calibration_session import simulate_session
 from bridge.sim.motion_scripts import TurnPlan
+from bridge.wire.messages import DeviceCalibration
+from estimator.device.own_calibration import BIAS_STD, SCALE_STD
 from estimator.offline.recordings import calibrate
+from tests.embedded.host_program import (
+    BOOT,
+    OK,
+    SENSITIVITY,
+    SEQUENCE,
+    SOURCE,
+    STILL_STD,
+    STRICT,
+    Counts,
+    Found,
+    counted,
+    run,
+)
 
-SOURCE = Path(__file__).parents[2] / "embedded"
-STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
-SENSITIVITY = float(np.float32(np.radians(0.0175)))  # of a gyroscope with ±500 °/s
-STILL_STD = 0.00436  # 0.25 °/s: five times the noise
-OK, NO_REST, MISSING_TURN, CLIPPED, TOO_LONG, SAME_AXIS, NOT_ONE_TURN, IMPLAUSIBLE, BAD_SETTING = (
-    4,
+NO_REST, MISSING_TURN, CLIPPED, TOO_LONG, SAME_AXIS, NOT_ONE_TURN, IMPLAUSIBLE, BAD_SETTING = (
     -1,
     -2,
     -3,
@@ -31,48 +42,16 @@ OK, NO_REST, MISSING_TURN, CLIPPED, TOO_LONG, SAME_AXIS, NOT_ONE_TURN, IMPLAUSIB
     -8,
     -9,
 )
-Counts = NDArray[np.int64]
 
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
 needs_arm = pytest.mark.skipif(
     not (shutil.which("arm-none-eabi-gcc") and shutil.which("qemu-system-arm")),
     reason="needs gcc-arm-none-eabi and qemu-system-arm (Debian)",
 )
-pytestmark = needs_gcc
-
-
-@dataclass(frozen=True)
-class Found:
-    status: int
-    k: NDArray[np.float64]
-    bias: NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    built = tmp_path_factory.mktemp("embedded") / "host"
-    sanitizers = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    subprocess.run(
-        ["gcc", *STRICT, *sanitizers, SOURCE / "gyro_turns.c", SOURCE / "host.c", "-lm", "-o", built], check=True
-    )
-    return built
-
-
-def run(program: Path, counts: Counts, rate_hz: float, sensitivity: float = SENSITIVITY) -> Found:
-    lines = [f"{rate_hz!r} {sensitivity!r} {STILL_STD!r}", *(f"{x} {y} {z}" for x, y, z in counts.tolist())]
-    done = subprocess.run([program], input="\n".join(lines), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    words = done.stdout.split()
-    return Found(int(words[0]), np.array(words[1:4], float), np.array(words[4:7], float))
 
 
 def session(seed: int, turns: tuple[TurnPlan, ...] | None = None, rests_s: float = 3.2) -> tuple[Counts, float]:
     made = simulate_session(seed, noise_dps=0.05, wobble_deg=2.0, replacement_deg=0.2, turns=turns, rests_s=rests_s)
     return counted(made.gyro), made.rate_hz
-
-
-def counted(gyro: NDArray[np.float64], sensitivity: float = SENSITIVITY) -> Counts:
-    return np.clip(np.rint(gyro / sensitivity), -32768, 32767).astype(np.int64)
 
 
 def in_python(counts: Counts, rate_hz: float, sensitivity: float = SENSITIVITY) -> Found:
@@ -94,6 +73,39 @@ def test_it_agrees_with_the_python_method(program: Path, part: int) -> None:
         assert found.status == OK
         np.testing.assert_allclose(found.k, expected.k, atol=1e-4)
         np.testing.assert_allclose(found.bias, expected.bias, atol=np.radians(1e-3))
+
+
+def test_its_packet_is_the_native_protocol_s(program: Path) -> None:
+    """Byte for byte as the bridge would write it."""
+    for seed in range(20):
+        found = run(program, *session(seed))
+        own = DeviceCalibration(BOOT, SEQUENCE, tuple(found.k.tolist()), tuple(found.bias.tolist()))
+        assert found.packet == frame(encode_own(own))
+        [payload] = Deframer().feed(found.packet)
+        got = decode(payload)
+        assert isinstance(got, DeviceCalibration)
+        assert (got.boot, got.sequence) == (BOOT, SEQUENCE)
+        assert np.array_equal([*got.scale, *got.bias], np.array([*found.k, *found.bias], np.float32))
+
+
+@pytest.mark.parametrize(("wobble_deg", "replacement_deg", "noise_dps"), [(2.0, 0.2, 0.05), (5.0, 1.0, 0.1)])
+def test_the_estimator_s_uncertainty_of_it_holds(
+    program: Path, wobble_deg: float, replacement_deg: float, noise_dps: float
+) -> None:
+    """A careful and a careless hand, 100 sessions each, against the simulator's truth: no error exceeds what is assumed."""
+    k_errors, bias_errors = [], []
+    for seed in range(100):
+        made = simulate_session(
+            seed, noise_dps=noise_dps, wobble_deg=wobble_deg, replacement_deg=replacement_deg, rests_s=3.2
+        )
+        found = run(program, counted(made.gyro), made.rate_hz)
+        assert found.status == OK
+        k_errors.append(found.k - made.truth.k)
+        bias_errors.append(found.bias - made.bias[0])
+    assert np.sqrt(np.square(k_errors).mean()) < SCALE_STD
+    assert np.abs(k_errors).max() < 3 * SCALE_STD
+    assert np.sqrt(np.square(bias_errors).mean()) < BIAS_STD
+    assert np.abs(bias_errors).max() < 3 * BIAS_STD
 
 
 @pytest.mark.data

@@ -18,7 +18,8 @@ from tests.estimator.stream import NAME
 from tests.memory_bus import MemoryBroker, MemoryBus
 
 WARD = "w"
-SETTINGS = Estimator(id="e1", silence_s=1.0)
+SILENCE_S = 100.0  # a busy machine stands still for seconds
+SETTINGS = Estimator(id="e1", silence_s=SILENCE_S)
 
 
 class Ward:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -80,9 +81,13 @@ def ward(rounds: Sequence[Sequence[Sent]]) -> Heard:
             service.step(0.0)
         while service.step(0.0):
             pass
-        until = time.monotonic() + 1.2  # what is missing was waited for, and every device has said how it is
-        while time.monotonic() < until:
-            service.step(0.05)
+        # What is missing was waited for, and every device has said how it is.
+        clock, passed_s = time.monotonic, [0.0]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(time, "monotonic", lambda: clock() + passed_s[0])
+            for now_s in range(1, 41):
+                passed_s[0] = now_s / 20
+                service.step(0.0)
         found = [codec.decode_corrected(*message) for message in corrected.drain(1 << 20, 0.0)]
         said = [codec.decode_status(*message) for message in status.drain(1 << 20, 0.0)]
     store.close()

@@ -63,7 +63,7 @@ class Hand:
     def from_the_ward_page(self, name: str) -> None:
         """Open what the ward page offers for a device that needs a person."""
         tile = self._page.locator(f'.tile[data-id="{name}"]')
-        offered = tile.get_by_role("link", name="Calibrate, step by step")
+        offered = tile.get_by_role("link", name="Calibrate")
         expect(offered).to_be_visible()
         self.reads()
         offered.click()
@@ -75,15 +75,20 @@ class Hand:
         self.wait_for(("place", "turn"))  # it may lie there long enough before the page looks
 
     def follow(self, until: tuple[str, ...] = OVER, *, half: str = "", turns: int = 9) -> None:
-        """Do as the page says, until it is at one of these steps or so many turns are made; once by half, at that picture."""
+        """Do as the page says, until it is at one of these steps or so many turns are made.
+
+        half: pictures, with commas between them, at each of which one turn is made by half.
+        """
+        halves = half.split(",")
         for _ in range(turns):
             if self.wait_for(("turn", *until)) != "turn":
                 return
             self.reads()
             shown = self._page.locator("#pictures > :visible").get_attribute("data-picture") or ""
             before = self._page.evaluate(_TOLD)
-            self._table.turn(_SHOWN[shown], 180.0 if shown == half else 360.0)
-            half = "" if shown == half else half
+            self._table.turn(_SHOWN[shown], 180.0 if shown in halves else 360.0)
+            if shown in halves:
+                halves.remove(shown)
             # A quick turn may be over before a page that has much to do shows that it is made.
             self._page.wait_for_function(f"before => {_STEP} === 'turning' || ({_TOLD})() !== before", arg=before)
 

@@ -55,7 +55,7 @@ def add_simulated(ward: Ward, names: list[str], speed: float, life: str = "livel
     ward.config.write_text(text.replace("[estimator]", devices + "[estimator]"), encoding="utf-8")
 
 
-def wait(what: str, until: Callable[[], bool], watcher: Watcher, ward: Ward, timeout_s: float = 40.0) -> float:
+def wait(what: str, until: Callable[[], bool], watcher: Watcher, ward: Ward, timeout_s: float = 90.0) -> float:
     """Poll until something is so; the seconds it took. Fails with the logs when it does not come."""
     begin = time.monotonic()
     while not until():

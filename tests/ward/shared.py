@@ -127,7 +127,7 @@ class Shared:
     def kill(self, name: str) -> None:
         self.running.pop(name).kill()
 
-    def until(self, true: Callable[[], bool], timeout_s: float = 30.0) -> None:
+    def until(self, true: Callable[[], bool], timeout_s: float = 90.0) -> None:
         """Take what comes until something is so."""
         deadline = time.monotonic() + timeout_s
         while not true():

@@ -1,7 +1,6 @@
 """Three estimators share a ward: one is killed, one hangs and wakes up; each sample is given once, and by whose device it is."""
 
 import contextlib
-import socket
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -9,6 +8,7 @@ import pytest
 
 from bridge.bus.contract import BusError
 from bridge.bus.embedded_router import Router
+from estimator.demo.ward import free_port
 from tests.ward.shared import Shared, shared
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("cluster"), pytest.mark.timeout(180)]
@@ -20,8 +20,7 @@ class Place:
 
     def __init__(self) -> None:
         while not hasattr(self, "_router"):  # another test process may take the free port first
-            with socket.create_server(("127.0.0.1", 0)) as probe:
-                self.endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+            self.endpoint = f"tcp/127.0.0.1:{free_port()}"
             with contextlib.suppress(BusError):
                 self.start()
 

@@ -116,6 +116,11 @@ _SHOWN = """() => {
 }"""
 
 
+#: how many tiles are seen whole
+_SEEN = """[...document.querySelectorAll(".tile")].filter((tile) => tile.getBoundingClientRect().bottom <= innerHeight
+  && tile.scrollHeight <= tile.clientHeight + 1).length"""
+
+
 def english(page: Page) -> list[str]:
     """English sentences on a page, seen or heard by a screen reader, but for code and what people have written."""
     return [words for words in page.evaluate(_SHOWN) if _ENGLISH.search(_CODE.sub("", words))]
@@ -155,6 +160,47 @@ def test_the_ward_at_one_look(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".tile h2").first).to_have_text("bed-01-ankle")
 
 
+def test_twenty_devices_at_one_look_sixty_on_a_wall_and_numbers_on_request(page: Page, site: Site, shot: Shot) -> None:
+    names = ward(site)
+    for name in names:  # where all of them need a hand, tiles are tallest
+        site.talk(said(name, State.AWAITING_STILL, boot=5, time_ns=now_ns(), reason=(Code.HOLD_STILL(),)))
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto("/")
+    expect(page.locator(".advice", has_text="Calibrate it with three turns.")).to_have_count(20)
+    assert page.evaluate(_SEEN) == 20
+    assert not re.search(r"http|Hz|zaru|\d °/s", page.locator("main").inner_text())
+    assert page.locator(".strip:visible").count() == 0
+    page.get_by_role("button", name="Numbers").click()
+    expect(page.locator(".strip:visible")).to_have_count(20)
+    expect(page.locator('[data-of="rate"]:visible').first).to_contain_text("Hz")
+    page.reload()
+    expect(page.locator(".strip:visible")).to_have_count(20)
+    page.get_by_role("button", name="Numbers").click()
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    ward(site, 60)
+    page.set_viewport_size({"width": 1920, "height": 1080})
+    page.goto("/?wall=1")
+    expect(page.locator(".tile")).to_have_count(60)
+    page.wait_for_timeout(1200)
+    assert page.evaluate(_SEEN) == 60
+    assert page.locator("main :is(button, input, select):visible").count() == 0
+    shot("wall")
+
+
+def test_a_calibration_that_was_left_is_called_so(page: Page, site: Site) -> None:
+    """Two turns, and never a third: the ward page says that somebody has to go on, as `truerate status` does."""
+    names = ward(site, 2)
+    taken = (Code.TURN_TAKEN(axis="x"), Code.TURNS_NEEDED(axes="y"))
+    site.talk(said(names[0], State.TURNING, boot=5, time_ns=now_ns(), axes_done=(0, 2), reason=taken))
+    page.goto("/")
+    expect(page.get_by_role("button", name="need a person")).to_have_text("need a person 1")
+    expect(page.locator(".tile").first).to_have_attribute("data-tone", "ask")
+    expect(page.locator(".tile .advice").first).to_have_text("Go on turning it: 2 of 3 turns are done.")
+    page.goto("/report")
+    expect(page.locator(".needs")).to_contain_text(names[0])
+
+
 def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> None:
     names = ward(site, 6)
     page.goto("/")
@@ -181,7 +227,7 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
     assert serious(page) == []
     for bus in site.buses:
         bus.detach()
-    expect(page.locator("#troubles")).to_contain_text("router is not there")
+    expect(page.locator("#troubles")).to_contain_text("router is gone")
     expect(page.locator(".tile .state").first).to_have_text("unknown")
     expect(page.locator(".tile .reason").first).to_contain_text("The router is gone")
     shot("ward-without-router")
@@ -234,7 +280,7 @@ def test_a_device(page: Page, site: Site, shot: Shot) -> None:
         Note(name, 5, now_ns(), "nurse", "sat up"),
         tracking(name, evidence_age_s=0.5, calibration=CALIBRATION.id),
     )
-    page.goto(f"/devices/{name}")
+    page.goto(f"/devices/{name}#signals")
     expect(page.get_by_role("heading", level=1)).to_have_text(name)
     expect(page.locator("#notes")).to_contain_text("sat up")
     expect(page.locator("#calibrations")).to_contain_text("in use")
@@ -352,7 +398,7 @@ def test_everything_of_a_chinese_page_is_chinese(page: Page, site: Site, shot: S
     assert english(page) == []
     shot("ward-zh")
     assert serious(page) == []
-    page.goto(f"/devices/{name}")  # the language is remembered
+    page.goto(f"/devices/{name}#signals")  # the language is remembered
     expect(page.locator("#events")).to_contain_text("超出门限")
     for _ in range(60):  # what comes before the page listens is for nobody
         rates(site, name, 2.0)

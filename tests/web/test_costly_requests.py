@@ -1,6 +1,7 @@
 """Requests that cost a lot to answer: nobody else waits for them, and nothing is done that nobody waits for."""
 
 import asyncio
+import gc
 import socket
 import threading
 import time
@@ -10,11 +11,14 @@ from dataclasses import replace
 from http import HTTPStatus
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from starlette.requests import Request
 
 from bridge.wire.messages import Calibration
 from estimator.overview.ward import matches
+from estimator.service.history import Biases, History
 from estimator.service.store import Store
 from estimator.web import report_pages
 from estimator.web.http_error import Fault
@@ -105,7 +109,7 @@ def test_equal_requests_share_an_answer_and_what_nobody_waits_for_is_not_made() 
 def test_abandoned_pictures_are_not_drawn(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = list[str]()
 
-    def slowly(of: object) -> bytes:
+    def slowly(of: object, **_: bool) -> bytes:
         time.sleep(0.2)
         drawn.append(of.device)  # type: ignore[attr-defined]
         return b"png"
@@ -127,6 +131,13 @@ def test_abandoned_pictures_are_not_drawn(site: Site, monkeypatch: pytest.Monkey
         assert answer.read() == b"png"
     assert time.monotonic() - began < 3.0
     assert len(drawn) <= WAITING
+
+
+def test_a_drawn_picture_leaves_no_figure_in_memory() -> None:
+    points = Biases("5", np.arange(3) * 10**9, np.zeros((3, 3)), np.ones((3, 3)), np.full(3, 25.0))
+    drawn = report_pages._drawn(History("chest", (), (), (), (points,)), dark=False, narrow=False)
+    assert drawn.startswith(b"\x89PNG")
+    assert not [thing for thing in gc.get_objects() if isinstance(thing, Figure)]
 
 
 def test_a_stored_list_is_read_once_for_many_requests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

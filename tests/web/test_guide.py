@@ -1,5 +1,6 @@
 """A calibration by hand with the page alone, in a real browser: a good one, a failed turn, a cancel, a reboot."""
 
+import time
 from collections.abc import Callable
 from math import radians
 
@@ -8,9 +9,11 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from bridge.sim.motion import Piece, Still, Turn
+from bridge.wire.messages import State
 from tests.estimator.stream import NAME
 from tests.web.conftest import PASSWORD, Site
 from tests.web.played import Played
+from tests.web.talk import said
 from tests.web.test_browser import serious
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
@@ -167,3 +170,46 @@ def test_two_tablets_and_two_languages(page: Page, site: Site, browser: Browser,
     expect(page.locator("#do")).to_have_text("再来一次：向前翻滚一整圈")
     shot("guide-failed-zh")
     assert serious(page) == []
+
+
+def test_after_done_the_next_device_is_one_touch_away(page: Page, site: Site, played: Played, shot: Shot) -> None:
+    played.switch_on(rests_between(turn(2), turn(0), turn(1)))
+    for name, state in (("zz", State.AWAITING_STILL), ("yy", State.TRACKING)):
+        site.talk(said(name, state, boot=1, time_ns=time.time_ns()))
+    open_guide(page)
+    expect(page.locator("#next")).to_be_hidden()
+    played.play_piece(6)
+    expect(page.locator("#do")).to_have_text(DONE)
+    following = page.get_by_role("link", name="Next device: zz")
+    expect(following).to_be_visible()
+    shot("guide-done-next")
+    assert serious(page) == []
+    following.click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Calibrate zz")
+    site.talk(said("zz", boot=1, time_ns=time.time_ns()))
+    expect(page.locator("#next")).to_be_hidden()
+
+
+def test_a_ward_is_calibrated_several_at_once(page: Page, site: Site, played: Played, shot: Shot) -> None:
+    played.switch_on(rests_between(turn(2), turn(0), turn(1)))
+    others = [f"d{n}" for n in range(7)]
+    for name in others:
+        site.talk(said(name, State.BIAS_ONLY, boot=1, time_ns=time.time_ns()))
+    while len(site.server.desk.known.stories) < 8:
+        page.wait_for_timeout(50)
+    page.goto("/calibrate")
+    card = page.locator(f'.queued[data-id="{NAME}"]')
+    expect(card.locator(".do")).to_have_text(PLACE)
+    expect(page.locator(".queued")).to_have_count(6)
+    expect(page.locator("#waiting")).to_have_text("Then: d5, d6")
+    played.play_piece(1, 0.6)
+    expect(card.locator(".do")).to_have_text("Go on, all the way round")
+    shot("queue")
+    assert serious(page) == []
+    played.play_piece(6)
+    expect(card.locator(".do")).to_have_text(DONE)
+    expect(card).to_have_count(0, timeout=15_000)
+    expect(page.locator(".queued")).to_have_count(6)
+    for name in others:
+        site.talk(said(name, boot=1, time_ns=time.time_ns()))
+    expect(page.locator("#nobody")).to_be_visible()

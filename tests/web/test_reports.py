@@ -5,13 +5,17 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
+from io import BytesIO
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from playwright.sync_api import Page, expect
 
 from bridge.wire.messages import State, Turn, Verdict
-from estimator.web import number_format
+from estimator.figures import history
+from estimator.web import number_format, reports
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.sentences import free
 from tests.web.conftest import Site
@@ -69,7 +73,7 @@ def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text("Calibration certificate")
     expect(page.locator(".verdict")).to_contain_text(f"{NAME}: accepted It is in use now.")
     expect(page.locator(".numbers").first).to_contain_text("1.0010 ± 0.0039")
-    expect(page.locator(".paper")).to_contain_text("by more than both are unsure: z")
+    expect(page.locator(".paper")).to_contain_text(": z. Was it another table edge")
     expect(page.locator(".paper")).to_contain_text("−359.8°")
     assert page.locator(".figure").evaluate("picture => picture.decode().then(() => picture.naturalWidth)") > 1000
     # When it was is said with its zone, and the picture below is in the same.
@@ -77,6 +81,9 @@ def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".facts")).to_contain_text(re.compile(rf"\d\d:\d\d:\d\d {re.escape(zone)}"))
     expect(page.locator(".paper")).to_contain_text(f"Times in {zone}.")
     expect(page.locator(".signs")).to_contain_text("Turned by:")
+    expect(page.locator(".due")).to_contain_text(re.compile(r"Calibrated on 20\d\d-\d\d-\d\d. Due again by 20\d\d"))
+    expect(page.locator(".facts")).to_contain_text("within")
+    expect(page.locator(".code svg")).to_be_visible()
     shot("certificate")
     assert serious(page) == []
     assert pages_of(page) == 1
@@ -85,6 +92,37 @@ def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".paper")).to_contain_text("相差超过两者的不确定度：z")
     shot("certificate-zh")
     assert serious(page) == []
+
+
+def test_a_label(page: Page, site: Site, shot: Shot) -> None:
+    """For a printer of labels of 62 × 29 mm: the device, the verdict, when it is due, and the code."""
+    calibrated(site)
+    page.goto(path("second"))
+    page.get_by_role("link", name="Print a label").click()
+    expect(page.locator(".verdict")).to_contain_text(f"{NAME}: accepted")
+    expect(page.locator(".facts")).to_have_count(0)
+    shot("label")
+    assert serious(page) == []
+    assert pages_of(page) == 1
+
+
+def test_a_picture_of_the_bias_leads_no_line_across_a_reboot(site: Site) -> None:
+    calibrated(site)
+    site.talk(tracking(NAME, boot=6), tracking(NAME, boot=6))
+    story = site.server.desk.known.stories[NAME]
+    while story.boot != 6 or len(reports.past(story, NAME).biases) < 2:
+        time.sleep(0.05)
+        site.talk(tracking(NAME, boot=6))
+    past = reports.past(story, NAME)
+    boundaries = [one.time_ns[-1] < other.time_ns[0] for one, other in pairwise(past.biases)]
+    assert boundaries == [True]
+    for dark, narrow in product((False, True), repeat=2):
+        drawn = BytesIO()
+        history(past, drawn, dark=dark, narrow=narrow)
+        drawn.seek(0)
+        picture = imread(drawn)
+        assert (picture.shape[0] > picture.shape[1]) == narrow, "upright on a phone"
+        assert (picture[0, 0, :3].mean() < 0.3) == dark
 
 
 def test_a_certificate_of_a_refused_one_says_so(page: Page, site: Site, shot: Shot) -> None:

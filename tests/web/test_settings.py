@@ -103,7 +103,7 @@ def test_who_may_give_commands_does_so_as_a_commander(tmp_path: Path, caplog: py
     people = f'[[dashboard.people]]\nname = "nurse"\npassword = "{HASH}"'
     assert routers_of(certified("commander:desk", people, tmp_path)).identity is not None
     assert caplog.text == ""
-    with pytest.raises(ConfigError, match="a certificate for commander is needed"):
+    with pytest.raises(ConfigError, match="needs a certificate for commander"):
         routers_of(certified("viewer:hall", people, tmp_path / "other"))
 
 

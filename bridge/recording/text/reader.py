@@ -41,7 +41,8 @@ def read_text(path: Path, reading: Reading) -> Table:
         table = _read(path, blocks(path), reading)
     else:
         table = _read(path, tags.rows_of(tags.gyro, blocks(path)), reading, tag=tags.gyro)
-    if (other := reading.accel_file) is not None:
+    if reading.accel_file is not None:
+        other = Path(reading.accel_file)
         _join(path, table, other, _read(other, blocks(other), reading, only_accel=True))
     elif tags is not None and tags.accel and "accel_m_s2" not in table.columns:
         accel = _read(path, tags.rows_of(tags.accel, blocks(path)), reading, only_accel=True, tag=tags.accel)

@@ -15,7 +15,6 @@ from bridge.wire.messages import Calibration
 from estimator.geometry.gyro_model import AXES
 from estimator.offline import calibration_file
 from estimator.overview.ward import TRACKING, DeviceRow, chosen
-from estimator.web.tiles import NEEDS, toned
 from estimator.web.ward_state import Known, Story
 
 #: calibrations per response by default, and at most
@@ -175,7 +174,7 @@ def device(row: DeviceRow, story: Story) -> Device:
     return Device(
         id=row.device,
         state=row.state,
-        needs_person=toned(row) in NEEDS,
+        needs_person=row.needs_person,
         reason=said(row.reason),
         notices=said(row.notices),
         quality=row.quality or None,

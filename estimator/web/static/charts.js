@@ -56,7 +56,7 @@ export function stripe(u, from, to, colour, alpha) {
   u.ctx.save();
   u.ctx.globalAlpha = alpha;
   u.ctx.fillStyle = css(colour);
-  u.ctx.fillRect(a, top, b - a, height);
+  u.ctx.fillRect(a, top + height - 5 * devicePixelRatio, b - a, 5 * devicePixelRatio); // along the foot: over days it hides nothing
   u.ctx.restore();
 }
 

@@ -1,7 +1,7 @@
 // What the reader has chosen to see: in the address, so that it can be loaded again and passed on; in this tab it outlives a look
 // at a device.
 
-const KEY = "truerate-choice", NAMES = ["only", "find", "order"], YEAR_S = 365 * 86400;
+const KEY = "truerate-choice", NAMES = ["only", "find", "order"], WALL = new URLSearchParams(location.search).get("wall"), YEAR_S = 365 * 86400;
 const asked = new URLSearchParams(location.search);
 const from = NAMES.some((name) => asked.has(name)) ? asked : new URLSearchParams(sessionStorage.getItem(KEY) ?? "");
 
@@ -13,7 +13,7 @@ export const chosen = {
 
 let kept = null;
 export function keep({ only, find, order }) {
-  const query = new URLSearchParams(Object.entries({ only: [...only].join(","), find, order }).filter(([, value]) => value)).toString();
+  const query = new URLSearchParams(Object.entries({ only: [...only].join(","), find, order, wall: WALL }).filter(([, value]) => value)).toString();
   if (query === kept) return;
   kept = query;
   sessionStorage.setItem(KEY, query);
@@ -22,5 +22,5 @@ export function keep({ only, find, order }) {
 
 // A cookie, so that the server writes the next page as it was left.
 export function showNumbers(on) {
-  document.cookie = `truerate-plain=${on ? 0 : 1}; path=/; samesite=lax; max-age=${YEAR_S}`;
+  document.cookie = `truerate-numbers=${on ? 1 : 0}; path=/; samesite=lax; max-age=${YEAR_S}`;
 }

@@ -2,9 +2,9 @@
 
 import { chart, post, stripe } from "./charts.js";
 import { fill, tone } from "./fields.js";
-import { say, spoken, trouble, watch } from "./live.js";
+import { say, spoken, trouble, unwatch, watch } from "./live.js";
 
-const AXES = ["x", "y", "z"], WINDOW_S = 20, BACK_S = 1;
+const AXES = ["x", "y", "z"], WINDOW_S = 20, BACK_S = 1, PAUSE_S = 0.5; // no line leads across a longer pause
 const page = document.querySelector(".device"), id = page.dataset.id;
 const $ = (name) => document.getElementById(name);
 let trail = { rests: [], marks: [] };
@@ -74,12 +74,13 @@ pause.addEventListener("click", () => {
   pause.setAttribute("aria-pressed", String(on));
 });
 
-watch(`trace/${id}`, (data) => {
+function trace(data) {
   if (!(data instanceof ArrayBuffer)) { heading(data); return; }
   const n = data.byteLength / 44, time = new Float64Array(data, 0, n), rest = new Float32Array(data, 8 * n);
   for (let i = 0; i < n; i++) {
     if (time[i] <= newest - BACK_S) for (const column of all) column.length = 0; // the host's clock was set back, or is another's
     else if (time[i] <= newest) continue;
+    if (newest && time[i] - newest > PAUSE_S) { columns.time.push(newest + 0.001); for (const column of all.slice(1)) column.push(null); }
     newest = time[i];
     columns.time.push(time[i]);
     for (let axis = 0; axis < 3; axis++) {
@@ -91,7 +92,14 @@ watch(`trace/${id}`, (data) => {
   while (old < columns.time.length && columns.time[old] < newest - WINDOW_S) old++;
   for (const column of all) column.splice(0, old);
   due = true;
+}
+
+// Signals are asked for while somebody looks at them.
+const signals = $("signals");
+signals.addEventListener("toggle", () => {
+  for (const [topic, take] of [[`trace/${id}`, trace], [`trail/${id}`, past]]) signals.open ? watch(topic, take) : unwatch(topic);
 });
+for (const depth of document.querySelectorAll("details.depth")) depth.open = location.hash === `#${depth.id}`;
 
 let due = false;
 function frame() {
@@ -132,9 +140,17 @@ function heading(now) {
 // ---- bias and temperature ----
 
 function happenings(u) {
-  for (const [from, to] of trail.rests) stripe(u, from, to, "well", 0.16);
-  for (const [at, kind] of trail.marks) post(u, at, kind === "calibrated" ? "well" : kind === "note" ? "busy" : "ask");
+  for (const [from, to] of trail.rests) stripe(u, from, to, "well", 0.6);
+  let last = -Infinity; // of the mark drawn last
+  for (const [at, kind] of [...trail.marks].sort(([a], [b]) => a - b)) {
+    if (kind !== "calibrated" && last !== -Infinity && !apart(u, at, last)) continue;
+    last = at;
+    post(u, at, kind === "calibrated" ? "well" : kind === "note" ? "busy" : "ask");
+  }
 }
+// Of marks closer than a finger's width of pixels one stands for all: days are no solid block.
+const MARKS_PX = 12;
+const apart = (u, at, last) => Math.abs(u.valToPos(at, "x") - u.valToPos(last, "x")) > MARKS_PX;
 // How unsure it once was is not to hide what it is now: intervals far wider than the present one run out of the picture.
 function around(u) {
   const [, value, high] = u.data;
@@ -162,12 +178,13 @@ const temperatures = chart($("temperatures"), {
   range: (u, low, high) => (low === null ? [0, 1] : [Math.min(low, high - 1) - 0.2, high + 0.2]),
 });
 
-watch(`trail/${id}`, (data) => {
+function past(data) {
   if (!(data instanceof ArrayBuffer)) { trail = data; return; }
   const n = data.byteLength / 36, time = Array.from(new Float64Array(data, 0, n)), rest = new Float32Array(data, 8 * n);
   const column = (i, map = (v) => v) => time.map((_, row) => number(map(rest[7 * row + i], row)));
   AXES.forEach((_, axis) => biases[axis].set([time, column(axis), column(axis, (v, row) => v + 2 * rest[7 * row + 3 + axis]), column(axis, (v, row) => v - 2 * rest[7 * row + 3 + axis])]));
+  for (const one of biases) one.figure.hidden = n < 2;
   const celsius = column(6);
   $("warmth").hidden = celsius.every((value) => value === null);
   temperatures.set([time, celsius]);
-});
+}

@@ -25,6 +25,7 @@ watch(`guide/${id}`, (now) => {
   turns(said.turns);
   if ($("begin")) $("begin").hidden = !now.can_begin;
   if ($("cancel")) $("cancel").hidden = !now.can_cancel;
+  following(now);
   result(now, said);
   trouble(said.troubles);
   document.title = `${said.head} · ${title}`;
@@ -48,6 +49,16 @@ function ring(now, said) {
   say($("centre"), now.centre);
   $("ring").setAttribute("aria-valuenow", now.percent);
   $("ring").setAttribute("aria-valuetext", said.progress);
+}
+
+// After the last turn the next device is one touch away.
+function following(now) {
+  const link = $("next").firstElementChild, over = now.step === "done" || now.step === "idle";
+  $("next").hidden = !over || !now.following;
+  $("back").hidden = now.step !== "done" || Boolean(now.following);
+  link.href = `/devices/${encodeURIComponent(now.following)}/calibrate`;
+  say(link, link.dataset.words.replace("{device}", now.following));
+  $("begin")?.querySelector("button").classList.toggle("quiet", Boolean(now.following));
 }
 
 let shown = "";

@@ -2,7 +2,7 @@
 
 import { chosen, keep, showNumbers } from "./choice.js";
 import { fill, shape, tone } from "./fields.js";
-import { say, spoken, trouble, watch } from "./live.js";
+import { say, spoken, trouble, unwatch, watch } from "./live.js";
 import { Strip, spark } from "./pictures.js";
 
 const list = document.getElementById("tiles"), template = document.getElementById("tile");
@@ -47,7 +47,6 @@ watch(spoken("ward"), (now) => {
     fill(element, fields);
     tone(element, fields.tone);
     element.toggleAttribute("data-needs", fields.needs);
-    element.querySelector(".battery").classList.toggle("low", fields.battery_low);
   }
   const there = new Set(now.tiles.map((fields) => fields.id));
   for (const [id, tile] of tiles) if (!there.has(id)) { seen.unobserve(tile.element); tile.element.remove(); tiles.delete(id); }
@@ -57,9 +56,9 @@ watch(spoken("ward"), (now) => {
 
 const MOST_WAITING = 60; // frames while nothing is drawn, as of a page behind others
 let waiting = [];
-watch("rates", (data) => {
+function rates(data) {
   if (waiting.push(new Float32Array(data, 8)) > MOST_WAITING) waiting.shift();
-});
+}
 
 function draw() {
   const frames = waiting;
@@ -77,7 +76,7 @@ function draw() {
 requestAnimationFrame(draw);
 
 const points = 40;
-watch("bias", (data) => {
+function biases(data) {
   const seconds = new Float64Array(data, 0, 1)[0], rows = new Float32Array(data, 8), short = seconds < 100;
   const words = list.dataset[short ? "seconds" : "minutes"].replace("{n}", Math.round(short ? seconds : seconds / 60));
   for (const tile of tiles.values()) {
@@ -85,7 +84,12 @@ watch("bias", (data) => {
     say(tile.element.querySelector(".span"), words);
     if (tile.number !== undefined && at + points * 6 <= rows.length) spark(tile.spark, rows.subarray(at, at + points * 6), points);
   }
-});
+}
+
+// What nobody looks at is not asked for.
+function follow(on) {
+  for (const [topic, take] of [["rates", rates], ["bias", biases]]) on ? watch(topic, take) : unwatch(topic);
+}
 
 function head(now) {
   const needs = now.tiles.filter((fields) => fields.needs).length;
@@ -94,6 +98,7 @@ function head(now) {
   document.title = now.title;
   trouble(now.troubles);
   document.getElementById("none").hidden = now.of > 0;
+  if (wall) wide(now.of);
   chips(now.counts);
   share(now.counts, now.of);
 }
@@ -120,6 +125,15 @@ function chips(counts) {
     say(chip.querySelector("b"), String(n));
   });
 }
+
+// A wall screen shows all devices at once: as many columns as make tiles of twice their height.
+const wall = document.body.classList.contains("wall");
+function wide(n) {
+  const columns = Math.max(1, Math.ceil(Math.sqrt((n * innerWidth) / (2.2 * innerHeight))));
+  list.style.setProperty("--columns", columns);
+  list.style.setProperty("--rows", Math.ceil(n / columns));
+}
+if (wall) { wide(list.children.length); addEventListener("resize", () => wide(list.children.length)); }
 
 function share(counts, of) {
   const picture = document.querySelector(".share");
@@ -186,11 +200,14 @@ order.addEventListener("change", arrange);
 pause.addEventListener("click", () => pause.setAttribute("aria-pressed", String(pause.getAttribute("aria-pressed") !== "true")));
 if (matchMedia("(prefers-reduced-motion: reduce)").matches) pause.click();
 const numbers = document.getElementById("numbers");
+follow(numbers.getAttribute("aria-pressed") === "true");
 numbers.addEventListener("click", () => {
   const on = numbers.getAttribute("aria-pressed") !== "true";
   numbers.setAttribute("aria-pressed", String(on));
   list.classList.toggle("plain", !on);
   showNumbers(on);
+  pause.hidden = !on;
+  follow(on);
   for (const tile of tiles.values()) tile.strip.size();
 });
 addEventListener("resize", () => tiles.forEach((tile) => tile.strip.size()));

@@ -9,7 +9,7 @@ import zenoh
 from bridge.bus import gap_repair
 from bridge.bus.contract import Bus
 from bridge.bus.zenoh_bus import ZenohBus
-from tests.bridge.bus.worlds import ZenohWorld, collect, eventually, meet, numbers
+from tests.bridge.bus.worlds import ZenohWorld, collect, eventually, meet, numbers, settled
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def asked(session: zenoh.Session, question: str) -> list[tuple[str, bytes, bytes
         zenoh.handlers.FifoChannel(1000),
         accept_replies=zenoh.ReplyKeyExpr.ANY,
         consolidation=zenoh.ConsolidationMode.NONE,
-        timeout=5.0,
+        timeout=90.0,
     )
     ok = [reply.ok for reply in replies if reply.ok is not None]
     return [(str(s.key_expr), s.payload.to_bytes(), s.attachment.to_bytes() if s.attachment else b"") for s in ok]
@@ -41,12 +41,21 @@ def asked(session: zenoh.Session, question: str) -> list[tuple[str, bytes, bytes
 
 def test_another_program_gets_the_past_as_the_wire_document_says(a: Bus, stranger: zenoh.Session) -> None:
     heard = stranger.declare_subscriber("t/x/*", zenoh.handlers.FifoChannel(100))
-    time.sleep(0.2)
+    first_of_all = a.publisher("t/x/0")
+
+    def known() -> bool:
+        first_of_all.put(b"?")
+        return heard.try_recv() is not None
+
+    eventually(known)
+    while heard.try_recv() is not None:
+        pass
     for key in ("t/x/1", "t/x/2"):
         publisher = a.publisher(key, cache=5)
         for n in range(8):
             publisher.put(b"%d" % n)
-    first = heard.recv()
+    while (first := heard.recv()).payload.to_bytes() == b"?":
+        pass
     assert first.attachment is not None
     stamp = first.attachment.to_bytes()
     assert (len(stamp), int.from_bytes(stamp[12:], "big")) == (20, 0)
@@ -74,7 +83,7 @@ def test_a_strange_question_ends_and_harms_nothing(a: Bus, stranger: zenoh.Sessi
         publisher.put(b"%d" % n)
     began = time.monotonic()
     asked(stranger, f"{pattern}/@adv/*?{what}")
-    assert time.monotonic() - began < 4.0, "it is answered, not timed out"
+    assert time.monotonic() - began < 60.0, "it is answered, not timed out"
     late = a.subscribe("t/x/*", history=True)
     assert numbers(collect(late, 5)) == list(range(5))
 
@@ -88,7 +97,7 @@ def test_a_strange_attachment_harms_nothing(a: Bus, b: Bus, stranger: zenoh.Sess
     publisher.put(b"1")
     publisher.put(b"2")
     came: list[bytes] = []
-    while b"2" not in came and (message := subscription.receive(5.0)) is not None:
+    while b"2" not in came and (message := subscription.receive(30.0)) is not None:
         came.append(message.payload)
     assert [payload for payload in came if payload != b"strange"] == [b"1", b"2"]
 
@@ -123,8 +132,8 @@ def test_a_question_that_never_ends_keeps_nothing_waiting_for_ever(
     with world.bus() as a, world.bus() as b:
         publisher, subscription = a.publisher("t/one", cache=9), b.subscribe("t/*", history=True)
         publisher.put(b"1")
-        eventually(lambda: subscription.caught_up, 1.5)
-        assert numbers(collect(subscription, 1, 1.0)) == [1]
+        eventually(lambda: subscription.caught_up)
+        assert numbers(collect(subscription, 1)) == [1]
         while (query := kept.handler.try_recv()) is not None:
             questions.append(query)
     assert questions
@@ -152,7 +161,7 @@ def test_a_closed_publisher_is_not_answered_for(a: Bus, b: Bus) -> None:
     gone.put(b"1")
     there.put(b"2")
     gone.close()
-    time.sleep(0.5)  # what is still under way would come as news
+    settled(a, b)  # what is still under way would come as news
     subscription = b.subscribe("t/*", history=True)
     assert numbers(collect(subscription, 1)) == [2]
 

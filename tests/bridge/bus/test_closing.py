@@ -64,8 +64,8 @@ def test_a_reader_waiting_is_woken_by_close(a: Bus) -> None:
     subscription = a.subscribe("t/wait")
     threading.Timer(0.1, subscription.close).start()
     began = time.monotonic()
-    assert subscription.receive(10.0) is None
-    assert time.monotonic() - began < 5.0
+    assert subscription.receive(90.0) is None
+    assert time.monotonic() - began < 60.0
     publisher = a.publisher("t/gone")
     publisher.close()
     with pytest.raises(BusError, match="closed"):

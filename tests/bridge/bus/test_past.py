@@ -6,7 +6,7 @@ import time
 import pytest
 
 from bridge.bus.contract import Bus
-from tests.bridge.bus.worlds import World, collect, eventually, numbers
+from tests.bridge.bus.worlds import World, collect, eventually, numbers, settled
 
 
 def test_who_joins_busy_publishers_has_their_past(world: World, a: Bus) -> None:
@@ -48,7 +48,7 @@ def test_a_late_joiner_gets_history_then_live(a: Bus, b: Bus, *, prompt: bool) -
     publisher = a.publisher("t/late", cache=100)
     for n in range(150):
         publisher.put(b"%d" % n)
-    time.sleep(0.1)  # what is still on its way to the router would come as live
+    settled(a, b)  # what is still on its way to the router would come as live
     subscription = b.subscribe("t/*", history=True, prompt=prompt)
     assert numbers(collect(subscription, 100)) == list(range(50, 150))
     for n in range(150, 160):
@@ -62,9 +62,9 @@ def test_a_past_that_a_queue_has_no_room_for_comes_whole(a: Bus, b: Bus) -> None
     for number in range(50):
         for publisher in publishers:
             publisher.put(str(number).encode())
-    time.sleep(0.5)  # what is still under way would come as news
+    settled(a, b)  # what is still under way would come as news
     subscription = b.subscribe("t/past/*", history=True, capacity=10)
-    time.sleep(0.5)  # all of it is there before any is read
+    eventually(lambda: subscription.caught_up)  # all of it is there before any is read
     past = collect(subscription, 100)
     assert [numbers([m for m in past if m.key.endswith(str(n))]) for n in range(2)] == [list(range(50))] * 2
     assert subscription.missed == 0
@@ -81,7 +81,7 @@ def test_of_the_past_as_much_comes_as_is_asked_for_and_all_that_follows(a: Bus, 
     for number in range(50):
         for publisher in publishers:
             publisher.put(str(number).encode())
-    time.sleep(0.5)  # what is still under way would come as news
+    settled(a, b)  # what is still under way would come as news
     subscription = b.subscribe("t/some/*", history=True, most_past=7)
     came = collect(subscription, 14)
     for publisher in publishers:

@@ -49,7 +49,7 @@ def test_a_hostile_key_is_refused_and_harms_nothing(a: Bus, key: str) -> None:
             declare(key)
     subscription = a.subscribe("t/ok")
     a.publisher("t/ok").put(b"1")
-    assert subscription.receive(2.0) is not None
+    assert subscription.receive(30.0) is not None
 
 
 @pytest.mark.parametrize("pattern", ["", "a//b", "a*", "a/**/**", "a/**/*", "***", "$*", "a" * 201])

@@ -8,6 +8,7 @@ import pytest
 from bridge.bus.contract import BusError
 from bridge.bus.reachability import why_unreachable
 from bridge.bus.zenoh_bus import ZenohBus
+from estimator.demo.ward import free_port
 
 
 @pytest.fixture
@@ -17,21 +18,16 @@ def silent() -> Iterator[socket.socket]:
         yield server
 
 
-def closed_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
-
-
 def test_the_network_is_asked(silent: socket.socket) -> None:
-    assert why_unreachable(f"tcp/127.0.0.1:{closed_port()}") == "no program listens there"
-    assert why_unreachable(f"tls/127.0.0.1:{closed_port()}#iface=lo") == "no program listens there"
+    assert why_unreachable(f"tcp/127.0.0.1:{free_port()}") == "no program listens there"
+    assert why_unreachable(f"tls/127.0.0.1:{free_port()}#iface=lo") == "no program listens there"
     assert why_unreachable("tcp/nobody.invalid:7447") == "the name nobody.invalid is unknown"
     assert why_unreachable(f"tcp/127.0.0.1:{silent.getsockname()[1]}") == ""
     assert why_unreachable("unixsock-stream//tmp/x") == why_unreachable("udp/127.0.0.1:1") == ""
 
 
 def test_what_cannot_be_reached_is_said_with_its_address_and_without_zenohs_own_words(silent: socket.socket) -> None:
-    gone, there = f"tcp/127.0.0.1:{closed_port()}", f"tcp/127.0.0.1:{silent.getsockname()[1]}"
+    gone, there = f"tcp/127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{silent.getsockname()[1]}"
     with pytest.raises(BusError) as nothing:
         ZenohBus([gone], open_timeout_s=0.2)
     assert str(nothing.value) == (

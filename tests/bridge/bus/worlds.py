@@ -1,7 +1,6 @@
 """Where buses meet in tests: zenoh through a router in this process, and its twin in memory; and what is waited for there."""
 
 import contextlib
-import socket
 import time
 from collections.abc import Callable
 from typing import Protocol
@@ -9,6 +8,7 @@ from typing import Protocol
 from bridge.bus.contract import Bus, BusError, Message, Publisher, Subscription
 from bridge.bus.embedded_router import Router
 from bridge.bus.zenoh_bus import ZenohBus
+from estimator.demo.ward import free_port
 from tests.memory_bus import MemoryBroker, MemoryBus
 
 
@@ -32,8 +32,7 @@ class MemoryWorld:
 class ZenohWorld:
     def __init__(self) -> None:
         while not hasattr(self, "_router"):  # another test process may take the free port first
-            with socket.create_server(("127.0.0.1", 0)) as probe:
-                self._endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+            self._endpoint = f"tcp/127.0.0.1:{free_port()}"
             with contextlib.suppress(BusError):
                 self.start()
 
@@ -47,7 +46,7 @@ class ZenohWorld:
         self._router.close()
 
 
-def eventually(true: Callable[[], bool], timeout_s: float = 10.0) -> None:
+def eventually(true: Callable[[], bool], timeout_s: float = 60.0) -> None:
     deadline = time.monotonic() + timeout_s
     while not true():
         assert time.monotonic() < deadline, "it never came true"
@@ -64,10 +63,18 @@ def meet(publisher: Publisher, subscription: Subscription) -> None:
     assert any(_arrives(publisher, subscription) for _ in range(3))
 
 
+def settled(a: Bus, b: Bus) -> None:
+    """Wait until everything that `a` has put so far has passed the router: a session's messages stay in order."""
+    publisher, subscription = a.publisher("settled"), b.subscribe("settled")
+    meet(publisher, subscription)
+    publisher.close()
+    subscription.close()
+
+
 def _arrives(publisher: Publisher, subscription: Subscription) -> bool:
     last = b"%d" % time.monotonic_ns()
     publisher.put(last)
-    while (message := subscription.receive(5.0)) is not None:
+    while (message := subscription.receive(10.0)) is not None:
         if message.payload == last:
             return True
     return False
@@ -77,7 +84,7 @@ def numbers(messages: list[Message]) -> list[int]:
     return [int(m.payload) for m in messages]
 
 
-def collect(subscription: Subscription, count: int, timeout_s: float = 20.0) -> list[Message]:
+def collect(subscription: Subscription, count: int, timeout_s: float = 60.0) -> list[Message]:
     """Up to count messages, then whatever else comes within a moment."""
     got: list[Message] = []
     deadline = time.monotonic() + timeout_s

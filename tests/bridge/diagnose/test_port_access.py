@@ -87,7 +87,7 @@ def test_a_port_is_for_one_bridge(tmp_path: Path) -> None:
     process(proc, 8, "truerate", port, command=run)
     level, said, do = only(port_access.busy([str(name)], proc))
     assert (level, do) == (Level.TROUBLE, "stop all but one: kill 8")
-    assert "truerate (process 5), truerate (process 8) have it open, each gets a part" in said
+    assert "truerate (process 5), truerate (process 8) have it open, so each gets only part of the bytes" in said
     process(proc, 9, "minicom", port)
     level, said, do = only(port_access.busy([str(name)], proc))
     assert (level, said) == (Level.TROUBLE, f"{name}: minicom (process 9) has it open")

@@ -26,7 +26,7 @@ def test_a_capture_is_tried(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         "1.500     -0.000     -3.000",
         "line 1: '18\\t-0.31': 2 columns found, 3 expected",
         "line 245: '1.22\\t0.18': 2 columns found, 3 expected",
-        "line 246: '1.22\\t0.18\\t-0.3x': '-0.3x' is no number",
+        "line 246: '1.22\\t0.18\\t-0.3x': '-0.3x' is not a number",
     ]:
         assert words in said
 

@@ -150,7 +150,7 @@ def test_wrong_use_and_an_empty_machine_are_told(
     for arguments, said in [
         (("--port", "tcp://here"), "has no port from 1 to 65535"),
         (("--baud", "7"), "baud is 7: use 300 to"),
-        (("--seconds", "0"), "--seconds is 0; 0.1 to 60"),
+        (("--seconds", "0"), "--seconds is 0: use 0.1 to 60"),
     ]:
         assert run(*arguments) == 2
         assert said in capsys.readouterr().err

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,14 @@ from bridge.drivers.replay_segments import ReplaySegment
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.drivers.simulated import SimulatedDriver, SimulatedOptions
 from bridge.framing.cobs_frames import frame
-from bridge.framing.packets import Data, Hello, encode_data, encode_hello, encode_rate
+from bridge.framing.packets import Data, Hello, encode_data, encode_hello, encode_own, encode_rate
 from bridge.recording import Recording
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.transport import serial_errors
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.serial_port import SerialPort
+from bridge.wire.messages import DeviceCalibration
 
 
 def hello(boot: int = 1, *, has_accel: bool = True, rate_hz: float = 100.0) -> bytes:
@@ -108,7 +110,7 @@ def pty(tmp_path: Path) -> Iterator[PtyPort]:
         yield port
 
 
-def read_until(driver: StreamDriver | SimulatedDriver | ReplayedDriver, n: int, limit_s: float = 5.0) -> list[Event]:
+def read_until(driver: StreamDriver | SimulatedDriver | ReplayedDriver, n: int, limit_s: float = 60.0) -> list[Event]:
     events: list[Event] = []
     end = time.monotonic() + limit_s
     while sum(isinstance(event, Readings) for event in events) < n:
@@ -215,3 +217,28 @@ def test_samples_of_a_boot_that_was_never_told_are_counted_when_the_port_is_lost
     assert decoder.faults.as_dict() == {"samples_of_unknown_boot": 5}
     assert decoder.finish() == []
     assert decoder.faults.as_dict() == {"samples_of_unknown_boot": 5}
+
+
+OWN = DeviceCalibration(1, 7, (0.5, 1.0, 1.25), (0.0, -0.25, 0.5))
+
+
+def test_a_calibration_of_the_device_s_own_comes_as_it_was_sent() -> None:
+    decoder = NativeDecoder()
+    assert decoder.feed(hello() + frame(encode_own(OWN)), 1)[1:] == [OWN]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [replace(OWN, scale=(float("nan"), 1.0, 1.0)), replace(OWN, bias=(0.0, 0.0, float("inf")))],
+    ids=["k", "bias"],
+)
+def test_one_that_is_no_number_is_counted(wrong: DeviceCalibration) -> None:
+    decoder = NativeDecoder()
+    assert decoder.feed(hello() + frame(encode_own(wrong)), 1)[1:] == []
+    assert decoder.faults.as_dict() == {"packet_content": 1}
+
+
+def test_one_that_is_cut_short_is_counted() -> None:
+    decoder = NativeDecoder()
+    assert decoder.feed(hello() + frame(encode_own(OWN)[:-1]), 1)[1:] == []
+    assert decoder.faults.as_dict() == {"packet_length": 1}

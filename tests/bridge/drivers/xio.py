@@ -53,7 +53,7 @@ def read(data: bytes, folder: Path) -> Heard:
     return heard
 
 
-def until(true: Callable[[], bool], limit_s: float = 10.0) -> None:
+def until(true: Callable[[], bool], limit_s: float = 60.0) -> None:
     """Wait until it is true."""
     end = time.monotonic() + limit_s
     while not true():

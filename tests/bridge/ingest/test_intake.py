@@ -13,7 +13,7 @@ from bridge.ingest.intake import Intake
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
-from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
+from bridge.wire.messages import BootCause, DeviceCalibration, SampleBatch, SampleFlag
 from tests.sentences import codes, free
 
 NOW = 1_700_000_000 * 10**9
@@ -54,6 +54,20 @@ def test_consecutive_readings_come_out_as_they_are() -> None:
     info = intake.info(NOW, {})
     assert (info.boot, info.samples, info.dropped, info.events) == (7, 20, {}, {})
     account(intake)
+
+
+def test_a_calibration_of_the_device_s_own_is_told_while_its_boot_lasts() -> None:
+    intake, own = made(), DeviceCalibration(7, 3, (0.9, 1.0, 1.1), (0.0, -0.25, 0.5))
+    intake.take(own)
+    assert intake.info(NOW, {}).calibration is None, "of nobody knows which boot"
+    intake.take(HELLO)
+    intake.take(replace(own, boot=8))
+    assert intake.info(NOW, {}).calibration is None
+    intake.take(own)
+    info = intake.info(NOW, {})
+    assert (info.calibration, info.events) == (own, {"own_calibration_of_another_boot": 2})
+    intake.take(replace(HELLO, boot=8))
+    assert intake.info(NOW, {}).calibration is None
 
 
 def test_another_rate_in_a_boot_is_no_boot_and_is_measured_anew() -> None:

@@ -12,8 +12,8 @@ from bridge.drivers.byte_stream import StreamOptions
 from bridge.ingest.pump import Pump
 from bridge.sim.virtual_device import VirtualDevice, demo_device
 from bridge.transport import udp_listener
+from estimator.demo.ward import free_port
 from tests.bridge.ingest.published.hearing import Listener, unbroken
-from tests.bridge.transport.test_network import free_port
 from tests.memory_bus import MemoryBroker, MemoryBus
 
 
@@ -105,7 +105,7 @@ class UdpDevice(Living):
 
 @pytest.fixture
 def devices() -> Iterator[dict[str, TcpDevice | UdpDevice]]:
-    port = free_port(socket.SOCK_DGRAM)
+    port = free_port()
     made: dict[str, TcpDevice | UdpDevice] = {
         "t1": TcpDevice(demo_device("t1", 1)),
         "t2": TcpDevice(demo_device("t2", 2)),

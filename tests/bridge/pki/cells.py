@@ -145,7 +145,12 @@ def asked(ward: GuardedWard, count: int) -> Counts:
         for who in MEMBERS:
             bus = stack.enter_context(ward.bus(who))
             for kind, key in KEPT.items():
-                said[who, kind] = len(past(bus, key))
+
+                def whole(cell: tuple[str, str] = (who, kind), bus: ZenohBus = bus, key: str = key) -> bool:
+                    said[cell] = len(past(bus, key))
+                    return said[cell] >= count or cell[1] not in MAY_LOOK_BACK[cell[0]]
+
+                _within_patience(whole)
     return +said
 
 
@@ -157,6 +162,7 @@ def lived(ward: GuardedWard) -> tuple[Counts, Counts]:
             found: dict[str, bool] = {}
             witness.watch_alive(f"{keys.ROOT}/{WARD}/alive/**", found.__setitem__)
             tokens = [bus.declare_alive(key) for key in TOKENS.values()]
+            _within_patience(lambda found=found, who=who: all(found.get(TOKENS[kind]) for kind in MAY_LIVE[who]))  # type: ignore[misc]
             time.sleep(SETTLED_S)
             declared.update((who, kind) for kind, key in TOKENS.items() if found.get(key))
             del tokens
@@ -170,6 +176,7 @@ def lived(ward: GuardedWard) -> tuple[Counts, Counts]:
             for key in TOKENS.values():
                 listener.watch_alive(key, found.__setitem__)
             watched.append((who, found))
+        _within_patience(lambda: all(f.get(TOKENS[kind]) for who, f in watched for kind in MAY_SEE_ALIVE[who]))
         time.sleep(SETTLED_S)
         for who, found in watched:
             seen.update((who, kind) for kind, key in TOKENS.items() if found.get(key))
@@ -183,21 +190,32 @@ def commanded(ward: GuardedWard) -> Counts:
         e1.answer(keys.pattern(WARD, "rpc"), lambda _, payload, reply: reply(payload))
         for who in MEMBERS:
             if who != "estimator:e1":
-                said[who, "asks"] = _answered(stack.enter_context(ward.bus(who)), key)
+                asking = stack.enter_context(ward.bus(who))
+                said[who, "asks"] = _answered(asking, key, tries=20 if who == "commander:c1" else 1)
     for who in MEMBERS:
         if who != "commander:c1":
             with ward.bus(who) as bus, ward.bus("commander:c1") as commander:
                 bus.answer(keys.pattern(WARD, "rpc"), lambda _, payload, reply: reply(payload))
                 time.sleep(0.1)
-                said[who, "answers"] = _answered(commander, key)
+                said[who, "answers"] = _answered(commander, key, tries=20 if who.startswith("estimator:") else 1)
     return +said
 
 
-def _answered(bus: ZenohBus, key: str) -> int:
-    try:
-        return int(bus.ask(key, b"please", 2.0) == b"please")
-    except BusError:
-        return 0
+def _answered(bus: ZenohBus, key: str, tries: int) -> int:
+    """Whether it is; who may has some tries, as nobody says when a router knows of who answers."""
+    for _ in range(tries):
+        try:
+            return int(bus.ask(key, b"please", 2.0) == b"please")
+        except BusError:
+            time.sleep(0.1)
+    return 0
+
+
+def _within_patience(right: Callable[[], bool]) -> None:
+    """Wait for what may come."""
+    deadline = time.monotonic() + COMES_S
+    while not right() and time.monotonic() < deadline:
+        time.sleep(0.01)
 
 
 def _put(publisher: Publisher, payload: bytes, count: int, all_came: Callable[[int], bool]) -> None:

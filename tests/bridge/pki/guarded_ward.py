@@ -14,17 +14,13 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.pki.certificate_checks import Identity
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.member import Member
+from estimator.demo.ward import free_port
 
 WARD = "w"
 #: name -> role: what the cells are tried by
 MEMBERS = ("bridge:b1", "bridge:b2", "estimator:e1", "estimator:e2", "viewer:v1", "commander:c1", "recorder:r1")
 HOSTS = ("127.0.0.1", "localhost")
 STARTS_S = 60.0  # where others work on the machine, too
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return int(probe.getsockname()[1])
 
 
 class GuardedWard:
@@ -88,7 +84,7 @@ def running_router(file: Path, endpoint: str) -> Iterator[None]:
     finally:
         process.terminate()
         try:
-            process.communicate(timeout=5)
+            process.communicate(timeout=60)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()

@@ -9,6 +9,7 @@ import zenoh
 
 from bridge.bus import zenoh_settings
 from bridge.wire import keys
+from tests.bridge.bus.worlds import meet
 from tests.bridge.pki import cells
 from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
 
@@ -69,12 +70,14 @@ def test_wide_keys_reach_nobody_and_wide_subscriptions_get_nothing(who: str, war
         wide = [session.declare_subscriber(key, zenoh.handlers.FifoChannel(1000)) for key in WIDE]
         heard = e1.subscribe(keys.pattern(WARD, "raw"))
         looked = b2.subscribe(keys.pattern(WARD, "status"))
-        time.sleep(0.2)
+        said, told = e1.publisher(status), b2.publisher(raw)
+        meet(said, looked)
+        meet(told, heard)
         for key in WIDE:
             session.put(key, b"forged")
-        e1.publisher(status).put(b"status")
-        b2.publisher(raw).put(b"raw")
-        messages = [heard.receive(5.0), looked.receive(5.0)]
+        said.put(b"status")
+        told.put(b"raw")
+        messages = [heard.receive(30.0), looked.receive(30.0)]
         assert [m.payload if m else m for m in messages] == [b"raw", b"status"]
         assert heard.receive(0.2) is None
         assert looked.receive(0.0) is None
@@ -97,8 +100,8 @@ def test_what_is_too_large_stays_outside(ward: GuardedWard) -> None:
     with ward.bus("bridge:b1") as b1, ward.bus("estimator:e1") as e1:
         heard = e1.subscribe(keys.pattern(WARD, "raw"))
         publisher = b1.publisher(cells.KEYS["raw of b1"])
-        time.sleep(0.2)
+        meet(publisher, heard)
         for size in (65_536, 65_537, 1):
             publisher.put(b"x" * size)
-        messages = [heard.receive(5.0), heard.receive(5.0)]
+        messages = [heard.receive(30.0), heard.receive(30.0)]
         assert [len(m.payload) if m else m for m in messages] == [65_536, 1]

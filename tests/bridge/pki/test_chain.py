@@ -20,7 +20,8 @@ from bridge.bus import router_file, zenoh_settings
 from bridge.pki.certificate_checks import Identity, faults
 from bridge.pki.folder import utc_now
 from bridge.pki.member import Member, Role
-from tests.bridge.pki.guarded_ward import free_port, running_router
+from estimator.demo.ward import free_port
+from tests.bridge.pki.guarded_ward import running_router
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: chain")]
 

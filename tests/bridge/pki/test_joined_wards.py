@@ -13,7 +13,8 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.member import Member
 from bridge.wire import keys
-from tests.bridge.pki.guarded_ward import HOSTS, free_port, running_router
+from estimator.demo.ward import free_port
+from tests.bridge.pki.guarded_ward import HOSTS, running_router
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: joined_wards")]
 
@@ -64,7 +65,7 @@ def hospital(tmp_path: Path) -> Iterator[Hospital]:
 def some(subscription: Subscription, count: int) -> list[bytes]:
     """The payloads of so many messages, or of those that come before a long silence."""
     found: list[bytes] = []
-    while len(found) < count and (message := subscription.receive(5.0)) is not None:
+    while len(found) < count and (message := subscription.receive(30.0)) is not None:
         found.append(message.payload)
     return found
 

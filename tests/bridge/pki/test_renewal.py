@@ -51,7 +51,7 @@ def test_a_renewal_costs_no_sample_and_an_end_is_one(tmp_path: Path) -> None:
                     "who was not renewed is still there, or who was is not back"
                 )
             got: list[int] = []
-            while len(got) < sent and (message := heard["b1"].receive(5.0)) is not None:
+            while len(got) < sent and (message := heard["b1"].receive(30.0)) is not None:
                 got.append(int(message.payload))
             assert got == list(range(sent))
             assert heard["b1"].missed == 0

@@ -45,7 +45,7 @@ def test_each_role_finds_itself_known_and_a_stranger_does_not(tmp_path: Path) ->
         )
         try:
             assert process.stderr is not None
-            deadline, said = time.monotonic() + 20, ""
+            deadline, said = time.monotonic() + 60, ""
             while "drops all messages to and from bridge:late" not in said:
                 said = process.stderr.readline()
                 assert said, "it ended without a word"

@@ -51,7 +51,7 @@ def _one_go(
             subprocess.Popen([sys.executable, "-m", "estimator.cli.main", *words], stderr=subprocess.DEVNULL)
         )
     try:
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 60
         while not all(any(folder.iterdir()) for folder in folders):
             assert time.monotonic() < deadline, "no recorder has begun"
             time.sleep(0.02)
@@ -60,12 +60,12 @@ def _one_go(
         for moment, at in moments:
             time.sleep(max(0.0, moment - time.monotonic()))
             recorders[at].send_signal(signal.SIGKILL)
-            recorders[at].wait(10)
+            recorders[at].wait(60)
             yield _what_is_left(folders[at], crowd, time.monotonic(), began)
     finally:
         for recorder in recorders:
             recorder.kill()
-            recorder.wait(10)
+            recorder.wait(60)
 
 
 def _what_is_left(folder: Path, crowd: Crowd, moment_s: float, began_s: float) -> Killed:

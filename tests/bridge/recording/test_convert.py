@@ -38,13 +38,13 @@ def test_a_recording_is_written_and_read_back(session: Path, ending: str) -> Non
 def test_nothing_is_overwritten_and_an_ending_must_be_known(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["recording", "convert", str(session), str(session)]) == 1
     assert "is not overwritten" in capsys.readouterr().err
-    assert main(["recording", "convert", str(session), str(session.with_suffix(".wav"))]) == 1
+    assert main(["recording", "convert", str(session), str(session.with_suffix(".wav"))]) == 2
     assert "use .npz, .csv, .mcap" in capsys.readouterr().err
 
 
 def test_a_driver_that_decodes_no_bytes_is_named(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(session.with_name("out.npz"))
-    assert main(["recording", "convert", str(session), out, "--driver", "witmotoin"]) == 1
+    assert main(["recording", "convert", str(session), out, "--driver", "witmotoin"]) == 2
     assert "did you mean 'witmotion'?" in capsys.readouterr().err
     assert main(["recording", "convert", str(session), out, "--driver", "witmotion"]) == 1
     assert "no sample found by witmotion" in capsys.readouterr().err

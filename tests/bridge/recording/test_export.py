@@ -10,11 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bridge.bus.contract import Message
 from bridge.recording import load
-from bridge.recording.bids import Session, export_bids
+from bridge.recording.bids import Session, channels, export_bids
 from bridge.recording.error import RecordingError
 from bridge.recording.export import export
 from bridge.recording.stretches import Recorded, read
+from bridge.wire import keys
+from bridge.wire.codec import decode_samples, encode_orientation
+from bridge.wire.messages import OrientationBatch, Quality
 from tests.bridge.recording.crowd import STEP, TICK_S
 from tests.bridge.recording.test_contents import S, about, marked, recorded, run
 
@@ -68,6 +72,32 @@ def test_corrected_rates_are_beside_the_readings(some: Recorded, tmp_path: Path)
         assert rows[0]["quality"] == "-1"
 
 
+def test_orientation_is_beside_the_readings(tmp_path: Path) -> None:
+    (tmp_path / "rec").mkdir()
+    part = run("one", 0, 200)
+    first = next(decode_samples(message.key, message.payload) for message in part if "raw" in message.key)
+    turned = OrientationBatch(
+        "one", first.boot, first.sequence, first.start_time_ns, first.tick_period_s, first.clock_rate, first.ticks,
+        np.tile(np.array([0.6, 0, 0.8, 0], np.float32), (len(first), 1)), None, np.diag([1, 3, 9]).astype(np.float32), 0, "start",
+        Quality.GOOD,
+    )  # fmt: skip
+    key = keys.build(keys.parse(part[0].key).ward, "orientation", device="one")
+    written = recorded(tmp_path / "rec", [about("one"), *part, Message(key, encode_orientation(turned))])
+    n = len(first)
+    export(read(written), tmp_path / "npz", ".npz")
+    export(read(written), tmp_path / "csv", ".csv")
+    with np.load(next((tmp_path / "npz").glob("one*.npz"))) as file:
+        np.testing.assert_array_equal(file["quat_wxyz"][:n], turned.quat_wxyz)
+        assert np.isnan(file["quat_wxyz"][n:]).all()
+        assert (file["tilt_std"][:n] == 2).all()
+        assert (file["heading_std"][:n] == 3).all()
+    row = table_of(next((tmp_path / "csv").glob("one*.csv")))[0]
+    assert [row[f"quat_{axis}"] for axis in "wxyz"] == ["0.600000024", "0", "0.800000012", "0"]
+    assert [one.name for one in channels(read(written).stretches["one"][0]) if one.type == "ORNT"] == [
+        "quat_w", "quat_x", "quat_y", "quat_z",
+    ]  # fmt: skip
+
+
 def test_events_have_boots_calibrations_and_notes(some: Recorded, tmp_path: Path) -> None:
     *_, path = export(some, tmp_path / "out", ".csv")
     rows = table_of(path)
@@ -95,7 +125,7 @@ def test_nothing_is_overwritten(some: Recorded, tmp_path: Path) -> None:
         export(some, tmp_path / "out", ".npz")
     with pytest.raises(RecordingError, match=r"the folder .* does not exist; make it"):
         export(some, tmp_path / "no" / "such", ".npz")
-    with pytest.raises(RecordingError, match=r"events.csv: is there already"):
+    with pytest.raises(RecordingError, match=r"events.csv: exists already"):
         export(some, tmp_path / "out", ".csv")
     assert [path.name for path in (tmp_path / "out").glob("*.csv")] == [
         "events.csv"
@@ -141,7 +171,7 @@ def test_a_dataset_grows_by_subjects(some: Recorded, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"wristleft_channels.json: exists already"):
         export_bids(some, tmp_path / "set", Session("09", "ward"))
     assert len(list(motion.iterdir())) == 1
-    with pytest.raises(RecordingError, match="--subject 'Mrs Doe': BIDS takes letters and digits only"):
+    with pytest.raises(RecordingError, match="--subject 'Mrs Doe': BIDS allows only letters and digits"):
         Session("Mrs Doe", "ward")
     with pytest.raises(RecordingError, match="--task ''"):
         Session("07", "")

@@ -227,7 +227,7 @@ def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
     recorder.close()
     assert (disk.last.topics(), disk.last.fate) == (["raw/bridge-1/one"], "finished")
     assert (account.trouble, account.files) == ("", [Path("0.mcap.part"), Path("1.mcap")])
-    assert "4 messages not recorded" in caplog.text
+    assert "4 messages lost meanwhile" in caplog.text
 
 
 def test_a_disk_that_fills_up_ends_the_file_well_while_others_have_room(recorder: WardRecorder, disk: Disk) -> None:

@@ -34,7 +34,7 @@ def test_a_router_is_waited_for_and_its_absence_said_once(caplog: pytest.LogCapt
     assert bus is not None
     assert bus.connected
     assert coming.tries == 3
-    assert time.monotonic() - began < 10.0
+    assert time.monotonic() - began < 60.0
     assert [record.message for record in caplog.records] == ["no router at here; waiting for it"]
 
 

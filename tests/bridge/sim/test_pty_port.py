@@ -11,6 +11,7 @@ from bridge.framing.cobs_frames import Deframer, frame
 from bridge.framing.packets import Data, Hello, decode, encode_identify
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
+from bridge.wire.messages import DeviceCalibration
 from tests.sim.recorded_source import RecordedSource
 
 
@@ -20,7 +21,7 @@ class Reader:
     def __init__(self, link: Path, baudrate: int = 115200) -> None:
         self.port = serial.Serial(str(link), baudrate, exclusive=True, timeout=0.05)
         self.deframer = Deframer()
-        self.said: list[Hello | Data] = []
+        self.said: list[Hello | Data | DeviceCalibration] = []
 
     def __enter__(self) -> Self:
         return self
@@ -31,7 +32,7 @@ class Reader:
     def ask(self) -> None:
         self.port.write(frame(encode_identify()))
 
-    def until(self, done: Callable[[], bool], timeout_s: float = 20.0) -> None:
+    def until(self, done: Callable[[], bool], timeout_s: float = 60.0) -> None:
         end = time.monotonic() + timeout_s
         while not done():
             assert time.monotonic() < end, f"not within {timeout_s} s, {len(self.said)} packets came"

@@ -6,6 +6,7 @@ import pytest
 from bridge.framing.cobs_frames import Deframer, frame
 from bridge.framing.packets import Data, Hello, decode, encode_identify, encode_rate
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
+from bridge.wire.messages import DeviceCalibration
 from tests.sim.recorded_source import RecordedSource
 
 ASK = frame(encode_identify())
@@ -16,12 +17,12 @@ class Host:
 
     def __init__(self, device: VirtualDevice, step_s: float = 0.02) -> None:
         self.device = device
-        self.said: list[Hello | Data] = []
+        self.said: list[Hello | Data | DeviceCalibration] = []
         self._deframer = Deframer()
         self._step_s = step_s
         self._steps = 0
 
-    def hear(self, duration_s: float) -> list[Hello | Data]:
+    def hear(self, duration_s: float) -> list[Hello | Data | DeviceCalibration]:
         new = []
         for _ in range(round(duration_s / self._step_s)):
             self._steps += 1

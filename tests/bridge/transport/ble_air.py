@@ -112,9 +112,9 @@ async def _made(numbers: int) -> tuple[Air, list[Wearable]]:
 
 def made(numbers: int) -> tuple[Air, list[Wearable]]:
     """So many wearables, waiting to be connected to."""
-    return ble_loop.run(_made(numbers)).result(10)
+    return ble_loop.run(_made(numbers)).result(60)
 
 
 def settle() -> None:
     """Let what is under way happen."""
-    ble_loop.run(asyncio.sleep(0.05)).result(10)
+    ble_loop.run(asyncio.sleep(0.05)).result(60)

@@ -27,7 +27,7 @@ from bridge.transport.file_port import FilePort
         ("udp://:8000?from", "write name=value after '\\?'"),
         ("udp://:8000?from=a&from=b", "an option is given twice"),
         ("file://", "names no file: write for example 'file:///"),
-        ("file:///a?bytes_per_s=0", "bytes_per_s is '0'; use 1 to 1e\\+09"),
+        ("file:///a?bytes_per_s=0", "bytes_per_s is '0': use 1 to 1e\\+09"),
         ("file:///a?bytes_per_s=fast", "bytes_per_s is 'fast'"),
         ("usb://a", "unknown scheme 'usb'; "),
         ("tpc://a:1", "did you mean 'tcp'"),

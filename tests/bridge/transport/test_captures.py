@@ -45,7 +45,7 @@ def test_files_that_are_there_are_right_and_ports_are_not_looked_at(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["config", "check", str(ward(folder, "there.npz", "there.npz"))]) == 0
-    assert "right" in capsys.readouterr().out
+    assert "valid" in capsys.readouterr().out
 
 
 def test_each_file_that_is_not_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,15 +12,9 @@ from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.tcp_port import TcpPort
 from bridge.transport.transport import Chunk, Transport
 from bridge.transport.udp_port import OTHERS, OVERFLOW, UdpPort
+from estimator.demo.ward import free_port
 
-PATIENCE_S = 5.0
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    with socket.socket(type=kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+PATIENCE_S = 30.0
 
 
 def read(port: Transport, n: int) -> bytes:
@@ -131,7 +125,7 @@ class Sender:
 
 @pytest.fixture
 def udp() -> int:
-    return free_port(socket.SOCK_DGRAM)
+    return free_port()
 
 
 @pytest.fixture
@@ -223,7 +217,7 @@ def test_a_udp_port_is_busy_in_words(udp: int) -> None:
     with pytest.raises(DeviceUnavailable, match=r"receives the datagrams of anyone there. .*\?from="):
         opened(f"0.0.0.0:{udp}")
     second = opened(f":{udp}?from=localhost")
-    with pytest.raises(DeviceUnavailable, match=r"takes datagrams of 127\.0\.0\.1"):
+    with pytest.raises(DeviceUnavailable, match=r"receives the datagrams of 127\.0\.0\.1"):
         opened(f":{udp}?from=127.0.0.1")
     first.close()
     second.close()

@@ -278,7 +278,7 @@ def test_our_own_driver_reads_it(ward: Callable[[Wanted], Ward]) -> None:
     running = ward(Wanted("w", at, devices=("chest",)))
     running.introduce()
     events: list[Event] = []
-    end = time.monotonic() + 10
+    end = time.monotonic() + 60
     first = 0
     while sum(len(event.ticks) for event in events if isinstance(event, Readings)) < 300:
         assert time.monotonic() < end

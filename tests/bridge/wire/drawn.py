@@ -29,6 +29,7 @@ from bridge.wire.messages import (
 RAW = keys.build("ward", "raw", bridge="b1", device="d1")
 INFO = keys.build("ward", "info", bridge="b1", device="d1")
 CORRECTED = keys.build("ward", "corrected", device="d1")
+ORIENTATION = keys.build("ward", "orientation", device="d1")
 STATUS = keys.build("ward", "status", device="d1")
 CALIBRATION = keys.build("ward", "calibration", device="d1")
 REVISION = keys.build("ward", "revision", device="d1")

@@ -17,10 +17,12 @@ from bridge.wire.messages import (
     Command,
     CommandReply,
     CorrectedBatch,
+    DeviceCalibration,
     DeviceInfo,
     Holding,
     Move,
     Note,
+    OrientationBatch,
     Owned,
     Quality,
     SampleBatch,
@@ -37,6 +39,7 @@ from tests.bridge.wire.drawn import (
     CORRECTED,
     INFO,
     NOTE,
+    ORIENTATION,
     OWN,
     PARAMETERS,
     RAW,
@@ -68,6 +71,7 @@ CAL = Calibration(
 SURE = DeviceInfo(
     "d1", "b1", 7, BootCause.POWER_UP, "m", "f", "native", "/dev/x", 100, 99.9, 4.3, True, True, 1, 5, {"a": 1},
     battery_percent=71.5, charging=True, notices=(Code.CORRECTS_ITSELF(),),
+    calibration=DeviceCalibration(7, 3, (0.9, 1.0, 1.1), (0.0, -0.25, 0.5)),
 )  # fmt: skip
 FIXED = CorrectedBatch(
     "d1", 7, 1, 1, 1e-6, 1.0, np.arange(3, dtype=np.uint64), np.ones((3, 3), np.float32), np.zeros(3, np.uint32),
@@ -79,6 +83,10 @@ REVISED = BiasRevision(
     np.full((3, 3), 0.01, np.float32), np.full((3, 3), 1e-4, np.float32), (Code.AT_REST_AGAIN(gap_s=95),),
 )  # fmt: skip
 HALF, ONE = np.full((2, 3), 0.5, np.float32), np.ones(3, np.float32)
+TURNED = OrientationBatch(
+    "d1", 7, 1, 1, 1e-6, 1.0, np.arange(3, dtype=np.uint64), np.tile(np.array([0.6, 0.0, 0.8, 0.0], np.float32), (3, 1)),
+    np.ones((3, 3), np.float32), np.eye(3, dtype=np.float32), 1, "start", Quality.GOOD, 5,
+)  # fmt: skip
 SEEN = WindowBatch(
     "d1", 7, 0.1, np.array([3, 13], np.uint64), np.array([10**18, 10**18 + 9], np.int64), np.array([4, 10], np.uint32),
     np.array([0, 2], np.uint32), HALF, HALF, HALF, HALF, HALF, HALF, HALF, HALF, Quality.GOOD, ONE, ONE, ONE, ONE, ONE, "c1", ONE,
@@ -90,6 +98,7 @@ DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     "status": (lambda payload: codec.decode_status(STATUS, payload), codec.encode_status(STILL)),
     "calibration": (lambda payload: codec.decode_calibration(CALIBRATION, payload), codec.encode_calibration(CAL)),
     "revision": (lambda payload: codec.decode_revision(REVISION, payload), codec.encode_revision(REVISED)),
+    "orientation": (lambda payload: codec.decode_orientation(ORIENTATION, payload), codec.encode_orientation(TURNED)),
     "windows": (lambda payload: codec.decode_windows(WINDOWED, payload), codec.encode_windows(SEEN)),
     "note": (
         lambda payload: codec.decode_note(NOTE, payload),

@@ -33,7 +33,7 @@ def _columns(twin: Descriptor) -> list[str]:
     return [field.name for field in twin.fields if field.type == FieldDescriptor.TYPE_BYTES]
 
 
-@pytest.mark.parametrize("name", ["SampleBatch", "CorrectedBatch", "WindowBatch"])
+@pytest.mark.parametrize("name", ["SampleBatch", "CorrectedBatch", "OrientationBatch", "WindowBatch"])
 def test_a_twin_has_the_same_fields_under_the_same_numbers(name: str) -> None:
     real: Descriptor = truerate_pb2.DESCRIPTOR.message_types_by_name[name]
     twin: Descriptor = columns_pb2.DESCRIPTOR.message_types_by_name[name]

@@ -17,7 +17,19 @@ from bridge.wire.messages import (
     SampleFlag,
 )
 from bridge.wire.refusal import Reason
-from tests.bridge.wire.drawn import CALIBRATION, CORRECTED, INF, INFO, NAN, RAW, REVISION, RPC, STATUS, WINDOWED
+from tests.bridge.wire.drawn import (
+    CALIBRATION,
+    CORRECTED,
+    INF,
+    INFO,
+    NAN,
+    ORIENTATION,
+    RAW,
+    REVISION,
+    RPC,
+    STATUS,
+    WINDOWED,
+)
 from tests.bridge.wire.examples import (
     CAL,
     DOORS,
@@ -26,6 +38,7 @@ from tests.bridge.wire.examples import (
     SEEN,
     STILL,
     SURE,
+    TURNED,
     assert_same,
     plain,
     refused,
@@ -266,3 +279,18 @@ def test_a_decoded_batch_cannot_be_written_into() -> None:
         batch.gyro[0, 0] = 1
     assert batch.flags.dtype == np.uint32
     assert SampleFlag(int(batch.flags[0])) is SampleFlag.OK
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"quat_wxyz": np.ones((3, 4), np.float32)}, Reason.RANGE),
+        ({"quat_wxyz": np.full((3, 4), 0.1, np.float32)}, Reason.RANGE),
+        ({"quat_wxyz": np.full((2, 4), 0.5, np.float32)}, Reason.LENGTH),
+        ({"covariance": -np.eye(3, dtype=np.float32)}, Reason.RANGE),
+        ({"linear_accel": np.full((3, 3), np.nan, np.float32)}, Reason.NON_FINITE),
+    ],
+)
+def test_an_orientation_that_cannot_be(changes: dict[str, Any], reason: Reason) -> None:
+    payload = codec.encode_orientation(dataclasses.replace(TURNED, **changes))
+    assert refused(payload, ORIENTATION, codec.decode_orientation) is reason

@@ -120,7 +120,7 @@ def test_a_real_mpu_6050(shared_data: Path, capsys: pytest.CaptureFixture[str]) 
     ("options", "said"),
     [
         (["--picture", "allan.xyz"], "unknown file type '.xyz'; use .png, .svg, .pdf"),
-        (["--model", "mpu"], "there is no device model 'mpu'"),
+        (["--model", "mpu"], "unknown device model 'mpu'"),
     ],
 )
 def test_what_cannot_be_used_is_said_before_the_work(

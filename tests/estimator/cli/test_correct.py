@@ -39,7 +39,7 @@ def test_it_writes_a_row_for_each_sample(session: Session, recorded: Path, tmp_p
     with np.load(out, allow_pickle=False) as file:
         assert set(file.files) == {
             "t_s", "rate_rad_s", "rate_std_rad_s", "bias_rad_s", "bias_std_rad_s", "quality", "quality_names", "matrix",
-            "rate_hz", "accel_m_s2", "temperature_c",
+            "rate_hz", "accel_m_s2", "temperature_c", "quat_wxyz", "tilt_std", "heading_std",
         }  # fmt: skip
         for name in ("rate", "rate_std", "bias", "bias_std"):
             assert file[f"{name}_rad_s"].shape == (len(session.gyro), 3)
@@ -67,13 +67,19 @@ def test_csv_holds_the_same_numbers(recorded: Path, tmp_path: Path) -> None:
         assert main(["correct", str(recorded), str(tmp_path / name)]) == 0
     header, *rows = [line.split(",") for line in (tmp_path / "c.csv").read_text(encoding="utf-8").splitlines()]
     assert header[:4] == ["t_s", "rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"]
-    assert header[-5:] == ["quality", "accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2", "temperature_c"]
+    assert header[-4:] == ["accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2", "temperature_c"]
+    assert header[-11:-4] == ["quality", "quat_w", "quat_x", "quat_y", "quat_z", "tilt_std", "heading_std"]
     with np.load(tmp_path / "c.npz") as file:
         assert [row[header.index("quality")] for row in rows] == file["quality_names"][file["quality"]].tolist()
         for vector in ("rate", "rate_std", "bias", "bias_std"):
             at = header.index(f"{vector}_x_rad_s")
             columns = np.array([row[at : at + 3] for row in rows], np.float32)
             np.testing.assert_array_equal(columns, file[f"{vector}_rad_s"])
+        at = header.index("quat_w")
+        turned = np.array([row[at : at + 6] for row in rows], np.float32)
+        np.testing.assert_array_equal(turned[:, :4], file["quat_wxyz"])
+        np.testing.assert_array_equal(turned[:, 4], file["tilt_std"])
+        np.testing.assert_array_equal(turned[:, 5], file["heading_std"])
         np.testing.assert_allclose([float(row[0]) for row in rows], file["t_s"], atol=6e-7)
         np.testing.assert_allclose([float(row[-1]) for row in rows], file["temperature_c"], rtol=1e-8)
 

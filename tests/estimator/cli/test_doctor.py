@@ -52,7 +52,7 @@ def test_a_ward_that_is_well(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         code, found = look(capsys, str(config))
         assert code == 0
         assert main(["doctor", str(config)]) == 0
-    assert found["router"] == ("ok", f"reached at {endpoint}")
+    assert found["router"] == ("ok", f"answers at {endpoint}")
     assert found["device gone"] == ("warning", f"{tmp_path}/gone does not exist")
     assert found["config"][0] == found["disk, store"][0] == found["ports"][0] == "ok"
     shown = capsys.readouterr().out

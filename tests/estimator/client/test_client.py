@@ -78,7 +78,7 @@ def test_statuses_infos_and_calibrations(broker: MemoryBroker, client: Client) -
     )
     assert client.statuses(0.1)[NAME].time_ns == 7
     assert client.statuses(0.1, "other") == {}
-    found = client.follow_infos().receive(0.1)
+    found = client.follow_infos().receive(30.0)
     assert found is not None
     assert found.model == "m"
     assert [c.id for c in client.follow_calibrations(NAME).drain(0.1)] == ["c1"]

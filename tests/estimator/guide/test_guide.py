@@ -14,7 +14,9 @@ from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.guide.guide import Guide
 from estimator.guide.steps import Instruction, Picture, Step
+from tests.conftest import Effort
 from tests.estimator.calibration.sessions import in_poses
+from tests.estimator.guide.random_hand import sequence
 from tests.estimator.guide.scripted import BATCH, batches, follow, steps, turned
 from tests.estimator.stream import NAME, calibration
 from tests.sentences import codes, free
@@ -203,3 +205,24 @@ def test_a_turn_about_the_vertical_is_refused_where_turns_must_be_level() -> Non
     told = follow(Guide(horizontal=True), device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
     assert Code.VERTICAL_TURN in keys(told)
     assert device.calibration is None
+
+
+@pytest.mark.soak
+def test_right_is_never_told_to_be_wrong_nor_wrong_to_be_right(effort: Effort) -> None:
+    """Random sequences of good and bad movements, also on a device that lies on any face, either way along the edge."""
+    first = effort.seed if effort.long else 0
+    assert [words for seed in range(first, first + effort(6, 200)) for words in sequence(seed)] == []
+
+
+def test_after_a_roll_that_left_it_on_its_side_it_goes_on_from_there() -> None:
+    """A roll of 270°: the same roll is asked for again, as the device lies now; to lay it back is no fault either."""
+    lay_back = Turn(1.5, np.array([1.0, 0.0, 0.0]), np.pi / 2, np.array([[0.0, 1.5, 1.0]]))
+    after = [lay_back, *session(np.random.default_rng(6), SessionPlan(3.4, (TurnPlan(0), TurnPlan(1)), (4.0, 5.0)))]
+    plan = SessionPlan(3.4, (TurnPlan(2), TurnPlan(0, 270.0)), (4.0, 5.0))
+    told = follow(Guide(), DeviceSession(NAME), batches(calibration(seed=4, plan=plan, after=after)))
+    failed = next(one for one in told if one.wrong)
+    assert (failed.head.key, failed.axis, failed.done) == ("again_along", 0, (2,))
+    assert [one.code for one in failed.wrong] == [Code.TURN_TOO_SHORT]
+    laid = next(one for one in told if one.laid)
+    assert (laid.head.key, laid.axis, laid.wrong) == ("turn_along", 0, ())
+    assert told[-1].step is Step.DONE

@@ -29,7 +29,8 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
     known = np.full(3, np.inf)
     clipped = np.zeros(n, bool)
     clipped[n // 2] = coarse > 0
-    samples = np.column_stack([time, gyro, accel if aided else np.full((n, 3), np.nan), clipped])
+    celsius = np.where(rng.random(n) < 0.5, 30.0 + rng.normal(size=n), np.nan) if aided else np.full(n, np.nan)
+    samples = np.column_stack([time, gyro, accel if aided else np.full((n, 3), np.nan), clipped, celsius])
     dt, rows, clips = measured(samples, -0.01, 1.0, COARSE_STEP, known)
     assert clips is (coarse > 0)
     np.testing.assert_array_equal(dt, np.diff(time, prepend=-0.01))
@@ -48,6 +49,8 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
     ):
         np.testing.assert_allclose(rows[row], expected, rtol=1e-12, atol=1e-15)
     np.testing.assert_array_equal(known, rows[loop.STEP])
+    known_c = celsius[~np.isnan(celsius)]
+    assert rows[loop.CELSIUS, 0] == pytest.approx(known_c.mean() if len(known_c) else np.nan, nan_ok=True)
 
 
 def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:

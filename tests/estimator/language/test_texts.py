@@ -1,5 +1,6 @@
 """The texts of the guide and the reports: all of them in every language, with the same fields."""
 
+import re
 import tomllib
 from string import Formatter
 
@@ -34,6 +35,22 @@ def test_everything_the_guide_says_has_a_text() -> None:
     assert {f"guide.{way}" for way in (Picture.FLAT, Picture.ALONG, Picture.ACROSS)} <= set(there)
     assert {f"head.{kind}_{way}" for kind in ("turn", "again") for way in ("flat", "along", "across")} <= set(there)
     assert {f"state.{state.replace(' ', '_')}" for state in URGENCY} <= set(there)
+
+
+#: what a nurse reads while she works: tiles, the guide, the queue
+_AT_WORK = ("tile", "head", "how", "queue")
+_BANNERS = ("rebooted", "idle_log_in", "idle_read_only", "read_only", "log_in", "following", "all_done")
+
+
+@pytest.mark.parametrize(("language", "most"), [("en", 12), ("zh", 24)])
+def test_sentences_for_a_first_day_are_short(language: str, most: int) -> None:
+    """At most twelve words, or twenty-four characters of Chinese."""
+    with (_FOLDER / f"{language}.toml").open("rb") as file:
+        texts_of = tomllib.load(file)
+    said = [text for section in _AT_WORK for text in texts_of[section].values()]
+    said += [texts_of["guide"][key] for key in _BANNERS]
+    sentences = [one.strip() for text in said for one in re.split(r"[.?!。？！]", text) if one.strip()]
+    assert [one for one in sentences if len(one.split() if language == "en" else one) > most] == []
 
 
 def test_values_are_filled_in() -> None:

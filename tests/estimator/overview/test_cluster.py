@@ -55,7 +55,7 @@ class TestCommand:
         assert main(["cluster", "status", "--ward", "w", "--devices"]) == 0
         said = capsys.readouterr().out
         assert "w: 3 devices, 2 estimators" in said
-        assert "2 came: Estimator e9 is gone." in said
+        assert "2 devices came: Estimator e9 has left." in said
         assert str(2**57 + 3) in said
 
     def test_programs_get_all_of_it(self, capsys: pytest.CaptureFixture[str]) -> None:

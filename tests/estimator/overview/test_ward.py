@@ -55,7 +55,7 @@ MANY = view(
 
 def test_those_that_need_somebody_come_first() -> None:
     assert [row.device for row in MANY.rows(10.0)] == [
-        "lost", "unheard", "awaiting_still", "empty", "bias_only", "degraded", "turning", "warming", "noticed", "charging", "ok",
+        "lost", "unheard", "empty", "awaiting_still", "bias_only", "degraded", "turning", "warming", "noticed", "charging", "ok",
     ]  # fmt: skip
 
 
@@ -213,7 +213,7 @@ def test_nobody_there(client: Client, capsys: pytest.CaptureFixture[str]) -> Non
     assert watch_ward.watch_ward(console, Client(ward="other", bus=MemoryBus(MemoryBroker())), once=True) == 1
     assert "no device is heard" in capsys.readouterr().err
     assert watch_ward.watch_ward(console, client, ["lost"], once=True) == 0
-    assert "none is lost" in file.getvalue()
+    assert "no device is lost" in file.getvalue()
 
 
 def test_a_word_that_is_nobody_and_no_state_is_said(client: Client, capsys: pytest.CaptureFixture[str]) -> None:

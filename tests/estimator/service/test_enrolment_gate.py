@@ -64,7 +64,6 @@ def test_a_hundred_thousand_invented_devices_take_no_more_room_than_a_few(gate: 
         ]
     assert counts.as_dict() == {STRANGER: 100_000}
     assert len(gate.strangers) == rules.LISTED
-    assert len(gate._known) <= rules._KNOWN
     assert rules.LISTED < MAX_DEVICES
     gate.look(10.0 + rules.LISTED_S)
     assert gate.strangers == {}, "who is not heard any more makes room for others"

@@ -65,7 +65,7 @@ def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> Non
 
 def test_a_device_that_was_forgotten_has_none(ward: Ward, once: Stream) -> None:
     vitals = watched(ward)
-    ward.send(once.batches()[:2], info(1))
+    ward.send(once.batches()[:25], info(1))
     a_second(ward)
     assert vitals._note is not None
     assert list(vitals._note.devices) == [NAME]
@@ -84,7 +84,7 @@ def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     assert vitals.unready() == ["no device is heard"]
     assert ready(ward, expects=False) == []
     vitals = watched(ward)
-    ward.send(once.batches()[:20], info(1))
+    ward.send(once.batches()[:25], info(1))
     a_second(ward)
     assert vitals.unready() == []
     ward.broker.stop()
@@ -123,7 +123,7 @@ def test_a_loop_that_is_stuck_is_sick() -> None:
     ("bridge", "estimator", "words"),
     [
         ("127.0.0.1:9464", "127.0.0.1:9464", "a port of its own"),
-        ("", "9464", "looks like '127.0.0.1:9464'"),
+        ("", "9464", "such as '127.0.0.1:9464'"),
         ("localhost:http", "", "[bridge]"),
     ],
 )

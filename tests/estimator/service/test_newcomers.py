@@ -5,9 +5,11 @@ from dataclasses import replace
 import pytest
 
 from bridge.bus.contract import Message
+from bridge.config.enrolment import Enrolment
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Tally
+from estimator.service.device import NEWCOMER_S
 from estimator.service.newcomers import AT_ONCE, FORGET_S, OF_ALL, OF_ONE_BRIDGE, PER_S, REFUSED, Newcomers
 from tests.estimator.served import WARD, Served
 from tests.estimator.stream import calibration
@@ -99,3 +101,24 @@ def test_a_burst_of_invented_devices_costs_a_real_one_no_sample_and_leaves_nothi
             served.round(1.0)
             served.service.work()
         assert list(served.service._devices) == ["chest"]
+
+
+@pytest.mark.parametrize("listed", [False, True])
+def test_nothing_is_declared_for_a_newcomer_before_it_has_lived_for_two_seconds(*, listed: bool) -> None:
+    batches = calibration(after=[]).batches()
+    lived = next(
+        i for i, batch in enumerate(batches) if batch.device_time[-1] >= batches[0].device_time[0] + NEWCOMER_S
+    )
+    with Served(Enrolment(enrolled=("chest",)) if listed else None) as served:
+        said = []
+        for batch in batches[:lived]:
+            served.put(batch)
+            said += served.round(0.1)
+        assert served.service._devices["chest"].announced == listed
+        assert sum(map(len, said)) == (sum(map(len, batches[:lived])) if listed else 0)
+        for batch in batches[lived : lived + 5]:
+            served.put(batch)
+            said += served.round(0.1)
+        assert served.service._devices["chest"].announced
+        numbers = [number for batch in said for number in range(batch.sequence, batch.sequence + len(batch))]
+        assert numbers == list(range(sum(map(len, batches[: lived + 5])))), "all of them, from the first one on"

@@ -23,6 +23,7 @@ from tests.estimator.client.test_revision import revision
 from tests.estimator.device.test_correction import CALIBRATION, chosen
 from tests.estimator.stream import NAME, stream
 from tests.memory_bus import MemoryBroker, MemoryBus
+from tests.sentences import free
 
 KEY = keys.build("w", "status", device=NAME)
 RAW = keys.build("w", "raw", bridge="b", device=NAME)
@@ -150,7 +151,7 @@ def revisions(draw: st.DrawFn) -> BiasRevision:
         ),
         bias=np.array(draw(vectors), np.float32).reshape(n, 3),
         bias_std=np.array(draw(vectors), np.float32).reshape(n, 3),
-        reason=draw(st.text(max_size=600)),
+        reason=free(draw(st.text(max_size=600))),
     )
 
 

@@ -1,5 +1,6 @@
 """What truerate writes is not readable by other users of the machine; what is so already is found; a hang-up is a stop."""
 
+import contextlib
 import os
 import signal
 import stat
@@ -33,8 +34,13 @@ def test_nothing_that_is_written_is_readable_by_others_and_a_hang_up_ends_it_in_
     tmp_path: Path, umask: int
 ) -> None:
     command = [sys.executable, "-m", "estimator.cli.main", "estimator", "serve", str(ward(tmp_path))]
-    serving = subprocess.Popen(command, umask=umask, stderr=subprocess.DEVNULL)
-    store, until = tmp_path / "kept" / "t.sqlite3", time.monotonic() + 30
+    with subprocess.Popen(command, umask=umask, stderr=subprocess.DEVNULL) as serving, contextlib.ExitStack() as stack:
+        stack.callback(serving.kill)
+        _check(tmp_path, serving)
+
+
+def _check(tmp_path: Path, serving: "subprocess.Popen[bytes]") -> None:
+    store, until = tmp_path / "kept" / "t.sqlite3", time.monotonic() + 60
     while not store.with_name("t.sqlite3-wal").exists():
         assert time.monotonic() < until
         assert serving.poll() is None
@@ -43,7 +49,7 @@ def test_nothing_that_is_written_is_readable_by_others_and_a_hang_up_ends_it_in_
     assert len(written) >= 4
     assert {path.name: oct(mode) for path, mode in written.items() if mode & 0o027} == {}
     serving.send_signal(signal.SIGHUP)
-    assert serving.wait(20) == 0
+    assert serving.wait(60) == 0
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from estimator.device.outcome import Outcome
 from estimator.device.session import DeviceSession
 from estimator.samples.sample_buffer import Samples
 from tests.estimator.client.test_revision import revision
-from tests.estimator.memory_ward import WARD, Ward
+from tests.estimator.memory_ward import SILENCE_S, WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
 from tests.memory_bus import MemoryBus
 from tests.sentences import codes, free
@@ -109,11 +109,11 @@ def test_revisions_are_published_after_what_they_revise(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     handle = DeviceSession.take
-    batches = once.part(0, 40).batches()
+    batches = once.part(0, 260).batches()
 
     def revising(session: DeviceSession, batch: Samples, cuts: list[Cut]) -> Outcome | None:
         outcome = handle(session, batch, cuts)
-        if batch.sequence == 30:
+        if batch.sequence == 230:
             outcome = outcome or Outcome()
             outcome.revisions += [replace(REVISION, device=NAME, reason=free(reason)) for reason in ("one", "another")]
         return outcome
@@ -190,7 +190,7 @@ def test_a_note_is_published(ward: Ward, once: Stream) -> None:
 def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, once: Stream) -> None:
     ward.send(once.batches(), info(1))
     ward.broker.stop()
-    time.sleep(1.1)
+    ward.service._devices[NAME].heard -= SILENCE_S
     ward.service._every_second(time.monotonic())
     ward.service.work()
     assert ward.service._devices[NAME].status(1).state is State.UNKNOWN
@@ -202,11 +202,11 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     more = once.part(0, 20)
     ward.send(replace(more, ticks=once.ticks[-1] + more.ticks).batches(first=len(once)))
     assert ward.latest().state is State.TRACKING
-    time.sleep(1.1)
+    ward.service._devices[NAME].heard -= SILENCE_S
     lost = ward.latest()
     assert (lost.state, lost.quality) == (State.LOST, Quality.DEGRADED)
     assert Code.NO_SAMPLES in codes(lost.reason)
-    ward.service._devices[NAME].heard -= 1200.0
+    ward.service._devices[NAME].heard -= 1200.0 - SILENCE_S
     later = ward.latest()
     assert (later.state, later.reason[0]) == (State.LOST, Code.NO_SAMPLES(duration="20 min"))
 
@@ -220,11 +220,11 @@ def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> 
     thread.start()
     for batch in once.batches():
         ward._raw.put(codec.encode_samples(batch))
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 60
     while time.monotonic() < deadline and sum(map(len, ward.subscriber)) == 0:
         time.sleep(0.01)
     stop.set()
-    thread.join(20)
+    thread.join(60)
     assert not thread.is_alive()
     key = keys.build(WARD, "alive/estimator", estimator="e1")
     while time.monotonic() < deadline and alive.get(key, True):

@@ -66,7 +66,7 @@ def test_a_calibration_and_what_names_it_is_said_when_it_is_kept(busy: Busy, mon
     assert not ward.latest().calibration
     assert ward.store.recall(NAME, 1, 0) is None, "to read waits for nobody"
     busy.free()
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 60
     while not (said := ward.client.calibrations(wait_s=0.05)) and time.monotonic() < deadline:
         ward.settle()
     batches = before + list(ward.subscriber)

@@ -168,15 +168,15 @@ def test_alone_what_comes_right_after_an_outage_of_the_router_is_not_lost(
     ward.broker.stop()
     ward.service._every_second(time.monotonic())
     ward.broker.start()
-    ward.send(batches[:20])
-    assert got(ward) == samples(batches[:20])
+    ward.send(batches[:25])
+    assert got(ward) == samples(batches[:25])
 
 
 def test_messages_that_wait_are_not_handled_once_their_device_is_given_away(
     ward: Ward, batches: list[SampleBatch]
 ) -> None:
     bridge = MemoryBus(ward.broker)
-    ward.service._newcomers = None  # all of them are admitted at once
+    ward.service._entrance.newcomers = None  # all of them are admitted at once
     for n in range(ROUND + 2):
         name = f"wrist-{n}"
         key = keys.build(WARD, "raw", bridge="bridge", device=name)

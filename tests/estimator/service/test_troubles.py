@@ -27,7 +27,7 @@ from estimator.samples.sample_buffer import Samples
 from estimator.service import device_roster, serve
 from estimator.service.overload import OVERLOADED
 from tests.estimator.database.faults import full_disk
-from tests.estimator.memory_ward import WARD, Ward
+from tests.estimator.memory_ward import SILENCE_S, WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
 from tests.memory_bus import MemoryBroker, MemoryBus
 
@@ -65,7 +65,7 @@ def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
         return outcome
 
     monkeypatch.setattr(DeviceSession, "take", failing)
-    (other,) = once.part(0, 10).batches([])
+    (other,) = once.part(0, 250).batches([])
     put(ward, replace(other, device="other"))
     ward.send(batches[-20:])
     after = list(ward.subscriber)
@@ -99,7 +99,7 @@ def test_a_second_bridge_silences_nobody(
     assert (status.bridge, status.refused_bridges) == ("bridge", ("second",))
     said = english(Code.TWO_BRIDGES(devices=NAME, owner="bridge", refused="second"))
     assert caplog.text.count(said) == 1
-    clock[0] += 4.0  # the second is silent
+    clock[0] += SILENCE_S + 3.0  # the second is silent
     ward.service.step(0.0)
     assert ward.latest().refused_bridges == ()
 
@@ -133,7 +133,7 @@ def test_phantoms_are_forgotten_for_a_real_device(
         )
     assert ward.service.counts.as_dict()[device_roster.TOO_MANY] == 20
     assert caplog.text.count("is the limit") == 1
-    clock[0] += 10.0
+    clock[0] += SILENCE_S + 9.0
     put(ward, replace(batch, device="real"))
     assert set(ward.service._devices) == {NAME, "real"}, "the calibrated one is lost too, but not forgotten"
     assert ward.service.counts.as_dict()["devices forgotten"] == 2
@@ -227,7 +227,7 @@ def test_a_second_estimator_is_told_of_the_first_and_not_of_its_address(
         ward = schema.Ward(ward=WARD, estimator=settings)
         monkeypatch.setattr(serve, "wait_for_router", lambda *_, **__: MemoryBus(broker))
         token = first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))
-        with pytest.raises(BusError, match="e1 serves ward w already"):
+        with pytest.raises(BusError, match="e1 already serves ward w"):
             serve.run(ward)
         token.close()
         with pytest.raises(OSError, match="in use by another program; choose another `health`"):
@@ -247,7 +247,7 @@ def test_a_store_is_not_opened_where_another_has_it(tmp_path: Path, monkeypatch:
             serve.run(ward)
         with (
             closing(first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))),
-            pytest.raises(BusError, match="e1 serves ward w already"),
+            pytest.raises(BusError, match="e1 already serves ward w"),
         ):
             serve.run(ward)
     assert not opened

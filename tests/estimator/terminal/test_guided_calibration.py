@@ -12,8 +12,9 @@ from bridge.sim.motion import Piece, Still
 from estimator.cli.main import main
 from estimator.client import Client
 from estimator.language.texts import texts
-from estimator.overview.ward import SILENT_S
-from estimator.terminal.guided_calibration import MISNAMED_S, calibrate
+from estimator.overview import ward
+from estimator.terminal import guided_calibration
+from estimator.terminal.guided_calibration import calibrate
 from tests.estimator.stream import NAME
 from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.web.played import Played
@@ -42,7 +43,7 @@ def guided(pieces: list[Piece], language: str = "en", skip: int = 0) -> tuple[in
     while skip and not talk.asked and thread.is_alive():
         time.sleep(0.02)
     played.play(played._ends[-1] - played._time_s + 2.0)
-    thread.join(30)
+    thread.join(60)
     talk.close()
     assert isinstance(console.file, io.StringIO)
     return found[0], console.file.getvalue()
@@ -90,16 +91,19 @@ def test_a_device_nobody_hears_of() -> None:
 
 
 @pytest.mark.parametrize("gone", [Talk.die, Talk.hush])
-def test_what_the_ward_cannot_hear_is_no_fault_of_the_device(gone: Callable[[Talk], None]) -> None:
+def test_what_the_ward_cannot_hear_is_no_fault_of_the_device(
+    gone: Callable[[Talk], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Estimator and bridge are gone, or nothing is said any more."""
     broker = MemoryBroker()
     talk = Talk(broker)
     played = Played(talk, speed=20.0)
     played.switch_on([Still(3.0)])
     console = Console(file=io.StringIO(), width=100)
+    monkeypatch.setattr(ward, "SILENT_S", 0.5)
     threading.Timer(0.5, gone, (talk,)).start()
     with Client(ward=WARD, bus=MemoryBus(broker)) as client:
-        assert calibrate(console, client, NAME, "nurse", texts("en"), seconds=SILENT_S + 2.0) == 1
+        assert calibrate(console, client, NAME, "nurse", texts("en"), seconds=4.5) == 1
     talk.close()
     assert isinstance(console.file, io.StringIO)
     said = console.file.getvalue()
@@ -107,13 +111,14 @@ def test_what_the_ward_cannot_hear_is_no_fault_of_the_device(gone: Callable[[Tal
     assert "The device is well" in said
 
 
-def test_a_name_that_is_mistyped_is_answered_by_those_there_are() -> None:
+def test_a_name_that_is_mistyped_is_answered_by_those_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guided_calibration, "MISNAMED_S", 0.2)
     broker = MemoryBroker()
     talk = Talk(broker)
     talk(about("chest", boot=1), about("ankle", boot=1))
     console = Console(file=io.StringIO(), width=100)
     with Client(ward=WARD, bus=MemoryBus(broker)) as client:
-        assert calibrate(console, client, "chset", "nurse", texts("en"), seconds=MISNAMED_S + 0.5) == 1
+        assert calibrate(console, client, "chset", "nurse", texts("en"), seconds=3.0) == 1
     talk.close()
     assert isinstance(console.file, io.StringIO)
     assert console.file.getvalue().count("No device chset was heard; there are: ankle, chest.") == 1

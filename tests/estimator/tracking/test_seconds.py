@@ -57,7 +57,9 @@ def in_windows(time: Floats, gyro: Floats, flags: NDArray[np.bool_], still: list
             for part in [gyro[b - WINDOW : b]]
         ]
     )
-    return Windows(found, np.column_stack([time, gyro, np.full_like(gyro, np.nan), flags]), 0)
+    return Windows(
+        found, np.column_stack([time, gyro, np.full_like(gyro, np.nan), flags, np.full(len(flags), np.nan)]), 0
+    )
 
 
 def noise(windows: int) -> Floats:

@@ -65,13 +65,11 @@ class Worn:
         """Take all of a stream, cut before each of the edges."""
         clipped = np.zeros(len(of), bool) if clipped is None else clipped
         bounds = [0, *(range(500, len(of), 500) if edges is None else edges), len(of)]
-        fed = self.stillness.fed
         for a, b in itertools.pairwise(bounds):
             force = of.accel[a:b] if accel else None
-            for windows in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b]).each():
-                ((_, now, last, _),) = windows.heads
-                if temperature:
-                    self.tracker.thermometer.read(now, float(of.temperature_c[max(0, last - fed)]))
+            celsius = of.temperature_c[a:b] if temperature else None
+            for windows in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b], celsius).each():
+                ((_, now, _, _),) = windows.heads
                 self.receipts += self.tracker.take(windows)
                 self.time.append(now)
                 self.bias.append(self.tracker.bias)

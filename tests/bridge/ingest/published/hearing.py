@@ -36,7 +36,7 @@ class Listener:
             batch = codec.decode_samples(*message)
             self.batches[batch.device].append(batch)
 
-    def until(self, condition: Callable[[], bool], limit_s: float = 8.0) -> None:
+    def until(self, condition: Callable[[], bool], limit_s: float = 60.0) -> None:
         end = time.monotonic() + limit_s
         while not condition():
             assert time.monotonic() < end, "it did not come to pass"
@@ -56,7 +56,7 @@ def native(port: PtyPort, name: str = "d1") -> Device:
 @contextmanager
 def published(tmp_path: Path, broker: MemoryBroker) -> Iterator[PtyPort]:
     """One device d1 on a terminal, and the bridge that reads it."""
-    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
+    with PtyPort(demo_device("d1", 1), tmp_path / "d1", lossless=True) as port:
         config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
         with MemoryBus(broker) as bus, Pump("w", config, bus):
             yield port

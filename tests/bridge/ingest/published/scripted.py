@@ -53,7 +53,7 @@ def said(sequence: int, n: int = 10) -> Readings:
 def run(driver: Scripted, until: Callable[[DeviceThread], bool]) -> DeviceThread:
     link = DeviceThread("d1", driver, Intake("d1", "b1", "scripted", "script"))
     link.start()
-    end = time.monotonic() + 5
+    end = time.monotonic() + 60
     while not until(link):
         assert time.monotonic() < end
         time.sleep(0.01)

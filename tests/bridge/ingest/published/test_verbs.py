@@ -39,10 +39,10 @@ def test_list_says_which_devices_are_there(tmp_path: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (("bridge", "run", "none.toml"), 2, "truerate: none.toml: there is no such file\n"),
+        (("bridge", "run", "none.toml"), 2, "truerate: none.toml: there is no such file; give the path of a TOML file"),
         (("bridge", "replay", "none.npz", "--device", "d"), 1, "truerate: none.npz: there is no such file"),
         (("bridge", "replay", "none.npz", "--device", "d", "--ward", "W W"), 2, "truerate: ward 'W W' is not valid"),
-        (("router", "--listen", "here"), 2, "truerate: --listen: 'here' is no endpoint"),
+        (("router", "--listen", "here"), 2, "truerate: --listen: 'here' is not an endpoint"),
         (
             ("bridge", "replay", "none.npz", "--device", "d", "--connect", "foo"),
             2,

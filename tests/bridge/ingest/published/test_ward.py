@@ -27,7 +27,10 @@ from tests.sentences import codes
 def test_devices_are_published_whole_with_their_account_and_their_tokens(
     tmp_path: Path, broker: MemoryBroker, listener: Listener
 ) -> None:
-    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as one, PtyPort(demo_device("d2", 2), tmp_path / "d2") as two:
+    with (
+        PtyPort(demo_device("d1", 1), tmp_path / "d1", lossless=True) as one,
+        PtyPort(demo_device("d2", 2), tmp_path / "d2", lossless=True) as two,
+    ):
         config = Bridge(id="b1", batch_ms=20, devices=(native(one), native(two, "d2")))
         with MemoryBus(broker) as bus, Pump("w", config, bus):
             listener.until(lambda: listener.count() > 100 and listener.count("d2") > 100)

@@ -251,7 +251,7 @@ def test_the_accelerometer_may_be_in_a_file_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "TotalAcceleration.csv").write_text(
         "\n".join(["time,seconds_elapsed,z,y,x", *table([TIME[half] + 5, TIME[half], M_S2[half, ::-1]])])
     )
-    reading = Reading(accel_file=tmp_path / "TotalAcceleration.csv")
+    reading = Reading(accel_file=str(tmp_path / "TotalAcceleration.csv"))
     assert "the accelerometer is read from TotalAcceleration.csv" in right(tmp_path / "Gyroscope.csv", reading)
     recording = load(tmp_path / "Gyroscope.csv", reading=reading)
     assert recording.accel is not None

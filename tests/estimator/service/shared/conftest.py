@@ -59,7 +59,7 @@ class Both:
         probe = f"a-probe/{uuid.uuid4().hex}"
         for service in self.services.values():
             service._cluster._watch._changes.put((probe, True))  # type: ignore[attr-defined] # of the bus in memory
-        deadline = time.monotonic() + 10.0
+        deadline = time.monotonic() + 60.0
         while not all((probe, True) in service._cluster._tokens for service in self.services.values()):
             assert time.monotonic() < deadline
             time.sleep(0.001)

@@ -1,0 +1,105 @@
+"""Encoding and decoding of orientations, with packed columns as in `batches`."""
+
+import numpy as np
+
+from bridge.wire import columns_pb2 as columns
+from bridge.wire import validation
+from bridge.wire.batches import MAX_ACCEL, MAX_SEQUENCE, column_of, floats_of, ticks_of, times_of
+from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.messages import VERSION, OrientationBatch, Quality
+from bridge.wire.refusal import Reason, Refusal
+from bridge.wire.validation import clean
+
+#: rad², a variance of an angle: no attitude is less sure than one of which nothing is known
+MAX_COVARIANCE = 10.0
+#: largest difference of a quaternion's length from 1
+_LENGTH = 1e-3
+_FLOAT, _UINT64 = np.dtype("<f4"), np.dtype("<u8")
+_ROWS, _COLUMNS = np.triu_indices(3)
+
+
+def encode_orientation(batch: OrientationBatch) -> bytes:
+    """Encode an OrientationBatch, the payload of orientation/<device>."""
+    clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
+    return OrientationEncoder(batch.device, batch.epoch).encode(
+        batch.boot,
+        batch.sequence,
+        *clock,
+        column_of(batch.ticks, _UINT64),
+        column_of(batch.quat_wxyz, _FLOAT),
+        b"" if batch.linear_accel is None else column_of(batch.linear_accel, _FLOAT),
+        column_of(batch.covariance[_ROWS, _COLUMNS], _FLOAT),
+        (batch.zero_sequence, batch.zero),
+        batch.quality,
+    )
+
+
+class OrientationEncoder:
+    """Encoder for the orientation of one device."""
+
+    def __init__(self, device: str, epoch: int = 0) -> None:
+        self._message = columns.OrientationBatch(version=VERSION, device=device, epoch=epoch)
+
+    def encode(
+        self,
+        boot: int,
+        sequence: int,
+        start_time_ns: int,
+        tick_period_s: float,
+        clock_rate: float,
+        ticks: bytes,
+        quat_wxyz: bytes,
+        linear_accel: bytes,
+        covariance: bytes,
+        zero: tuple[int, str],
+        quality: Quality,
+    ) -> bytes:
+        """Encode one message from packed columns, as of `column_of`; covariance is xx, xy, xz, yy, yz, zz."""
+        message = self._message
+        message.boot = boot
+        message.sequence = sequence
+        message.start_time_ns = start_time_ns
+        message.tick_period_s = tick_period_s
+        message.clock_rate = clock_rate
+        message.ticks = ticks
+        message.quat_wxyz = quat_wxyz
+        message.linear_accel = linear_accel
+        message.covariance = covariance
+        message.zero_sequence = zero[0]
+        message.zero = clean(zero[1], validation.MAX_NAME)
+        message.quality = int(quality)
+        return message.SerializeToString()
+
+
+def decode_orientation(key: str, payload: bytes) -> OrientationBatch:
+    """Decode an OrientationBatch, published under orientation/<device>. Raises Refusal."""
+    place = parse_key(key, "orientation")
+    raw = read(columns.OrientationBatch, payload)
+    same_id(raw.device, place, "device")
+    ticks = ticks_of(raw.ticks)
+    times_of(raw, ticks)
+    n = len(ticks)
+    quaternions = floats_of(raw.quat_wxyz, "quat_wxyz", 4 * n, 1 + _LENGTH).reshape(n, 4)
+    if np.abs(np.einsum("ij,ij->i", quaternions, quaternions) - 1).max() > 2 * _LENGTH:
+        raise Refusal(Reason.RANGE, "quat_wxyz has a quaternion whose length is not 1")
+    upper, covariance = floats_of(raw.covariance, "covariance", 6, MAX_COVARIANCE), np.empty((3, 3), np.float32)
+    covariance[_ROWS, _COLUMNS] = covariance[_COLUMNS, _ROWS] = upper
+    if covariance.diagonal().min() < 0:
+        raise Refusal(Reason.RANGE, "covariance has a negative variance")
+    force = raw.linear_accel
+    return OrientationBatch(
+        device=raw.device,
+        boot=raw.boot,
+        sequence=validation.whole(raw.sequence, "sequence", MAX_SEQUENCE),
+        start_time_ns=raw.start_time_ns,
+        tick_period_s=raw.tick_period_s,
+        clock_rate=raw.clock_rate,
+        ticks=ticks,
+        quat_wxyz=quaternions,
+        linear_accel=floats_of(force, "linear_accel", 3 * n, MAX_ACCEL).reshape(n, 3) if force else None,
+        covariance=covariance,
+        zero_sequence=validation.whole(raw.zero_sequence, "zero_sequence", MAX_SEQUENCE),
+        zero=validation.text(raw.zero, "zero"),
+        quality=validation.member(Quality, raw.quality, "quality"),
+        epoch=validation.whole(raw.epoch, "epoch", validation.MAX_EPOCH),
+    )

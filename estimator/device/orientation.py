@@ -1,0 +1,40 @@
+"""Orientation of devices from the cuts of a round."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from estimator.device.batch_correction import Cut
+from estimator.kernels.orientation import NEXT, ZERO
+from estimator.orientation.attitude import Attitude, Oriented, orient
+
+
+class OrientedCut(NamedTuple):
+    """Samples of a cut and their attitudes; zero: number of the sample at which the heading was zero, and why."""
+
+    cut: Cut
+    attitudes: Oriented
+    zero: tuple[int, str]
+
+
+def oriented(due: Sequence[tuple[Attitude, Cut]]) -> list[OrientedCut]:
+    """Carry attitudes over the cuts of a round, in order; the bits do not depend on how the samples are batched.
+
+    Samples that an attitude restored from a checkpoint has seen already are left out.
+    """
+    new, begun = list[tuple[Attitude, Cut]](), list[tuple[Attitude, Cut]]()
+    for attitude, cut in due:
+        seen = int(attitude.state.item(NEXT)) - cut.sequence
+        if seen < cut.n:
+            new.append((attitude, cut._replace(first=cut.first + seen) if seen > 0 else cut))
+            if seen == -cut.sequence and not attitude.begun:
+                begun.append(new[-1])
+    found = orient([(attitude, cut.samples.rows[cut.first : cut.end], cut.correction.known) for attitude, cut in new])
+    for attitude, cut in reversed(begun):
+        attitude.state[ZERO] = cut.sequence
+    for attitude, cut in new:
+        attitude.state[NEXT] = cut.sequence + cut.n
+    return [OrientedCut(cut, attitudes, _zero(attitude)) for (attitude, cut), attitudes in zip(new, found, strict=True)]
+
+
+def _zero(attitude: Attitude) -> tuple[int, str]:
+    return int(attitude.state[ZERO]), attitude.zero

@@ -1,0 +1,198 @@
+"""Attitude of a device, sample by sample: gyro strapdown, levelled by gravity, with a covariance of its error.
+
+Earth axes: z up, x and y horizontal. The heading counts from a zero: where the attitude began, or was last reset.
+Without an accelerometer the attitude is relative to that of the first sample.
+
+Levelling: the specific force is averaged in earth axes, which turn with the gyro's errors only (D. Laidig and T. Seel,
+"VQF: Highly accurate IMU orientation estimation with bias estimation and magnetic disturbance rejection", Information Fusion
+91 (2023), eqs. 4 to 10). In place of VQF's fixed low-pass, a Kalman filter of tilt and velocity measures the wearer's
+velocity as zero, with a variance that grows with the motion (as tracking/gravity.py). Its gain assumes a usual gyro.
+
+Covariance: what this gain does to the errors the gyro really has. Bias, matrix and accelerometer bias are constant unknowns;
+the sensitivity of the attitude to each is carried along ("consider" states, S. F. Schmidt, "Application of state-space
+methods to navigation problems", Advances in Control Systems 3 (1966); Joseph's form for the noise).
+"""
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from estimator.geometry.gyro_model import GyroModel
+from estimator.kernels import orientation as loop
+from estimator.state import shaped
+
+Floats = NDArray[np.float64]
+#: m/s²
+G = 9.80665
+_ROWS, _COLUMNS = np.triu_indices(3)
+
+
+@dataclass(frozen=True, slots=True)
+class OrientationKnobs:
+    """Settings of the orientation. rad, m, s; the order is the kernel's."""
+
+    #: m/s, standard deviation of a wearer's velocity averaged over a second: without motion, and for each m/s of motion
+    speed: float = 0.05
+    speed_per_unrest: float = 0.5
+    #: s, over which motion is measured
+    swing_s: float = 2.0
+    #: rad per root second, for each rad/s: gyro errors that grow with the rate (0.3 %, kept for a second)
+    rate_share: float = 2.75e-3
+    #: rad per root second: other gyro errors
+    drift: float = 5e-4
+    #: m/s per root second: accelerometer noise
+    push: float = 0.01
+    #: rad and m/s, standard deviation of the first tilt and the first velocity
+    first_tilt: float = 1.0
+    first_speed: float = 0.5
+    #: s, for which a bias flicker lasts
+    flicker_s: float = 100.0
+    #: rad/s, error of the guessed rate while samples are missing, beside a quarter of the rates before and after
+    unseen_rate: float = 0.02
+    #: s without samples after which the rotation in between counts as unknown
+    lost_s: float = 1.0
+
+
+class Oriented(NamedTuple):
+    """Attitudes of n samples.
+
+    quat_wxyz (n, 4): sensor to earth, scalar first. accel (n, 3): acceleration without gravity, earth axes, m/s², NaN
+    without an accelerometer. cov (n, 6): covariance of the attitude error, a small rotation in earth axes from the estimated to
+    the true attitude, rad²: xx, xy, xz, yy, yz, zz.
+    """
+
+    quat_wxyz: Floats
+    accel: Floats
+    cov: Floats
+
+    @property
+    def tilt_std(self) -> Floats:
+        """(n,) rad: rms angle between the true and the estimated vertical."""
+        return np.asarray(np.sqrt(self.cov[:, 0] + self.cov[:, 3]))
+
+    @property
+    def heading_std(self) -> Floats:
+        """(n,) rad: standard deviation of the heading since its zero."""
+        return np.asarray(np.sqrt(self.cov[:, 5]))
+
+    @property
+    def rotation(self) -> Rotation:
+        """Rotations from sensor to earth axes; `rotation.apply(v)` gives a sensor's vector in earth axes."""
+        return Rotation.from_quat(self.quat_wxyz, scalar_first=True)
+
+
+def known(model: GyroModel, bias_std: Floats, unsure: Floats, flicker: float, walk: float) -> Floats:
+    """Pack what is known of the sensors for `Attitude`: (32,).
+
+    bias_std (3,) and flicker, rad/s: of the bias and its instability. unsure (12,): standard deviations of the matrix, relative,
+    row by row, and of the accelerometer's bias, m/s². walk: rate random walk, rad/s per root second.
+    """
+    return np.concatenate([model.matrix.ravel(), model.bias, bias_std, unsure, model.noise_std, [flicker, walk]])
+
+
+class Attitude:
+    """Attitude of one device in one boot; `state` (117,) is all that there is, and may be saved and given back.
+
+    zero: why the heading was zero last: `start`, or who reset it.
+    """
+
+    def __init__(self, knobs: OrientationKnobs | None = None, state: Floats | None = None, zero: str = "start") -> None:
+        self.zero = zero
+        #: knobs (11,) as numbers
+        self.knobs = np.array(astuple(knobs or OrientationKnobs()))
+        self.state = np.zeros(loop.SIZE)
+        self.state[loop.TIME] = np.nan
+        if state is not None:
+            shaped(state, loop.SIZE)
+            if not np.isfinite(state[1:]).all():
+                raise ValueError("damaged state: an attitude is not finite")
+            self.state = state.copy()
+
+    @property
+    def begun(self) -> bool:
+        """Whether a sample was taken."""
+        return not np.isnan(self.state[loop.TIME])
+
+    @property
+    def rotation(self) -> Rotation:
+        """Rotation from sensor to earth axes at the last sample."""
+        return Rotation.from_quat(self.state[loop.QUAT : loop.VELOCITY], scalar_first=True)
+
+    @property
+    def heading(self) -> float:
+        """Heading since its zero, rad, -π to π: the rotation about the vertical that is left when the tilt is undone."""
+        w, _, _, z = self.state[loop.QUAT : loop.VELOCITY].tolist()
+        return float(np.arctan2(2 * w * z, w * w - z * z))
+
+    @property
+    def cov(self) -> Floats:
+        """(3, 3) covariance of the attitude error at the last sample: a small rotation in earth axes, rad²."""
+        cov = np.empty((3, 3))
+        cov[_ROWS, _COLUMNS] = cov[_COLUMNS, _ROWS] = self.state[loop.COV : loop.COV + 6]
+        return cov
+
+    def take(self, rows: Floats, known: Floats) -> Oriented:
+        """Carry the attitude over samples: rows (n, 9) of samples/sample_buffer.py; known (32,): see `known`."""
+        return orient([(self, rows, known)])[0]
+
+    def traced(self, rows: Floats, known: Floats) -> tuple[Oriented, Floats]:
+        """As `take`, and the trace (n, 11) that `smoothing.smooth` needs."""
+        trace = np.empty((len(rows), loop.TRACE))
+        return _carry([self], [(self, rows, known)], trace)[0], trace
+
+    def reset_heading(self, zero: str = "") -> None:
+        """Make the heading of the last sample zero, and surely so. zero: who does it."""
+        self.zero, self.state[loop.ZERO] = zero, self.state[loop.NEXT] - 1
+        s, turn = self.state, Rotation.from_euler("z", -self.heading)
+        matrix = turn.as_matrix()
+        s[loop.QUAT : loop.VELOCITY] = (turn * self.rotation).as_quat(scalar_first=True)
+        for part in (loop.VELOCITY, loop.SWING):
+            s[part : part + 2] = matrix[:2, :2] @ s[part : part + 2]
+        by = s[loop.BY : loop.BIAS_VAR].reshape(5, 15)
+        by[:3] = matrix @ by[:3]
+        by[3:] = matrix[:2, :2] @ by[3:]
+        by[2], s[loop.HEADING] = 0.0, 0.0
+        cov = matrix @ self.cov @ matrix.T
+        cov[2, :] = cov[:, 2] = 0.0
+        s[loop.COV : loop.COV + 6] = cov[_ROWS, _COLUMNS]
+
+
+def orient(due: Sequence[tuple[Attitude, Floats, Floats]]) -> list[Oriented]:
+    """Carry attitudes over the samples of a round, in one compiled loop: (attitude, rows (n, 9), known (32,)) each.
+
+    A device may come several times, in order. The bits do not depend on how samples are batched.
+    """
+    attitudes = list({id(attitude): attitude for attitude, _, _ in due}.values())
+    return _carry(attitudes, due, np.empty((0, loop.TRACE))) if due else []
+
+
+def _carry(attitudes: list[Attitude], due: Sequence[tuple[Attitude, Floats, Floats]], trace: Floats) -> list[Oriented]:
+    places = {id(attitude): i for i, attitude in enumerate(attitudes)}
+    states = np.array([attitude.state for attitude in attitudes])
+    rows = np.concatenate([rows for _, rows, _ in due])
+    counts = np.array([len(rows) for _, rows, _ in due])
+    out = np.empty((len(rows), loop.WIDTH))
+    loop.carried(
+        states,
+        np.array([places[id(attitude)] for attitude, _, _ in due]),
+        rows,
+        counts,
+        np.array([known for _, _, known in due]),
+        np.array([attitude.knobs for attitude in attitudes]),
+        out,
+        trace,
+    )
+    for attitude, state in zip(attitudes, states, strict=True):
+        attitude.state = state
+    quaternions, accel, cov = (
+        out[:, : loop.RESULT_ACCEL],
+        out[:, loop.RESULT_ACCEL : loop.RESULT_COV],
+        out[:, loop.RESULT_COV :],
+    )
+    edges = list(pairwise([0, *np.cumsum(counts).tolist()]))
+    return [Oriented(quaternions[a:b], accel[a:b], cov[a:b]) for a, b in edges]

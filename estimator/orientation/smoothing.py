@@ -1,0 +1,23 @@
+"""Smooths attitudes: later samples improve the levelling of earlier ones (Rauch, Tung and Striebel)."""
+
+import numpy as np
+
+from estimator.kernels import orientation as loop
+from estimator.orientation.attitude import Floats, G, Oriented
+
+
+def smooth(real_time: Oriented, trace: Floats, accel_std: Floats) -> Oriented:
+    """Smoothed attitudes from real-time ones and their trace (n, 11), both from `Attitude.traced`.
+
+    accel_std (3,), m/s²: bias of the accelerometer. The heading stays as it is. The tilt's variance shrinks as that of its noise
+    does, except for what the accelerometer's bias tilts.
+    Source: H. E. Rauch, F. Tung, C. T. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal 3 (1965).
+    """
+    quaternions, share = real_time.quat_wxyz.copy(order="C"), np.empty(len(trace))
+    loop.smoothed(trace, quaternions, share)
+    cov, stays = real_time.cov.copy(), float(np.mean(accel_std**2)) / G**2
+    for variance in (0, 3):
+        cov[:, variance] = share * cov[:, variance] + (1 - share) * np.minimum(stays, cov[:, variance])
+    cov[:, 1] *= share
+    cov[:, [2, 4]] *= np.sqrt(share)[:, None]
+    return real_time._replace(quat_wxyz=quaternions, cov=cov)

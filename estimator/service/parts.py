@@ -1,0 +1,27 @@
+"""Parts of a running estimator that its modules share."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bridge.bus.contract import Bus
+from bridge.wire.refusal import Tally
+from estimator.config.schema import Estimator
+from estimator.service.cluster import Cluster
+from estimator.service.device_roster import DeviceRoster
+from estimator.service.fault_isolation import FaultIsolation
+from estimator.service.store_access import StoreAccess
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """Bus, clock, counts, roster, cluster, store access and fault isolation of one estimator. now_ns: the host's clock."""
+
+    ward: str
+    settings: Estimator
+    bus: Bus
+    now_ns: Callable[[], int]
+    counts: Tally
+    devices: DeviceRoster
+    cluster: Cluster
+    record: StoreAccess
+    guarded: FaultIsolation
