@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,8 +45,10 @@ RECOVER = """example:
   truerate recording recover recordings/ward-3-20260801T101500Z.mcap.part"""
 INSPECT = """examples:
   truerate recording inspect session.csv
+  truerate recording inspect walk.bag --device /imu/data
   truerate recording inspect log.txt --gyro-unit deg/s --rate-hz 100"""
 CONVERT = """examples:
+  truerate recording convert walk.xdf walk.h5 --device Gyroscope
   truerate recording convert export.csv session.npz --gyro-unit deg/s
   truerate recording convert sd-card.bin session.mcap --driver witmotion --device wrist-01
   truerate recording convert log.txt session.npz --profile openlog-artemis"""
@@ -119,7 +122,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "show how truerate reads a file: rate, gaps, noise, gravity, doubts",
         INSPECT,
     )
-    verb.add_argument("file", type=Path, metavar="FILE", help="recording: .npz, .mcap, or text such as .csv")
+    verb.add_argument("file", type=Path, metavar="FILE", help="recording, a file or a folder: see docs/recording.md")
     add_reading(verb)
     _add_capture(verb)
     verb.add_argument("--json", action="store_true", help="print one JSON object")
@@ -128,11 +131,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         inner,
         "convert",
         _convert,
-        "convert a recording, or captured bytes of a device, to .npz, .csv or .mcap",
+        "convert a recording, or captured bytes of a device, to .npz, .csv, .h5, .parquet or .mcap",
         CONVERT,
     )
     verb.add_argument("file", type=Path, metavar="IN", help="recording, or captured bytes of a device")
-    verb.add_argument("out", type=Path, metavar="OUT", help="new file, .npz, .csv or .mcap; must not exist")
+    verb.add_argument(
+        "out", type=Path, metavar="OUT", help="new file, .npz, .csv, .h5, .parquet or .mcap; must not exist"
+    )
     add_reading(verb)
     _add_capture(verb)
 
@@ -224,8 +229,14 @@ def _loaded(given: argparse.Namespace) -> "Recording":
         from bridge.drivers.capture import load_capture  # noqa: PLC0415
 
         return load_capture(given.file, given.driver, given.profile, reading_of(given))
-    mcap = given.file.suffix.lower() == ".mcap"
-    return load(given.file, device=given.device if mcap else None, reading=reading_of(given))
+    return load(given.file, device=given.device if _has_streams(given) else None, reading=reading_of(given))
+
+
+def _has_streams(given: argparse.Namespace) -> bool:
+    """Whether --device chooses a stream of the file; otherwise it names the device of a new file."""
+    from bridge.recording.formats.registry import format_of  # noqa: PLC0415
+
+    return not (given.driver or given.profile) and given.file.exists() and format_of(given.file).streams
 
 
 def _inspect(given: argparse.Namespace) -> None:
@@ -251,6 +262,8 @@ def _convert(given: argparse.Namespace) -> None:
     recording = _loaded(given)
     begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
     device = given.device or recording.device or "recorded"
+    if _has_streams(given):  # the name of a stream need not be an id
+        device = recording.device or re.sub("[^a-z0-9]+", "-", device.lower()).strip("-")[:32] or "recorded"
     convert(recording, given.out, device, begin_ns)
     print(
         printable(

@@ -129,7 +129,7 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
     try:
         try:
             unfinished.unlink(missing_ok=True)  # left by a killed process; it may be a link
-            with unfinished.open("xb") as file:
+            with unfinished.open("x+b") as file:  # HDF5 is also read while it is written
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
