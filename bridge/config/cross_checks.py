@@ -10,7 +10,7 @@ from bridge.bus.router_check import RouterFile, open_to_others
 from bridge.bus.routers import Routers, secured
 from bridge.config.router_cross_checks import faults as router_faults
 from bridge.config.router_cross_checks import host_of, hosts_at, is_for, port_of, reaches
-from bridge.config.schema import Root
+from bridge.config.schema import ConfigError, Root
 from bridge.pki.certificate_checks import Identity, member_of
 from bridge.pki.certificate_checks import faults as identity_faults
 from bridge.pki.member import Member, Role
@@ -63,17 +63,23 @@ def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
 
 def _of_ward(root: Root, now: datetime) -> Iterator[str]:
     yield from (f"[router]: listen: {words}" for words in open_to_others(root.router.listen))
-    tables: Any = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
+    tables: dict[Role, Any] = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
     for identity in _identities(root):
         wrong = identity_faults(identity, now, tuple(role for role in Role if not role.serves))
         yield from (f"[bus]: {words}" for words in wrong)
-        if (member := _member(identity)) is None or member.role not in tables:
+        if root.bus.pki or (member := _member(identity)) is None or member.role not in tables:
             continue
         # The file may have further tables beside the certificate's role, but the id of that role must match.
         table = tables[member.role]
         if table is None or table.id != member.name:
             there = f"its id is {table.id!r}" if table is not None else "there is no such table"
             yield f"[bus]: the certificate is for {member.label}; [{member.role.value}]: {there}"
+    for role, table in tables.items() if root.bus.pki else ():
+        if table is not None:
+            try:
+                root.bus.routers_as(role, name=table.id)
+            except ConfigError as error:
+                yield str(error)
 
 
 def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:
