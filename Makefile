@@ -54,7 +54,7 @@ lint: setup-dev
 	$(BIN)/codespell
 
 # Once more as on Windows: without what has no Windows, which the services need.
-LINUX := ^bridge/(transport/(serial_|port_|tcp_|udp_)|diagnose/|sim/pty_port|runtime/service_manager)|^estimator/(demo|web|database|python)/
+LINUX := ^bridge/(transport/(serial_|port_|tcp_|udp_)|diagnose/|sim/pty_port|runtime/service_manager)|^estimator/(cli/init|database|demo|installation|python|web)
 types: setup-dev
 	$(BIN)/mypy
 	$(BIN)/mypy --platform win32 --cache-dir .mypy_cache/windows --follow-imports silent --exclude '$(LINUX)' bridge estimator

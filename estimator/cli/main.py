@@ -43,7 +43,19 @@ VERBS = {
     "estimator.cli.study": ("study",),
 }
 #: verbs that read devices, serve or keep a ward's data: they need what Windows lacks
-_NOT_ON_WINDOWS = ("demo", "bridge", "router", "pki", "estimator", "history", "store", "doctor", "dashboard")
+_NOT_ON_WINDOWS = (
+    "demo",
+    "init",
+    "bridge",
+    "router",
+    "pki",
+    "estimator",
+    "history",
+    "store",
+    "doctor",
+    "qualify",
+    "dashboard",
+)
 _LOG_FORMAT = "--log-format"
 #: permissions withheld from every new file and folder: files show how patients move
 _PRIVATE = 0o027
