@@ -15,6 +15,8 @@ from bridge.recording.text import reader
 from bridge.recording.text.layout import Layout
 
 _MOTION, _NONE = "_motion.tsv", ("", "n/a")
+#: folders from a motion file up to that of its dataset: motion, session, subject, dataset
+_LEVELS = 4
 #: the first words of column names that the reader of text tables understands
 _WORDS = {"GYRO": "gyro", "ACCEL": "accel", "LATENCY": "time"}
 Row = dict[str, str]
@@ -75,7 +77,7 @@ def _sidecar(path: Path, ending: str) -> Path | None:
     By the inheritance principle a file above applies if its entities, such as task-walk, are all in the name.
     """
     entities = set(path.name[: -len(_MOTION)].split("_"))
-    for folder in path.absolute().parents:
+    for folder in path.absolute().parents[:_LEVELS]:
         fitting = [
             one
             for one in folder.glob(f"*{ending}")

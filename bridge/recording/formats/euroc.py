@@ -5,6 +5,7 @@ Sources: Burri et al., The EuRoC micro aerial vehicle datasets, 2016; Schubert e
 
 from pathlib import Path
 
+from bridge.recording.formats.registry import EUROC_IMUS
 from bridge.recording.formats.streams import choose
 from bridge.recording.reading import Reading
 from bridge.recording.table import Table
@@ -13,8 +14,5 @@ from bridge.recording.text import reader
 
 def read(path: Path, reading: Reading) -> Table:
     """Read one IMU of a sequence. Raises RecordingError."""
-    own = path / "data.csv"
-    imus = (
-        {path.name: own} if own.is_file() else {one.parent.name: one for one in sorted(path.glob("**/imu*/data.csv"))}
-    )
+    imus = {one.parent.name: one for pattern in EUROC_IMUS for one in sorted(path.glob(pattern))}
     return reader.read(choose(path, imus, reading.device, "IMUs"), reading)

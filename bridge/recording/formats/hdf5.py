@@ -39,11 +39,12 @@ def read(path: Path, reading: Reading) -> Table:
     with h5py.File(path, "r") as file:
         if opals := _opals(file):
             return _opal(path, choose(path, opals, reading.device, "sensors"), reading)
-        table = table_of(path, {name: _array(path, file[name]) for name in WANTED if name in file}, reading, list(file))
+        arrays = {name: _array(path, file[name]) for name in WANTED if name in file}
+        table = table_of(path, arrays, reading, list(file))
         table.device, table.boot = origin(
             *(_text(file[name][()]) if name in file else "" for name in ("device", "boot"))
         )
-        return table
+    return choose(path, {table.device: table}, reading.device, "devices") if table.device else table
 
 
 def write(file: IO[bytes], arrays: Mapping[str, Array]) -> None:
@@ -69,16 +70,12 @@ def _opals(file: Any) -> dict[str, Any]:
     """Return the sensors of an Opal's file by label; sensors of one label by label and id."""
     if "Sensors" in file:
         sensors = {name: group for name, group in file["Sensors"].items() if "Gyroscope" in group}
-        labels = {name: _text(group["Configuration"].attrs["Label 0"]) for name, group in sensors.items()}
+        labels = {name: _text(group["Configuration"].attrs.get("Label 0", "")) for name, group in sensors.items()}
     else:
         groups = {name: group for name, group in file.items() if isinstance(group, h5py.Group)}
         sensors = {name: group for name, group in groups.items() if _OPAL[1]["gyro_rad_s"] in group}
-        labels = dict(
-            zip(
-                *([_text(one) for one in file.attrs.get(key, ())] for key in ("CaseIdList", "MonitorLabelList")),
-                strict=False,
-            )
-        )
+        ids, known = ([_text(one) for one in file.attrs.get(key, ())] for key in ("CaseIdList", "MonitorLabelList"))
+        labels = dict(zip(ids, known, strict=False))
     said = [labels.get(name) or name for name in sensors]
     return {
         label if said.count(label) == 1 else f"{label} {name}": group

@@ -9,6 +9,8 @@ from bridge.recording.error import MAX_BYTES, RecordingError
 from bridge.recording.reading import Reading
 from bridge.recording.table import Table
 
+#: places of an IMU's samples in the folder of a EuRoC or TUM VI sequence
+EUROC_IMUS = ("mav0/imu*/data.csv", "imu*/data.csv", "data.csv")
 TEXT = (".csv", ".tsv", ".txt", ".log", ".dat", ".gz")
 
 
@@ -98,7 +100,7 @@ def _loaded(path: Path, format_: Format) -> ModuleType:
 def _of_folder(path: Path) -> Format:
     if (path / "metadata.yaml").is_file():
         return ROS
-    if any(path.glob("**/imu*/data.csv")) or (path / "data.csv").is_file():
+    if any(any(path.glob(pattern)) for pattern in EUROC_IMUS):
         return EUROC
     raise RecordingError(
         f"{path}: a folder, but neither a ROS 2 bag (metadata.yaml) nor a EuRoC or TUM VI sequence (mav0/imu0/data.csv): "
