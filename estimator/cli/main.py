@@ -38,6 +38,7 @@ VERBS = {
     "estimator.cli.config": ("config",),
     "estimator.cli.doctor": ("doctor",),
     "estimator.cli.dashboard": ("dashboard",),
+    "estimator.cli.outlet": ("outlet",),
     "estimator.cli.study": ("study",),
 }
 _LOG_FORMAT = "--log-format"
