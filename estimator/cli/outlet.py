@@ -16,7 +16,7 @@ from estimator.cli.ward_options import ward_of
 
 
 class Outlet(NamedTuple):
-    """An outlet's entry in the help, and the package that it needs, by import name; its extra has the outlet's name."""
+    """An outlet's entry in the help, and the packages that it needs, by import name; its extra has the outlet's name."""
 
     does: str
     example: str
@@ -24,7 +24,13 @@ class Outlet(NamedTuple):
 
 
 #: each is served by the module `estimator.outlets.NAME`, which is loaded only when asked for
-OUTLETS: dict[str, Outlet] = {}
+OUTLETS: dict[str, Outlet] = {
+    "foxglove": Outlet(
+        "show a ward live in Foxglove: plots, a 3D view, states",
+        "truerate outlet foxglove --ward demo",
+        "foxglove rosbags",
+    ),
+}
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -42,13 +48,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _serve(name: str, outlet: Outlet, given: argparse.Namespace) -> int:
-    if outlet.needs and find_spec(outlet.needs) is None:
+    if any(find_spec(package) is None for package in outlet.needs.split()):
         raise ConfigError(f"truerate outlet {name} needs another package: pip install 'truerate[{name}]'")
-    ward, endpoints = ward_of(given)
+    module = import_module(f"estimator.outlets.{name}")
+    ward, endpoints = ward_of(given, *(module.roles(given) if hasattr(module, "roles") else ()))
     devices = [check_id(device, "--device") for device in given.devices or ()]
     from estimator.client import Client  # noqa: PLC0415 - numpy and zenoh are slow to import
 
-    module = import_module(f"estimator.outlets.{name}")
     with stopped_by_signal() as stop, supervised(), Client(endpoints, ward=ward) as client:
         if devices and (unknown := set(devices) - client.statuses().keys()):
             raise ConfigError(
