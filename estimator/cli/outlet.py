@@ -30,6 +30,11 @@ OUTLETS: dict[str, Outlet] = {
         "truerate outlet foxglove --ward demo",
         "foxglove rosbags",
     ),
+    "ros2": Outlet(
+        "publish a ward to ROS 2 nodes with rmw_zenoh: samples, poses, diagnostics",
+        "truerate outlet ros2 --ward demo --ros-router tcp/127.0.0.1:7448",
+        "rosbags xxhash",
+    ),
 }
 
 
@@ -51,11 +56,11 @@ def _serve(name: str, outlet: Outlet, given: argparse.Namespace) -> int:
     if any(find_spec(package) is None for package in outlet.needs.split()):
         raise ConfigError(f"truerate outlet {name} needs another package: pip install 'truerate[{name}]'")
     module = import_module(f"estimator.outlets.{name}")
-    ward, endpoints = ward_of(given, *(module.roles(given) if hasattr(module, "roles") else ()))
+    ward, given.routers = ward_of(given, *(module.roles(given) if hasattr(module, "roles") else ()))
     devices = [check_id(device, "--device") for device in given.devices or ()]
     from estimator.client import Client  # noqa: PLC0415 - numpy and zenoh are slow to import
 
-    with stopped_by_signal() as stop, supervised(), Client(endpoints, ward=ward) as client:
+    with stopped_by_signal() as stop, supervised(), Client(given.routers, ward=ward) as client:
         if devices and (unknown := set(devices) - client.statuses().keys()):
             raise ConfigError(
                 f"no device {' or '.join(sorted(unknown))} is heard in ward {ward}: `truerate devices` lists those that are"

@@ -52,7 +52,7 @@ def test_a_hostile_key_is_refused_and_harms_nothing(a: Bus, key: str) -> None:
     assert subscription.receive(30.0) is not None
 
 
-@pytest.mark.parametrize("pattern", ["", "a//b", "a*", "a/**/**", "a/**/*", "***", "$*", "a" * 201])
+@pytest.mark.parametrize("pattern", ["", "a//b", "a*", "a/**/**", "a/**/*", "***", "$*", "a" * 401])
 def test_a_hostile_pattern_is_refused(a: Bus, pattern: str) -> None:
     with pytest.raises(BusError):
         a.subscribe(pattern)

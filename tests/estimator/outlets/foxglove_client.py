@@ -57,6 +57,7 @@ class FoxgloveClient:
                 wanted.append({"id": len(self._topics), "channelId": channel["id"]})
                 self._topics.append(channel["topic"])
                 self.channels[channel["topic"]] = channel
+            time.sleep(0.02)  # foxglove-sdk 0.30 knows a channel only a moment after it has told of it
             self._socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
         elif said["op"] == "advertiseServices":
             self.services |= {one["name"]: one["id"] for one in said["services"]}
