@@ -25,8 +25,7 @@ Run = Callable[[argparse.Namespace], int | None]
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
 PlotJuggler plot its rates if it was written with --per-sample. While recording, the name ends in .part. A power failure
-loses at most the last second;
-`truerate recording recover` completes the file. Stop with Ctrl-C.
+loses at most the last second; `truerate recording recover` completes the file. Stop with Ctrl-C.
 examples:
   truerate record --config configs/ward.toml --out recordings
   truerate record --ward demo --device chest --rotate 10min --seconds 3600

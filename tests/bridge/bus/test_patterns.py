@@ -62,7 +62,7 @@ def test_a_hostile_pattern_is_refused(a: Bus, pattern: str) -> None:
         a.answer(pattern, lambda key, payload, reply: reply(payload))
 
 
-@pytest.mark.parametrize("length", [201, 70_000])
+@pytest.mark.parametrize("length", [401, 70_000])
 def test_a_key_too_long_leaves_the_bus_usable(a: Bus, b: Bus, length: int) -> None:
     publisher, subscription = a.publisher("t/before"), b.subscribe("t/before")
     with pytest.raises(BusError, match=f"{length} characters"):

@@ -90,6 +90,7 @@ def copies(path: Path) -> Counter[str]:
         )
 
 
+@pytest.mark.timeout(300)  # npm may have to install them
 def test_foxgloves_own_packages_read_one_series_an_axis_at_sample_times(
     recorded: Path, pytestconfig: pytest.Config
 ) -> None:
