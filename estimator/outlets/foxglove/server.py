@@ -21,7 +21,7 @@ from bridge.ros import messages
 from bridge.ros.imu_rows import ImuRows
 from bridge.toml.loader import ConfigError
 from bridge.wire.keys import check_id
-from bridge.wire.messages import Quality, State, Status
+from bridge.wire.messages import NO_REST_S, Quality, State, Status
 from bridge.wire.refusal import Refusal
 from estimator.client import Client
 from estimator.outlets.ward_feed import Event, Pose, WardFeed
@@ -156,9 +156,10 @@ def _as_json(status: Status) -> Iterator[tuple[str, Any]]:
     yield from (("device", status.device), ("state", State(status.state).name))
     yield from (("quality", Quality(status.quality).name), ("reason", explain(status.reason)))
     yield from (("calibration", status.calibration), ("progress", status.progress))
-    for name in ("evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out"):
+    for name in ("temperature_c", "rate_hz", "samples_in", "samples_out"):
         value = getattr(status, name)
         yield name, None if math.isnan(value) else value  # JSON has no NaN
+    yield "evidence_age_s", status.evidence_age_s if status.evidence_age_s < NO_REST_S else None
     yield "bias_dps", [math.degrees(value) for value in status.bias]
     yield "bias_std_dps", [math.degrees(value) for value in status.bias_std]
     yield "scale", list(status.scale)
