@@ -3,7 +3,6 @@
 Readers of recordings pass the copies over, by the metadata COPY of their channels.
 """
 
-from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from math import inf
 from typing import NamedTuple, TypeVar
@@ -40,7 +39,7 @@ class PerSample:
         self._ward = ward
         self._join = ImuJoin(patient=True)
         self._encoders: dict[str, messages.ImuEncoder] = {}
-        self._known: defaultdict[tuple[str, str, int], SequenceTracker] = defaultdict(SequenceTracker)
+        self._known: dict[tuple[str, str], tuple[int, SequenceTracker]] = {}  # the boot that sends now
 
     def take(self, said: Said, now_s: float) -> Iterator[Copy]:
         """Take a message; yield the copies that are ready."""
@@ -62,7 +61,11 @@ class PerSample:
         return self._copies("corrected", self._join.take(said, now_s))
 
     def _new(self, what: str, batch: Batch) -> Batch | None:
-        skip = self._known[what, batch.device, batch.boot].follow(batch).skip
+        boot, tracker = self._known.get((what, batch.device), (-1, None))
+        if tracker is None or boot != batch.boot:
+            tracker = SequenceTracker()
+            self._known[what, batch.device] = batch.boot, tracker
+        skip = tracker.follow(batch).skip
         if skip == len(batch):
             return None
         return batch.after(skip) if skip else batch
