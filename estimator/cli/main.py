@@ -40,6 +40,7 @@ VERBS = {
     "estimator.cli.doctor": ("doctor",),
     "estimator.cli.qualify": ("qualify",),
     "estimator.cli.dashboard": ("dashboard",),
+    "estimator.cli.outlet": ("outlet",),
     "estimator.cli.study": ("study",),
 }
 #: verbs that read devices, serve or keep a ward's data: they need what Windows lacks
