@@ -24,7 +24,18 @@ class Outlet(NamedTuple):
 
 
 #: each is served by the module `estimator.outlets.NAME`, which is loaded only when asked for
-OUTLETS: dict[str, Outlet] = {}
+OUTLETS: dict[str, Outlet] = {
+    "lsl": Outlet(
+        "stream to the Lab Streaming Layer (LSL): LabRecorder and other programs of movement labs",
+        "truerate outlet lsl --config configs/demo.toml --with quality",
+        "pylsl",
+    ),
+    "mqtt": Outlet(
+        "publish rates once a second, and retained statuses, to an MQTT broker, as JSON",
+        "truerate outlet mqtt mqtt://127.0.0.1 --config configs/demo.toml",
+        "paho",
+    ),
+}
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
