@@ -16,7 +16,7 @@ from estimator.cli.ward_options import ward_of
 
 
 class Outlet(NamedTuple):
-    """An outlet's entry in the help, and the package that it needs, by import name; its extra has the outlet's name."""
+    """An outlet's entry in the help, and the packages that it needs, by import name; its extra has the outlet's name."""
 
     does: str
     example: str
@@ -53,14 +53,14 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _serve(name: str, outlet: Outlet, given: argparse.Namespace) -> int:
-    if outlet.needs and find_spec(outlet.needs) is None:
+    if any(find_spec(package) is None for package in outlet.needs.split()):
         raise ConfigError(f"truerate outlet {name} needs another package: pip install 'truerate[{name}]'")
-    ward, endpoints = ward_of(given)
+    module = import_module(f"estimator.outlets.{name}")
+    ward, given.routers = ward_of(given, *(module.roles(given) if hasattr(module, "roles") else ()))
     devices = [check_id(device, "--device") for device in given.devices or ()]
     from estimator.client import Client  # noqa: PLC0415 - numpy and zenoh are slow to import
 
-    module = import_module(f"estimator.outlets.{name}")
-    with stopped_by_signal() as stop, supervised(), Client(endpoints, ward=ward) as client:
+    with stopped_by_signal() as stop, supervised(), Client(given.routers, ward=ward) as client:
         if devices and (unknown := set(devices) - client.statuses().keys()):
             raise ConfigError(
                 f"no device {' or '.join(sorted(unknown))} is heard in ward {ward}: `truerate devices` lists those that are"

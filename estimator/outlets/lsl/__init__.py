@@ -10,6 +10,7 @@ import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from bridge.pki.member import Role
 from bridge.toml.loader import ConfigError
 
 if TYPE_CHECKING:
@@ -29,6 +30,11 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         metavar="STREAM",
         help=f"another stream of each device beside its corrected rates: {', '.join(KINDS)}; repeatable",
     )
+
+
+def roles(given: argparse.Namespace) -> tuple[Role, ...]:
+    """Roles that may receive all that is asked for; none for those that may look."""
+    return (Role.COMMANDER, Role.RECORDER) if "raw" in (given.kinds or ()) else ()
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bridge.pki.member import Role
 from bridge.runtime import os_errors
 from bridge.toml.loader import ConfigError
 
@@ -33,6 +34,11 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "--hz", type=int, default=1, choices=(1, 2, 5, 10), help="messages a second of each device (default: 1)"
     )
     verb.add_argument("--topic", default="truerate", metavar="T", help="first level of every topic (default: truerate)")
+
+
+def roles(_: argparse.Namespace) -> tuple[Role, ...]:
+    """Roles that may receive windows."""
+    return Role.VIEWER, Role.COMMANDER
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
