@@ -1,5 +1,7 @@
 """`truerate outlet lsl` in a real ward: streams hold what a subscriber gets, and LabRecorder's file too."""
 
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,6 +19,7 @@ from tests.lsl import ahead_s, heard, inlet
 from tests.ward.parts import add_simulated
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(120)]
+PICTURE = Path(__file__).parents[2] / "docs/lsl_picture.py"
 NAMES = ["chest", "wrist"]
 #: a device that reads what the outlet sends
 MIRROR = f"""
@@ -129,6 +132,10 @@ def test_streams_are_what_a_subscriber_gets(tmp_path: Path) -> None:
             reboot_s = next(at for words, at in marked if words.startswith(f"{name} reboot"))
             first = subscriber.batches[name, boots[name][-1]][0]
             assert abs(reboot_s + ahead - first.start_time_ns * 1e-9) < 1e-3
+
+        drawn = subprocess.run([sys.executable, PICTURE, file, tmp_path / "out.svg"], check=False)
+        assert drawn.returncode == 0
+        assert (tmp_path / "out.svg").read_text(encoding="utf-8").count("reboot") == 2
 
         recorded = {one["info"]["name"][0]: one for one in pyxdf.load_xdf(str(file), verbose=False)[0]}
         assert recorded.keys() == {"chest rates", "wrist rates", f"{WARD} markers"}
