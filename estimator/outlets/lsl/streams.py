@@ -3,6 +3,7 @@
 https://github.com/sccn/xdf/wiki/Meta-Data; MoCap for quaternions: scalar first, OrientationA to D.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
@@ -18,6 +19,8 @@ Columns = NDArray[np.floating]
 
 _AXES: Final = ("x", "y", "z")
 _MANUFACTURERS: Final = {"ximu3": "x-io Technologies", "witmotion": "WitMotion", "mtdata2": "Xsens"}
+#: of an x-IMU3, whose driver appends it to the model
+_SERIAL: Final = re.compile(r" ([0-9A-F]{4}(?:-?[0-9A-F]{4}){1,3})$")
 
 
 class Channel(NamedTuple):
@@ -123,12 +126,10 @@ def _describe(root: XMLElement, channels: Sequence[Channel], ward: str, info: De
     listed = root.append_child("channels")
     for channel in channels:
         _fill(listed.append_child("channel"), channel._asdict())
-    model, _, last = info.model.rpartition(" ")
-    serial = last if info.driver == "ximu3" and model else ""
     acquisition = {
         "manufacturer": _MANUFACTURERS.get(info.driver, ""),
         "model": info.model,
-        "serial_number": serial,
+        "serial_number": serial[0] if (serial := _SERIAL.findall(info.model)) else "",
         "firmware": info.firmware,
         "gyro_range": f"{info.gyro_range:.9g} rad/s" if info.gyro_range else "",
     }
