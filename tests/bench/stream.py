@@ -22,12 +22,12 @@ STREAMS, SECONDS, CUTS, AWAY_S = 20, 60.0, 2, 1.5
 MOST = 0.20
 
 
-async def follow(url: str, device: str, seconds: float, form: dict[str, str]) -> list[int]:
+async def follow(url: str, device: str, seconds: float) -> list[int]:
     """Numbers of the samples of a device, over `CUTS` cuts; the connection is torn, not closed."""
     found: list[int] = []
     after = ""
     for part in range(CUTS + 1):
-        asked = {"device": device, **form, **({"after": after} if after else {})}
+        asked = {"device": device, **({"after": after} if after else {})}
         async with connect(f"{url}/api/v1/stream?{urlencode(asked)}", close_timeout=0.1) as socket:
             with suppress(TimeoutError, ConnectionClosed):
                 async with asyncio.timeout(seconds / (CUTS + 1)):
@@ -41,12 +41,11 @@ async def follow(url: str, device: str, seconds: float, form: dict[str, str]) ->
     return found
 
 
-def crowd(url: str, seconds: float, hz: str) -> None:
+def crowd(url: str, seconds: float) -> None:
     """Print the samples of all streams, and how many are missing or came twice."""
-    form = {"hz": hz} if hz else {}
 
     async def all_of_them() -> list[list[int]]:
-        return await asyncio.gather(*(follow(url, name, seconds, form) for name in NAMES[:STREAMS]))
+        return await asyncio.gather(*(follow(url, name, seconds) for name in NAMES[:STREAMS]))
 
     streams = asyncio.run(all_of_them())
     missing = sum(numbers[-1] - numbers[0] + 1 - len(set(numbers)) for numbers in streams)
@@ -61,7 +60,7 @@ def main() -> int:
     parser.add_argument("--crowd")
     given = parser.parse_args()
     if given.crowd:
-        crowd(given.crowd, given.seconds, "")
+        crowd(given.crowd, given.seconds)
         return 0
     console, router, web = Console(), f"tcp/127.0.0.1:{free_port()}", free_port()
     with tempfile.TemporaryDirectory() as folder:
@@ -75,15 +74,23 @@ def main() -> int:
                 _wait(f"http://127.0.0.1:{web}")
                 idle = share(it.pid, 10.0)
                 used_s = cpu_s(it.pid)
-                words = ["-m", "tests.bench.stream", "--crowd", f"ws://127.0.0.1:{web}", "--seconds", f"{given.seconds}"]
+                words = [
+                    "-m",
+                    "tests.bench.stream",
+                    "--crowd",
+                    f"ws://127.0.0.1:{web}",
+                    "--seconds",
+                    f"{given.seconds}",
+                ]
                 told = subprocess.run([sys.executable, *words], stdout=subprocess.PIPE, check=True).stdout
                 used = (cpu_s(it.pid) - used_s) / (given.seconds + CUTS * AWAY_S)
     samples, missing, twice = map(int, told.split())
     console.print(
-        f"{STREAMS} streams of {RATE_HZ:g} Hz for {given.seconds:g} s, each cut {CUTS} times for {AWAY_S:g} s: {samples:,} samples,"
-        f" {missing} missing, {twice} twice; dashboard {used:.1%} of a core, {idle:.1%} of it for the {DEVICES} devices without streams",
+        f"{STREAMS} streams of {RATE_HZ:g} Hz for {given.seconds:g} s, each cut {CUTS} times for {AWAY_S:g} s:"
+        f" {samples:,} samples, {missing} missing, {twice} twice;"
+        f" dashboard {used:.1%} of a core, {idle:.1%} for the {DEVICES} devices without streams",
         soft_wrap=True,
-    )  # fmt: skip
+    )
     return int(bool(missing or twice) or used > MOST)
 
 

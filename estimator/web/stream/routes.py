@@ -77,10 +77,11 @@ async def _send(socket: WebSocket, reader: Reader, *, protobuf: bool) -> None:
 def _asked(connection: HTTPConnection, own: str) -> Asked:
     asked = asked_of(known_parameters(connection, *_PARAMETERS, own))
     known = Desk.of(connection).known
-    if not known.stories:
-        words = "No device was heard yet: the dashboard has just started, or no bridge runs. Try again."
+    absent = [device for device in asked.devices if device not in known.stories]
+    if not known.stories or (absent and not known.looked):
+        words = "This device was not heard yet: the dashboard has just started, or no bridge runs. Try again."
         raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_device", words, {"Retry-After": "1"})
-    for device in asked.devices:
+    for device in absent:
         Desk.of(connection).story(device)
     return asked
 
