@@ -144,6 +144,9 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         metavar="DEVICE=BODY",
         help="for .sto: the body of the model; repeatable",
     )
+    verb.add_argument(
+        "--skip", type=float, default=0.0, metavar="S", help="for .sto: seconds to leave out at the beginning"
+    )
     add_reading(verb)
     _add_capture(verb)
 
@@ -262,8 +265,8 @@ def _convert(given: argparse.Namespace) -> None:
     if given.out.suffix.lower() == ".sto":
         _opensim(given)
         return
-    if len(given.files) > 1 or given.segment:
-        raise ConfigError(f"{given.out}: several recordings, and --segment, are for .sto: give one recording")
+    if len(given.files) > 1 or given.segment or given.skip:
+        raise ConfigError(f"{given.out}: several recordings, --segment and --skip are for .sto: give one recording")
     given.file = given.files[0]
     recording = _loaded(given)
     begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
@@ -279,12 +282,14 @@ def _convert(given: argparse.Namespace) -> None:
 def _opensim(given: argparse.Namespace) -> None:
     from bridge.recording import opensim  # noqa: PLC0415 - SciPy is slow to import
 
+    if not given.skip >= 0.0:
+        raise ConfigError(f"--skip is {given.skip:g}: give seconds, 0 or more")
     segments = dict(text.partition("=")[::2] for text in given.segment)
     for device, body in segments.items():
         if not re.fullmatch(r"\w+", body):
             raise ConfigError(f"--segment {device}={body}: give DEVICE=BODY, such as chest=torso")
     devices = [given.device] if given.device else []
-    written = opensim.convert(given.files, given.out, devices, given.boot, segments)
+    written = opensim.convert(given.files, given.out, devices, given.boot, segments, given.skip)
     there = ", ".join(written.segments)
     print(printable(f"{' and '.join(map(str, written.paths))}: {written.rows:,} times of {there}"))
     if written.left_out:

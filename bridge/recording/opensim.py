@@ -53,12 +53,17 @@ class Written(NamedTuple):
 
 
 def convert(
-    files: Sequence[Path], out: Path, devices: Sequence[str], boot: int | None, segments: Mapping[str, str]
+    files: Sequence[Path],
+    out: Path,
+    devices: Sequence[str],
+    boot: int | None,
+    segments: Mapping[str, str],
+    skip_s: float = 0.0,
 ) -> Written:
     """Write the orientation of every device at the sample times of the first one, and the rates beside it.
 
     devices: ids to write, none for all. boot: which boot of a ward's recording, from 1. segments: body of the model by
-    device id; without one the id itself is the body. Raises RecordingError.
+    device id; without one the id itself is the body. skip_s: how much to leave out at the beginning. Raises RecordingError.
     """
     tracks = [track for track in _tracks(files, boot) if not devices or track.device in devices]
     names = {track.device: segments.get(track.device, track.device) for track in tracks}
@@ -69,7 +74,7 @@ def convert(
     for name in names.values():
         if list(names.values()).count(name) > 1:
             raise RecordingError(f"two devices are on {name!r}: name another body with --segment DEVICE=BODY")
-    times, left_out = _common_times(tracks)
+    times, left_out = _common_times(tracks, skip_s)
     paths = [out]
     with_rates = [track for track in tracks if track.rate is not None]
     if len(with_rates) == len(tracks):
@@ -150,9 +155,10 @@ def _track(device: str, time_ns: NDArray[np.int64], quat_wxyz: Floats, rate: Flo
     return Track(device, time_ns[rows], quat_wxyz[rows], rate)
 
 
-def _common_times(tracks: list[Track]) -> tuple[NDArray[np.int64], int]:
+def _common_times(tracks: list[Track], skip_s: float) -> tuple[NDArray[np.int64], int]:
     """Sample times of the first device at which every device has samples, and how many are left out between them."""
-    begin, end = max(t.time_ns[0] for t in tracks), min(t.time_ns[-1] for t in tracks)
+    begin = max(int(t.time_ns[0]) for t in tracks) + round(skip_s * 1e9)
+    end = min(int(t.time_ns[-1]) for t in tracks)
     times = tracks[0].time_ns
     times = times[(times >= begin) & (times <= end)]
     there = np.ones(len(times), np.bool_)
@@ -163,8 +169,8 @@ def _common_times(tracks: list[Track]) -> tuple[NDArray[np.int64], int]:
     if there.sum() < 2:
         spans = ", ".join(f"{t.device} {t.time_ns[0] / 1e9:.3f} to {t.time_ns[-1] / 1e9:.3f} s" for t in tracks)
         raise RecordingError(
-            f"the devices have no time in common: {spans}; give recordings of one session, with host times as of"
-            " `truerate record` or `truerate recording export --npz`"
+            f"the devices have no time in common after --skip {skip_s:g}: {spans}; give recordings of one session, with host"
+            " times as of `truerate record` or `truerate recording export --npz`"
         )
     return times[there], int((~there).sum())
 

@@ -82,10 +82,10 @@ def test_several_devices_have_common_times(
     two: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "walk.sto"
-    words = ["recording", "convert", *map(str, two), str(out), "--segment", "wrist-left=hand_l"]
+    words = ["recording", "convert", *map(str, two), str(out), "--segment", "wrist-left=hand_l", "--skip", "0.5"]
     assert main(words) == 0
     head, columns, time_s, quat = read(out)
-    time_s += 1.01  # the first sample of the first device after the second has begun
+    time_s += 1.51  # the first sample of the first device half a second after the second has begun
     assert (head["DataRate"], head["DataType"], head["version"]) == ("100.000000", "Quaternion", "3")
     assert columns == ["knee_imu", "hand_l_imu"]
     assert ((time_s < 2.0) | (time_s > 2.49)).all(), "nothing is made up in a gap"
@@ -112,6 +112,7 @@ def test_what_is_wrong_is_said(two: tuple[Path, Path], tmp_path: Path, capsys: p
         ([hinge, out, "--segment", "hip=femur_r"], "no orientation of device 'hip'; there are: knee"),
         ([hinge, torn, out, "--segment", "wrist-left=knee"], "two devices are on 'knee'"),
         ([hinge, out, "--segment", "knee"], "give DEVICE=BODY"),
+        ([hinge, out, "--skip", "6"], "no time in common after --skip 6"),
         ([hinge, torn, str(tmp_path / "walk.npz")], "are for .sto: give one recording"),
     ):
         assert main(["recording", "convert", *words]) != 0
