@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,7 +96,7 @@ def test_a_program_has_every_sample_once(name: str, ward: Ward, heard: Subscribe
     assert {line.split(",")[0] for line in lines} == {"chest"}
     np.testing.assert_array_equal(np.diff(number), 1)
     assert len(number) >= SAMPLES
-    known = {}
+    known: dict[int, Any] = {}
     for batch in (
         batch for (device, _), batches in heard.batches.copy().items() if device == "chest" for batch in batches
     ):

@@ -7,7 +7,7 @@ from itertools import islice
 from typing import NamedTuple
 
 from bridge.wire.messages import CorrectedBatch
-from estimator.client.mean_rates import MeanRates
+from estimator.samples.mean_rates import MeanRates
 
 
 class Place(NamedTuple):
