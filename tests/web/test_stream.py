@@ -4,8 +4,7 @@ import json
 import threading
 import time
 from collections.abc import Iterator
-from itertools import pairwise
-from socket import SO_RCVBUF, SOL_SOCKET
+from dataclasses import replace
 from typing import Any, Self
 from urllib.error import HTTPError
 from urllib.parse import urlencode
@@ -98,8 +97,8 @@ def test_a_websocket_that_is_cut_goes_on_with_the_next_sample(site: Site, form: 
     after: dict[str, str] = {}
     with Talking(site):
         for _ in range(3):
-            with socket_of(site, device="chest", format=form, after=list(after.values()) or [""]) as socket:
-                for _, text in zip(range(40), socket, strict=False):
+            with socket_of(site, device="chest", format=form, after=list(after.values()) or [""]) as stream:
+                for _, text in zip(range(40), stream, strict=False):
                     if form == "json":
                         one = json.loads(text)
                         assert one["type"] == "samples"
@@ -236,10 +235,10 @@ def test_what_is_wrong_is_said_both_ways(site: Site, query: str, status: int, wo
         urlopen(f"{site.url}/api/v1/stream?{query}", timeout=10)
     with refused.value as answer:
         assert (answer.status, words in json.load(answer)["error"]["message"]) == (status, True)
-    with connect(f"{site.url.replace('http', 'ws')}/api/v1/stream?{query}") as socket, pytest.raises(ConnectionClosed):
-        socket.recv(10)
-    assert socket.close_code == 4000 + status
-    assert words in (socket.close_reason or "")
+    with connect(f"{site.url.replace('http', 'ws')}/api/v1/stream?{query}") as stream, pytest.raises(ConnectionClosed):
+        stream.recv(10)
+    assert stream.close_code == 4000 + status
+    assert words in (stream.close_reason or "")
 
 
 def test_one_address_has_so_many_readers(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -258,8 +257,8 @@ def test_pages_of_other_origins_read_only_where_they_are_named() -> None:
     _hear(site, "chest")
     url = f"{site.url.replace('http', 'ws')}/api/v1/stream"
     site.talk(batch("chest", 0))
-    with connect(f"{url}?after=", origin=Origin("http://lab.example:8000")) as socket:
-        assert json.loads(socket.recv(10))["sequence"] == FIRST
+    with connect(f"{url}?after=", origin=Origin("http://lab.example:8000")) as stream:
+        assert json.loads(stream.recv(10))["sequence"] == FIRST
     for wrong, origin in (
         (url, "http://lab.example"),
         (url.replace("api/v1/stream", "live"), "http://lab.example:8000"),
@@ -269,9 +268,26 @@ def test_pages_of_other_origins_read_only_where_they_are_named() -> None:
     site.stop()
 
 
-def test_a_program_that_never_reads_harms_nobody(site: Site) -> None:
-    with socket_of(site, device="chest") as deaf, socket_of(site, device="chest", after="") as other:
-        deaf.socket.setsockopt(SOL_SOCKET, SO_RCVBUF, 4096)
-        with Talking(site):
-            came = [json.loads(text) for _, text in zip(range(60), other, strict=False)]
-    assert all(b == a + 1 for a, b in pairwise(numbers(came)))
+def test_a_slow_program_is_told_what_it_missed_and_harms_nobody(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(feeds, "OF_A_DEVICE", 20)
+    n, many = 1000, 130  # far more than the sockets hold
+    first = batch("chest", 0)
+    of_thousand = [batch("chest", k * n // N, n=n) for k in range(many)]
+    slow_url = f"{site.url.replace('http', 'ws')}/api/v1/stream?device=chest&after="
+    site.talk(replace(first, boot=4))
+    with connect(slow_url, max_queue=1, close_timeout=0.1) as slow:
+        assert json.loads(slow.recv())["sequence"] == FIRST
+        with socket_of(site, device="chest", after="", format="protobuf") as other:
+            other.recv(10)
+            for one in of_thousand:
+                site.talk(one)
+                quick = codec.decode_corrected(keys.build(WARD, "corrected", device="chest"), other.recv(10))
+                assert (quick.sequence, len(quick)) == (one.sequence, n)
+        found: list[dict[str, Any]] = []
+        while not found or found[-1]["type"] == "missed" or numbers(found[-1:])[-1] < FIRST + many * n - 1:
+            found.append(json.loads(slow.recv(10)))
+    (missed,) = (one for one in found if one["type"] == "missed")
+    assert missed["count"] > 10 * n
+    covered = numbers([one for one in found if one["type"] == "samples"])
+    covered += range(missed["first"], missed["first"] + missed["count"])
+    assert sorted(covered) == list(range(FIRST, FIRST + many * n))
