@@ -39,9 +39,11 @@ class Feed:
         #: set when everything that publishers kept is here
         self.settled = asyncio.Event()
 
-    def take(self, now: float) -> None:
+    async def take(self, now: float) -> None:
         """Take the received messages and wake the readers."""
-        caught_up, batches = self.stream.caught_up, self.stream.drain()
+        caught_up, drain = self.stream.caught_up, self.stream.drain
+        # The history of a ward takes a second to decode: a thread does it, while pages and other readers go on.
+        batches = drain() if self.settled.is_set() else await asyncio.to_thread(drain)
         self.kept.add(batches)
         if not self.settled.is_set():
             self._caught_up_s = min(self._caught_up_s, now) if caught_up else float("inf")
@@ -147,7 +149,7 @@ class Feeds:
         while self._feeds:
             now = time.monotonic()
             for name, feed in list(self._feeds.items()):
-                feed.take(now)
+                await feed.take(now)
                 if not feed.readers and now - feed.unread_since_s > LINGER_S:
                     self._feeds.pop(name).stream.close()
             await asyncio.sleep(TAKE_S)

@@ -24,7 +24,7 @@ REFUSED = 4000
 _REASON = 123
 _PARAMETERS = ("device", "after", "hz")
 #: most batches in one answer
-MOST = 1024
+MOST = 256
 
 
 def routes() -> list[BaseRoute]:
@@ -72,6 +72,7 @@ async def _send(socket: WebSocket, reader: Reader, *, protobuf: bool) -> None:
             for one in await reader.read():
                 said = message(one, protobuf=protobuf)
                 await (socket.send_text(said) if isinstance(said, str) else socket.send_bytes(said))
+            await asyncio.sleep(0)  # sending does not wait while the network takes it; others have their turn here
 
 
 def _asked(connection: HTTPConnection, own: str) -> Asked:
