@@ -35,7 +35,7 @@ class Feed:
     def __init__(self, stream: Corrected, most: int) -> None:
         self.stream, self.kept = stream, Kept(most)
         self.readers: set[Reader] = set()
-        self.unread_since_s = self._caught_up_s = float("inf")
+        self.unread_since_s, self._caught_up_s = time.monotonic(), float("inf")
         #: set when everything that publishers kept is here
         self.settled = asyncio.Event()
 
