@@ -34,10 +34,11 @@ GAP_STEPS = 3.0
 class Track(NamedTuple):
     """Orientation of one device at host times (n,) ns, which rise.
 
-    quat_wxyz (n, 4): sensor to earth, z up, scalar first. rate (n, 3): rad/s, sensor frame; None if unknown.
+    body: of the model, as far as the recording says it. quat_wxyz (n, 4): sensor to earth, z up, scalar first. rate (n, 3): rad/s, sensor frame; None if unknown.
     """
 
     device: str
+    body: str
     time_ns: NDArray[np.int64]
     quat_wxyz: Floats
     rate: Floats | None
@@ -66,7 +67,7 @@ def convert(
     device id; without one the id itself is the body. skip_s: how much to leave out at the beginning. Raises RecordingError.
     """
     tracks = [track for track in _tracks(files, boot) if not devices or track.device in devices]
-    names = {track.device: segments.get(track.device, track.device) for track in tracks}
+    names = {track.device: segments.get(track.device, track.body) for track in tracks}
     for device in (*devices, *segments):
         if device not in names:
             there = ", ".join(names) or "none"
@@ -118,7 +119,11 @@ def _of_ward(files: list[Path], boot: int | None) -> list[Track]:
 def _of_stretch(of: Stretch) -> Track:
     assert of.oriented is not None
     rate = None if of.corrected is None else of.corrected.rate.astype(np.float64)
-    return _track(of.device, of.time_ns, of.oriented.quat_wxyz.astype(np.float64), rate)
+    return _track(of.device, _body(of), of.time_ns, of.oriented.quat_wxyz.astype(np.float64), rate)
+
+
+def _body(of: Stretch) -> str:
+    return of.device
 
 
 def _of_npz(path: Path) -> Track:
@@ -140,10 +145,10 @@ def _of_npz(path: Path) -> Track:
     device = str(found.get("device", ""))
     if not keys.ID.match(device):
         device = re.sub("[^a-z0-9]+", "_", path.stem.lower()).strip("_")[:32] or "device"
-    return _track(device, time_ns.astype(np.int64), quat.astype(np.float64), found.get("rate_rad_s"))
+    return _track(device, device, time_ns.astype(np.int64), quat.astype(np.float64), found.get("rate_rad_s"))
 
 
-def _track(device: str, time_ns: NDArray[np.int64], quat_wxyz: Floats, rate: Floats | None) -> Track:
+def _track(device: str, body: str, time_ns: NDArray[np.int64], quat_wxyz: Floats, rate: Floats | None) -> Track:
     """Keep the samples with an orientation whose time is later than all before."""
     later = time_ns > np.concatenate([[-1], np.maximum.accumulate(time_ns)[:-1]])
     rows = later & np.isfinite(quat_wxyz).all(axis=1)
@@ -152,7 +157,7 @@ def _track(device: str, time_ns: NDArray[np.int64], quat_wxyz: Floats, rate: Flo
         rate = rate[rows]
     if rows.sum() < 2:
         raise RecordingError(f"{device}: {count(int(rows.sum()), 'sample')} with orientation; at least 2 are needed")
-    return Track(device, time_ns[rows], quat_wxyz[rows], rate)
+    return Track(device, body, time_ns[rows], quat_wxyz[rows], rate)
 
 
 def _common_times(tracks: list[Track], skip_s: float) -> tuple[NDArray[np.int64], int]:
@@ -162,7 +167,8 @@ def _common_times(tracks: list[Track], skip_s: float) -> tuple[NDArray[np.int64]
     times = tracks[0].time_ns
     times = times[(times >= begin) & (times <= end)]
     there = np.ones(len(times), np.bool_)
-    for _, time_ns, _, _ in tracks:
+    for track in tracks:
+        time_ns = track.time_ns
         step = np.diff(time_ns)
         at = np.clip(np.searchsorted(time_ns, times, side="right") - 1, 0, len(step) - 1)
         there &= (step[at] <= GAP_STEPS * np.median(step)) | (time_ns[at] == times)
