@@ -34,7 +34,8 @@ GAP_STEPS = 3.0
 class Track(NamedTuple):
     """Orientation of one device at host times (n,) ns, which rise.
 
-    body: of the model, as far as the recording says it. quat_wxyz (n, 4): sensor to earth, z up, scalar first. rate (n, 3): rad/s, sensor frame; None if unknown.
+    body: of the model, as far as the recording says it. quat_wxyz (n, 4): sensor to earth, z up, scalar first.
+    rate (n, 3): rad/s, sensor frame; None if unknown.
     """
 
     device: str
@@ -135,17 +136,26 @@ def _of_npz(path: Path) -> Track:
             found = {name: file[name] for name in _WANTED if name in file.files}
     except Exception:  # noqa: BLE001 - a damaged archive fails in many ways
         raise RecordingError(f"{path}: not a readable .npz: damaged, or of another format") from None
-    quat, time_ns = found.get("quat_wxyz"), found.get("host_time_ns")
-    if time_ns is None and "t_s" in found:
-        time_ns = np.rint(found["t_s"] * 1e9)
-    if quat is None or time_ns is None or quat.shape != (len(time_ns), 4):
+    time_ns = found["host_time_ns"] if "host_time_ns" in found else np.rint(found.get("t_s", np.zeros(0)) * 1e9)
+    if "quat_wxyz" not in found or not len(time_ns):
         raise RecordingError(
             f"{path}: no orientation: `truerate correct {path} OUT.npz` computes it; then convert OUT.npz"
         )
+    for name, of in (("quat_wxyz", 4), ("rate_rad_s", 3)):
+        if name in found and (found[name].shape != (len(time_ns), of) or found[name].dtype.kind != "f"):
+            raise RecordingError(
+                f"{path}: {name!r} has shape {found[name].shape}; ({len(time_ns)}, {of}) numbers are needed"
+            )
     device = str(found.get("device", ""))
     if not keys.ID.match(device):
         device = re.sub("[^a-z0-9]+", "_", path.stem.lower()).strip("_")[:32] or "device"
-    return _track(device, device, time_ns.astype(np.int64), quat.astype(np.float64), found.get("rate_rad_s"))
+    return _track(
+        device,
+        device,
+        time_ns.astype(np.int64),
+        found["quat_wxyz"].astype(np.float64),
+        found.get("rate_rad_s"),
+    )
 
 
 def _track(device: str, body: str, time_ns: NDArray[np.int64], quat_wxyz: Floats, rate: Floats | None) -> Track:

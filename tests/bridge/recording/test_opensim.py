@@ -103,10 +103,13 @@ def test_what_is_wrong_is_said(two: tuple[Path, Path], tmp_path: Path, capsys: p
     hinge, torn = map(str, two)
     bare = tmp_path / "bare.npz"
     np.savez(bare, gyro_rad_s=np.zeros((9, 3)), t_s=np.arange(9.0))
+    short = tmp_path / "short.npz"
+    np.savez(short, quat_wxyz=np.zeros((8, 4)), t_s=np.arange(9.0))
     later = save(tmp_path / "later.npz", "hip", of_hinge, 100.0, 60.0, 61.0)
     out = str(tmp_path / "walk.sto")
     for words, told in (
         ([str(bare), out], "no orientation: `truerate correct"),
+        ([str(short), out], "'quat_wxyz' has shape (8, 4); (9, 4) numbers are needed"),
         ([hinge, hinge, out], "'knee' is in two of the files"),
         ([hinge, str(later), out], "no time in common"),
         ([hinge, out, "--segment", "hip=femur_r"], "no orientation of device 'hip'; there are: knee"),
