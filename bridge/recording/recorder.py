@@ -74,6 +74,10 @@ class WardRecorder:
         self._latest: dict[str, Item] = {}
         self._began_s = self._flushed_s = self._retry_s = 0.0
 
+    def use(self, devices: Iterable[str], knobs: Knobs) -> None:
+        """Use other settings from now on. devices: ids of those to record; all if empty."""
+        self._devices, self._knobs = frozenset(devices), knobs
+
     @property
     def size(self) -> int:
         """Bytes on disk."""

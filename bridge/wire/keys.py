@@ -30,6 +30,7 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "alive/estimator": ("estimator",),
     "alive/probe": ("role", "name"),
     "rpc": ("device", "verb"),
+    "config": ("role", "name"),
 }
 MAX_KEY = 200
 # Keys for display, in every ward: the router may shed these, but not the keys that programs depend on.
@@ -48,7 +49,7 @@ class Key:
 
     @property
     def device(self) -> str:
-        """Device id. Raises KeyError for a kind without one: owned, alive/bridge, alive/estimator and alive/probe."""
+        """Device id. Raises KeyError for a kind without one: owned, alive/bridge, alive/estimator, alive/probe and config."""
         return self.ids["device"]
 
 

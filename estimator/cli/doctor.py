@@ -13,6 +13,7 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.cli.parser import Verbs, add_verb
 from bridge.config import capture_files
 from bridge.config.schema import ConfigError, load
+from bridge.config.ward_file import digest_of
 from bridge.diagnose import machine, port_access
 from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
 from bridge.diagnose.router import answers, certificate, router
@@ -21,6 +22,7 @@ from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.terminal.console import plain_console
 from bridge.transport import serial_errors
+from estimator.cli import reload
 from estimator.client import Client
 from estimator.config.schema import Ward
 from estimator.kernels.compiled import cache_folder
@@ -109,7 +111,7 @@ def _look(path: Path | None) -> Iterable[Finding]:
         reached = router(ward.bus.routers)
         yield from reached
         if answers(reached):
-            yield from _running(ward)
+            yield from _running(ward, digest_of(path) if path else "")
 
 
 def _store(path: Path) -> Iterable[Finding]:
@@ -149,11 +151,15 @@ def _privacy(path: Path | None, ward: Ward) -> Iterable[Finding]:
         yield warning("privacy", *advice(found))
 
 
-def _running(ward: Ward) -> Iterable[Finding]:
+def _running(ward: Ward, digest: str) -> Iterable[Finding]:
     """Check a running ward by its own messages."""
     with ZenohBus(ward.bus.routers) as bus:  # by the certificate of the file's owner, who may have no right to receive
         denied = self_test(bus, ward.bus.routers, ward.ward)
         statuses = Client(ward=ward.ward, bus=bus).statuses(0.5)
+        running = dict(reload.asked(bus, ward, digest, 0.0))
+    for member, reply in running.items():
+        if reply.request_id == digest and not reply.accepted:
+            yield warning("config", f"{member.label}: {reload.said(reply, digest)}", "correct the file, or restart it")
     for words in denied:
         said, _, do = words.partition("; ")
         yield trouble("rights", said, do)

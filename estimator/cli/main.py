@@ -36,6 +36,7 @@ VERBS = {
     "estimator.cli.correct": ("correct",),
     "estimator.cli.allan": ("allan",),
     "estimator.cli.config": ("config",),
+    "estimator.cli.reload": ("reload",),
     "estimator.cli.doctor": ("doctor",),
     "estimator.cli.dashboard": ("dashboard",),
     "estimator.cli.study": ("study",),

@@ -214,6 +214,10 @@ class Device:
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
 
+    def use(self, knobs: SessionKnobs) -> None:
+        """Use other settings from the next boot or calibration on."""
+        self._knobs = self.session.knobs = knobs
+
     def restart(self, lost: int, uncounted: int) -> None:
         """Start a new session without a boot; the next batch in sequence, or a later one, begins it.
 

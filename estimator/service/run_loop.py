@@ -10,10 +10,13 @@ from functools import partial
 from bridge.bus.contract import Bus
 from bridge.bus.router_watch import RouterWatch
 from bridge.config.enrolment import Enrolment
+from bridge.config.ward_file import WardFile
+from bridge.pki.member import Role
 from bridge.reasons.codes import Code
 from bridge.wire import keys
 from bridge.wire.refusal import Tally
-from estimator.config.schema import Estimator
+from estimator.config.device_settings import treatment
+from estimator.config.schema import Estimator, Ward
 from estimator.device.lifecycle import Event
 from estimator.service.boot_start import Boots
 from estimator.service.cluster import Cluster
@@ -60,7 +63,7 @@ PAST_IN_COMPANY = 200
 class Service:
     """Running estimator on a session of the bus.
 
-    peers: ids of other estimators of the ward that were seen already.
+    peers: ids of other estimators of the ward that were seen already. file: the ward file, which may change.
     """
 
     def __init__(
@@ -74,8 +77,9 @@ class Service:
         clerk: StoreWriter | None = None,
         enrolment: Enrolment | None = None,
         peers: Collection[str] = (),
+        file: WardFile[Ward] | None = None,
     ) -> None:
-        self.ward, self.settings = ward, settings
+        self.ward, self.settings, self._file = ward, settings, file
         self.counts = Tally()
         self._bus, self._now_ns, self._store_path = bus, now_ns, store.path
         self._cluster = Cluster(ward, settings.id, bus, now_ns, self.counts, peers)
@@ -129,6 +133,7 @@ class Service:
             bus.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
             bus.watch_alive(keys.pattern(ward, "alive/device"), self._presence.change),
             bus.watch_alive(keys.pattern(ward, "alive/bridge"), self._presence.change),
+            *([file.answer(bus, Role.ESTIMATOR, settings.id)] if file else []),
         ]
 
     def run(self, stop: threading.Event) -> None:
@@ -173,6 +178,8 @@ class Service:
         self._intake.take(self._quotas.round(ours))
         self._commands.work(self._orders.do)
         now = time.monotonic()
+        if self._file and (new := self._file.look(now)):
+            self._take_settings(new)
         self._record.collect(now)
         self._intake.give_up(now, self._quotas)
         self._views.say(now)
@@ -196,6 +203,12 @@ class Service:
                 waiting.pop(name, None)
                 if time.monotonic() >= until:
                     return
+
+    def _take_settings(self, ward: Ward) -> None:
+        """Use the changed settings: enrolment at once, those of a device at its next boot or calibration."""
+        if ward.devices is not None:
+            self._gate.enrol(ward.devices)
+        self._starts.use(treatment(ward.estimator))
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 

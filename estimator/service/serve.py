@@ -12,6 +12,7 @@ from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus, BusError, Declared
 from bridge.bus.startup import claim_id, wait_for_router
 from bridge.config.schema import listening
+from bridge.config.ward_file import WardFile
 from bridge.pki.member import Role
 from bridge.runtime.health_server import HealthServer
 from bridge.runtime.service_manager import supervised
@@ -26,12 +27,17 @@ log = logging.getLogger(__name__)
 
 #: allocations between garbage collections: a round makes thousands of objects, none of them in a cycle
 _CYCLES = 50_000
+#: settings of the ward's file that take effect in a running estimator: those of a device, at its next boot or calibration
+LIVE = (
+    *(f"devices.{name}" for name in ("enrolled", "file")),
+    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
+)
 #: modules that trackers and calibrations need when they start
 _LEARNING = ("filterpy.kalman", "scipy.linalg", "scipy.optimize", "scipy.spatial.transform", "scipy.special")
 
 
-def run(ward: Ward) -> None:
-    """Serve until SIGINT or SIGTERM; waits for a missing router.
+def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
+    """Serve until SIGINT or SIGTERM; waits for a missing router. file: the ward file, which may change.
 
     Raises StoreError where the store is not ours to use, and BusError where an estimator of this id runs already.
     """
@@ -81,6 +87,7 @@ def run(ward: Ward) -> None:
             clerk=clerk,
             enrolment=ward.devices,
             peers=frozenset(others),
+            file=file,
         ).run(stop)
 
 

@@ -48,7 +48,10 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
 
     app = Starlette(
         routes=routes(),
-        middleware=[Middleware(Guard, hosts=desk.settings.hosts), Middleware(GZipMiddleware, minimum_size=2000)],
+        middleware=[
+            Middleware(Guard, hosts=lambda: desk.settings.hosts),
+            Middleware(GZipMiddleware, minimum_size=2000),
+        ],
         exception_handlers={Fault: _refused, HTTPException: _not_there, Exception: _failed},
         lifespan=lifespan,
     )

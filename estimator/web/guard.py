@@ -1,5 +1,6 @@
 """Guard around every page: checks host and origin of each request, and adds security headers to each answer."""
 
+from collections.abc import Callable, Iterable
 from http import HTTPStatus
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -30,10 +31,10 @@ _SCHEMES = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
 
 
 class Guard:
-    """ASGI middleware that refuses foreign hosts and origins."""
+    """ASGI middleware that refuses foreign hosts and origins. hosts: returns the names of this host beside localhost."""
 
-    def __init__(self, app: ASGIApp, hosts: tuple[str, ...]) -> None:
-        self._app, self._hosts = app, {"localhost", *(host.lower() for host in hosts)}
+    def __init__(self, app: ASGIApp, hosts: Callable[[], Iterable[str]]) -> None:
+        self._app, self._hosts = app, hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one ASGI connection."""
@@ -60,7 +61,7 @@ class Guard:
             return Fault(HTTPStatus.REQUEST_URI_TOO_LONG, "too_long", words)
         headers = Headers(scope=scope)
         host = headers.get("host", "")
-        if not own_host(host, self._hosts):
+        if not own_host(host, {"localhost", *(name.lower() for name in self._hosts())}):
             words = f"This is not the host {host[:80]!r}; name it in `hosts` of [dashboard]."
             return Fault(HTTPStatus.BAD_REQUEST, "foreign_host", words)
         if scope["type"] == "http" and scope["method"] in _SAFE:

@@ -17,7 +17,7 @@ GROUPS = {
     "tracking": ("tracking", "cost", "temperature", "warming", "honesty"),
     "orientation": ("orientation",),
     "load": ("load",),
-    "bridge": ("hotplug",),
+    "bridge": ("hotplug", "reload"),
     "cluster": ("cluster",),
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),

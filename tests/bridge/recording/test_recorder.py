@@ -268,3 +268,13 @@ def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
     assert recorder.account.not_recorded == MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE
     assert [record.levelname for record in caplog.records] == ["ERROR"]
     assert len(recorder._latest) == MOST_OF_A_BRIDGE + 4
+
+
+def test_other_devices_and_limits_are_taken_while_it_records(disk: Disk, recorder: WardRecorder) -> None:
+    recorder.take([raw("chest", 0), raw("wrist", 0)], NOW, 0.0)
+    recorder.use(["wrist"], replace(KNOBS, rotate_s=1000.0))
+    recorder.take([raw("chest", 1), raw("wrist", 1)], NOW + 20 * S, 20.0)
+    recorder.tick(NOW + 20 * S, 20.0)
+    assert len(disk.outputs) == 1, "20 s are not long any more"
+    recorder.close()
+    assert [topic.rpartition("/")[2] for topic in disk.last.topics()] == ["chest", "wrist", "wrist"]
