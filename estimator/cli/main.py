@@ -29,7 +29,7 @@ VERBS = {
     "bridge.cli.pki": ("pki",),
     "estimator.cli.estimator": ("estimator",),
     "estimator.cli.devices": ("devices", "status", "watch"),
-    "estimator.cli.commands": ("recalibrate", "cancel", "zero-heading", "note"),
+    "estimator.cli.commands": ("recalibrate", "cancel", "zero-heading", "note", "forget"),
     "estimator.cli.cluster": ("cluster",),
     "estimator.cli.store": ("history", "store"),
     "estimator.cli.calibrate": ("calibrate",),

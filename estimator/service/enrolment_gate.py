@@ -81,6 +81,10 @@ class EnrolmentGate:
         for name in self.strangers.keys() & places.keys():
             del self.strangers[name]
 
+    def lists(self, device: str) -> bool:
+        """Whether a device is enrolled by name."""
+        return device in self._places
+
     def enrol(self, enrolment: Enrolment) -> None:
         """Use the changed table of enrolled devices from the next look on. There must have been a table before."""
         if self._enrolment is not None and enrolment != self._enrolment:

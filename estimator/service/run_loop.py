@@ -29,6 +29,7 @@ from estimator.service.device_start import DeviceStarts
 from estimator.service.enrolment_gate import EnrolmentGate, Notices
 from estimator.service.entrance import Entrance
 from estimator.service.fault_isolation import FaultIsolation
+from estimator.service.forgetting import Forgetting
 from estimator.service.health import ServiceHealth
 from estimator.service.intake import Intake
 from estimator.service.newcomers import Newcomers
@@ -115,11 +116,15 @@ class Service:
         self._quotas = Quotas(self._flooded, time.monotonic)
         self._takeover = Takeover(parts, self._starts, self._intake, self._quotas, self._stock, self._outcomes.learn)
         self._overload = Overload(time.monotonic())
-        self._lost = DeviceLoss(self._presence, self._gate, self._quotas, settings.silence_s)
+        self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
-        self._orders = CommandHandler(parts, self._gate)
-        self._commands = Commands(self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"))
+        forgetting = Forgetting(parts, self._gate, self._presence, self._intake, self._stock, self._starts)
+        self._forgetting = forgetting
+        self._orders = CommandHandler(parts, self._gate, forgetting)
+        self._commands = Commands(
+            self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
+        )
         self._next_status, self._looked = 0.0, time.monotonic()
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # The full past would delay an estimator beside others, and they have corrected it.
@@ -226,6 +231,7 @@ class Service:
     def _every_second(self, now: float) -> None:
         self._stock.check()
         self._entrance.look(now, self._devices)
+        self._forgetting.look(now)
         self._notices.say(self._now_ns(), self._devices)
         self._takeover.tidy(now)
         self._presence.note(now)

@@ -44,7 +44,8 @@ def test_a_low_battery_needs_a_person_and_says_so() -> None:
     page = ward_page(known(about("a", battery_percent=9.0), said("a"), said("b")), 100.0, NOW, EN)
     assert [(tile.id, tile.tone, tile.needs) for tile in page.tiles] == [("a", "ask", True), ("b", "well", False)]
     assert page.tiles[0].notices == "The battery is at 9 %: charge it."
-    assert (page.tracking, page.of, page.counts[-1]) == (2, 2, ("tracking", "well", 2, "tracking"))
+    assert (page.tracking, page.of) == (2, 2)
+    assert ("tracking", "well", 2, "tracking") in page.counts
     assert [n for _, _, n, _ in page.counts[:-1]] == [0] * (len(URGENCY) - 1)
 
 
