@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from estimator.database.connections import checked, to_read
-from estimator.database.errors import FAULTS, Damaged, StoreError, Unavailable, translated
-from estimator.database.schema import check, create
+from estimator.database.errors import FAULTS, Damaged, Empty, StoreError, Unavailable, translated
+from estimator.database.schema import check, create, rows_of
 
 #: number of backups kept
 KEEP = 7
@@ -47,7 +47,7 @@ class Backups:
     def make(self) -> Path:
         """Make a backup, and remove all but the newest KEEP.
 
-        Raises Damaged if the copy is not intact, or Unavailable.
+        Raises Damaged if the copy is not intact, Empty if the store is empty, or Unavailable.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -63,7 +63,10 @@ class Backups:
 
 
 def back_up(store: Path, to: Path) -> None:
-    """Copy a store, in use or not, into a checked, self-contained file. Raises StoreError if `to` exists."""
+    """Copy a store, in use or not, into a checked, self-contained file.
+
+    Raises StoreError if `to` exists, and Empty if the store has no entries: such a copy would only seem to be a backup.
+    """
     if to.exists():
         raise StoreError(f"{to} exists already; give another name, or remove the file")
     part = to.with_name(to.name + ".part")
@@ -73,6 +76,8 @@ def back_up(store: Path, to: Path) -> None:
             db.backup(copy)
             copy.execute("PRAGMA journal_mode = DELETE")
             check(copy, store)
+            if not any(rows_of(copy).values()):
+                raise Empty(f"store {store} has no entries, so there is nothing to back up: is it the right store?")
         _place(part, to)
     except (*FAULTS, StoreError) as error:
         part.unlink(missing_ok=True)

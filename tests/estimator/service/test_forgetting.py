@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from bridge.reasons.codes import Code
+from bridge.reasons.codes import Code, Sentences
 from bridge.sim.motion import Still
 from bridge.wire import keys
 from bridge.wire.messages import State
@@ -34,7 +34,7 @@ def age(ward: Ward, seconds: float) -> None:
 
 
 @pytest.mark.parametrize("reason", [OVER, (Code.DEVICE_REMOVED(bridge="bridge"),)], ids=["played", "removed"])
-def test_a_device_that_ended_needs_nobody_and_leaves_after_a_while(ward: Ward, once: Stream, reason: tuple) -> None:
+def test_a_device_that_ended_needs_nobody_and_leaves_after_a_while(ward: Ward, once: Stream, reason: Sentences) -> None:
     ward.send(once.batches(), info(1))
     known = Known(WARD)
     known.connected = True
