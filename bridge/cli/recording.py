@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Run = Callable[[argparse.Namespace], int | None]
 #: settings of the ward's file that take effect in a running recorder
-_LIVE = tuple(f"recorder.{name}" for name in ("devices", "rotate", "rotate_mb", "keep_free_mb"))
+_LIVE = tuple(f"recorder.{name}" for name in ("devices", "rotate", "rotate_mb", "keep_free_mb", "keep_days", "keep_gb"))
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
 PlotJuggler open this file. While recording, the name ends in .part. A power failure loses at most the last second;
@@ -72,6 +72,15 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "--rotate-mb", type=float, metavar="MB", help="begin a new file at this size in MB (default: 500)"
     )
     verb.add_argument("--keep-free-mb", type=float, metavar="MB", help="MB to leave free on the disk (default: 200)")
+    verb.add_argument(
+        "--keep-days",
+        type=float,
+        metavar="DAYS",
+        help="delete finished recordings of the ward after this time (default: never)",
+    )
+    verb.add_argument(
+        "--keep-gb", type=float, metavar="GB", help="delete the oldest finished recordings of the ward beyond this size"
+    )
     verb.add_argument(
         "--wait",
         dest="wait_s",

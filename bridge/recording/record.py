@@ -85,6 +85,8 @@ def _knobs(settings: Recorder) -> Knobs:
         rotate_s=settings.rotate_s,
         rotate_bytes=settings.rotate_mb * 1e6,
         keep_free_bytes=settings.keep_free_mb * 1e6,
+        keep_s=settings.keep_days * 86_400 or float("inf"),
+        keep_bytes=settings.keep_gb * 1e9 or float("inf"),
     )
 
 

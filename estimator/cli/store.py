@@ -34,8 +34,7 @@ copy would lack the newest entries.
 
 examples:
   truerate store backup /mnt/backup/ --config configs/ward.toml
-  truerate store backup /mnt/backup/ --keep 30 --config configs/ward.toml
-  truerate store verify --config configs/ward.toml           # tries a restore of the newest backup
+  truerate store verify --config configs/ward.toml
   truerate store check --config configs/ward.toml
   truerate store check /mnt/backup/truerate-20260301T030000.sqlite3
   truerate store restore --config configs/ward.toml          # the newest valid backup; stop the estimator first

@@ -1,5 +1,6 @@
 """Backs up a store while it is in use, keeps the newest copies, and restores a store from a backup."""
 
+import logging
 import os
 import re
 import shutil
@@ -13,10 +14,12 @@ from estimator.database.connections import checked, to_read
 from estimator.database.errors import FAULTS, Damaged, Empty, StoreError, Unavailable, translated
 from estimator.database.schema import check, create, rows_of
 
+log = logging.getLogger(__name__)
+
 #: number of backups kept
 KEEP = 7
-#: age of the newest backup at which another is due, s
-PERIOD_S = 86400.0
+#: age of the newest backup at which another is due, s: with one look an hour, none gets older than a day
+PERIOD_S = 82800.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +43,7 @@ class Backups:
         return []
 
     def due(self, now_s: float) -> bool:
-        """Whether no backup was made in the last day, as far as the clock knows."""
+        """Whether no backup was made in the last 23 hours, as far as the clock knows."""
         made = [one.stat().st_mtime for one in self.newest_first()[:1]]
         return not made or not 0 <= now_s - made[0] < PERIOD_S
 
@@ -57,6 +60,7 @@ class Backups:
             back_up(self.store, to)
             for old in before[KEEP - 1 :]:
                 old.unlink()
+                log.info("backup %s is removed: the newest %d are kept", old, KEEP)
         except OSError as error:
             raise translated(str(self.folder), error) from error
         return to
