@@ -22,6 +22,7 @@ GROUPS = {
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
     "hostile": ("forged", "access", "attacks"),
+    "storage": ("storage",),
     "viewers": ("subscribing", "dashboard", "kills"),
 }
 OUT = Path("out/bench")

@@ -37,7 +37,14 @@ from tests.sentences import free
 
 HOUR_S, DAYS, KEEP_DAYS, KEEP_BYTES = 3600, 30, 20.0, 12e6
 BEGIN_S = 1_790_000_000
-REAL = Path(__file__).parents[3] / "shared/data/sessions"
+#: recordings of real devices; absent ones are left out
+REAL = Path(__file__).parents[3] / "shared/data"
+NAMES = (
+    "xio_fusion/sensor_data",
+    "broad/21_undisturbed_fast_combined",
+    "sunsided_mpu6050/unmoved-x-pointing-forward",
+    "imucal/ferraris_session",
+)
 _WARD, _BATCH_S = "w", 0.05
 
 
@@ -103,17 +110,17 @@ def month(folder: Path) -> dict[str, float]:
 
 def compression(folder: Path) -> Iterator[tuple[str, float, float, float]]:
     """Record readings of real devices; yields file name, kB of samples without compression, kB of file, and bytes a sample."""
-    for source in sorted(REAL.glob("*.npz")):
+    for source in (path for name in NAMES if (path := REAL / f"{name}.npz").is_file()):
         recording = load(source)
         out = folder / source.stem
         out.mkdir()
         recorder = WardRecorder(Folder(out, _WARD), _WARD, knobs=Knobs(keep_free_bytes=0))
         recorder.begin(BEGIN_S * 10**9, 0.0)
         step = max(1, round(recording.rate_hz * _BATCH_S))
-        for at in range(0, len(recording.time), step):
+        for at in range(0, len(recording.time_s), step):
             cut = slice(at, at + step)
             time_ns = BEGIN_S * 10**9 + round(at / recording.rate_hz * 1e9)
-            ticks = np.round(recording.time[cut] * 1e6).astype(np.int64)
+            ticks = np.round(recording.time_s[cut] * 1e6).astype(np.int64)
             accel = None if recording.accel is None else recording.accel[cut]
             message = _message(at, time_ns, ticks, recording.gyro[cut], accel)
             recorder.take([message], time_ns, at / recording.rate_hz)
@@ -125,14 +132,16 @@ def compression(folder: Path) -> Iterator[tuple[str, float, float, float]]:
         assert summary is not None
         plain = sum(chunk.uncompressed_size for chunk in summary.chunk_indexes)
         size = path.stat().st_size
-        yield source.stem, plain / 1e3, size / 1e3, size / len(recording.time)
+        yield f"{source.parent.name}/{source.stem}", plain / 1e3, size / 1e3, size / len(recording.time_s)
 
 
 def _messages(hour: int) -> list[Message]:
     """A few messages of an hour: noise, which does not compress."""
     rng = np.random.default_rng(hour)
     return [
-        _message(n * 10, (BEGIN_S + hour * HOUR_S) * 10**9, np.arange(10) + n * 10, rng.normal(0.0, 0.01, (10, 3)), None)
+        _message(
+            n * 10, (BEGIN_S + hour * HOUR_S) * 10**9, np.arange(10) + n * 10, rng.normal(0.0, 0.01, (10, 3)), None
+        )
         for n in range(200)
     ]
 
@@ -143,12 +152,14 @@ def _message(sequence: int, time_ns: int, ticks: np.ndarray, gyro: np.ndarray, a
         boot=1,
         sequence=sequence,
         receive_time_ns=time_ns,
+        start_time_ns=BEGIN_S * 10**9,
         tick_period_s=1e-6,
-        ticks=ticks,
-        gyro=gyro,
-        accel=accel,
+        clock_rate=1.0,
+        ticks=ticks.astype(np.uint64),
+        gyro=gyro.astype(np.float32),
+        accel=None if accel is None else accel.astype(np.float32),
         temperature_c=None,
-        flags=None,
+        flags=np.zeros(len(ticks), np.uint32),
     )
     return Message(keys.build(_WARD, "raw", bridge="b1", device="chest"), codec.encode_samples(batch))
 
@@ -164,13 +175,17 @@ def main(words: list[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         sizes = list(compression(Path(folder)))
     console.print(f"{DAYS} days: recordings at most {found['recordings_mb']:.1f} MB (goal {KEEP_BYTES / 1e6:g})")
-    console.print(f"newest backup at most {found['backup_age_h']:.0f} h old (goal 24); {found['restored']} of {DAYS} restores succeeded")
+    console.print(
+        f"newest backup at most {found['backup_age_h']:.0f} h old (goal 24); {found['restored']} of {DAYS} restores succeeded"
+    )
     console.print(
         f"{found['vanished']} files vanished, {found['deleted_recordings']} of them recordings; {found['unsaid']} not named"
         " in the log (goal 0)"
     )
     for name, plain_kb, size_kb, each in sizes:
-        console.print(f"{name}: {plain_kb:.0f} kB in {size_kb:.0f} kB: {plain_kb / size_kb:.2f} times, {each:.1f} bytes a sample")
+        console.print(
+            f"{name}: {plain_kb:.0f} kB in {size_kb:.0f} kB: {plain_kb / size_kb:.2f} times, {each:.1f} bytes a sample"
+        )
     if given.json:
         print(json.dumps(found))
     reached = found["recordings_mb"] <= KEEP_BYTES / 1e6 and found["backup_age_h"] <= 24
