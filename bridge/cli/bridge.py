@@ -158,7 +158,7 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, file: WardFile[Root] | N
         with (
             bus,
             closing(claim_id(bus, ward, "bridge", bridge.id)),
-            closing(file.answer(bus, Role.BRIDGE, bridge.id)) if file else nullcontext(),
+            closing(file.answer(bus, connect, Role.BRIDGE, bridge.id)) if file else nullcontext(),
             Pump(ward, bridge, bus) as running,
             _health(bridge, running, bus, connect),
         ):

@@ -15,6 +15,7 @@ from msgspec import Struct
 from msgspec.structs import fields
 
 from bridge.bus.contract import Bus, Declared
+from bridge.bus.routers import Routers
 from bridge.config.schema import Root
 from bridge.pki.member import Member, Role
 from bridge.reasons.catalogue import english
@@ -80,9 +81,12 @@ class WardFile(Generic[R]):
         self.root = root
         return root
 
-    def answer(self, bus: Bus, role: Role, name: str) -> Declared:
-        """Answer questions on the bus with `report`. role, name: the program's, if it has no certificate."""
-        member = member_of(self._started, role, name)
+    def answer(self, bus: Bus, routers: Routers, role: Role, name: str) -> Declared:
+        """Answer questions on the bus with `report`.
+
+        routers: how the bus is connected; without a certificate the program answers by this role and name.
+        """
+        member = member_of(routers) or Member(role, name)
         key = keys.build(self._started.ward, "config", role=member.role.value, name=member.name)
         return bus.answer(key, lambda _key, _payload, reply: reply(encode_reply(self.report)))
 
@@ -99,13 +103,13 @@ class WardFile(Generic[R]):
         self.report = CommandReply(digest, accepted=level < logging.WARNING, message=said)
 
 
-def member_of(root: Root, role: Role, name: str) -> Member:
-    """Return the member that a file's certificate names; without a certificate, the one of this role and name."""
-    if root.bus.identity is None:
-        return Member(role, name)
+def member_of(routers: Routers) -> Member | None:
+    """Return the member that the certificate names; None without a certificate."""
+    if routers.identity is None:
+        return None
     from bridge.pki.certificate_checks import member_of as certified  # noqa: PLC0415 - as in bridge.bus.routers
 
-    return certified(root.bus.identity)
+    return certified(routers.identity)
 
 
 def digest_of(path: Path) -> str:

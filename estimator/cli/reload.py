@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bridge.bus.contract import Bus, BusError
+from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.cli.parser import Verbs, add_verb
 from bridge.config.schema import load
@@ -40,8 +41,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 def _reload(given: argparse.Namespace) -> int:
     ward, digest = load(given.config, Ward), digest_of(given.config)
-    with ZenohBus(ward.bus.routers) as bus:
-        replies = dict(asked(bus, ward, digest))
+    replies = dict[Member, CommandReply]()
+    for routers in ward.bus.every():
+        with ZenohBus(routers) as bus:
+            replies |= dict(asked(bus, routers, ward, digest))
     for member, reply in replies.items():
         kind = "dashboard" if member.role in (Role.VIEWER, Role.COMMANDER) else member.role.value
         print(f"{' '.join(dict.fromkeys((kind, member.name)))}: {said(reply, digest)}")
@@ -50,14 +53,16 @@ def _reload(given: argparse.Namespace) -> int:
     return 0 if replies and all(one.accepted and one.request_id == digest for one in replies.values()) else 1
 
 
-def asked(bus: Bus, ward: Ward, digest: str, patience_s: float = _PATIENCE_S) -> Iterator[tuple[Member, CommandReply]]:
+def asked(
+    bus: Bus, routers: Routers, ward: Ward, digest: str, patience_s: float = _PATIENCE_S
+) -> Iterator[tuple[Member, CommandReply]]:
     """Ask the running programs of a ward what they took from their files. Yields the answers, by program.
 
     A program is given patience_s to read a content of this digest. With a certificate that is not a commander's, only
     the program of the same certificate may be asked.
     """
     deadline = time.monotonic() + patience_s
-    for member in _members(bus, ward):
+    for member in _members(bus, routers, ward):
         key = keys.build(ward.ward, "config", role=member.role.value, name=member.name)
         while (reply := _answer(bus, key)) is not None and reply.request_id != digest and time.monotonic() < deadline:
             time.sleep(0.2)
@@ -71,13 +76,13 @@ def said(reply: CommandReply, digest: str) -> str:
     return f"{other}{english(*reply.message)}"
 
 
-def _members(bus: Bus, ward: Ward) -> list[Member]:
-    own = [] if ward.bus.identity is None else [member_of(ward, Role.VIEWER, "")]
-    if own and own[0].role is not Role.COMMANDER:
-        return own
+def _members(bus: Bus, routers: Routers, ward: Ward) -> list[Member]:
+    own = member_of(routers)
+    if own is not None and own.role is not Role.COMMANDER:
+        return [own]
     client = Client(ward=ward.ward, bus=bus)
     there = [Member(role, name) for role in (Role.BRIDGE, Role.ESTIMATOR) for name in client.alive(role.value)]
-    return [*there, *(own or _UNNAMED)]
+    return [*there, *((own,) if own else _UNNAMED)]
 
 
 def _answer(bus: Bus, key: str) -> CommandReply | None:

@@ -34,7 +34,6 @@ copy would lack the newest entries.
 
 examples:
   truerate store backup /mnt/backup/ --config configs/ward.toml
-  truerate store verify --config configs/ward.toml
   truerate store check --config configs/ward.toml
   truerate store check /mnt/backup/truerate-20260301T030000.sqlite3
   truerate store restore --config configs/ward.toml          # the newest valid backup; stop the estimator first

@@ -11,7 +11,6 @@ from bridge.bus.contract import Bus
 from bridge.bus.router_watch import RouterWatch
 from bridge.config.enrolment import Enrolment
 from bridge.config.ward_file import WardFile
-from bridge.pki.member import Role
 from bridge.reasons.codes import Code
 from bridge.wire import keys
 from bridge.wire.refusal import Tally
@@ -138,7 +137,6 @@ class Service:
             bus.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
             bus.watch_alive(keys.pattern(ward, "alive/device"), self._presence.change),
             bus.watch_alive(keys.pattern(ward, "alive/bridge"), self._presence.change),
-            *([file.answer(bus, Role.ESTIMATOR, settings.id)] if file else []),
         ]
 
     def run(self, stop: threading.Event) -> None:

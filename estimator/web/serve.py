@@ -170,7 +170,7 @@ async def _serve(server: Server, ward: Ward, file: WardFile[Ward] | None) -> Non
         for words in self_test(control, routers, ward.ward) if control is not None else ():
             log.error("%s", words)
         if file is not None and control is not None:
-            file.answer(control, Role.COMMANDER, "dashboard")
+            file.answer(control, routers, Role.COMMANDER, "dashboard")
         if data is not None and control is not None:
             with contextlib.suppress(RuntimeError):  # the loop is closed: the server has stopped
                 loop.call_soon_threadsafe(server.connect, data, control)

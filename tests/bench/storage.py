@@ -1,8 +1,8 @@
 """Thirty days of a ward's storage by an accelerated clock, and what compression gives on a real recording. `make bench-storage`.
 
-The recorder, the store and its care are the real ones; only their clock is simulated. Every hour of it: a new recording, entries in
-the store, and a look at the disk. Every day the newest backup is restored. Figures: largest size of the recordings; greatest age of
-the newest backup, which must be restorable; files that vanished and were not named in the log.
+The recorder, the store and its care are the real ones; only their clock is simulated. Each hour brings a new recording,
+entries in the store, and a look at the disk. Each day the newest backup is restored. Figures: largest size of the
+recordings; greatest age of the newest backup, which must be restorable; files that vanished and were not named in the log.
 """
 
 import argparse
@@ -74,12 +74,13 @@ def month(folder: Path) -> dict[str, float]:
     care = StoreCare(store, Tally(), lambda: clock[0] * 10**9, clerk, lambda: 1, lambda write: write())
     most, oldest_s, known, vanished, restored = 0, 0.0, set[Path](), set[Path](), 0
     recorder.begin(clock[0] * 10**9, 0.0)
-    with mock.patch("estimator.database.database.time.time", lambda: clock[0]):
+    with mock.patch("estimator.database.database.time.time", side_effect=lambda: clock[0]):
         for hour in range(DAYS * 24):
             clock[0] = BEGIN_S + hour * HOUR_S
             now_s = float(hour * HOUR_S)
             recorder.take(_messages(hour), clock[0] * 10**9, now_s)
-            recorder.tick(clock[0] * 10**9, now_s)
+            for later_s in (0, 60):  # a look for expired files follows each new file within a minute
+                recorder.tick((clock[0] + later_s) * 10**9, now_s + later_s)
             store.add_audit(clock[0] * 10**9, "chest", "note", f"r{hour}", "nurse", "", free("an hour"), accepted=True)
             care.tend(now_s)
             there = {path for path in (*recordings.iterdir(), *backups.newest_first()) if path.suffix != ".part"}
@@ -146,7 +147,7 @@ def _messages(hour: int) -> list[Message]:
     ]
 
 
-def _message(sequence: int, time_ns: int, ticks: np.ndarray, gyro: np.ndarray, accel: np.ndarray | None) -> Message:  # type: ignore[type-arg]
+def _message(sequence: int, time_ns: int, ticks: np.ndarray, gyro: np.ndarray, accel: np.ndarray | None) -> Message:
     batch = SampleBatch(
         device="chest",
         boot=1,

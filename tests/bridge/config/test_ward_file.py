@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from bridge.bus.routers import Routers
 from bridge.config.schema import ConfigError, Root
 from bridge.config.ward_file import SETTLED_S, WardFile, digest_of
 from bridge.pki.member import Role
@@ -101,7 +102,7 @@ def test_a_program_tells_which_content_it_has_read(change: Change) -> None:
     broker = MemoryBroker()
     key = keys.build("w", "config", role="bridge", name="b1")
     with MemoryBus(broker) as bus, MemoryBus(broker) as asker:
-        change.file.answer(bus, Role.BRIDGE, "b1")
+        change.file.answer(bus, Routers.of(("tcp/127.0.0.1:1",)), Role.BRIDGE, "b1")
         for text in (TEXT + B, "ward = "):
             change.to(text)
             reply = decode_reply(asker.ask(key, b""))
