@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 
 #: settings of the ward's file that take effect in a running dashboard
 LIVE = (
-    *(f"dashboard.{name}" for name in ("people", "hosts", "session_hours", "idle_minutes", "due_days")),
+    *(f"dashboard.{name}" for name in ("people", "hosts", "origins", "session_hours", "idle_minutes", "due_days")),
     *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
 )
 _LOOK_S = 0.5
@@ -106,9 +106,9 @@ class Server:
 
     def connect(self, data: Bus, control: Bus) -> None:
         """Attach the sessions of a router that was found. Called in the event loop."""
-        commands = Client(ward=self._ward, bus=control)
-        self._broadcast.connect(Client(ward=self._ward, bus=data), commands)
-        self.desk.control = commands
+        commands, client = Client(ward=self._ward, bus=control), Client(ward=self._ward, bus=data)
+        self._broadcast.connect(client, commands)
+        self.desk.control, self.desk.feeds.client = commands, client
 
 
 def _place(host: str, port: int, *, tls: bool) -> str:

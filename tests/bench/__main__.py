@@ -22,8 +22,9 @@ GROUPS = {
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
     "hostile": ("forged", "access", "attacks"),
+    "outlets": ("lsl", "stream", "foxglove", "per_sample"),
     "storage": ("storage",),
-    "viewers": ("subscribing", "dashboard", "foxglove", "per_sample", "kills"),
+    "viewers": ("subscribing", "dashboard", "kills"),
 }
 OUT = Path("out/bench")
 
