@@ -3,6 +3,7 @@
 import argparse
 import json
 import re
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from bridge.cli.parser import Verbs
 from bridge.cli.reading_options import add_reading, reading_of
 from bridge.cli.ward_options import add_ward, ward_of
 from bridge.config.schema import ConfigError, Root
+from bridge.config.ward_file import WardFile
 from bridge.pki.member import Role
 from bridge.recording.error import RecordingError
 from bridge.recording.settings import Recorder
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from bridge.recording.recording import Recording
 
 Run = Callable[[argparse.Namespace], int | None]
+#: settings of the ward's file that take effect in a running recorder
+_LIVE = tuple(f"recorder.{name}" for name in ("devices", "rotate", "rotate_mb", "keep_free_mb", "keep_days", "keep_gb"))
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
 PlotJuggler plot its rates if it was written with --per-sample. While recording, the name ends in .part. A power failure
@@ -75,6 +79,15 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     _add_per_sample(verb)
     verb.add_argument("--keep-free-mb", type=float, metavar="MB", help="MB to leave free on the disk (default: 200)")
+    verb.add_argument(
+        "--keep-days",
+        type=float,
+        metavar="DAYS",
+        help="delete finished recordings of the ward after this time (default: never)",
+    )
+    verb.add_argument(
+        "--keep-gb", type=float, metavar="GB", help="delete the oldest finished recordings of the ward beyond this size"
+    )
     verb.add_argument(
         "--wait",
         dest="wait_s",
@@ -215,19 +228,29 @@ def _record(given: argparse.Namespace) -> int:
     said = {name: getattr(given, name) for name in Recorder.__struct_fields__ if getattr(given, name, None) is not None}
     if "devices" in said:
         said["devices"] = tuple(said["devices"])
+
+    def settings_of(root: Root) -> Recorder:
+        try:
+            return options({**_table(root.recorder), **said}, Recorder)
+        except ValueError as error:
+            raise ConfigError(f"record: {error}") from None
+
     try:
+        file = WardFile(given.config, Root, ("recorder",), _LIVE, settings_of) if given.config else None
         root = ward_of(given, Root)
-        settings = options({**_table(root.recorder), **said}, Recorder)
     except ValueError as error:
         raise ConfigError(f"record: {error}") from None
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}: use a number above 0")
+    routers = root.bus.routers_as(Role.RECORDER)
     return record(
         root.ward,
-        root.bus.routers_as(Role.RECORDER),
-        settings,
+        routers,
+        settings_of(root),
         plain_console(stderr=True),
         seconds=given.seconds,
+        connected=(lambda bus: file.answer(bus, routers, Role.RECORDER, "recorder")) if file else None,
+        changed=lambda: settings_of(new) if file and (new := file.look(time.monotonic())) else None,
     )
 
 

@@ -3,13 +3,16 @@
 import contextlib
 import errno
 import os
+import re
 import shutil
+import stat
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
 from bridge.recording.error import RecordingError
+from bridge.recording.retention import Finished
 from bridge.runtime.file_lock import lock
 from bridge.runtime.os_errors import why
 
@@ -79,6 +82,16 @@ class Folder:
     def leftovers(self) -> list[Path]:
         """Return this ward's unfinished files that no recorder has open."""
         return [path for path in sorted(self.path.glob(f"{self._ward}-*.mcap{PART}")) if not in_use(path)]
+
+    def finished(self) -> list[Finished]:
+        """Return this ward's finished recordings, oldest first by the times in their names."""
+        named = re.compile(re.escape(self._ward) + r"-\d{8}T\d{6}Z(-\d+)?\.mcap")
+        found = []
+        for path in sorted(self.path.iterdir()):
+            with contextlib.suppress(OSError):  # removed meanwhile
+                if named.fullmatch(path.name) and stat.S_ISREG((state := path.lstat()).st_mode):
+                    found.append(Finished(path, state.st_size, state.st_mtime_ns))
+        return found
 
     def said(self, error: OSError) -> str:
         """Say in words why the folder cannot be written to."""
