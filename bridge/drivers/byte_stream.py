@@ -12,6 +12,8 @@ from bridge.transport.errors import DeviceLost
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
+#: name of the notice that data of the device's protocol carry no rate
+OUTPUT = "output"
 _UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # limits of the undecoded bytes kept: chunks, bytes of a chunk
 
 

@@ -260,6 +260,7 @@ class Code(StrEnum):
     REQUEST_REFUSED = "request_refused", "request", "error"
     NO_RATE_OF_TURN = "no_rate_of_turn"
     LEGACY_MTDATA = "legacy_mtdata"
+    RAW_COUNTS = "raw_counts"
     SEVERAL_SYSTEMS = "several_systems", "system", "others"
     NO_TIME_COLUMN = "no_time_column", "column", "rate_hz"
     READS_LOW = "reads_low", "percent", "cause", "scale"
