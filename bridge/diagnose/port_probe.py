@@ -63,8 +63,10 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
             if made:
                 words = _advice(made, opened_ns, heard[baud][0].receive_time_ns, is_serial=is_serial)
                 return Verdict(found, made[0], baud if is_serial else 0, words)
-            if named := next((guess for guess in every if guess.lacking), None):
-                return Verdict(found, None, 0, f"data of {named.candidate}, without a rate: {english(named.lacking)}")
+            for guess in every:
+                if guess.lacking is not None:
+                    words = f"data of {guess.candidate}, without a rate: {english(guess.lacking)}"
+                    return Verdict(found, None, 0, words)
             # A wrong speed gives bytes, but no text; so text, or silence at two speeds, ends the search.
             if _as_text(_joined(heard[baud])) or (len(heard) >= _SILENT_SPEEDS and not any(heard.values())):
                 break

@@ -261,6 +261,8 @@ class Code(StrEnum):
     NO_RATE_OF_TURN = "no_rate_of_turn"
     LEGACY_MTDATA = "legacy_mtdata"
     RAW_COUNTS = "raw_counts"
+    NOT_SHIMMER3 = "not_shimmer3", "version"
+    GYRO_NOT_CALIBRATED = "gyro_not_calibrated"
     SEVERAL_SYSTEMS = "several_systems", "system", "others"
     NO_TIME_COLUMN = "no_time_column", "column", "rate_hz"
     READS_LOW = "reads_low", "percent", "cause", "scale"

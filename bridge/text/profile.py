@@ -207,7 +207,9 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         if (self.csv is None) == (self.regex is None):
             raise ValueError("give one of the tables [csv] and [regex]")
         if self.csv is not None and self.csv.separator == self.decimal:
-            raise ValueError(f"decimal and separator are both {self.decimal!r}: a comma in numbers needs another separator")
+            raise ValueError(
+                f"decimal and separator are both {self.decimal!r}: a comma in numbers needs another separator"
+            )
         for banner in self.banners:
             for group in _compiled(banner, "banners").groupindex:
                 if group not in BANNER_GROUPS:

@@ -131,9 +131,7 @@ def test_a_capture_is_examined_to_its_end(tmp_path: Path) -> None:
 def test_known_frames_without_a_rate_are_named(tmp_path: Path, driver: str, frame: bytes, said: str) -> None:
     (tmp_path / "capture").write_bytes(200 * frame)
     tried = candidates(registry.kinds().values())
-    verdict = examine(
-        Found(f"file://{tmp_path}/capture?bytes_per_s=1e6"), tried, bauds(tried), 5.0, lambda _: None
-    )
+    verdict = examine(Found(f"file://{tmp_path}/capture?bytes_per_s=1e6"), tried, bauds(tried), 5.0, lambda _: None)
     assert verdict.guess is None
     assert f"data of {driver}, without a rate" in verdict.words
     assert said in verdict.words

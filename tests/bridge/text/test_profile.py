@@ -187,7 +187,9 @@ def test_numbers_with_a_decimal_comma_and_a_time_in_nanoseconds_are_read(tmp_pat
     decoder = TextDecoder(profile(tmp_path, text), captured=True)
     events = decoder.feed("\n".join([*rows, rows[0].replace("1,5", "1.5"), ""]).encode(), 0) + decoder.finish()
     readings = [event for event in events if isinstance(event, Readings)]
-    assert np.degrees(np.concatenate([run.gyro for run in readings])) == pytest.approx(np.tile([1.5, -2.25, 0.5], (60, 1)))
+    assert np.degrees(np.concatenate([run.gyro for run in readings])) == pytest.approx(
+        np.tile([1.5, -2.25, 0.5], (60, 1))
+    )
     [identity] = [event for event in events if isinstance(event, Identity)]
     assert identity.rate_hz == pytest.approx(50)
     assert decoder.faults.as_dict() == {"not_a_number": 1}
