@@ -40,6 +40,7 @@ VERBS = {
     "estimator.cli.doctor": ("doctor",),
     "estimator.cli.qualify": ("qualify",),
     "estimator.cli.dashboard": ("dashboard",),
+    "estimator.cli.outlet": ("outlet",),
     "estimator.cli.study": ("study",),
 }
 _LOG_FORMAT = "--log-format"
