@@ -12,11 +12,12 @@ from bridge.drivers.byte_stream import StreamDriver, StreamOptions
 from bridge.drivers.driver import Battery, DriverKind, Event, Notice
 from bridge.drivers.request_queue import RequestQueue
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler, Vector
-from bridge.framing.cobs_frames import Deframer
+from bridge.framing import gatt_values
+from bridge.framing.gatt_values import GattValues
 from bridge.reasons.codes import Code
 from bridge.toml.loader import nearest
 from bridge.transport import address, ble_port
-from bridge.transport.ble_gatt import NUMBER_BYTES, GattPort, gatt_frame
+from bridge.transport.ble_gatt import Codec, GattPort
 from bridge.wire.refusal import Tally
 
 EXAMPLE: Final = "ble://D4:22:CD:00:12:34"
@@ -31,6 +32,7 @@ _STOP, _START = 0, 1
 _RATE_ONLY = 1 << 4  # bit of the device control that makes only the output rate count
 _TICK, _THREE = struct.Struct("<I"), struct.Struct("<3f")
 _INFO_BYTES, _CONTROL_BYTES = 34, 32
+_CODEC = Codec(gatt_values.encode, gatt_values.decode)
 
 
 class Payload(NamedTuple):
@@ -83,7 +85,7 @@ class MovellaDotOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, 
 
 
 class MovellaDotDecoder:
-    """Decoder of a DOT's values, in frames of `bridge.transport.ble_gatt`; without options, and on a file, it only listens."""
+    """Decoder of a DOT's values, in frames of `bridge.framing.gatt_values`; without options, and on a file, it only listens."""
 
     def __init__(self, options: MovellaDotOptions | None = None) -> None:
         self.faults = Tally()
@@ -97,8 +99,7 @@ class MovellaDotDecoder:
 
     def opened(self) -> None:
         """Reset for a newly opened connection, and start the measurement anew."""
-        self._deframer = Deframer()
-        self._deframer.faults = self.faults
+        self._values = GattValues(self.faults)
         self._assembly.opened()
         self._heard_ns = 0
         self._begin()
@@ -106,10 +107,8 @@ class MovellaDotDecoder:
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
         """The events completed by these bytes, in order."""
         events: list[Event] = []
-        for payload in self._deframer.feed(data):
-            events += self._took(
-                int.from_bytes(payload[:NUMBER_BYTES], "little"), payload[NUMBER_BYTES:], receive_time_ns
-            )
+        for characteristic, value in self._values.feed(data):
+            events += self._took(characteristic, value, receive_time_ns)
         if self._heard_ns and receive_time_ns - self._heard_ns > _SILENT_NS:
             self._heard_ns = 0
             self._begin()
@@ -130,13 +129,13 @@ class MovellaDotDecoder:
         self._requests.clear()
         if not self._asks:
             return
-        self._requests.add("device info", gatt_frame(INFO))
-        self._requests.add("battery", gatt_frame(BATTERY))
+        self._requests.add("device info", gatt_values.encode(INFO))
+        self._requests.add("battery", gatt_values.encode(BATTERY))
         mode = self._payload.mode
-        stop, start = (gatt_frame(CONTROL, bytes((1, action, mode))) for action in (_STOP, _START))
+        stop, start = (gatt_values.encode(CONTROL, bytes((1, action, mode))) for action in (_STOP, _START))
         rate = self._rate_hz.to_bytes(2, "little")
         control = (bytes((_RATE_ONLY,)) + bytes(23) + rate).ljust(_CONTROL_BYTES, b"\0")
-        setting = [gatt_frame(DEVICE_CONTROL, control)] if self._rate_hz else []
+        setting = [gatt_values.encode(DEVICE_CONTROL, control)] if self._rate_hz else []
         self._requests.add("start", stop, *setting, start)
 
     def _answered(self, key: str) -> None:
@@ -185,7 +184,7 @@ def _uuid(number: int) -> str:
 
 
 def _gatt(options: MovellaDotOptions) -> GattPort:
-    return GattPort(options.port, EXAMPLE, _uuid, (PAYLOADS[options.payload].characteristic, BATTERY))
+    return GattPort(options.port, EXAMPLE, _uuid, (PAYLOADS[options.payload].characteristic, BATTERY), _CODEC)
 
 
 def _make(options: MovellaDotOptions) -> StreamDriver:
