@@ -18,6 +18,7 @@ OURS = (
     "mavlink",
     "movella_dot",
     "shimmer3",
+    "lsl",
     "replayed",
     "simulated",
 )
