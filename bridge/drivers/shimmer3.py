@@ -55,6 +55,7 @@ class Shimmer3Decoder:
 
     def __init__(self, options: Shimmer3Options | None = None) -> None:
         self.faults = Tally()
+        self._needs_crc = options is not None and options.port.startswith("ble://")
         self._asks = options is not None and not options.port.startswith("file://")
         self._ticks = round(TICKS_A_S / options.rate_hz) if options is not None and options.rate_hz else 0
         self._frames = ShimmerFrames(self.faults)
@@ -121,9 +122,9 @@ class Shimmer3Decoder:
         return isinstance(key, str) and (key != _CRC or self._frames.checked)
 
     def _unanswered(self) -> list[Notice]:
-        """Go on without CRC or battery; begin anew without anything else."""
+        """Go on without battery, and without CRC where the connection loses nothing; begin anew without anything else."""
         key = self._requests.key
-        if key in (_CRC, framing.BATTERY):
+        if key == framing.BATTERY or (key == _CRC and not self._needs_crc):
             self._requests.answered()
             return []
         self._begin()

@@ -147,11 +147,16 @@ class ShimmerFrames:
         """Whether a frame without CRC is complete and, if it is a data packet, followed by one in time; None if unknown."""
         held = self._bytes
         if shape.kind != DATA:
+            if self._dropped and not (self.awaiting_ack and shape.kind == ACK):
+                return False  # among garbage anything may look like an answer
             return True if len(held) >= end else None
         if len(held) <= end:
             return None
-        if held[end] != DATA:  # an answer between two data packets
-            return held[end] in (ACK, NACK, IN_STREAM) and not self._dropped
+        if held[end] != DATA:  # perhaps an answer between two data packets
+            news = held[end + (held[end] == ACK) :][:2]
+            if len(news) < 2:
+                return None
+            return not self._dropped and news[0] == IN_STREAM and news[1] in _IN_STREAM_SIZES
         if len(held) < end + _HEAD:
             return None
         first, second = (int.from_bytes(held[at + 1 : at + _HEAD], "little") for at in (0, end))

@@ -6,6 +6,7 @@ Three = tuple[int, int, int]
 TICKS = 320  # from sample to sample: 102.4 Hz
 CALIBRATION = struct.pack(">6h9b", 10, -20, 30, 6550, 6560, 6540, 0, -100, 0, -100, 0, 0, 0, 0, -100)
 ACCEL_CALIBRATION = struct.pack(">6h9b", 2047, 2047, 2047, 83, 83, 83, 0, -100, 0, -100, 0, 0, 0, 0, -100)
+EVEN = struct.pack(">6h9b", 0, 0, 0, 10_000, 10_000, 10_000, 0, -100, 0, -100, 0, 0, 0, 0, -100)  # 100 counts for 1 °/s
 CHANNELS = bytes((0x00, 0x01, 0x02, 0x0A, 0x0B, 0x0C))
 
 

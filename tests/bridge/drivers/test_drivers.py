@@ -3,7 +3,6 @@
 Sample number i tells its number by its rate about x, so that whatever comes out can be judged.
 """
 
-import struct
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -98,13 +97,10 @@ def text(i: int) -> bytes:
     return f"{1000 + 10 * i},{i / 100:.2f},2,3,4,5,6\r\n".encode()
 
 
-_EVEN = struct.pack(
-    ">6h9b", 0, 0, 0, 10_000, 10_000, 10_000, 0, -100, 0, -100, 0, 0, 0, 0, -100
-)  # 100 counts for 1 °/s
 SHIMMER3_HEAD = b"".join(
     map(
         shimmer3_device.summed,
-        (b"\xff", b"\xff\x4a\x01", shimmer3_device.calibrations(_EVEN), shimmer3_device.inquiry()),
+        (b"\xff", b"\xff\x4a\x01", shimmer3_device.calibrations(shimmer3_device.EVEN), shimmer3_device.inquiry()),
     )
 )
 PROTOCOLS = {

@@ -14,7 +14,18 @@ from bridge.drivers.shimmer3 import Shimmer3Decoder, Shimmer3Options
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice
 from tests.bridge.drivers.emulated_line import Wire
-from tests.bridge.drivers.shimmer3_device import CALIBRATION, CHANNELS, Shimmer, crc, packet, summed
+from tests.bridge.drivers.shimmer3_device import (
+    CALIBRATION,
+    CHANNELS,
+    EVEN,
+    TICKS,
+    Shimmer,
+    calibrations,
+    crc,
+    inquiry,
+    packet,
+    summed,
+)
 
 
 def bench(device: Shimmer, **more: Any) -> Wire[Shimmer]:
@@ -72,6 +83,34 @@ def test_lost_bytes_make_no_wrong_sample_and_are_counted(*, knows_crc: bool) -> 
     wire.run(30)
     assert right(wire.events) > 0.6 * wire.device.count
     assert wire.decoder.faults.as_dict()["bytes_between_frames"] > 0
+
+
+@pytest.mark.parametrize(("checked", "lost", "least"), [(True, 0.2, 0.6), (False, 0.01, 0.97)])
+def test_lost_notifications_make_no_wrong_sample(*, checked: bool, lost: float, least: float) -> None:
+    rng, n = np.random.default_rng(1), 8000
+    sent = rng.integers(-3000, 3000, (n, 3))
+    frames = [b"\xff", b"\xff\x4a\x01", calibrations(EVEN), inquiry()]
+    frames += [packet(TICKS * i, (int(x), int(y), int(z))) for i, (x, y, z) in enumerate(sent)]
+    stream = b"".join(map(summed, frames) if checked else frames[1:])
+    first = stream.index(packet(0, (0, 0, 0))[:10])
+    decoder = Shimmer3Decoder(None)
+    events = decoder.feed(stream[:first], 10**18)
+    for at in range(first, len(stream), 20):
+        if rng.random() > lost:
+            events += decoder.feed(stream[at : at + 20], 10**18 + round(1e9 * (at - first) / len(frames[-1]) / 102.4))
+    ticks = np.concatenate([event.ticks for event in events if isinstance(event, Readings)]).astype(np.int64)
+    assert (ticks % TICKS == 0).all()
+    x, y, z = sent[ticks // TICKS].T
+    assert np.degrees(gyro_of(events)) * 100 == pytest.approx(-np.column_stack([y, x, z]), abs=1e-6)
+    assert len(ticks) > least * n
+    assert decoder.faults.as_dict()["bytes_between_frames"] > 0
+
+
+def test_firmware_without_crc_is_not_read_where_bytes_may_be_lost() -> None:
+    address = "ble://C4:64:E3:12:34:56/49535343-1e4d-4bd9-ba61-23c647249616?write=49535343-8841-43f4-a8d4-ecbe34729bb3"
+    wire = Wire(Shimmer(knows_crc=False), Shimmer3Decoder(Shimmer3Options(port=address)))
+    assert "does not answer request crc" in " ".join(wire.run(8).notices)
+    assert not wire.device.streaming
 
 
 def test_a_stream_that_stops_is_started_again() -> None:
