@@ -53,6 +53,7 @@ class Conversion:
 
     def __init__(self, profile: Profile) -> None:
         self._time, self._temperature = profile.time, profile.temperature
+        self._marks = str.maketrans(",.", ".,") if profile.decimal == "," else {}
         self._gyro = _Three(profile.gyro.columns, *map(float, profile.gyro.factor))
         accel = profile.accel
         self._accel = None if accel is None else _Three(accel.columns, *map(float, accel.factor))
@@ -60,6 +61,8 @@ class Conversion:
     def row(self, texts: Mapping[str, str]) -> Row | Refused:
         """The sample of these columns; missing columns other than the gyro's count as not measured."""
         time, temperature, accel = self._time, self._temperature, self._accel
+        if self._marks:
+            texts = {column: text.translate(self._marks) for column, text in texts.items()}
         try:
             return Row(
                 tick=0

@@ -181,6 +181,22 @@ def test_blanks_may_separate(tmp_path: Path) -> None:
     assert samples(of, "  0  1 2\t 3 0 0 0 0")[0][0].gyro == pytest.approx(np.radians([[1, 2, 3]]))
 
 
+def test_numbers_with_a_decimal_comma_and_a_time_in_nanoseconds_are_read(tmp_path: Path) -> None:
+    text = 'decimal = ","\n' + GOOD.replace("[csv]", '[csv]\nseparator = ";"') + '[time]\ncolumn = "t"\nunit = "ns"'
+    rows = [f"{1_764_300_000_000_000_000 + 20_000_000 * i};1,5;-2,25;,5;0;0;0;0" for i in range(60)]
+    decoder = TextDecoder(profile(tmp_path, text), captured=True)
+    events = decoder.feed("\n".join([*rows, rows[0].replace("1,5", "1.5"), ""]).encode(), 0) + decoder.finish()
+    readings = [event for event in events if isinstance(event, Readings)]
+    assert np.degrees(np.concatenate([run.gyro for run in readings])) == pytest.approx(
+        np.tile([1.5, -2.25, 0.5], (60, 1))
+    )
+    [identity] = [event for event in events if isinstance(event, Identity)]
+    assert identity.rate_hz == pytest.approx(50)
+    assert decoder.faults.as_dict() == {"not_a_number": 1}
+    with pytest.raises(ConfigError, match="decimal and separator are both ','"):
+        profile(tmp_path, 'decimal = ","\n' + GOOD)
+
+
 def test_the_ward_s_file_says_what_the_profile_leaves_open(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="rate_hz is missing: devices of profile 'icm-20948-sparkfun' send no time"):
         options({"port": "/dev/x", "profile": "icm-20948-sparkfun"}, TextOptions)
