@@ -21,6 +21,7 @@ from estimator.tracking.seconds import CLIPPED, Second, SecondKnobs, Seconds, Se
 from estimator.tracking.smoother import History, Smoothed
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.thermometer import Thermometer, ThermometerKnobs, ThermometerState
+from estimator.tracking.walk_rate import WalkKnobs, WalkRate, WalkState
 from estimator.tracking.zaru import UNPROVEN, Zaru, ZaruKnobs, ZaruState
 
 Floats = NDArray[np.float64]
@@ -53,6 +54,7 @@ class TrackKnobs:
     accelerometer: AccelerometerKnobs = field(default_factory=AccelerometerKnobs)
     thermometer: ThermometerKnobs = field(default_factory=ThermometerKnobs)
     doubt: BiasMonitorKnobs = field(default_factory=BiasMonitorKnobs)
+    walk: WalkKnobs = field(default_factory=WalkKnobs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +88,7 @@ class TrackerState(StateStruct):
     evidence_time: float
     gap: tuple[float, float] | None
     kept: BiasState | None
+    walk: WalkState
 
 
 class Tracker:
@@ -108,6 +111,7 @@ class Tracker:
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # begin and end of the gap in the evidence, s
         self._law = law
+        self._walk = WalkRate(knobs.bias, began, knobs.walk)
         #: whether this boot's bias contradicts the temperature law of earlier boots
         self.law_refuted = False
         self.supposed(model, bias_std, began)
@@ -117,6 +121,7 @@ class Tracker:
         self._model = model
         self._gravity = Gravity(self.knobs.gravity)
         self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self._law)
+        self._filter.pace = self._walk.pace
         known = bool((state.std < self.knobs.bias_std).all())
         self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), BoundedMotion(self.knobs.bounded)
         self._kept: BiasState | None = None  # restored state, until the stream reaches the time it was saved at
@@ -138,6 +143,7 @@ class Tracker:
             self._evidence_time,
             self._gap,
             self._kept,
+            self._walk.state,
         )
 
     def go_on(self, saved: TrackerState, model: GyroModel, first: int, samples: Floats) -> None:
@@ -147,6 +153,8 @@ class Tracker:
         """
         self._model, self._law, self.law_refuted = model, saved.law, saved.law_refuted
         self._filter.resume(saved.filter, saved.law)
+        self._walk.restore(saved.walk)
+        self._filter.pace = self._walk.pace
         if len(self._filter.x) not in (OWN, SIZE):
             raise ValueError("damaged state: no state of a bias filter")
         self._gravity.restore(saved.gravity)
@@ -192,6 +200,7 @@ class Tracker:
         now = self._filter
         own = replace(now.state, x=now.x[:OWN], P=now.cov[:OWN, :OWN])
         then = BiasFilter(own, self.knobs.bias, now.law)
+        then.pace = now.pace
         then.predict(time, now.temperature_c if celsius is None else self.thermometer.ahead(time, celsius))
         std = np.sqrt(then.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation
         return then.x[BIAS], np.asarray(std)
@@ -404,6 +413,8 @@ class Tracker:
         if resting:
             self._bounded.broken()
             receipts, said = self._zaru.take(second, self._filter, up, gravity)
+            if self._zaru.state.proven and all(receipt.accepted for receipt in receipts):
+                self._learn_walk(second)
         else:
             receipts, said = [], None if gravity is None else self._filter.update(gravity)
             if quiet:
@@ -416,6 +427,11 @@ class Tracker:
             self._gravity.heard(said, span, resting=resting)
             self._accelerometer.heard(said)
         return receipts
+
+    def _learn_walk(self, second: Second) -> None:
+        now = self._filter
+        self._walk.take(second, now.temperature_c, now.x[SLOPE], now.cov.diagonal()[SLOPE])
+        now.pace = self._walk.pace
 
     # ---- doubt and trust ------------------------------------------------------------------------------------------
 
