@@ -29,14 +29,14 @@ class WalkKnobs:
     """Hypotheses about the walk, and what of a rest tells between them."""
 
     #: factors of the model's rate random walk, and their prior weights
-    factors: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-    weights: tuple[float, ...] = (1.0, 4.0, 16.0, 4.0, 1.0, 0.25)
+    factors: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
+    weights: tuple[float, ...] = (8.0, 8.0, 4.0, 1.5, 0.5)
     #: prior weight of a warming device as a multiple of all the others, where no temperature is known
     warming: float = 9.0
     #: seconds of rest in a row whose mean is one measurement
     block: int = 5
     #: rad/s, error of such a mean beside its noise
-    floor: float = radians(0.003)
+    floor: float = radians(0.001)
     #: largest squared innovation in units of its variance: a jump is no walk
     most: float = 12.0
     #: share of what was learnt that each measurement leaves
@@ -80,7 +80,8 @@ class WalkRate:
         for _, mean, var, _ in state.block:
             shaped(mean, 3, finite=True)
             shaped(var, 3, finite=True)
-        self.state, self.pace = state, self._weighed()
+        self.state = state
+        self.pace = self._weighed()
 
     def take(self, second: Second, celsius: float, slope: Floats, slope_var: Floats) -> None:
         """Add a second of rest. celsius: NaN if unknown; slope, slope_var (3,): of the bias by temperature, rad/s/K."""

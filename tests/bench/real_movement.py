@@ -102,7 +102,11 @@ def oracle(trial: broad.Trial, matrix: Floats, knobs: SessionKnobs) -> Found:
     model = GyroModel(matrix, np.zeros(3), small, small, np.full(3, 2e-3))
     known = Correction(model, small, Quality.GOOD, "", 0.0).known
     rows = np.full((len(trial.gyro), 9), np.nan)
-    rows[:, 0], rows[:, 1:4], rows[:, 4:7] = np.arange(1, len(rows) + 1) / trial.rate_hz, trial.gyro - trial.bias, trial.accel
+    rows[:, 0], rows[:, 1:4], rows[:, 4:7] = (
+        np.arange(1, len(rows) + 1) / trial.rate_hz,
+        trial.gyro - trial.bias,
+        trial.accel,
+    )
     rows[:, 7] = 0.0
     return Found(trial.bias, None, Attitude(knobs.orientation).take(rows, known).quat_wxyz)
 
