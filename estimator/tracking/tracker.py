@@ -31,6 +31,17 @@ _SAME_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
+class MatrixKnobs:
+    """When the matrix that gravity teaches while the device is worn becomes part of the correction."""
+
+    learn: bool = True
+    #: relative standard deviation that every scale factor must reach: about that of three turns by hand
+    scale_std: float = 0.005
+    #: share of the variance known before, summed over the matrix, that may be left
+    left: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
 class TrackKnobs:
     """Settings of the bias tracker. Device seconds, rad/s, m/s²."""
 
@@ -55,6 +66,7 @@ class TrackKnobs:
     thermometer: ThermometerKnobs = field(default_factory=ThermometerKnobs)
     doubt: BiasMonitorKnobs = field(default_factory=BiasMonitorKnobs)
     walk: WalkKnobs = field(default_factory=WalkKnobs)
+    matrix: MatrixKnobs = field(default_factory=MatrixKnobs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,6 +226,26 @@ class Tracker:
         return np.concatenate([np.sqrt(var[own] + x[own] ** 2) for own in (MATRIX, ACCEL_BIAS)])
 
     @property
+    def matrix(self) -> Floats:
+        """(3, 3) matrix in use; what gravity has taught since is in the state."""
+        return self._model.matrix
+
+    @property
+    def surer(self) -> bool:
+        """Whether gravity has taught the matrix better than it was known, and nothing speaks against bias or accelerometer."""
+        knobs = self.knobs.matrix
+        if not knobs.learn or len(self._filter.x) == OWN:
+            return False
+        var = self._filter.cov.diagonal()[MATRIX]
+        if not max(var[::4].tolist()) < knobs.scale_std**2:
+            return False
+        model = self._model
+        known = float(np.square(model.scale_std).sum() + 2 * np.square(model.cross_std).sum())
+        if not float(var.sum()) < knobs.left * known:
+            return False
+        return self.sure and not self.doubt.stands and not self._accelerometer.contradicts
+
+    @property
     def sure(self) -> bool:
         """Whether the bias is known better than `TrackKnobs.bias_std` on all axes."""
         most = self.knobs.bias_std / self.doubt.consistency.inflation
@@ -254,6 +286,13 @@ class Tracker:
         self._model = model
         if len(self._filter.x) > OWN:
             self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
+
+    def corrected_by(self, model: GyroModel) -> None:
+        """Use the matrix that gravity taught (`surer`) as the gyro model's; all else goes on."""
+        self._model = model
+        x = self._filter.x.copy()
+        x[MATRIX] = 0.0
+        self._filter.extend(replace(self._filter.state, x=x))
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Start again from a calibration: its bias with covariance cov (3, 3) rad²/s² at `time`, s.
