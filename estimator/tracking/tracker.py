@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from bridge.reasons.codes import Sentences
 from estimator.geometry.gyro_model import GyroModel
 from estimator.geometry.strapdown import Span, sum_up
-from estimator.state import StateStruct
+from estimator.state import StateStruct, shaped
 from estimator.stillness.detector import Windows
 from estimator.tracking.accelerometer_check import AccelerometerCheck, AccelerometerKnobs, AccelerometerState
 from estimator.tracking.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, FilterState, Step, start
@@ -21,6 +21,7 @@ from estimator.tracking.seconds import CLIPPED, Second, SecondKnobs, Seconds, Se
 from estimator.tracking.smoother import History, Smoothed
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.thermometer import Thermometer, ThermometerKnobs, ThermometerState
+from estimator.tracking.usual_bias import nearer
 from estimator.tracking.walk_rate import WalkKnobs, WalkRate, WalkState
 from estimator.tracking.zaru import UNPROVEN, Zaru, ZaruKnobs, ZaruState
 
@@ -35,10 +36,10 @@ class MatrixKnobs:
     """When the matrix that gravity teaches while the device is worn becomes part of the correction."""
 
     learn: bool = True
-    #: relative standard deviation that every scale factor must reach: about that of three turns by hand
-    scale_std: float = 0.005
+    #: relative standard deviation that every scale factor must reach
+    scale_std: float = 0.01
     #: share of the variance known before, summed over the matrix, that may be left
-    left: float = 0.5
+    left: float = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,8 @@ class TrackKnobs:
 
     #: rad/s; a bias with a greater standard deviation counts as unknown
     bias_std: float = np.radians(0.2)
+    #: rad/s, standard deviation of the turn-on bias of most gyros, whatever the worst of their kind have
+    usual_bias: float = np.radians(0.5)
     #: standard deviations between the slope by temperature and the law at which the law is given up
     refuted_sigmas: float = 4.0
     #: rad/s and m/s²; a device whose readings vary less is quiet, for example on a sleeping wearer
@@ -101,6 +104,7 @@ class TrackerState(StateStruct):
     gap: tuple[float, float] | None
     kept: BiasState | None
     walk: WalkState
+    supposed: Floats | None
 
 
 class Tracker:
@@ -136,6 +140,7 @@ class Tracker:
         self._filter.pace = self._walk.pace
         known = bool((state.std < self.knobs.bias_std).all())
         self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), BoundedMotion(self.knobs.bounded)
+        self._supposed: Floats | None = None  # (2, 3) prior mean and std of the bias, if only supposed
         self._kept: BiasState | None = None  # restored state, until the stream reaches the time it was saved at
 
     def saved(self) -> TrackerState:
@@ -156,6 +161,7 @@ class Tracker:
             self._gap,
             self._kept,
             self._walk.state,
+            self._supposed,
         )
 
     def go_on(self, saved: TrackerState, model: GyroModel, first: int, samples: Floats) -> None:
@@ -176,7 +182,9 @@ class Tracker:
         self.thermometer.state, self._accelerometer.state = saved.thermometer, saved.accelerometer
         self.doubt.restore(saved.doubt)
         self._evidenced, self._evidence_time, self._gap = saved.evidenced, saved.evidence_time, saved.gap
-        self._kept = saved.kept
+        self._kept, self._supposed = saved.kept, saved.supposed
+        if saved.supposed is not None:
+            shaped(saved.supposed, 2, 3, finite=True)
 
     # ---- the estimate ---------------------------------------------------------------------------------------------
 
@@ -198,7 +206,7 @@ class Tracker:
     @property
     def bias(self) -> Floats:
         """(3,) estimated bias (reading at zero rate), rad/s."""
-        return self._filter.x[BIAS].copy()
+        return self._usual(self._filter)
 
     @property
     def std(self) -> Floats:
@@ -215,7 +223,14 @@ class Tracker:
         then.pace = now.pace
         then.predict(time, now.temperature_c if celsius is None else self.thermometer.ahead(time, celsius))
         std = np.sqrt(then.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation
-        return then.x[BIAS], np.asarray(std)
+        return self._usual(then), np.asarray(std)
+
+    def _usual(self, now: BiasFilter) -> Floats:
+        """(3,) bias of a filter, near what is usual where evidence does not reach."""
+        bias: Floats = now.x[BIAS].copy()
+        if self._supposed is None:
+            return bias
+        return nearer(bias, now.cov[BIAS, BIAS], *self._supposed, self.knobs.usual_bias)
 
     @property
     def unsure(self) -> Floats | None:
@@ -280,6 +295,7 @@ class Tracker:
     def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
         """Begin anew from a gyro model with bias_std (3,) rad/s at a time, s, while nothing of this boot is known."""
         self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
+        self._supposed = np.array([model.bias, bias_std])
 
     def rescaled(self, model: GyroModel) -> None:
         """Replace the gyro model's matrix and its uncertainty; the bias is kept."""
