@@ -35,7 +35,7 @@ _SAME_S = 1e-3
 class MatrixKnobs:
     """When the matrix that gravity teaches while the device is worn becomes part of the correction."""
 
-    learn: bool = True
+    learn: bool = False
     #: relative standard deviation that every scale factor must reach
     scale_std: float = 0.01
     #: share of the variance known before, summed over the matrix, that may be left
@@ -230,7 +230,8 @@ class Tracker:
         bias: Floats = now.x[BIAS].copy()
         if self._supposed is None:
             return bias
-        return nearer(bias, now.cov[BIAS, BIAS], *self._supposed, self.knobs.usual_bias)
+        mean, std = self._supposed
+        return nearer(bias, now.cov[BIAS, BIAS], mean, std, self.knobs.usual_bias)
 
     @property
     def unsure(self) -> Floats | None:
@@ -408,6 +409,7 @@ class Tracker:
                 Q[SLOPE, SLOPE] += self._filter.unlearn()
                 self._law, self.law_refuted = None, True
             if widened is not None:
+                self._supposed = None  # the bias has jumped: that of the turn-on tells nothing of it
                 Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
                 self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, step, self._filter.bent)
