@@ -286,7 +286,7 @@ class BootEstimation:
         sequence, time_ns = buffer.place(second.last)
         self._past.note(second.end, sequence, time_ns)
         buffer.forget(second.last)
-        if self.tracker.surer and not (self.turned or self.asked):
+        if self.tracker.surer:
             self._learnt_worn(outcome, time_ns)
         if (improved := self.tracker.improved()) is not None:
             used = self._belief
@@ -362,18 +362,16 @@ class BootEstimation:
         self._happens(Event.CALIBRATED, (Code.CALIBRATED(), *result.reason), outcome)
 
     def _learnt_worn(self, outcome: Outcome, now_ns: int) -> None:
-        """Correct by the matrix that gravity has taught while the device was worn; a calibration by hand is kept beside."""
+        """Correct by the matrix that gravity has taught while the device was worn; turns under way go on."""
         before = self.calibration
         if before is not None and before.method != METHOD:
             self._by_hand = before
         made = self._as_message(learnt(self.tracker, self.noise_std, before.turns if before else ()), "", now_ns)
         outcome.calibrations.append(made)
-        self.calibration, self.prior, self.under_way, self.scratch = made, None, None, ()
+        self.calibration, self.prior = made, None
         self._belief = believed(made, None, self._knobs.prior)
         self.tracker.corrected_by(self._belief.model)
-        reason = (Code.CALIBRATED(), *made.reason)
-        if not self._happens(Event.RESTORED, reason, outcome):
-            self._say_beside(reason, outcome)
+        self._say_beside(made.reason, outcome)
 
     def _give_up_worn(self) -> None:
         """Return to the calibration by hand after a doubt of the bias: the matrix learnt since may have caused it."""

@@ -44,9 +44,9 @@ class WalkKnobs:
 
 
 class WalkState(StateStruct):
-    """State of the bank: told (h,) log-likelihoods; x, P (h, 3) means and variances; time, s, and temperature, °C, of the last block.
+    """State of the bank: told (h,) log-likelihoods; x, P (h, 3) means and variances.
 
-    block: seconds of the block under way as (end, mean, variance, °C).
+    time, s, and celsius, °C: of the last measurement. block: seconds of the next one so far, as (end, mean, variance, °C).
     """
 
     told: Floats
