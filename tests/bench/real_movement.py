@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import vqf
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -126,7 +127,7 @@ def judge(found: Found, trial: broad.Trial) -> dict[str, float]:
     return {"heading drift": float(abs(drift)), "total orientation": rms[0], "inclination": rms[1]}
 
 
-def nees(found: Found, bias: Floats, counted: Floats) -> float:
+def nees(found: Found, bias: Floats, counted: NDArray[np.bool_]) -> float:
     """Mean over samples and axes of squared error by variance."""
     assert found.std is not None
     return float(np.mean(((found.bias - bias) / found.std)[counted] ** 2))
@@ -172,10 +173,10 @@ def simulated(results: Results, seeds: int) -> None:
                     temperature_c=day.temperature_c.astype(float),
                 )
                 c = correct(told, knobs=knobs)
-                found = Found(c.bias.astype(float), c.bias_std.astype(float), c.quat_wxyz)
+                found = Found(c.bias.astype(float), c.bias_std.astype(float), c.quat_wxyz.astype(float))
                 counted = day.time_s > 60
                 row = f"NEES, walk ×{times:g}, {what}"
-                results[row]["truerate"][f"seed {seed}"] = nees(found, day.bias, counted)
+                results[row]["truerate"][f"seed {seed}"] = nees(found, day.bias.astype(float), counted)
 
 
 def shown(results: Results) -> Table:
