@@ -23,8 +23,8 @@ MATRIX = np.eye(3) + 0.01 * np.random.default_rng(7).uniform(-1, 1, (3, 3))
 
 @cache
 def lived(*, learn: bool) -> CorrectedRecording:
-    """Four minutes of rests and free movement, read through MATRIX by a simulator that shares no code."""
-    day = rests_and_motion(1, 240.0, 50.0, rrw_dps_per_sqrt_s=7e-4)
+    """Ten minutes of rests and free movement, read through MATRIX by a simulator that shares no code."""
+    day = rests_and_motion(1, 600.0, 50.0, rrw_dps_per_sqrt_s=7e-4)
     gyro, bias = day.gyro.astype(float), day.bias.astype(float)
     read = Recording.from_arrays(
         (gyro - bias) @ np.linalg.inv(MATRIX).T + bias, day.accel.astype(float), rate_hz=day.rate_hz
@@ -36,8 +36,11 @@ def lived(*, learn: bool) -> CorrectedRecording:
 def test_movement_teaches_scale_and_misalignment() -> None:
     found = lived(learn=True)
     assert found.calibration
-    assert np.abs(found.matrix - MATRIX).max() < 0.4 * np.abs(MATRIX - np.eye(3)).max()
-    assert np.abs(np.diag(found.matrix - MATRIX)).max() < 0.003
+    left, before = found.matrix - MATRIX, MATRIX - np.eye(3)
+    assert np.linalg.norm(left) < 0.75 * np.linalg.norm(before)
+    assert np.abs(np.diag(left)).max() < 0.003
+    # A rotation between gyroscope and accelerometer turns no heading; what does is the symmetric part.
+    assert np.linalg.norm(left + left.T) < 0.6 * np.linalg.norm(before + before.T)
 
 
 def test_nothing_is_learnt_unless_it_is_asked_for() -> None:
