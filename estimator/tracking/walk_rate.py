@@ -30,7 +30,7 @@ class WalkKnobs:
 
     #: factors of the model's rate random walk, and their prior weights
     factors: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
-    weights: tuple[float, ...] = (8.0, 8.0, 4.0, 1.5, 0.5)
+    weights: tuple[float, ...] = (3.0, 8.0, 4.0, 1.5, 0.5)
     #: prior weight of a warming device as a multiple of all the others, where no temperature is known
     warming: float = 9.0
     #: seconds of rest in a row whose mean is one measurement
