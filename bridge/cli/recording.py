@@ -3,6 +3,7 @@
 import argparse
 import json
 import re
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from bridge.cli.parser import Verbs
 from bridge.cli.reading_options import add_reading, reading_of
 from bridge.cli.ward_options import add_ward, ward_of
 from bridge.config.schema import ConfigError, Root
+from bridge.config.ward_file import WardFile
 from bridge.pki.member import Role
 from bridge.recording.error import RecordingError
 from bridge.recording.settings import Recorder
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from bridge.recording.recording import Recording
 
 Run = Callable[[argparse.Namespace], int | None]
+#: settings of the ward's file that take effect in a running recorder
+_LIVE = tuple(f"recorder.{name}" for name in ("devices", "rotate", "rotate_mb", "keep_free_mb", "keep_days", "keep_gb"))
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
 PlotJuggler plot its rates if it was written with --per-sample. While recording, the name ends in .part. A power failure
@@ -46,8 +50,10 @@ RECOVER = """example:
   truerate recording recover recordings/ward-3-20260801T101500Z.mcap.part"""
 INSPECT = """examples:
   truerate recording inspect session.csv
+  truerate recording inspect walk.bag --device /imu/data
   truerate recording inspect log.txt --gyro-unit deg/s --rate-hz 100"""
 CONVERT = """examples:
+  truerate recording convert walk.xdf walk.h5 --device Gyroscope
   truerate recording convert export.csv session.npz --gyro-unit deg/s
   truerate recording convert sd-card.bin session.mcap --driver witmotion --device wrist-01
   truerate recording convert log.txt session.npz --profile openlog-artemis
@@ -73,6 +79,15 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     _add_per_sample(verb)
     verb.add_argument("--keep-free-mb", type=float, metavar="MB", help="MB to leave free on the disk (default: 200)")
+    verb.add_argument(
+        "--keep-days",
+        type=float,
+        metavar="DAYS",
+        help="delete finished recordings of the ward after this time (default: never)",
+    )
+    verb.add_argument(
+        "--keep-gb", type=float, metavar="GB", help="delete the oldest finished recordings of the ward beyond this size"
+    )
     verb.add_argument(
         "--wait",
         dest="wait_s",
@@ -124,7 +139,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "show how truerate reads a file: rate, gaps, noise, gravity, doubts",
         INSPECT,
     )
-    verb.add_argument("file", type=Path, metavar="FILE", help="recording: .npz, .mcap, or text such as .csv")
+    verb.add_argument("file", type=Path, metavar="FILE", help="recording, a file or a folder: see docs/recording.md")
     add_reading(verb)
     _add_capture(verb)
     verb.add_argument("--json", action="store_true", help="print one JSON object")
@@ -133,13 +148,15 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         inner,
         "convert",
         _convert,
-        "convert a recording, or captured bytes of a device, to .npz, .csv or .mcap; orientations to OpenSim's .sto",
+        "convert a recording, or bytes of a device, to .npz, .csv, .h5, .parquet or .mcap; orientations to OpenSim's .sto",
         CONVERT,
     )
     verb.add_argument(
         "files", type=Path, nargs="+", metavar="IN", help="recording, or captured bytes of a device; for .sto several"
     )
-    verb.add_argument("out", type=Path, metavar="OUT", help="new file, .npz, .csv, .mcap or .sto; must not exist")
+    verb.add_argument(
+        "out", type=Path, metavar="OUT", help="new file, .npz, .csv, .h5, .parquet, .mcap or .sto; must not exist"
+    )
     verb.add_argument(
         "--segment",
         action="append",
@@ -211,19 +228,29 @@ def _record(given: argparse.Namespace) -> int:
     said = {name: getattr(given, name) for name in Recorder.__struct_fields__ if getattr(given, name, None) is not None}
     if "devices" in said:
         said["devices"] = tuple(said["devices"])
+
+    def settings_of(root: Root) -> Recorder:
+        try:
+            return options({**_table(root.recorder), **said}, Recorder)
+        except ValueError as error:
+            raise ConfigError(f"record: {error}") from None
+
     try:
+        file = WardFile(given.config, Root, ("recorder",), _LIVE, settings_of) if given.config else None
         root = ward_of(given, Root)
-        settings = options({**_table(root.recorder), **said}, Recorder)
     except ValueError as error:
         raise ConfigError(f"record: {error}") from None
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}: use a number above 0")
+    routers = root.bus.routers_as(Role.RECORDER)
     return record(
         root.ward,
-        root.bus.routers_as(Role.RECORDER),
-        settings,
+        routers,
+        settings_of(root),
         plain_console(stderr=True),
         seconds=given.seconds,
+        connected=(lambda bus: file.answer(bus, routers, Role.RECORDER, "recorder")) if file else None,
+        changed=lambda: settings_of(new) if file and (new := file.look(time.monotonic())) else None,
     )
 
 
@@ -251,8 +278,14 @@ def _loaded(given: argparse.Namespace) -> "Recording":
         from bridge.drivers.capture import load_capture  # noqa: PLC0415
 
         return load_capture(given.file, given.driver, given.profile, reading_of(given))
-    mcap = given.file.suffix.lower() == ".mcap"
-    return load(given.file, device=given.device if mcap else None, reading=reading_of(given))
+    return load(given.file, device=given.device if _has_streams(given) else None, reading=reading_of(given))
+
+
+def _has_streams(given: argparse.Namespace) -> bool:
+    """Whether --device chooses a stream of the file; otherwise it names the device of a new file."""
+    from bridge.recording.formats.registry import format_of  # noqa: PLC0415
+
+    return not (given.driver or given.profile) and given.file.exists() and format_of(given.file).streams
 
 
 def _inspect(given: argparse.Namespace) -> None:
@@ -286,6 +319,8 @@ def _convert(given: argparse.Namespace) -> None:
     recording = _loaded(given)
     begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
     device = given.device or recording.device or "recorded"
+    if _has_streams(given):  # the name of a stream need not be an id
+        device = recording.device or re.sub("[^a-z0-9]+", "-", device.lower()).strip("-")[:32] or "recorded"
     convert(recording, given.out, device, begin_ns, per_sample=bool(given.per_sample))
     print(
         printable(

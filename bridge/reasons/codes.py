@@ -103,6 +103,14 @@ class Code(StrEnum):
     OUTCOME_UNKNOWN = "outcome_unknown"
     TURNS_WOULD_BE_LOST = "turns_would_be_lost"
     BOOT_NUMBER_REPEATED = "boot_number_repeated"
+    FORGOTTEN = "forgotten", "who"
+    ERASED = "erased", "who"
+    STILL_LISTED = "still_listed", "device", "place"
+    STILL_SENDING = "still_sending", "device"
+    WARD_FILE_IN_FORCE = "ward_file_in_force"
+    WARD_FILE_TAKEN = "ward_file_taken", "settings"
+    WARD_FILE_NEEDS_RESTART = "ward_file_needs_restart", "settings"
+    WARD_FILE_REFUSED = "ward_file_refused", "error"
 
     # Why a movement was no turn
     NUDGE = "nudge"
@@ -213,6 +221,7 @@ class Code(StrEnum):
     CAPTURE_WITHOUT_SAMPLES = "capture_without_samples", "place", "bytes", "driver"
     CAPTURE_OVER = "capture_over", "place"
     RECORDING_OVER = "recording_over", "place"
+    DEVICE_REMOVED = "device_removed", "bridge"
     PORT_MISSING = "port_missing", "place"
     PORT_FORBIDDEN = "port_forbidden", "place"
     NOT_A_SERIAL_PORT = "not_a_serial_port", "place"

@@ -193,6 +193,13 @@ class Client:
         """Attach a text to this moment of a device, in the audit table and published for recordings."""
         return self._command(device, "note", who, text)
 
+    def forget(self, device: str, who: str, reason: str = "", *, erase: bool = False) -> CommandReply:
+        """Remove a device that sends no more from the ward. erase: also from the store, except its audit.
+
+        Raises BusError if no estimator answers.
+        """
+        return self._command(device, "erase" if erase else "forget", who, reason)
+
     def zero_heading(self, device: str, who: str, reason: str = "") -> CommandReply:
         """Make a device's present heading zero. Raises BusError when no estimator answers."""
         return self._command(device, "zero-heading", who, reason)

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from estimator.database.backups import Backups, make_sound, rescue
 from estimator.database.connections import Connect, checked, to_read, to_write
-from estimator.database.errors import FAULTS, Damaged, StoreError, Unavailable, translated
+from estimator.database.errors import FAULTS, Damaged, Empty, StoreError, Unavailable, translated
 from estimator.database.owner import check_free, hold
 from estimator.database.schema import create
 
@@ -174,6 +174,8 @@ class Database:
         try:
             if self._backups.due(time.time()):
                 log.info("store %s is backed up as %s", self.path, self._backups.make())
+        except Empty:
+            return  # the first entries are backed up within the hour
         except Damaged as damage:
             self._failed(damage)
         except StoreError as error:

@@ -51,7 +51,8 @@ CREATE TABLE epochs (number INTEGER PRIMARY KEY, epoch INTEGER NOT NULL) STRICT;
 CREATE INDEX epochs_all ON epochs (epoch);
 """
 
-TABLES = ("calibrations", "boots", "bias", "bias_history", "audit", "epochs")
+#: tables with entries of devices
+ENTRIES = ("calibrations", "boots", "bias", "bias_history", "audit")
 _MARKS = f"PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {SCHEMA_VERSION};"
 
 
@@ -81,6 +82,11 @@ def check(db: sqlite3.Connection, path: object) -> None:
     for (words,) in db.execute("PRAGMA integrity_check(1)"):
         if words != "ok":
             raise Damaged(path, str(words).removeprefix("*** in database main ***").strip())
+
+
+def rows_of(db: sqlite3.Connection) -> dict[str, int]:
+    """Return the number of rows of each table with entries of devices."""
+    return {table: int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in ENTRIES}  # noqa: S608 - our own words
 
 
 def _pragma(db: sqlite3.Connection, name: str) -> int:

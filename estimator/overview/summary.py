@@ -9,7 +9,7 @@ from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english, in_words, sentences_as_json
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import DeviceInfo, State, Status
-from estimator.device.attention import complaints, needs_person
+from estimator.device.attention import complaints, ended, needs_person
 from estimator.device.bridge_choice import ELSEWHERE
 from estimator.overview.ward import listed
 from estimator.service import overload
@@ -198,9 +198,11 @@ def _reasons(status: Status | None, info: DeviceInfo | None) -> dict[str, int]:
 
 def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | None:
     trouble = info.trouble if info else ()
+    if ended(trouble if status is None else status.reason):
+        return None
     if status is None or (trouble and status.state is State.LOST):
         return Need(name, State.UNKNOWN if status is None else State.LOST, trouble or (Code.NEVER_HEARD(),))
-    if not needs_person(status.state, info):
+    if not needs_person(status, info):
         return None
     why = () if status.state is State.TRACKING else status.reason
     return Need(name, status.state, why + complaints(info))

@@ -10,6 +10,7 @@ from bridge.wire import keys
 from bridge.wire.messages import Command, CommandReply
 from estimator.service.device import Device
 from estimator.service.enrolment_gate import EnrolmentGate
+from estimator.service.forgetting import ERASE, FORGET, Forgetting
 from estimator.service.parts import Parts
 
 log = logging.getLogger(__name__)
@@ -23,7 +24,8 @@ REPEATED = "commands repeated"
 class CommandHandler:
     """Executor of commands, on the service's own thread. Commands.work calls `do`."""
 
-    def __init__(self, parts: Parts, gate: EnrolmentGate) -> None:
+    def __init__(self, parts: Parts, gate: EnrolmentGate, forgetting: Forgetting) -> None:
+        self._forgetting = forgetting
         self._devices, self._record, self._gate = parts.devices, parts.record, gate
         self._guarded, self._counts, self._now_ns = parts.guarded, parts.counts, parts.now_ns
 
@@ -33,6 +35,12 @@ class CommandHandler:
             self._counts.add(REPEATED)
             kept()
             return before
+        if key.ids["verb"] in (FORGET, ERASE) and (key.device in self._devices or self._record.stores(key.device)):
+            done, said = self._forgetting.obey(key.device, key.ids["verb"], command.who)
+            reply = CommandReply(command.request_id, accepted=done, message=(said,))
+            log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, english(said))
+            self._record.audit(None, key, command, reply, kept)
+            return reply
         if key.device not in self._devices:
             kept()
             return self._unknown(key, command)

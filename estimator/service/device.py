@@ -8,6 +8,7 @@ from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowBatch
 from estimator.device.admission import Admission
+from estimator.device.attention import ended
 from estimator.device.batch_correction import Cut, Rates
 from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
@@ -213,6 +214,15 @@ class Device:
         """Seconds from receipt to publication of the first sample published since the last call; NaN without one."""
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
+
+    def use(self, knobs: SessionKnobs) -> None:
+        """Use other settings from the next boot or calibration on."""
+        self._knobs = self.session.knobs = knobs
+
+    @property
+    def ended(self) -> bool:
+        """Whether the device is meant to send no more."""
+        return self.session.life.away and ended(self.session.life.reason)
 
     def restart(self, lost: int, uncounted: int) -> None:
         """Start a new session without a boot; the next batch in sequence, or a later one, begins it.

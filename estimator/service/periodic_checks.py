@@ -50,7 +50,7 @@ class PeriodicChecks:
         """Note the health of a device that has a published status."""
         if device.latest is not None:
             nis, violations = device.session.tracker.doubt.consistency.nis, self._law.violations.get(device.name, 0)
-            needs = needs_person(device.latest.state, device.session.info)
+            needs = needs_person(device.latest, device.session.info)
             self._seen[device.name] = DeviceHealth(device.latest, nis, device.delay(), violations, needs)
 
     def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float) -> None:

@@ -10,10 +10,12 @@ from functools import partial
 from bridge.bus.contract import Bus
 from bridge.bus.router_watch import RouterWatch
 from bridge.config.enrolment import Enrolment
+from bridge.config.ward_file import WardFile
 from bridge.reasons.codes import Code
 from bridge.wire import keys
 from bridge.wire.refusal import Tally
-from estimator.config.schema import Estimator
+from estimator.config.device_settings import treatment
+from estimator.config.schema import Estimator, Ward
 from estimator.device.lifecycle import Event
 from estimator.service.boot_start import Boots
 from estimator.service.cluster import Cluster
@@ -26,6 +28,7 @@ from estimator.service.device_start import DeviceStarts
 from estimator.service.enrolment_gate import EnrolmentGate, Notices
 from estimator.service.entrance import Entrance
 from estimator.service.fault_isolation import FaultIsolation
+from estimator.service.forgetting import Forgetting
 from estimator.service.health import ServiceHealth
 from estimator.service.intake import Intake
 from estimator.service.newcomers import Newcomers
@@ -60,7 +63,7 @@ PAST_IN_COMPANY = 200
 class Service:
     """Running estimator on a session of the bus.
 
-    peers: ids of other estimators of the ward that were seen already.
+    peers: ids of other estimators of the ward that were seen already. file: the ward file, which may change.
     """
 
     def __init__(
@@ -74,8 +77,9 @@ class Service:
         clerk: StoreWriter | None = None,
         enrolment: Enrolment | None = None,
         peers: Collection[str] = (),
+        file: WardFile[Ward] | None = None,
     ) -> None:
-        self.ward, self.settings = ward, settings
+        self.ward, self.settings, self._file = ward, settings, file
         self.counts = Tally()
         self._bus, self._now_ns, self._store_path = bus, now_ns, store.path
         self._cluster = Cluster(ward, settings.id, bus, now_ns, self.counts, peers)
@@ -111,11 +115,15 @@ class Service:
         self._quotas = Quotas(self._flooded, time.monotonic)
         self._takeover = Takeover(parts, self._starts, self._intake, self._quotas, self._stock, self._outcomes.learn)
         self._overload = Overload(time.monotonic())
-        self._lost = DeviceLoss(self._presence, self._gate, self._quotas, settings.silence_s)
+        self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
-        self._orders = CommandHandler(parts, self._gate)
-        self._commands = Commands(self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"))
+        forgetting = Forgetting(parts, self._gate, self._presence, self._intake, self._stock, self._starts)
+        self._forgetting = forgetting
+        self._orders = CommandHandler(parts, self._gate, forgetting)
+        self._commands = Commands(
+            self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
+        )
         self._next_status, self._looked = 0.0, time.monotonic()
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # The full past would delay an estimator beside others, and they have corrected it.
@@ -173,6 +181,8 @@ class Service:
         self._intake.take(self._quotas.round(ours))
         self._commands.work(self._orders.do)
         now = time.monotonic()
+        if self._file and (new := self._file.look(now)):
+            self._take_settings(new)
         self._record.collect(now)
         self._intake.give_up(now, self._quotas)
         self._views.say(now)
@@ -197,6 +207,12 @@ class Service:
                 if time.monotonic() >= until:
                     return
 
+    def _take_settings(self, ward: Ward) -> None:
+        """Use the changed settings: enrolment at once, those of a device at its next boot or calibration."""
+        if ward.devices is not None:
+            self._gate.enrol(ward.devices)
+        self._starts.use(treatment(ward.estimator))
+
     # ---- what comes in --------------------------------------------------------------------------------------------
 
     def _is_known(self, name: str) -> bool:
@@ -213,6 +229,7 @@ class Service:
     def _every_second(self, now: float) -> None:
         self._stock.check()
         self._entrance.look(now, self._devices)
+        self._forgetting.look(now)
         self._notices.say(self._now_ns(), self._devices)
         self._takeover.tidy(now)
         self._presence.note(now)

@@ -49,7 +49,7 @@ _ONE_OF_BOOT = "ON CONFLICT (device, boot) DO UPDATE SET"
 
 
 class Store:
-    """Open store. Only the writing thread calls `add_…`, `save_…`, `repeat` and `thin`; any thread may call the rest."""
+    """Open store. Only the writing thread calls `add_…`, `save_…`, `repeat`, `erase` and `thin`; any thread may call the rest."""
 
     def __init__(self, path: Path | str | Database, *, patient: bool = False) -> None:
         self.database = path if isinstance(path, Database) else Database(path, patient=patient)
@@ -182,6 +182,12 @@ class Store:
         with self.database.transaction():
             for statement in THIN:
                 self.database.execute(statement, {"device": device, "now_ns": now_ns})
+
+    def erase(self, device: str) -> None:
+        """Delete everything of a device but its audit."""
+        with self.database.transaction():
+            for table in ("calibrations", "boots", "bias", "bias_history"):
+                self.database.execute(f"DELETE FROM {table} WHERE device = ?", (device,))  # noqa: S608 - our own words
 
     # ---- what is known ----------------------------------------------------------------------------------------------
 

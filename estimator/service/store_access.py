@@ -270,15 +270,26 @@ class StoreAccess:
         found = self._store.answer(key.device, key.ids["verb"], command.request_id)
         return None if found is None else CommandReply(command.request_id, accepted=found[0], message=found[1])
 
+    def erase(self, device: str) -> None:
+        """Delete everything of a device but its audit."""
+        self._known.discard(device)
+        self._write(lambda: self._store.erase(device))
+
+    def stores(self, device: str) -> bool:
+        """Whether the store has entries of a device."""
+        return device in self._store.devices()
+
     def audit(
-        self, device: Device, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
+        self, device: Device | None, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
     ) -> None:
         """Record a command with its reply: tell the other estimators, and write it to the audit.
 
+        device: None if it is not known any more; nobody is told then.
         kept is called once it is on disk, or after half a second of a failing disk.
         """
-        self._replicas.answer(device.name, ((key.ids["verb"], reply),))
-        self._tell(device)
+        if device is not None:
+            self._replicas.answer(device.name, ((key.ids["verb"], reply),))
+            self._tell(device)
         row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
         time_ns = self._now_ns()
         self._due.append((time.monotonic() + HELD_S, kept))

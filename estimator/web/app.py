@@ -51,7 +51,7 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
     app = Starlette(
         routes=routes(),
         middleware=[
-            Middleware(Guard, hosts=desk.settings.hosts, origins=desk.settings.origins),
+            Middleware(Guard, settings=lambda: desk.settings),
             Middleware(GZipMiddleware, minimum_size=2000),
         ],
         exception_handlers={Fault: _refused, HTTPException: _not_there, Exception: _failed},

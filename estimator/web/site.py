@@ -72,6 +72,12 @@ class Desk:
         self._reading = defaultdict[str, asyncio.Lock](asyncio.Lock)
         self._past_at: dict[str, float] = {}
 
+    def use(self, settings: Dashboard, treatment: Treatment) -> None:
+        """Use changed settings. The sessions of people who left, or whose password changed, end."""
+        stay = {person.name for person in settings.people if person in self.settings.people}
+        self.sessions.use(settings.session_hours * 3600, settings.idle_minutes * 60, stay)
+        self.settings, self.treatment, self._passwords = settings, treatment, Passwords(settings.people)
+
     @classmethod
     def of(cls, connection: HTTPConnection) -> "Desk":
         """Desk of the application that a request came to."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from bridge.wire.messages import State
 from estimator.geometry.gyro_model import AXES
 from estimator.language.texts import Texts
-from estimator.overview.ward import SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, to_calibrate
+from estimator.overview.ward import ENDED, SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, to_calibrate
 from estimator.web import number_format
 from estimator.web.ward_state import Known, Story
 
@@ -21,6 +21,7 @@ TONES = {
     "turning": "ask",
     "warming": "busy",
     TRACKING: "well",
+    ENDED: "busy",
 }
 _CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 #: states in which a person with the device in hand can help

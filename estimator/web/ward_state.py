@@ -127,7 +127,9 @@ class Known:
         return self.stories[device]
 
     def tidy(self, now: float) -> None:
-        """Forget uncalibrated devices without recent statuses, while other devices have them."""
+        """Forget devices that ended, and uncalibrated ones without recent statuses while other devices have them."""
+        for device in self._view.ended(now):
+            self._forget(device)
         spoken = self._view.silences(now)
         if not spoken or min(spoken.values()) > SILENT_S:
             return

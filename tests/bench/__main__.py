@@ -18,12 +18,13 @@ GROUPS = {
     "broad": ("real_movement",),
     "orientation": ("orientation",),
     "load": ("load",),
-    "bridge": ("hotplug",),
+    "bridge": ("hotplug", "reload"),
     "cluster": ("cluster",),
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
     "hostile": ("forged", "access", "attacks"),
     "outlets": ("lsl", "stream", "foxglove", "per_sample"),
+    "storage": ("storage",),
     "viewers": ("subscribing", "dashboard", "kills"),
 }
 OUT = Path("out/bench")
