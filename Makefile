@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
-BENCHES := bench-calibration bench-tracking bench-orientation bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-outlets bench-storage bench-viewers
+BENCHES := bench-calibration bench-tracking bench-broad bench-orientation bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-outlets bench-storage bench-viewers
 
 .PHONY: setup setup-dev demo test check lint types contracts prose proto study bench $(BENCHES) pins supply fuzz soak nemesis docs release test-lowest clean
 

@@ -142,6 +142,7 @@ class Code(StrEnum):
 
     # Calibrations that devices make themselves
     OWN_ACCEPTED = "own_accepted"
+    LEARNT_WORN = "learnt_worn"
     OWN_OF_ANOTHER_BOOT = "own_of_another_boot"
     OWN_BIAS_LARGE = "own_bias_large", "bias_dps", "most_dps"
     OWN_BIAS_CONTRADICTED = "own_bias_contradicted", "own_dps", "seen_dps"

@@ -45,7 +45,8 @@ examples:
   truerate correct day.npz corrected.npz
   truerate calibrate session.npz --json > chest.json
   truerate correct day.npz corrected.csv --calibration chest.json --picture day.png
-  truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth"""
+  truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth
+  truerate correct day.npz corrected.npz --learn-matrix"""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -86,6 +87,11 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         help="the device was worn and on for 15 minutes before; without it and without a thermometer the bias may drift faster",
     )
     verb.add_argument(
+        "--learn-matrix",
+        action="store_true",
+        help="correct by the scale and misalignment that gravity teaches while the device moves, once they are surer than known",
+    )
+    verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"
     )
     verb.add_argument("--json", action="store_true", help="print one JSON object")
@@ -96,7 +102,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _correct(given: argparse.Namespace) -> int:
-    from estimator.config.device_settings import knobs_of  # noqa: PLC0415
+    from estimator.config.device_settings import knobs_of, learning  # noqa: PLC0415
     from estimator.offline import calibration_file, corrected_file  # noqa: PLC0415
     from estimator.offline.recordings import correct  # noqa: PLC0415
     from estimator.reports import correction  # noqa: PLC0415
@@ -120,7 +126,7 @@ def _correct(given: argparse.Namespace) -> int:
         corrected = correct(
             recording,
             calibration,
-            knobs_of(model),
+            learning(knobs_of(model)) if given.learn_matrix else knobs_of(model),
             smooth=given.smooth,
             warmed_up=given.warmed_up,
             other_boot=given.other_boot,

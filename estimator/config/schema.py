@@ -29,6 +29,9 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     models: dict[str, str] = {}
     #: require turns about horizontal axes, so that an accelerometer can check each angle
     horizontal_turns: bool = False
+    #: correct by the scale and misalignment that gravity teaches while a device is worn, as soon as they are surer than what
+    #: is known; the device then counts as calibrated
+    learn_matrix: bool = False
     #: seconds after power-up during which readings are ignored
     warming_s: float = 1.0
     #: seconds without a sample after which a device is lost

@@ -50,7 +50,7 @@ from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import Tracker
 
 #: version of the bytes from `state`; any other version is refused
-VERSION = 2
+VERSION = 3
 #: event name for turns of a calibration lost when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
 #: event name for calibrations of the device's own that were not plausible

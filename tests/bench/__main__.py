@@ -15,6 +15,7 @@ from bridge.terminal.tables import Column, Columns
 GROUPS = {
     "calibration": ("closure_honesty", "gravity_methods", "machines", "clipping"),
     "tracking": ("tracking", "cost", "temperature", "warming", "honesty"),
+    "broad": ("real_movement",),
     "orientation": ("orientation",),
     "load": ("load",),
     "bridge": ("hotplug", "reload"),
