@@ -92,6 +92,8 @@ class Code(StrEnum):
     NOTED = "noted"
     NOTE_EMPTY = "note_empty"
     HEADING_IS_ZERO = "heading_is_zero"
+    PLACED = "placed", "placement"
+    NOBODY_WEARS = "nobody_wears"
     NO_ORIENTATION = "no_orientation", "device"
     COMMAND_FAILED = "command_failed"
     COMMAND_MALFORMED = "command_malformed", "detail"

@@ -48,7 +48,7 @@ def _command(given: argparse.Namespace) -> int:
         replies = {device: ask(device, person(), given.reason) for device in devices}
     if not replies:
         raise ConfigError(f"no device is heard in ward {ward}: is an estimator running? See `truerate devices`")
-    return max([_answered(device, reply) for device, reply in replies.items()])
+    return max([answered(device, reply) for device, reply in replies.items()])
 
 
 def _note(given: argparse.Namespace) -> int:
@@ -62,10 +62,10 @@ def _note(given: argparse.Namespace) -> int:
         raise ConfigError(f"the note has {len(text)} characters, at most {MAX_SENTENCE} are allowed: write two notes")
     with Client(endpoints, ward=ward) as client:
         reply = client.note(device, person(), text)
-    return _answered(device, reply)
+    return answered(device, reply)
 
 
-def _answered(device: str, reply: CommandReply) -> int:
+def answered(device: str, reply: CommandReply) -> int:
     """Print the estimator's answer, and return the exit code."""
     print(f"{device}: {english(*reply.message)}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1

@@ -30,6 +30,7 @@ VERBS = {
     "estimator.cli.estimator": ("estimator",),
     "estimator.cli.devices": ("devices", "status", "watch"),
     "estimator.cli.commands": ("recalibrate", "cancel", "zero-heading", "note"),
+    "estimator.cli.placement": ("placement",),
     "estimator.cli.cluster": ("cluster",),
     "estimator.cli.store": ("history", "store"),
     "estimator.cli.calibrate": ("calibrate",),

@@ -17,6 +17,7 @@ from bridge.wire.messages import (
     Note,
     OrientationBatch,
     Owned,
+    Placement,
     SampleBatch,
     Status,
     WindowBatch,
@@ -197,6 +198,10 @@ class Client:
         """Make a device's present heading zero. Raises BusError when no estimator answers."""
         return self._command(device, "zero-heading", who, reason)
 
+    def place(self, device: str, who: str, placement: Placement) -> CommandReply:
+        """Say where and by whom a device is worn from now on; an empty placement ends it. Raises as `recalibrate`."""
+        return self._command(device, "place", who, "", placement)
+
     def close(self) -> None:
         """Close the session; a bus that was passed in stays open."""
         if self._own:
@@ -208,9 +213,11 @@ class Client:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _command(self, device: str, verb: str, who: str, reason: str) -> CommandReply:
+    def _command(
+        self, device: str, verb: str, who: str, reason: str, placement: Placement | None = None
+    ) -> CommandReply:
         key = keys.build(self.ward, "rpc", device=device, verb=verb)
-        payload = codec.encode_command(Command(uuid.uuid4().hex, who, reason))
+        payload = codec.encode_command(Command(uuid.uuid4().hex, who, reason, placement))
         try:
             return codec.decode_reply(self._bus.ask(key, payload))
         except BusError:

@@ -3,11 +3,12 @@
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire import keys
-from bridge.wire.messages import Command, CommandReply
+from bridge.wire.messages import Command, CommandReply, Placement
 from estimator.service.device import Device
 from estimator.service.enrolment_gate import EnrolmentGate
 from estimator.service.parts import Parts
@@ -55,11 +56,15 @@ class CommandHandler:
             return CommandReply(command.request_id, accepted=False, message=(Code.COMMAND_FAILED(),))
         if verb == "note" and refusals[0] is None:
             self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
+        if verb == "place" and refusals[0] is None:
+            device.placement = replace(command.placement or Placement(), since_ns=self._now_ns(), who=command.who)
+            self._record.place(device.name, device.placement)
         self._guarded(device, lambda: device.say_status(self._now_ns()))
         self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
         if (refusal := refusals[0]) is not None:
             return CommandReply(command.request_id, accepted=False, message=(refusal,))
         done = {"note": (Code.NOTED(),), "zero-heading": (Code.HEADING_IS_ZERO(),)}
+        done["place"] = (Code.PLACED(placement=device.placement) if device.placement else Code.NOBODY_WEARS(),)
         message = done.get(verb, device.session.life.goes_on)
         return CommandReply(command.request_id, accepted=True, message=message)
 
@@ -81,4 +86,6 @@ def _obey(device: Device, verb: str, command: Command) -> Sentence | None:
         return device.session.cancel(command.who)
     if verb == "zero-heading":
         return device.session.zero_heading(command.who)
+    if verb == "place":
+        return None
     return None if command.reason.strip() else Code.NOTE_EMPTY()

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowBatch
+from bridge.wire.messages import BiasRevision, Checkpoint, Note, Placement, Status, WindowBatch
 from estimator.device.admission import Admission
 from estimator.device.batch_correction import Cut, Rates
 from estimator.device.orientation import OrientedCut
@@ -66,6 +66,8 @@ class Device:
         self.overloaded_s = 0
         #: whether the store cannot be written now
         self.unkept = False
+        #: where and by whom the device is worn; None if nobody said
+        self.placement: Placement | None = None
         #: the status published last
         self.latest: Status | None = None
         self._delay_s: float | None = None  # latency of the first publication since `delay` was called
@@ -206,6 +208,7 @@ class Device:
             epoch=self.epoch,
             silent_s=silent_s,
             more=more,
+            placement=self.placement,
         )
         return output.status(said)
 

@@ -110,6 +110,9 @@ class DeviceStarts:
         device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began)
         known = self._listed or parts.record.knows(name) or parts.cluster.replicas.of(name) is not None
         device.announced_after_s = 0.0 if known else NEWCOMER_S
+        device.placement = parts.record.placement(name)
+        if device.placement is None and (worn := parts.settings.placements.get(name)) is not None:
+            device.placement = worn.placement
         return device
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:

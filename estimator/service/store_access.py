@@ -14,7 +14,7 @@ from functools import partial
 
 from bridge.reasons.codes import Sentences
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Verdict
+from bridge.wire.messages import Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Placement, Verdict
 from bridge.wire.refusal import Refusal, Tally
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.service.checkpoints import Checkpoints, calibrated
@@ -259,6 +259,20 @@ class StoreAccess:
             session=(session.state() or b"") if whole and not (session.prior or learnt.turned) else b"",
         )
         self._write(save, lambda: self._noting.discard(device.name), soon=force)
+
+    # ---- who wears it -----------------------------------------------------------------------------------------------
+
+    def placement(self, device: str) -> Placement | None:
+        """Latest placement that a person set; one set at another estimator is stored here, too."""
+        stored, said = self._store.placements(device)[-1:], self._replicas.of(device)
+        if said is None or said.placement is None or (stored and stored[0].since_ns >= said.placement.since_ns):
+            return stored[0] if stored else None
+        self.place(device, said.placement)
+        return said.placement
+
+    def place(self, device: str, placement: Placement) -> None:
+        """Store a placement."""
+        self._write(lambda: self._store.add_placement(device, placement))
 
     # ---- commands ---------------------------------------------------------------------------------------------------
 

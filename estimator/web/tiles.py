@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bridge.wire.messages import State
+from bridge.wire.messages import Placement, State
 from estimator.geometry.gyro_model import AXES
 from estimator.language.texts import Texts
 from estimator.overview.ward import SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, to_calibrate
@@ -43,6 +43,7 @@ class Tile:
     advice: str
     reason: str
     notices: str
+    placement: str
     quality: str
     bias: str
     calibrated: str
@@ -130,6 +131,7 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         advice=_advice(row, story, t),
         reason=t.text(row.reason),
         notices=t.text(row.notices),
+        placement=worn(row.placement, t),
         quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
         bias=number_format.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
         calibrated=number_format.ago(calibrated_ns, now_ns, t)
@@ -153,6 +155,15 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         calibrated_ns=calibrated_ns or None,
         battery_percent=row.battery_percent,
     )
+
+
+def worn(placement: Placement | None, t: Texts) -> str:
+    """`upper arm, left · bed-3`; empty where nobody wears the device, or nobody said."""
+    if not placement:
+        return ""
+    where = t(f"placement.{placement.segment}") if placement.segment else ""
+    side = t(f"placement.{placement.side}") if placement.side else ""
+    return " · ".join(filter(None, (t("placement.sided", where=where, side=side) if side else where, placement.wearer)))
 
 
 def toned(row: DeviceRow) -> str:

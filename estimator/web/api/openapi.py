@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from bridge.wire.keys import ID
-from estimator.web.api.answers import MOST, PAGE, Calibrations, Device, Devices, Error, Reply, Words
+from estimator.web.api.answers import MOST, PAGE, Calibrations, Device, Devices, Error, Placing, Reply, Words
 
 _REF = "#/components/schemas/{name}"
 _DEVICE = {
@@ -21,13 +21,16 @@ _COMMANDS = {
     "recalibrate": "Ask for three new turns; the old calibration stays in use until they are taken. `words` is the reason.",
     "cancel": "Stop a calibration under way; the old one stays.",
     "note": "Mark this moment of a device with `words`: kept, and in every recording of the ward.",
+    "place": "Say where and by whom the device is worn from now on; an empty body ends the placement.",
 }
 
 
 @cache
 def document() -> dict[str, Any]:
     """The complete OpenAPI document, cached."""
-    _, schemas = msgspec.json.schema_components((Devices, Device, Calibrations, Reply, Words, Error), ref_template=_REF)
+    _, schemas = msgspec.json.schema_components(
+        (Devices, Device, Calibrations, Reply, Words, Placing, Error), ref_template=_REF
+    )
     of_one = {400: "no id of a device, or a parameter", 404: "no such device was heard of"}
     return {
         "openapi": "3.1.0",
@@ -120,11 +123,12 @@ def _post(verb: str, words: str) -> dict[str, Any]:
         429: "too many wrong secrets; see Retry-After",
         503: "no estimator answers",
     }
+    body = _REF.format(name="Placing" if verb == "place" else "Words")
     return {
         "operationId": verb,
         "summary": words,
         "parameters": [_DEVICE],
-        "requestBody": {"content": {"application/json": {"schema": {"$ref": _REF.format(name="Words")}}}},
+        "requestBody": {"content": {"application/json": {"schema": {"$ref": body}}}},
         "security": [{"secret": []}],
         "responses": _responses("Done, in the estimator's words", Reply, errors),
     }
