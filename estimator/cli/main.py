@@ -31,6 +31,7 @@ VERBS = {
     "estimator.cli.devices": ("devices", "status", "watch"),
     "estimator.cli.commands": ("recalibrate", "cancel", "zero-heading", "note"),
     "estimator.cli.placement": ("placement",),
+    "estimator.cli.alerts": ("alerts",),
     "estimator.cli.cluster": ("cluster",),
     "estimator.cli.store": ("history", "store"),
     "estimator.cli.calibrate": ("calibrate",),

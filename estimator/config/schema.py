@@ -11,6 +11,7 @@ from bridge.wire.messages import Placement
 from bridge.wire.placement import placement
 from bridge.wire.refusal import Refusal
 from estimator.calibration.method_names import BY_HAND, DEFAULT
+from estimator.config.alerts import Alerts
 from estimator.config.dashboard import Dashboard
 from estimator.noise.device_model import GENERIC, load_model
 
@@ -96,6 +97,7 @@ class Ward(schema.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     estimator: Estimator | None = None
     dashboard: Dashboard = Dashboard()
+    alerts: Alerts = Alerts()
 
     def __post_init__(self) -> None:
         super().__post_init__()

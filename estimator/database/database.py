@@ -44,6 +44,8 @@ class Database:
         self.path = str(path)
         #: why the store cannot be written now; empty if it can
         self.trouble = ""
+        #: why the latest backup that was due was not made; empty when it was
+        self.backup_fault = ""
         #: for a person: what happened each time the file was not sound
         self.notes: list[str] = []
         #: number of failed reads and writes
@@ -174,10 +176,12 @@ class Database:
         try:
             if self._backups.due(time.time()):
                 log.info("store %s is backed up as %s", self.path, self._backups.make())
+            self.backup_fault = ""
         except Damaged as damage:
             self._failed(damage)
         except StoreError as error:
             self.failures += 1
+            self.backup_fault = str(error)
             log.error("no backup of store %s is made: %s", self.path, error)
 
     # ---- opening, and what fails ------------------------------------------------------------------------------------

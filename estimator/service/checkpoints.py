@@ -35,6 +35,7 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
         device.repeated == session.boot,
         state,
         device.placement if device.placement is not None and device.placement.since_ns else None,
+        device.board.standing,
     )
 
 

@@ -2,12 +2,16 @@
 
 import math
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Checkpoint, Note, Placement, Status, WindowBatch
+from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Note, Placement, State, Status, WindowBatch
+from estimator.alerts.board import Board, Change
+from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.device.admission import Admission
+from estimator.device.attention import attentions
 from estimator.device.batch_correction import Cut, Rates
 from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
@@ -44,8 +48,12 @@ class Device:
         now: float,
         epoch: int = 0,
         began: float = 0.0,
+        alerts: Alerts = DEFAULTS,
     ) -> None:
         self.name = name
+        self._alerts = alerts
+        #: alerts of this device
+        self.board = Board(alerts)
         #: epoch of this estimator's ownership, in every message about the device
         self.epoch = epoch
         #: decides which messages are accepted; `key` is the bus key of the samples
@@ -138,6 +146,16 @@ class Device:
         wanted = self._windowed is not None and self._windowed.wanted
         self.session.windowed = wanted
 
+    def stands(self, standing: Iterable[Alert], now: float) -> None:
+        """Go on with alerts that were raised before. now: monotonic s."""
+        self.board = Board(self._alerts, standing, now)
+
+    def look_for_alerts(self, now: float, time_ns: int) -> list[Change]:
+        """Alerts raised and cleared now; unchanged for a newcomer, and where the state is unknown."""
+        if not self.announced or self.session.boot is None or self.session.life.state is State.UNKNOWN:
+            return []
+        return self.board.look(attentions(self.session.life.state, self.session.info), now, time_ns)
+
     def say_status(self, time_ns: int) -> None:
         """Publish the present status, unless a calibration still waits to be stored."""
         if not self._unsaid:
@@ -209,6 +227,7 @@ class Device:
             silent_s=silent_s,
             more=more,
             placement=self.placement,
+            alerts=self.board.standing,
         )
         return output.status(said)
 

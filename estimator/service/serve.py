@@ -16,6 +16,7 @@ from bridge.pki.member import Role
 from bridge.runtime.health_server import HealthServer
 from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
+from estimator.alerts.sender import sender
 from estimator.config.schema import Ward
 from estimator.database import Database, StoreError
 from estimator.database.owner import owned
@@ -69,6 +70,9 @@ def run(ward: Ward) -> None:
         from estimator.service.store import Store  # noqa: PLC0415
         from estimator.service.store_writer import StoreWriter  # noqa: PLC0415 - see _load_service
 
+        out = sender(ward.ward, ward.alerts)
+        if out is not None:
+            stack.callback(out.close)
         clerk = StoreWriter(database)
         stack.callback(clerk.close)
         store = Store(database)
@@ -81,6 +85,8 @@ def run(ward: Ward) -> None:
             clerk=clerk,
             enrolment=ward.devices,
             peers=frozenset(others),
+            alerts=ward.alerts,
+            send=(lambda *_: None) if out is None else out.put,
         ).run(stop)
 
 

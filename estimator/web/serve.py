@@ -114,6 +114,7 @@ def run(ward: Ward) -> int:
             settings.listen,
         )
     server = Server(ward.ward, settings, store, treatment(ward.estimator), make_room())
+    server.desk.known.alert_settings = ward.alerts
     asyncio.run(_serve(server, ward))
     return 0
 

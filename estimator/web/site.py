@@ -130,7 +130,8 @@ class Desk:
 
         words: the text of the command; for `place` the placement.
         """
-        self.story(device)
+        if verb != "acknowledge" or device not in self.known.alive["estimator"]:
+            self.story(device)
         if isinstance(words, str):
             words = plain(words)
             if len(words) > MAX_SENTENCE or not words.isprintable():
@@ -144,6 +145,7 @@ class Desk:
             "cancel": self.control.cancel,
             "note": self.control.note,
             "place": self.control.place,
+            "acknowledge": self.control.acknowledge,
         }
         try:
             return await run_in_threadpool(commands[verb], device, who, words)

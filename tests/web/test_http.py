@@ -12,7 +12,7 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from bridge.reasons.catalogue import sentences_as_json
-from bridge.wire.messages import CommandReply, Placement, Status
+from bridge.wire.messages import Alert, CommandReply, Placement, Status
 from estimator.config.dashboard import Dashboard
 from estimator.offline import calibration_file
 from estimator.web.login_attempts import FREE
@@ -243,6 +243,30 @@ def test_a_placement_is_set_by_page_and_program_and_shown_to_both(asking: Asking
         "who": "anna",
     }
     assert client.get("/api/v1/devices/arm").json()["placement"] == told
+
+
+def test_an_alert_is_shown_and_acknowledged_by_page_and_program(asking: Asking) -> None:
+    client, csrf = asking.client, asking.log_in()
+    alerts = (Alert("lost", 10**18, 10**18 + 1), Alert("degraded", 10**18, 10**18 + 2, 10**18 + 3, "bo"))
+    asking.hear(about("arm"), said("arm", boot=5, alerts=alerts, placement=Placement(wearer="bed-3")))
+    page = client.get("/?lang=en").text
+    assert "arm (bed-3): it is lost." in page
+    assert "Seen by bo" in page
+    told = client.get("/api/v1/alerts").json()["alerts"]
+    assert [(one["subject"], one["kind"], one["who"]) for one in told] == [
+        ("arm", "lost", ""),
+        ("arm", "degraded", "bo"),
+    ]
+    answer = client.post("/alerts/acknowledge", data={"csrf": csrf, "id": "arm/lost"})
+    assert (answer.status_code, answer.headers["location"]) == (303, "/")
+    place = "/api/v1/alerts/one/acknowledge"
+    assert client.post(place, headers=BEARER, json={"words": "disk"}).status_code == 200
+    assert asking.talk.asked == [
+        ("arm", "acknowledge", "nurse", "lost"),
+        ("one", "acknowledge", "nurse", "disk"),
+    ]
+    assert client.post("/alerts/acknowledge", data={"csrf": "", "id": "arm/lost"}).status_code == 403
+    assert client.post("/alerts/acknowledge", data={"csrf": csrf, "id": "A b/lost"}).status_code == 400
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from bridge.reasons.codes import Sentences
 from bridge.wire.keys import boot_id
 from bridge.wire.messages import SEGMENTS, Calibration, Placement
 from bridge.wire.placement import MAX_WEARER
+from estimator.alerts.outbox import sentence
 from estimator.geometry.gyro_model import AXES
 from estimator.offline import calibration_file
 from estimator.overview.ward import TRACKING, DeviceRow, chosen
@@ -81,6 +82,24 @@ class Device(Struct, frozen=True):
     samples_out: int
     dropped: dict[str, int]
     events: dict[str, int]
+
+
+class Standing(Struct, frozen=True):
+    """A standing alert of a device or an estimator; docs/alerts.md lists the kinds."""
+
+    subject: str
+    kind: str
+    since: str
+    raised: str
+    acknowledged: str | None
+    who: str
+    message: list[Said]
+
+
+class Standings(Struct, frozen=True):
+    """Standing alerts of a ward, those not acknowledged first."""
+
+    alerts: list[Standing]
 
 
 class Devices(Struct, frozen=True):
@@ -187,6 +206,19 @@ def devices(known: Known, rows: list[DeviceRow], only: list[str]) -> Devices:
         troubles=said(known.troubles()),
         devices=[device(row, known.stories[row.device]) for row in chosen(rows, only)],
     )
+
+
+def alerts(known: Known, now: float) -> Standings:
+    """Response with the ward's standing alerts."""
+    return Standings(
+        [
+            Standing(
+                subject, one.kind, iso(one.since_ns), iso(one.raised_ns),
+                iso(one.acknowledged_ns) if one.acknowledged_ns else None, one.who, said((sentence(one.kind, subject),)),
+            )
+            for subject, _, one in known.alerts(now)
+        ]
+    )  # fmt: skip
 
 
 def device(row: DeviceRow, story: Story) -> Device:

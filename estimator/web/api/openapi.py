@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from bridge.wire.keys import ID
-from estimator.web.api.answers import MOST, PAGE, Calibrations, Device, Devices, Error, Placing, Reply, Words
+from estimator.web.api.answers import MOST, PAGE, Calibrations, Device, Devices, Error, Placing, Reply, Standings, Words
 
 _REF = "#/components/schemas/{name}"
 _DEVICE = {
@@ -29,7 +29,7 @@ _COMMANDS = {
 def document() -> dict[str, Any]:
     """The complete OpenAPI document, cached."""
     _, schemas = msgspec.json.schema_components(
-        (Devices, Device, Calibrations, Reply, Words, Placing, Error), ref_template=_REF
+        (Devices, Device, Calibrations, Reply, Words, Placing, Standings, Error), ref_template=_REF
     )
     of_one = {400: "no id of a device, or a parameter", 404: "no such device was heard of"}
     return {
@@ -64,6 +64,12 @@ def document() -> dict[str, Any]:
                         400: "no id of a device, or no such parameter",
                         404: "no such device, or no such calibration of it",
                     },
+                )
+            },
+            "/api/v1/alerts": {"get": _get("listAlerts", "Standing alerts", Standings, [], {400: "no such parameter"})},
+            "/api/v1/alerts/{device}/acknowledge": {
+                "post": _post(
+                    "acknowledge", "Say that a person has seen an alert; `words` is its kind, or empty for all."
                 )
             },
             **{f"/api/v1/devices/{{device}}/{verb}": {"post": _post(verb, words)} for verb, words in _COMMANDS.items()},

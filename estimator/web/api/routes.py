@@ -35,6 +35,8 @@ def routes() -> list[BaseRoute]:
         Route(f"{ROOT}/devices", devices),
         Route(f"{ROOT}/devices/{{device}}", device),
         Route(f"{ROOT}/devices/{{device}}/calibrations", calibrations),
+        Route(f"{ROOT}/alerts", standing),
+        Route(f"{ROOT}/alerts/{{device}}/acknowledge", acknowledge, methods=["POST"]),
         *commands(f"{ROOT}/devices/{{device}}", command),
     ]
 
@@ -126,13 +128,27 @@ def _limit(text: str) -> int:
 
 def _named(request: Request) -> str:
     """Device id in the path; raises Fault if the id is malformed or unknown."""
-    name = request.path_params["device"]
+    name = _checked(request)
+    Desk.of(request).story(name)
+    return name
+
+
+def _checked(request: Request) -> str:
     try:
-        check_id(name, "device")
+        return check_id(request.path_params["device"], "device")
     except Refusal as refusal:
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_id", refusal.detail) from None
-    Desk.of(request).story(name)
-    return str(name)
+
+
+async def standing(request: Request) -> Response:
+    """Serve the standing alerts."""
+    _asked(request)
+    return answer(answers.alerts(Desk.of(request).known, time.monotonic()))
+
+
+async def acknowledge(request: Request) -> Response:
+    """Acknowledge an alert of a device or an estimator."""
+    return await command(request, "acknowledge")
 
 
 async def command(request: Request, verb: str) -> Response:
@@ -146,7 +162,8 @@ async def command(request: Request, verb: str) -> Response:
         words = placed(worn.segment, worn.side, worn.wearer)
     else:
         words = (await _body(request, answers.Words)).words
-    reply = await desk.ask(_named(request), verb, who, words)
+    name = _checked(request) if verb == "acknowledge" else _named(request)
+    reply = await desk.ask(name, verb, who, words)
     if not reply.accepted:
         raise Fault(HTTPStatus.CONFLICT, "not_accepted", reason=reply.message)
     return answer(answers.Reply(accepted=True, message=answers.said(reply.message)))
