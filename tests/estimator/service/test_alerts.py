@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from estimator.alerts.board import Change
 from estimator.config.alerts import Alerts
 from estimator.device.attention import Kind
 from estimator.service.own_alerts import OwnAlerts
+from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
@@ -37,11 +39,9 @@ class Calls:
 
 @pytest.fixture
 def alert_ward(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Ward, Calls]:
-    from tests.estimator import memory_ward
-
-    calls, service = Calls(), memory_ward.Service
-    made = lambda *given, **more: service(*given, **more, alerts=AT_ONCE, send=calls)  # noqa: E731
-    monkeypatch.setattr(memory_ward, "Service", made)
+    calls = Calls()
+    made = partial(Service, alerts=AT_ONCE, send=calls)
+    monkeypatch.setattr("tests.estimator.memory_ward.Service", made)
     return Ward(tmp_path), calls
 
 
