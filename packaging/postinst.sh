@@ -10,5 +10,5 @@ if [ "$1" = configure ]; then
         udevadm control --reload || true
         if [ -n "$2" ]; then systemctl try-restart 'truerate-*.service' || true; fi
     fi
-    [ -e /etc/truerate/ward.toml ] || echo "truerate is installed. Next: write /etc/truerate/ward.toml, as /usr/share/doc/truerate/install.md says."
+    [ -e /etc/truerate/ward.toml ] || echo "truerate is installed. Next: sudo truerate init WARD (/usr/share/doc/truerate/install.md)."
 fi

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bridge.pki.member import Member, Role
+from bridge.ros.names import key_patterns
 from bridge.wire import keys
 
 PUBLISHED = ("corrected", "orientation", "status", "calibration", "revision", "note", *keys.BY_NAME)
@@ -70,6 +71,9 @@ def _rights(ward: str, member: Member) -> Rights:
             return Rights(hears=all_of("info", "owned", *PUBLISHED, *TOKENS))
         case Role.COMMANDER:
             return Rights(hears=all_of("raw", "info", "owned", *PUBLISHED, *TOKENS), asks=all_of("rpc"))
+        case Role.ROS2:
+            topics = key_patterns(ward)
+            return Rights(says=topics, hears=(*all_of("raw", "info", "owned", *PUBLISHED, *TOKENS), *topics))
         case Role.PAGE:
             return Rights()  # its certificate is for browsers
         case Role.RECORDER:
@@ -98,7 +102,8 @@ def _rules(ward: str, member: Member) -> list[dict[str, Any]]:
     said, heard = (patterns + _history(patterns) for patterns in (given.says, given.hears))
     # zenoh allows a query only if the query is no wider than its rule, and a query to a whole ward is wide.
     by_name = (keys.pattern(ward, what) for what in keys.BY_NAME)
-    anything = (keys.everything(ward), f"{keys.everything(ward)}/@adv/**", *by_name)
+    outside = (pattern for pattern in given.says if not pattern.startswith(keys.ROOT))  # of ROS 2
+    anything = (keys.everything(ward), f"{keys.everything(ward)}/@adv/**", *by_name, *outside)
     rows = (
         ("says", "ingress", _WORDS, said),
         ("keeps what it said", "ingress", ("declare_queryable",), _history(given.says)),

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from bridge.bus.contract import BusError
 
-MAX_KEY = 200
+MAX_KEY = 400
 _CHUNK = r"[^\s/*$?#\x00-\x1f\x7f-\U0010ffff]+"
 _KEY = re.compile(rf"{_CHUNK}(?:/{_CHUNK})*\Z")
 _PATTERN = re.compile(rf"(?:\*\*?|{_CHUNK})(?:/(?:\*\*?|{_CHUNK}))*\Z")
@@ -21,7 +21,7 @@ _NOT_CANONICAL = re.compile(r"(?:^|/)\*\*/\*")
 
 def check_key(key: str) -> str:
     """Return the key if it is valid and without wildcards, else raise BusError."""
-    return _check(key, _KEY, "a key has 1 to 200 printable ASCII characters in chunks joined by '/', without * $ ? #")
+    return _check(key, _KEY, "a key has 1 to 400 printable ASCII characters in chunks joined by '/', without * $ ? #")
 
 
 def check_pattern(pattern: str) -> str:

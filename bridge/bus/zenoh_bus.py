@@ -156,6 +156,11 @@ class ZenohBus:
         return Declared(self, watcher)
 
     @property
+    def session_id(self) -> str:
+        """Id of the session, unique on the network: up to 32 hexadecimal digits."""
+        return str(self._session.info.zid())
+
+    @property
     def connected(self) -> bool:
         """See contract.Bus."""
         return not self._closed and bool(self._session.info.routers_zid())

@@ -14,14 +14,14 @@ class Publisher(Declared):
         super().__init__(bus, publisher)
         self._publisher, self._key, self.cache = publisher, key, cache
 
-    def put(self, payload: bytes) -> None:
-        """See contract.Publisher."""
+    def put(self, payload: bytes, attachment: bytes = b"") -> None:
+        """See contract.Publisher. attachment: bytes beside the payload, for another protocol; only without a cache."""
         with self._lock:  # send in the order of the numbers
             if self._closed:
                 raise BusError(f"the publisher of {self._key!r} is closed")
             try:
                 if self.cache is None:
-                    self._publisher.put(payload)
+                    self._publisher.put(payload, attachment=attachment or None)
                 else:
                     self._publisher.put(payload, attachment=self.cache.stamp(self.cache.next))
                     self.cache.keep(payload)

@@ -25,8 +25,8 @@ from bridge.terminal.tables import Column, Columns
 _MOST_DAYS = 36_500
 
 ROLES = """ROLE:NAME is a role and a name. Roles: bridge (NAME is the id in [bridge]), estimator (NAME is the id in
-[estimator]), viewer (reads only), commander (reads and gives commands: a nurse station or dashboard), recorder, router,
-page (the dashboard's certificate for browsers).
+[estimator]), viewer (reads only), commander (reads and gives commands: a nurse station or dashboard), recorder, ros2
+(`truerate outlet ros2`, and ROS 2 nodes that use the ward's router), router, page (the dashboard's certificate for browsers).
 examples:
   truerate pki init --ward ward-3
   truerate pki issue router:router-1 --host 10.0.0.5 --host ward-3.example

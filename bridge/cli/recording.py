@@ -24,11 +24,12 @@ if TYPE_CHECKING:
 Run = Callable[[argparse.Namespace], int | None]
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
-PlotJuggler open this file. While recording, the name ends in .part. A power failure loses at most the last second;
-`truerate recording recover` completes the file. Stop with Ctrl-C.
+PlotJuggler plot its rates if it was written with --per-sample. While recording, the name ends in .part. A power failure
+loses at most the last second; `truerate recording recover` completes the file. Stop with Ctrl-C.
 examples:
   truerate record --config configs/ward.toml --out recordings
   truerate record --ward demo --device chest --rotate 10min --seconds 3600
+  truerate record --config configs/ward.toml --per-sample              plots in Foxglove and PlotJuggler
   truerate note chest "patient sat up" --config configs/ward.toml      mark a moment, also in the recording"""
 EXPORT = """Writes one file per device and boot, with readings and corrected rates, and events.csv with boots, calibrations
 and notes. `truerate calibrate` and `truerate correct` read these files; they also read the .mcap itself.
@@ -48,7 +49,8 @@ INSPECT = """examples:
 CONVERT = """examples:
   truerate recording convert export.csv session.npz --gyro-unit deg/s
   truerate recording convert sd-card.bin session.mcap --driver witmotion --device wrist-01
-  truerate recording convert log.txt session.npz --profile openlog-artemis"""
+  truerate recording convert log.txt session.npz --profile openlog-artemis
+  truerate recording convert ward-3-20260801T101500Z.mcap plots.mcap --per-sample"""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -67,6 +69,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--rotate-mb", type=float, metavar="MB", help="begin a new file at this size in MB (default: 500)"
     )
+    _add_per_sample(verb)
     verb.add_argument("--keep-free-mb", type=float, metavar="MB", help="MB to leave free on the disk (default: 200)")
     verb.add_argument(
         "--wait",
@@ -135,6 +138,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("out", type=Path, metavar="OUT", help="new file, .npz, .csv or .mcap; must not exist")
     add_reading(verb)
     _add_capture(verb)
+    _add_per_sample(verb)
 
     verb = _verb(inner, "recover", _recover, "complete a recording that was cut short, and report the losses", RECOVER)
     verb.add_argument(
@@ -145,6 +149,15 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.add_argument(
         "--out", type=Path, metavar="FILE", help="new file (default: FILE without .part, or NAME.recovered.mcap)"
+    )
+
+
+def _add_per_sample(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument(
+        "--per-sample",
+        action="store_true",
+        default=None,
+        help="write each sample also as one sensor_msgs/msg/Imu, for programs that plot (needs the extra ros)",
     )
 
 
@@ -248,15 +261,35 @@ def _convert(given: argparse.Namespace) -> None:
     except RecordingError as error:
         raise ConfigError(str(error)) from None
     check_new([given.out])
+    if given.per_sample and not _per_sample(given):
+        return
     recording = _loaded(given)
     begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
     device = given.device or recording.device or "recorded"
-    convert(recording, given.out, device, begin_ns)
+    convert(recording, given.out, device, begin_ns, per_sample=bool(given.per_sample))
     print(
         printable(
             f"{given.out}: {len(recording):,} samples of {device}, {recording.time_s[-1]:.1f} s at {recording.rate_hz:.6g} Hz"
         )
     )
+
+
+def _per_sample(given: argparse.Namespace) -> bool:
+    """Add samples to a copy of a ward's recording; True if the input is something else, which is to be converted."""
+    from bridge.recording.reading import AS_SAID  # noqa: PLC0415
+    from bridge.recording.recover import add_per_sample  # noqa: PLC0415
+    from bridge.ros import messages  # noqa: PLC0415
+
+    if given.out.suffix.lower() != ".mcap":
+        raise ConfigError(f"{given.out}: only a .mcap holds --per-sample messages: use that ending, or omit the option")
+    if not messages.available():
+        raise ConfigError(f"--per-sample {messages.NEEDS}")
+    if given.file.suffix.lower() != ".mcap" or reading_of(given) != AS_SAID:
+        return True
+    made = add_per_sample(given.file, given.out, given.device or "")
+    for line in made.said():
+        print(printable(line))
+    return False
 
 
 def _recover(given: argparse.Namespace) -> None:

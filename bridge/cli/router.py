@@ -73,7 +73,7 @@ def _listening_router(args: argparse.Namespace, *, written: bool) -> Router:
             raise ValueError(f"--listen is already set by {args.config}: change the endpoints in that file")
         return Router.of_file(args.config)
     root = load(args.config, Root) if args.config else None
-    if root is not None and root.bus.identity is not None and not args.listen:
+    if root is not None and root.bus.certified and not args.listen:
         raise ConfigError(
             f"{args.config}: [bus] has certificates, but a router started from this file would not check them. Write a router"
             " file with `truerate pki router`, then run `truerate router --config router.json5`"

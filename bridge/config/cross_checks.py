@@ -10,9 +10,9 @@ from bridge.bus.router_check import RouterFile, open_to_others
 from bridge.bus.routers import Routers, secured
 from bridge.config.router_cross_checks import faults as router_faults
 from bridge.config.router_cross_checks import host_of, hosts_at, is_for, port_of, reaches
-from bridge.config.schema import Root
+from bridge.config.schema import ConfigError, Root
+from bridge.pki.certificate_checks import Identity, member_of
 from bridge.pki.certificate_checks import faults as identity_faults
-from bridge.pki.certificate_checks import member_of
 from bridge.pki.member import Member, Role
 
 #: settings that must be equal in all estimators of a ward, because they take over each other's devices
@@ -33,7 +33,7 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
 def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[str]:
     """Yield a sentence for each certificate due for renewal, beginning with the file."""
     for path, root in wards.items():
-        yield from (f"{path}: [bus]: {words}" for words in root.bus.routers.soon())
+        yield from (f"{path}: [bus]: {words}" for routers in root.bus.every() for words in routers.soon())
     for router in routers:
         yield from (f"{router.path}: {words}" for words in Routers(router.listen, router.identity).soon())
 
@@ -63,18 +63,23 @@ def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
 
 def _of_ward(root: Root, now: datetime) -> Iterator[str]:
     yield from (f"[router]: listen: {words}" for words in open_to_others(root.router.listen))
-    if root.bus.identity is None:
-        return
-    wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if not role.serves))
-    yield from (f"[bus]: {words}" for words in wrong)
-    if (member := _member(root)) is None:
-        return
-    # The file may have further tables beside the certificate's role, but the id of that role must match.
-    tables = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
-    table: Any = tables.get(member.role)
-    if member.role in tables and (table is None or table.id != member.name):
-        there = f"its id is {table.id!r}" if table is not None else "there is no such table"
-        yield f"[bus]: the certificate is for {member.label}; [{member.role.value}]: {there}"
+    tables: dict[Role, Any] = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
+    for identity in _identities(root):
+        wrong = identity_faults(identity, now, tuple(role for role in Role if not role.serves))
+        yield from (f"[bus]: {words}" for words in wrong)
+        if root.bus.pki or (member := _member(identity)) is None or member.role not in tables:
+            continue
+        # The file may have further tables beside the certificate's role, but the id of that role must match.
+        table = tables[member.role]
+        if table is None or table.id != member.name:
+            there = f"its id is {table.id!r}" if table is not None else "there is no such table"
+            yield f"[bus]: the certificate is for {member.label}; [{member.role.value}]: {there}"
+    for role, table in tables.items() if root.bus.pki else ():
+        if table is not None:
+            try:
+                root.bus.routers_as(role, name=table.id)
+            except ConfigError as error:
+                yield str(error)
 
 
 def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:
@@ -123,20 +128,24 @@ def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
                 f"[bus]: connect: {endpoint}: the router's certificate names only {', '.join(hosts)}: connect by one of"
                 " these, or issue a certificate with this host: truerate pki issue router:NAME --host HOST"
             )
-    if (member := _member(root)) is None:
-        return
-    for router in [one for one in routers if any(reaches(endpoint, one) for endpoint in root.bus.connect)] or routers:
-        if (root.ward, member.common_name) not in router.places:
-            wards = ", ".join(sorted(ward for ward, name in router.places if name == member.common_name))
-            instead = f" (it has for {member.common_name} in ward {wards})" if wards else ""
-            yield (
-                f"[bus]: {router.path} has no rules for {member.common_name} in ward {root.ward!r}{instead}: the router would"
-                " drop its messages silently. Write the router's file again (truerate pki router)"
-            )
+    near = [one for one in routers if any(reaches(endpoint, one) for endpoint in root.bus.connect)] or routers
+    for member in filter(None, map(_member, _identities(root))):
+        for router in near:
+            if (root.ward, member.common_name) not in router.places:
+                wards = ", ".join(sorted(ward for ward, name in router.places if name == member.common_name))
+                instead = f" (it has for {member.common_name} in ward {wards})" if wards else ""
+                yield (
+                    f"[bus]: {router.path} has no rules for {member.common_name} in ward {root.ward!r}{instead}: the router would"
+                    " drop its messages silently. Write the router's file again (truerate pki router)"
+                )
 
 
-def _member(root: Root) -> Member | None:
+def _identities(root: Root) -> Iterator[Identity]:
+    return (routers.identity for routers in root.bus.every() if routers.identity is not None)
+
+
+def _member(identity: Identity) -> Member | None:
     try:
-        return member_of(root.bus.identity) if root.bus.identity is not None else None
+        return member_of(identity)
     except ValueError:
         return None  # already reported

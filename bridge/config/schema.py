@@ -5,6 +5,7 @@ The estimator subclasses `Root` to give the tables `estimator`, `dashboard` and 
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final, Self
 
 from msgspec import Struct
@@ -13,7 +14,7 @@ from bridge.bus.routers import Routers, secured
 from bridge.config.enrolment import Enrolment
 from bridge.drivers import registry
 from bridge.drivers.driver import Driver
-from bridge.pki.certificate_files import Identity
+from bridge.pki.certificate_files import Identity, identities_in
 from bridge.pki.member import Role
 from bridge.recording.settings import Recorder
 from bridge.toml.loader import ConfigError, load, nearest, options
@@ -77,58 +78,80 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     #: zenoh endpoints of the routers, the nearest first: `tcp/127.0.0.1:7447`, `tls/ward-3.example:7447`
     connect: tuple[str, ...] = (LOCAL,)
-    #: for `tls/...`: PEM file of the authority that signed all certificates
+    #: for `tls/...`: folder with `ca.pem` and the certificates of this machine's programs; each takes its own, by its role
+    pki: str = ""
+    #: for `tls/...`, instead of `pki`: PEM file of the authority that signed all certificates
     ca: str = ""
-    #: for `tls/...`: PEM file of this program's certificate
+    #: PEM file of this program's certificate
     certificate: str = ""
-    #: for `tls/...`: PEM file of the certificate's private key; mode 0600
+    #: PEM file of the certificate's private key; mode 0600
     key: str = ""
 
     def __post_init__(self) -> None:
         check_endpoints(self.connect, "connect")
         files = {"ca": self.ca, "certificate": self.certificate, "key": self.key}
         missing = [name for name, path in files.items() if not path]
+        if self.pki and len(missing) < len(files):
+            raise ValueError("pki and ca, certificate, key: give the folder, or the three files, not both")
         if 0 < len(missing) < len(files):
             raise ValueError(f"{', '.join(missing)} missing: give all of ca, certificate and key, or none of them")
         for endpoint in self.connect:
-            if secured(endpoint) and missing:
+            if secured(endpoint) and not self.certified:
                 raise ValueError(
-                    f"connect: {endpoint!r} needs ca, certificate and key; make them with `truerate pki issue`"
+                    f"connect: {endpoint!r} needs pki, or ca, certificate and key; make them with `truerate pki issue`"
                 )
-            if not secured(endpoint) and not missing:
+            if not secured(endpoint) and self.certified:
                 raise ValueError(
                     f"connect: {endpoint!r} uses no certificate: write a tls endpoint, such as 'tls/10.0.0.5:7447'"
                 )
 
     @property
-    def identity(self) -> Identity | None:
-        """Certificate files of this program; None without `tls/...`."""
-        return Identity(self.ca, self.certificate, self.key) if self.key else None
+    def certified(self) -> bool:
+        """Whether programs show certificates to the routers."""
+        return bool(self.pki or self.key)
 
-    @property
-    def routers(self) -> Routers:
-        """Router endpoints with the identity to connect with."""
-        return Routers(self.connect, self.identity)
+    def every(self) -> list[Routers]:
+        """Return the routers' endpoints, once with each certificate; once without, if there is none."""
+        if self.key:
+            return [Routers(self.connect, Identity(self.ca, self.certificate, self.key))]
+        known = (
+            [one for member, one in identities_in(Path(self.pki)).items() if not member.role.serves] if self.pki else []
+        )
+        return [Routers(self.connect, one) for one in known] or [Routers(self.connect, self._lacking())]
+
+    def _lacking(self) -> Identity | None:
+        """Files that are not there, so that a check names the folder; None without certificates."""
+        here = f"{self.pki}/ROLE.NAME"
+        return Identity(f"{self.pki}/ca.pem", f"{here}.pem", f"{here}.key") if self.pki else None
 
     def routers_as(self, *roles: Role, name: str = "") -> Routers:
-        """Return `routers` if the certificate has one of the roles, and the name if given.
+        """Return the routers with a certificate for one of the roles, the first preferred, and of this name if given.
 
         Raises ConfigError otherwise, because a router would accept the connection and then silently drop all messages.
         """
-        if self.identity is not None:
+        wanted = " or ".join(f"{role.value}:{name}" if name else role.value for role in roles)
+        make = f"Make one: truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
+        if self.pki:
+            known = identities_in(Path(self.pki))
+            for role in roles:
+                for member, identity in known.items():
+                    if member.role is role and name in ("", member.name):
+                        return Routers(self.connect, identity)
+            raise ConfigError(f"[bus]: pki: {self.pki} has no certificate for {wanted}. {make}")
+        routers = self.every()[0]
+        if routers.identity is not None:
             from bridge.pki.certificate_checks import member_of  # noqa: PLC0415 - as in bridge.bus.routers
 
             try:
-                member = member_of(self.identity)
+                member = member_of(routers.identity)
             except ValueError as error:
                 raise ConfigError(f"[bus]: {error}") from None
             if member.role not in roles or (name and member.name != name):
-                wanted = " or ".join(f"{role.value}:{name}" if name else role.value for role in roles)
                 raise ConfigError(
                     f"[bus]: {self.certificate} is for {member.label}, but this program needs a certificate for {wanted}; routers"
-                    f" would drop its messages. Make one: truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
+                    f" would drop its messages. {make}"
                 )
-        return self.routers
+        return routers
 
 
 class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -1,7 +1,8 @@
 """Report of a scan: a table, and a snippet to paste into the ward's file. Pure."""
 
+import itertools
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 from bridge.diagnose.port_probe import Verdict
 from bridge.terminal.tables import Column, Columns
@@ -28,11 +29,13 @@ def table(verdicts: Iterable[Verdict]) -> Columns:
     return made
 
 
-def snippet(verdicts: Sequence[Verdict]) -> str:
-    """The [[bridge.devices]] tables of the recognised devices; empty if there are none."""
+def snippet(verdicts: Sequence[Verdict], taken: Container[str] = ()) -> str:
+    """The [[bridge.devices]] tables of the recognised devices; empty if there are none. taken: ids that others have."""
     blocks = []
-    for number, verdict in enumerate((verdict for verdict in verdicts if verdict.guess is not None), 1):
-        assert verdict.guess is not None
+    free = (name for name in (f"device-{number}" for number in itertools.count(1)) if name not in taken)
+    for verdict in verdicts:
+        if verdict.guess is None:
+            continue
         candidate = verdict.guess.candidate
         values = {"driver": candidate.kind.name, "port": verdict.found.port, **candidate.table}
         if "rate_hz" in values:
@@ -40,7 +43,7 @@ def snippet(verdicts: Sequence[Verdict]) -> str:
         if verdict.baud:
             values["baud"] = verdict.baud
         lines = [
-            f'id = "device-{number}"    # the name on its label',
+            f'id = "{next(free)}"    # the name on its label',
             *(f"{k} = {_toml(v)}" for k, v in values.items()),
         ]
         blocks.append("\n".join(["[[bridge.devices]]", *lines]))

@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from pathlib import Path
+
+from bridge.pki.member import Member
 
 _SOON = timedelta(days=14)
 
@@ -26,3 +29,20 @@ class Identity:
     ca: str
     certificate: str
     key: str
+
+
+def identities_in(folder: Path) -> dict[Member, Identity]:
+    """Return the certificates of a machine's folder, the newest generation of each member. The content is not read."""
+    found = dict[tuple[str, str], Member]()
+    for path in folder.glob("*.*.pem"):
+        try:
+            member = Member.parse(path.stem.replace(".", ":"))
+        except ValueError:
+            continue  # a router's issuers, or a foreign file
+        before = found.setdefault((member.role.value, member.name), member)
+        if member.generation > before.generation:
+            found[member.role.value, member.name] = member
+    return {
+        member: Identity(str(folder / "ca.pem"), str(folder / f"{member.file}.pem"), str(folder / f"{member.file}.key"))
+        for _, member in sorted(found.items())
+    }

@@ -16,6 +16,7 @@ class Role(Enum):
     VIEWER = "viewer"
     COMMANDER = "commander"
     RECORDER = "recorder"
+    ROS2 = "ros2"
     ROUTER = "router"
     PAGE = "page"
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from bridge.recording.error import RecordingError, check_file
 from bridge.recording.mcap_reader import Entry, McapReader
 from bridge.recording.message_kinds import KINDS, PACKAGE, Said
+from bridge.recording.per_sample import COPY
 from bridge.recording.recording_file import ABOUT
 from bridge.runtime.os_errors import why
 from bridge.wire import keys
@@ -72,6 +73,8 @@ def _entries(path: Path, trouble: list[str], refused: Tally) -> Iterator[tuple[i
             reader = McapReader(file, str(path))
             ours, foreign = False, ""
             for entry in reader.entries():
+                if COPY in entry.facts:
+                    continue
                 if entry.schema.startswith(PACKAGE):
                     ours = True
                     yield reader.good, entry

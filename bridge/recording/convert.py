@@ -12,6 +12,7 @@ from bridge.recording.export import WRITERS
 from bridge.recording.files import new_file
 from bridge.recording.mcap_writer import McapWriter
 from bridge.recording.message_kinds import KINDS
+from bridge.recording.per_sample import CopyChannels, PerSample
 from bridge.recording.recording import TICK_S, Recording, Told
 from bridge.recording.recording_file import ABOUT
 from bridge.recording.stretches import Stretch
@@ -32,16 +33,17 @@ def check_ending(out: Path) -> None:
         raise RecordingError(f"{out}: the folder {out.parent} does not exist; make it: mkdir -p {out.parent}")
 
 
-def convert(recording: Recording, out: Path, device: str, begin_ns: int) -> None:
+def convert(recording: Recording, out: Path, device: str, begin_ns: int, *, per_sample: bool = False) -> None:
     """Write a recording of one device to a new file; the ending of `out` chooses the format.
 
-    begin_ns: host time of the first sample, ns since the Unix epoch. Raises RecordingError.
+    begin_ns: host time of the first sample, ns since the Unix epoch. per_sample: write each sample also as one ROS 2
+    message, in a .mcap. Raises RecordingError.
     """
     keys.check_id(device, "--device")
     stretch = _stretch(recording, device, begin_ns)
     with new_file(out) as file:
         if out.suffix.lower() == ".mcap":
-            _write_mcap(file, stretch)
+            _write_mcap(file, stretch, per_sample=per_sample)
         else:
             WRITERS[out.suffix.lower()](file, stretch)
 
@@ -89,7 +91,7 @@ def _info(recording: Recording, device: str, boot: int, begin_ns: int) -> Device
     )
 
 
-def _write_mcap(file: BinaryIO, of: Stretch) -> None:
+def _write_mcap(file: BinaryIO, of: Stretch, *, per_sample: bool) -> None:
     writer = McapWriter(file, ABOUT, {"ward": _WARD, "version": "1"})
 
     def channel(what: str) -> int:
@@ -104,6 +106,7 @@ def _write_mcap(file: BinaryIO, of: Stretch) -> None:
     if of.info is not None:
         writer.add(channel("info"), int(of.time_ns[0]), int(of.time_ns[0]), codec.encode_info(of.info))
     raw = channel("raw")
+    copies, channels = PerSample(_WARD), CopyChannels(writer)
     holes = np.flatnonzero(np.diff(of.sequence) != 1) + 1
     for start, end in pairwise(np.unique(np.concatenate([np.arange(0, len(of), _BATCH), holes, [len(of)]])).tolist()):
         part = slice(start, end)
@@ -123,4 +126,6 @@ def _write_mcap(file: BinaryIO, of: Stretch) -> None:
             flags=of.flags[part],
         )
         writer.add(raw, at_ns, at_ns, codec.encode_samples(batch))
+        for copy in copies.take(batch, at_ns * 1e-9) if per_sample else ():
+            channels.put(copy)
     writer.finish()

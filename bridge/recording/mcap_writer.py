@@ -5,7 +5,7 @@ The `mcap` package's Writer writes the records. Format: https://mcap.dev/spec
 
 from collections import Counter
 from io import BytesIO
-from typing import BinaryIO
+from typing import BinaryIO, Final, NamedTuple
 
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
@@ -15,6 +15,17 @@ from mcap.writer import Writer
 HELD_BYTES = 1 << 20
 MAX_CHANNELS = 20_000
 LIBRARY = "truerate"
+
+
+class Encoding(NamedTuple):
+    """Encoding of a schema and of its messages, as the MCAP specification names them."""
+
+    schema: str
+    message: str
+
+
+PROTOBUF: Final = Encoding("protobuf", "protobuf")
+ROS2: Final = Encoding("ros2msg", "cdr")
 
 
 def described(file: FileDescriptor) -> bytes:
@@ -74,11 +85,13 @@ class McapWriter:
         """Bytes in the file."""
         return self._held.size
 
-    def channel(self, topic: str, schema: str, descriptors: bytes, facts: dict[str, str]) -> int:
-        """Add a channel of protobuf messages and return its number."""
+    def channel(
+        self, topic: str, schema: str, definition: bytes, facts: dict[str, str], *, encoding: Encoding = PROTOBUF
+    ) -> int:
+        """Add a channel and return its number. definition: the schema's data; facts: the channel's metadata."""
         if schema not in self._schemas:
-            self._schemas[schema] = self._writer.register_schema(schema, "protobuf", descriptors)
-        return self._writer.register_channel(topic, "protobuf", self._schemas[schema], facts)
+            self._schemas[schema] = self._writer.register_schema(schema, encoding.schema, definition)
+        return self._writer.register_channel(topic, encoding.message, self._schemas[schema], facts)
 
     def add(self, channel: int, log_ns: int, publish_ns: int, payload: bytes) -> None:
         """Add one message; flush if more than HELD_BYTES are held."""

@@ -69,7 +69,7 @@ def record(
                 if stop.is_set():
                     raise RecordingError("stopped before any device was heard: nothing is recorded")
                 raise RecordingError(_nobody(ward, endpoints, settings))
-            recorder = WardRecorder(folder, ward, settings.devices, knobs)
+            recorder = WardRecorder(folder, ward, settings.devices, knobs, per_sample=settings.per_sample)
             try:
                 recorder.begin(time.time_ns(), time.monotonic())
             except OSError as error:

@@ -15,6 +15,7 @@ from bridge.recording import message_kinds
 from bridge.recording.files import Folder, recorded_in
 from bridge.recording.mcap_writer import MAX_CHANNELS
 from bridge.recording.message_kinds import KINDS, PRIVATE, Kind, Said
+from bridge.recording.per_sample import Copy, PerSample
 from bridge.recording.recording_file import MOST_OF_A_BRIDGE, Item, RecordingFile
 from bridge.terminal.plurals import count
 from bridge.wire import keys
@@ -66,10 +67,20 @@ class Account:
 class WardRecorder:
     """Records one ward: call `begin`, then `take` and `tick` repeatedly, then `close`, all from one thread."""
 
-    def __init__(self, place: Folder, ward: str, devices: Iterable[str] = (), knobs: Knobs | None = None) -> None:
+    def __init__(
+        self,
+        place: Folder,
+        ward: str,
+        devices: Iterable[str] = (),
+        knobs: Knobs | None = None,
+        *,
+        per_sample: bool = False,
+    ) -> None:
+        """per_sample: also write each sample as one ROS 2 message."""
         self.account = Account()
         self._place, self._ward, self._devices = place, ward, frozenset(devices)
         self._knobs = knobs or Knobs()
+        self._per_sample = PerSample(ward) if per_sample else None
         self._file: RecordingFile | None = None
         self._latest: dict[str, Item] = {}
         self._began_s = self._flushed_s = self._retry_s = 0.0
@@ -100,6 +111,8 @@ class WardRecorder:
                 try:
                     if not self._put(item, wall_ns):
                         continue
+                    if self._per_sample is not None:
+                        self._put_copies(self._per_sample.take(said, now_s))
                 except OSError as error:
                     self._stall(error, now_s)
             if isinstance(said, SampleBatch | CorrectedBatch):
@@ -112,7 +125,10 @@ class WardRecorder:
         if self._file is None:
             if now_s >= self._retry_s:
                 self._try_again(wall_ns, now_s)
-        elif now_s - self._flushed_s >= self._knobs.flush_s:
+            return
+        if (per_sample := self._per_sample) is not None:
+            self._guarded(lambda: self._put_copies(per_sample.due(now_s)), now_s)
+        if now_s - self._flushed_s >= self._knobs.flush_s:
             self._flushed_s = now_s
             self._guarded(self._flush, now_s)
             if self._is_long(now_s):
@@ -124,6 +140,8 @@ class WardRecorder:
 
     def close(self) -> None:
         """Finish the file."""
+        if (per_sample := self._per_sample) is not None:
+            self._guarded(lambda: self._put_copies(per_sample.due()), 0.0)
         self._guarded(self._finish, 0.0)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
@@ -168,6 +186,11 @@ class WardRecorder:
                 MOST_OF_A_BRIDGE,
             )
         return False
+
+    def _put_copies(self, copies: Iterable[Copy]) -> None:
+        for copy in copies:
+            if self._file is not None:
+                self._file.copies.put(copy)
 
     def _flush(self) -> None:
         if self._file is None:

@@ -8,6 +8,7 @@ from bridge.recording import message_kinds
 from bridge.recording.files import Output, with_part
 from bridge.recording.mcap_writer import MAX_CHANNELS, McapWriter
 from bridge.recording.message_kinds import Kind
+from bridge.recording.per_sample import CopyChannels
 from bridge.wire import keys
 
 #: name of the metadata record at the beginning of every truerate file
@@ -35,6 +36,7 @@ class RecordingFile:
         except OSError:
             output.discard()
             raise
+        self.copies = CopyChannels(self.writer)
         self._channels: dict[str, int] = {}
         self._of_bridges = Counter[str]()
 

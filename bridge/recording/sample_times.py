@@ -26,11 +26,7 @@ def sample_times(
     Raises RecordingError.
     """
     if "t_s" not in columns:
-        if rate is None:
-            raise RecordingError(
-                f"{path}: neither sample times nor 'rate_hz': give the rate with --rate-hz, or as rate_hz in a ward's file"
-            )
-        return _counted(path, columns, rate, notes), [0]
+        return _counted(path, columns, _assumed(path, rate, reading, notes), notes), [0]
     rises = bool((np.diff(columns["t_s"]) > 0).all())
     if not rises and (again := repeated(columns["t_s"], _values(columns))).any():
         notes.append(f"{count(int(again.sum()), 'row')} left out: equal to an earlier row, including the time")
@@ -58,6 +54,19 @@ def sample_times(
             if abs(own / rate - 1) > _OTHER_RATE:
                 notes.append(f"the file states {rate:g} Hz, its times give {own:.4g} Hz: the times are used")
     return time, mended.starts
+
+
+def _assumed(path: Path, rate: float | None, reading: Reading, notes: list[str]) -> float:
+    """Return the rate of a file without sample times. Raises RecordingError."""
+    if rate is None:
+        raise RecordingError(
+            f"{path}: neither sample times nor 'rate_hz': give the rate with --rate-hz, or as rate_hz in a ward's file"
+        )
+    if reading.rate_hz is not None:
+        notes.append(
+            f"there are no sample times: the given {rate:g} Hz is assumed; a wrong rate makes scale factors wrong alike"
+        )
+    return rate
 
 
 def _values(columns: dict[str, Floats]) -> Floats:

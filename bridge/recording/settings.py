@@ -4,6 +4,7 @@ import re
 
 from msgspec import Struct
 
+from bridge.ros import messages
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 
@@ -37,6 +38,8 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     wait_s: float = 10.0
     #: ids of the devices to record; default: all
     devices: tuple[str, ...] = ()
+    #: write each sample also as one ROS 2 message, for programs that plot
+    per_sample: bool = False
 
     def __post_init__(self) -> None:
         if not self.folder:
@@ -49,6 +52,8 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"keep_free_mb is {self.keep_free_mb:g}: use 0 or more")
         if not 0 < self.wait_s <= 86_400:
             raise ValueError(f"wait_s is {self.wait_s:g}: use a number above 0, up to 86400")
+        if self.per_sample and not messages.available():
+            raise ValueError(f"per_sample {messages.NEEDS}")
         for device in self.devices:
             try:
                 check_id(device, "a device in devices")

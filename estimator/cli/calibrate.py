@@ -103,7 +103,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     from estimator.config.device_settings import knobs_of  # noqa: PLC0415
     from estimator.offline.calibration_file import of_result  # noqa: PLC0415
     from estimator.offline.recordings import calibrate  # noqa: PLC0415
-    from estimator.reports.calibration import as_json, first  # noqa: PLC0415
+    from estimator.reports.calibration import as_json, as_notes, first  # noqa: PLC0415
 
     method = given.method or DEFAULT
     if method not in (names := (*BY_HAND, *BY_RATES)):
@@ -120,7 +120,13 @@ def _calibrate(given: argparse.Namespace) -> int:
     rates = tuple(map(radians, given.rates_dps))
     result, passed_over = calibrate(recording, method, gyro_range(given, recording), rates, knobs)
     if given.json:
-        print(json.dumps(as_json(result, of_result(result, recording, gyro_range(given, recording)), passed_over)))
+        print(
+            json.dumps(
+                as_json(
+                    result, of_result(result, recording, gyro_range(given, recording)), passed_over, recording.notes
+                )
+            )
+        )
     else:
         console = Console()
         for words in first(passed_over):
@@ -132,6 +138,8 @@ def _calibrate(given: argparse.Namespace) -> int:
             highlight=False,
             soft_wrap=True,
         )
+        for line in as_notes(recording.notes):
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
     return 0 if result.verdict is Verdict.ACCEPTED else 1
 
 

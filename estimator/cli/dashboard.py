@@ -65,7 +65,7 @@ def _password(given: argparse.Namespace) -> int:
 
     try:
         name = check(given.name or person().lower(), "--name")
-        password = secrets.token_urlsafe(24) if given.token else _asked()
+        password = secrets.token_urlsafe(24) if given.token else asked()
         words = hashed(password)
     except ValueError as error:
         raise ConfigError(str(error)) from None
@@ -75,7 +75,7 @@ def _password(given: argparse.Namespace) -> int:
     return 0
 
 
-def _asked() -> str:
+def asked() -> str:
     """Ask for a password twice; without a terminal, read the first line of standard input."""
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip("\n")

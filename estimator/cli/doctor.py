@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.text import Text
 
 from bridge.bus.access_self_test import self_test
+from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.cli.parser import Verbs, add_verb
 from bridge.config import capture_files
@@ -45,7 +46,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _doctor(given: argparse.Namespace) -> int:
-    findings = list(_look(given.config))
+    findings = list(dict.fromkeys(look(given.config)))
     if given.json:
         objects = [{"check": f.check, "level": f.level.value, "said": f.said, "do": f.do} for f in findings]
         print(json.dumps(objects, indent=2))
@@ -63,7 +64,7 @@ def _loops() -> Finding:
     )
 
 
-def _look(path: Path | None) -> Iterable[Finding]:
+def look(path: Path | None) -> Iterable[Finding]:
     """Run all checks: first of the machine, then of the ward."""
     plugged = [found.port for found in find()]
     ward: Ward | None = None
@@ -102,14 +103,20 @@ def _look(path: Path | None) -> Iterable[Finding]:
         if ward.estimator is not None:
             yield from _store(Path(ward.estimator.store))
         yield from _privacy(path, ward)
-        shown = list(certificate(ward.bus.routers))
-        yield from shown
-        if any(finding.level is Level.TROUBLE for finding in shown):
-            return
-        reached = router(ward.bus.routers)
-        yield from reached
-        if answers(reached):
-            yield from _running(ward)
+        for routers in ward.bus.every():
+            yield from _reached(ward, routers)
+
+
+def _reached(ward: Ward, routers: Routers) -> Iterable[Finding]:
+    """Check a certificate, or that none is needed, and what the routers answer to it."""
+    shown = list(certificate(routers))
+    yield from shown
+    if any(finding.level is Level.TROUBLE for finding in shown):
+        return
+    reached = router(routers)
+    yield from reached
+    if answers(reached):
+        yield from _running(ward, routers)
 
 
 def _store(path: Path) -> Iterable[Finding]:
@@ -149,10 +156,10 @@ def _privacy(path: Path | None, ward: Ward) -> Iterable[Finding]:
         yield warning("privacy", *advice(found))
 
 
-def _running(ward: Ward) -> Iterable[Finding]:
+def _running(ward: Ward, routers: Routers) -> Iterable[Finding]:
     """Check a running ward by its own messages."""
-    with ZenohBus(ward.bus.routers) as bus:  # by the certificate of the file's owner, who may have no right to receive
-        denied = self_test(bus, ward.bus.routers, ward.ward)
+    with ZenohBus(routers) as bus:  # by the certificate of the file's owner, who may have no right to receive
+        denied = self_test(bus, routers, ward.ward)
         statuses = Client(ward=ward.ward, bus=bus).statuses(0.5)
     for words in denied:
         said, _, do = words.partition("; ")

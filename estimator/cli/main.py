@@ -23,6 +23,7 @@ log = logging.getLogger("truerate")
 #: verbs in the order of the help, by module; loading all modules takes longer than running most verbs
 VERBS = {
     "estimator.cli.demo": ("demo",),
+    "estimator.cli.init": ("init",),
     "bridge.cli.bridge": ("bridge",),
     "bridge.cli.router": ("router",),
     "bridge.cli.recording": ("record", "recording"),
@@ -39,7 +40,9 @@ VERBS = {
     "estimator.cli.allan": ("allan",),
     "estimator.cli.config": ("config",),
     "estimator.cli.doctor": ("doctor",),
+    "estimator.cli.qualify": ("qualify",),
     "estimator.cli.dashboard": ("dashboard",),
+    "estimator.cli.outlet": ("outlet",),
     "estimator.cli.study": ("study",),
 }
 _LOG_FORMAT = "--log-format"
@@ -53,6 +56,7 @@ _TOO_LITTLE = "not enough memory: raise the limit (ulimit -v), or end other prog
 _PLAIN = f"truerate: {_TOO_LITTLE}\n".encode()
 EPILOG = """examples:
   truerate demo                                  run a small simulated ward for a minute
+  truerate init ward-3                           set up a ward on this machine
   truerate config check configs/ward.toml        check the ward file
   truerate router --config configs/ward.toml     a ward on one machine: start router, bridge and estimator,
   truerate bridge run configs/ward.toml            each in its own terminal or service

@@ -13,7 +13,7 @@ from bridge.pki.member import Role
 #: log "looking for a router" when no router has answered for this long, s
 LOOKED_S = 1.0
 #: certificate roles that may receive a ward's messages
-SUBSCRIBERS = (Role.VIEWER, Role.COMMANDER, Role.RECORDER)
+SUBSCRIBERS = (Role.VIEWER, Role.COMMANDER, Role.RECORDER, Role.ROS2)
 
 log = logging.getLogger(__name__)
 

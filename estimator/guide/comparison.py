@@ -7,7 +7,7 @@ from math import hypot, inf, nan
 import numpy as np
 
 from bridge.wire.messages import Calibration, Verdict
-from estimator.geometry.gyro_model import AXES
+from estimator.geometry.gyro_model import AXES, SIGMAS
 
 #: scale factors differ when they are more than this many standard deviations apart
 APART = 3.0
@@ -63,6 +63,22 @@ def compared(calibration: Calibration, before: Calibration | None) -> tuple[Axis
 def differing(axes: Iterable[AxisCompared]) -> tuple[int, ...]:
     """Axes whose scale factor has changed by more than APART standard deviations."""
     return tuple(one.axis for one in axes if one.apart > APART)
+
+
+def bias_moves(calibration: Calibration, known: Iterable[Calibration]) -> tuple[int, ...]:
+    """Axes in which the intervals of 95 % of the bias and of that before, of the same boot, exclude each other.
+
+    Two methods measure the same bias, so it has moved in between, or one calibration is wrong.
+    """
+    before = last_before(calibration, [c for c in known if c.boot == calibration.boot])
+    if before is None or calibration.verdict is not Verdict.ACCEPTED:
+        return ()
+    own, then = stds(calibration), stds(before)
+    return tuple(
+        axis
+        for axis, name in enumerate(f"bias_{axis}" for axis in AXES)
+        if abs(calibration.bias[axis] - before.bias[axis]) > SIGMAS * (own.get(name, inf) + then.get(name, inf))
+    )
 
 
 def stds(calibration: Calibration) -> dict[str, float]:

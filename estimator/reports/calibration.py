@@ -13,11 +13,13 @@ from estimator.geometry.gyro_model import AXES, SIGMAS
 from estimator.offline import calibration_file
 
 
-def as_json(result: Result, calibration: Calibration, passed_over: Sequence[str] = ()) -> dict[str, Any]:
+def as_json(
+    result: Result, calibration: Calibration, passed_over: Sequence[str] = (), notes: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return a new calibration as JSON-compatible values, in SI.
 
-    It has the keys of a calibration file, and more: axes to repeat, information per parameter in bits, and the
-    movements that were not used, with reasons.
+    It has the keys of a calibration file, and more: axes to repeat, information per parameter in bits, the movements
+    that were not used, with reasons, and what was understood or repaired of the recording.
     """
     known = bool(np.all(np.isfinite(result.covariance)))
     bits = result.information_bits.tolist() if known else []
@@ -26,12 +28,19 @@ def as_json(result: Result, calibration: Calibration, passed_over: Sequence[str]
         "repeat": [AXES[axis] for axis in result.repeat],
         "information_bits": dict(zip(result.parameters, bits, strict=True)) if known else None,
         "passed_over": list(passed_over),
+        "notes": list(notes),
     }
 
 
 def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
     """Return a calibration made live with the keys of `as_json`; nothing is to be repeated, the information is unknown."""
-    return {**calibration_file.as_json(calibration), "repeat": [], "information_bits": None, "passed_over": []}
+    return {
+        **calibration_file.as_json(calibration),
+        "repeat": [],
+        "information_bits": None,
+        "passed_over": [],
+        "notes": [],
+    }
 
 
 def first(lines: Sequence[str]) -> Iterator[str]:
@@ -67,6 +76,11 @@ def as_table(result: Result | Calibration) -> Columns:
             ),
         )
     return table
+
+
+def as_notes(notes: Sequence[str]) -> list[str]:
+    """Return what the result rests on: what was understood, assumed or repaired of the recording, one line each."""
+    return [f"note: {words}" for words in notes]
 
 
 def as_matrix(result: Result | Calibration) -> Columns:

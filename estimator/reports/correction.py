@@ -11,7 +11,7 @@ from bridge.terminal.plurals import count
 from bridge.wire.messages import Quality
 from estimator.geometry.gyro_model import AXES, SIGMAS
 from estimator.offline.corrected_recording import CorrectedRecording
-from estimator.reports.calibration import first
+from estimator.reports.calibration import as_notes, first
 
 _NONE = "none; give one with --calibration FILE, from `truerate calibrate RECORDING --json > FILE`"
 _MEANS = {
@@ -44,6 +44,7 @@ def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> d
         "temperature_c": None if warm is None else [float(warm.min()), float(warm.max())],
         "events": corrected.events,
         "said": list(corrected.said),
+        "notes": list(recording.notes),
         "written": str(out),
     }
 
@@ -71,6 +72,7 @@ def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> 
         yield "the bias is in doubt at the end; if the device was switched off after the calibration, give --other-boot"
     if corrected.events:
         yield "events: " + ", ".join(f"{name}: {n}" for name, n in sorted(corrected.events.items()))
+    yield from as_notes(recording.notes)
     yield f"written: {out}"
 
 

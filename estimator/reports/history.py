@@ -1,6 +1,6 @@
 """Reports the history of a device as tables and as JSON."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from math import degrees
@@ -14,13 +14,14 @@ from bridge.runtime.logs import printable
 from bridge.terminal.tables import Column, Columns
 from bridge.wire.messages import Calibration
 from estimator.geometry.gyro_model import AXES, SIGMAS
+from estimator.guide.comparison import bias_moves
 from estimator.service.history import Biases, History
 
 
 def as_tables(history: History) -> Iterator[RenderableType]:
     """Yield tables of calibrations (accepted and refused), boots, commands, and each boot's bias; no empty ones."""
     refused = [row for row in history.commands if row["verb"] == "calibrate"]
-    tried = [(c.time_ns, _calibration(c)) for c in history.calibrations]
+    tried = [(c.time_ns, _calibration(c, history.calibrations)) for c in history.calibrations]
     tried += [(row["time_ns"], ("", row["who"], "", f"{row['reason']}: {english(*row['message'])}")) for row in refused]
     yield from _table(
         "calibrations",
@@ -123,13 +124,16 @@ def _table(title: str, headings: tuple[str, ...], rows: list[tuple[str, ...]]) -
     yield shown
 
 
-def _calibration(c: Calibration) -> tuple[str, ...]:
+def _calibration(c: Calibration, all_of_device: Sequence[Calibration]) -> tuple[str, ...]:
     std = np.sqrt(np.diag(c.covariance))
     known = dict(zip(c.parameters, std, strict=True))
     scale = " ".join(
         f"{c.matrix[axis, axis]:.4f}±{SIGMAS * known.get(f'k_{name}', np.nan):.4f}" for axis, name in enumerate(AXES)
     )
-    return f"{c.boot:016x}", c.who, scale, f"{c.verdict.name.lower()} ({c.method}): {english(*c.reason)}"
+    verdict = f"{c.verdict.name.lower()} ({c.method}): {english(*c.reason)}"
+    if moved := bias_moves(c, all_of_device):
+        verdict += f" The bias has moved since the calibration before: {', '.join(AXES[axis] for axis in moved)}."
+    return f"{c.boot:016x}", c.who, scale, verdict
 
 
 def _bias(of: Biases) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from importlib import import_module
 
 from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus, BusError, Declared
+from bridge.bus.routers import Routers
 from bridge.bus.startup import claim_id, wait_for_router
 from bridge.config.schema import listening
 from bridge.pki.member import Role
@@ -40,19 +41,19 @@ def run(ward: Ward) -> None:
         raise ValueError("no estimator is configured")
     gc.set_threshold(_CYCLES)
     kernels = _load()
-    vitals = ServiceHealth(expects=bool(ward.bridge and ward.bridge.devices), routers=ward.bus.routers)
+    routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
+    vitals = ServiceHealth(expects=bool(ward.bridge and ward.bridge.devices), routers=routers)
     with stopped_by_signal() as stop, ExitStack() as stack:
         if ward.estimator.health:
             try:
                 stack.enter_context(HealthServer(listening(ward.estimator.health), vitals.asked))
             except OSError:
-                _look_for_another(ward, ward.estimator.id, stop)  # a second estimator would be the reason
+                _look_for_another(ward.ward, routers, ward.estimator.id, stop)  # a second estimator would be the reason
                 raise
-        routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
         try:
             stack.enter_context(owned(ward.estimator.store))
         except StoreError:
-            _look_for_another(ward, ward.estimator.id, stop)  # a second estimator would be the reason
+            _look_for_another(ward.ward, routers, ward.estimator.id, stop)  # a second estimator would be the reason
             stack.enter_context(owned(ward.estimator.store))  # the other process may have been just ending
         stack.enter_context(supervised(vitals.sick))
         database = Database(ward.estimator.store, patient=True, alone=True, backups=ward.estimator.backups)
@@ -90,15 +91,15 @@ def run(ward: Ward) -> None:
         ).run(stop)
 
 
-def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
+def _look_for_another(ward: str, routers: Routers, own: str, stop: threading.Event) -> None:
     """Raise BusError where an estimator with our own id runs already; an unreachable router is ignored here."""
     try:
-        bus = wait_for_router(ward.bus.routers, stop, patient=False)
+        bus = wait_for_router(routers, stop, patient=False)
     except BusError:
         return
     if bus is not None:
         with bus:
-            look_round(bus, ward.ward, own).close()
+            look_round(bus, ward, own).close()
 
 
 def _load() -> Future[None]:

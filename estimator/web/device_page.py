@@ -6,7 +6,7 @@ from math import degrees, isfinite, nan
 
 from bridge.wire.messages import Calibration, DeviceInfo, Placement, State, Status
 from estimator.geometry.gyro_model import AXES, SIGMAS
-from estimator.guide.comparison import stds
+from estimator.guide.comparison import bias_moves, stds
 from estimator.language.texts import Texts
 from estimator.web import number_format as words
 from estimator.web.device_trail import Mark
@@ -86,7 +86,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
         can_cancel=not deaf and status is not None and status.state in _CANCELS,
         blocked=t("device.blocked") if deaf else "",
         facts=_facts(story, t),
-        calibrations=[_calibration(c, in_use, t) for c in reversed(story.calibrations.values())],
+        calibrations=[_calibration(c, story, in_use, t) for c in reversed(story.calibrations.values())],
         boots=[
             Line(b.time_ns, words.clock(b.time_ns), b.what, t.label(b.cause)) for b in reversed(story.boots.values())
         ],
@@ -95,8 +95,9 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
     )
 
 
-def _calibration(c: Calibration, in_use: str, t: Texts) -> CalibrationLine:
+def _calibration(c: Calibration, story: Story, in_use: str, t: Texts) -> CalibrationLine:
     std = stds(c)
+    moved = ", ".join(AXES[axis] for axis in bias_moves(c, story.calibrations.values()))
     return CalibrationLine(
         id=c.id,
         time_ns=c.time_ns,
@@ -117,7 +118,7 @@ def _calibration(c: Calibration, in_use: str, t: Texts) -> CalibrationLine:
             )
             for turn in c.turns
         ),
-        reason=t.text(c.reason),
+        reason="\n".join([t.text(c.reason), *([t("device.bias_moved", axes=moved)] if moved else [])]),
         in_use=c.id == in_use,
     )
 

@@ -1,12 +1,13 @@
-"""Topics of a device's page: text, raw and corrected rates, bias trail and lost heading."""
+"""Topics of a device's page: text, attitude, raw and corrected rates, bias trail and lost heading."""
 
 from collections.abc import Iterable
-from math import degrees
+from math import asin, degrees, hypot
 
 import numpy as np
 
 from bridge.wire.messages import SampleBatch
 from estimator.client import Corrected, Stream
+from estimator.geometry.gyro_model import SIGMAS
 from estimator.web import number_format, topics
 from estimator.web.device_page import device_page
 from estimator.web.device_trail import Trail
@@ -107,6 +108,41 @@ class TraceTopic:
 
 def _in_degrees(lost: Lost) -> tuple[float, ...]:
     return round(lost.time_s, 2), *(round(degrees(angle), 3) for angle in (lost.read, lost.zeroed, lost.std))
+
+
+@topics.kind("attitude", of_a_device=True)
+class AttitudeTopic:
+    """Attitude ten times a second: unit quaternion from sensor to earth axes, tilt and heading with bands of 95 %, degrees."""
+
+    period_s = 0.1
+
+    def __init__(self, topic: str, sources: Sources) -> None:
+        self._topic = topic
+        client = sources.client
+        self._stream = client.orientation(topics.device_of(topic)) if client is not None else None
+
+    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
+        """Nothing: the next attitude comes at once."""
+        return ()
+
+    def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
+        """The newest attitude, if a new one has come."""
+        batch = self._stream.latest() if self._stream is not None else None
+        if batch is not None:
+            w, x, y, z = map(float, batch.quat_wxyz[-1])
+            about = {
+                "quat_wxyz": (w, x, y, z),
+                "tilt": degrees(2 * asin(min(hypot(x, y), 1.0))),
+                "tilt_band": degrees(SIGMAS * batch.tilt_std),
+                "heading": degrees(batch.heading[-1]),
+                "heading_band": degrees(SIGMAS * batch.heading_std),
+            }
+            yield topics.text(self._topic, about)
+
+    def close(self) -> None:
+        """Close the subscription: the estimator then makes no attitudes for this page."""
+        if self._stream is not None:
+            self._stream.close()
 
 
 @topics.kind("trail", of_a_device=True)

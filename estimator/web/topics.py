@@ -1,4 +1,4 @@
-"""Topics that a page can watch: `ward`, `rates`, `bias`, `device/<id>`, `trace/<id>`. Made when first watched.
+"""Topics that a page can watch: `ward`, `rates`, `bias`, `device/<id>`, `attitude/<id>`, `trace/<id>`. Made when first watched.
 
 A topic with words is named with its language, as `ward@zh`; without a language it is English.
 

@@ -22,7 +22,7 @@ GROUPS = {
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
     "hostile": ("forged", "access", "attacks"),
-    "viewers": ("subscribing", "dashboard", "kills"),
+    "viewers": ("subscribing", "dashboard", "foxglove", "per_sample", "kills"),
 }
 OUT = Path("out/bench")
 

@@ -215,6 +215,11 @@ def nasty(rng: random.Random) -> str:
     return unit * rng.choice((1, 2, 30, 64, 300, 1000, 10_000 // len(unit)))
 
 
+def nothing(place: Place) -> None:
+    """No attack: how a ward grows by itself in the time of `routes`."""
+    time.sleep(place.seconds)
+
+
 PARAMETERS = ("only", "before", "limit", "to", "lang", "words", "x")
 ATTACKS: dict[str, Callable[[Place], None]] = {
     "nobody": nobody,
@@ -223,6 +228,7 @@ ATTACKS: dict[str, Callable[[Place], None]] = {
     "brackets": brackets,
     "pictures": pictures,
     "routes": routes,
+    "nothing": nothing,
 }
 
 
@@ -375,7 +381,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=ATTACKS, default=list(ATTACKS))
     parser.add_argument("--after", type=float, default=130.0, help="seconds the ward is watched for after each attack")
-    parser.add_argument("--fuzz", type=float, default=600.0, help="seconds of `routes`")
+    parser.add_argument("--fuzz", type=float, default=600.0, help="seconds of `routes` and `nothing`")
     given: Any = parser.parse_args()
     missed = {which: found for which in given.only if (found := run(which, given.after, given.fuzz))}
     for which, found in missed.items():

@@ -47,27 +47,32 @@ def absent(why: str) -> None:
     pytest.skip(why)
 
 
-@pytest.fixture(scope="session")
-def subscriber(pytestconfig: pytest.Config) -> Path:
-    """The script beside the packages it needs, installed once for each package-lock.json."""
+def installed(config: pytest.Config, of: Path) -> Path:
+    """A folder with the npm packages of another one, installed once for each package-lock.json."""
     node, npm = shutil.which("node"), shutil.which("npm")
     if node is None or npm is None:
         absent("node and npm are not installed (Debian: apt-get install nodejs npm)")
     assert npm is not None
-    assert pytestconfig.cache is not None
-    name = hashlib.sha256((HERE / "package-lock.json").read_bytes()).hexdigest()[:16]
-    folder = pytestconfig.cache.mkdir(f"node-{name}")
+    assert config.cache is not None
+    name = hashlib.sha256((of / "package-lock.json").read_bytes()).hexdigest()[:16]
+    folder = config.cache.mkdir(f"node-{name}")
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # one of several test processes installs them
         if not (folder / "installed").exists():
             for file in ("package.json", "package-lock.json"):
-                shutil.copy(HERE / file, folder)
+                shutil.copy(of / file, folder)
             words = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
             done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=240, check=False)
             if done.returncode:
-                absent(f"npm could not install protobufjs: {done.stderr[-300:]}")
+                absent(f"npm could not install the packages of {of.name}: {done.stderr[-300:]}")
             (folder / "installed").touch()
-    return Path(shutil.copy(HERE / "subscriber.js", folder))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def subscriber(pytestconfig: pytest.Config) -> Path:
+    """The script beside the packages it needs."""
+    return Path(shutil.copy(HERE / "subscriber.js", installed(pytestconfig, HERE)))
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from bridge.wire.messages import (
     CorrectedBatch,
     DeviceInfo,
     Note,
+    OrientationBatch,
     Placement,
     Quality,
     SampleBatch,
@@ -26,7 +27,7 @@ from tests.memory_bus import MemoryBroker, MemoryBus
 from tests.sentences import free
 
 WARD = "w"
-Message = Status | DeviceInfo | Calibration | Note | SampleBatch | CorrectedBatch
+Message = Status | DeviceInfo | Calibration | Note | SampleBatch | CorrectedBatch | OrientationBatch
 
 
 def said(device: str, state: State = State.TRACKING, **changes: Any) -> Status:
@@ -120,4 +121,5 @@ _KINDS: dict[type, tuple[str, Callable[[Any], bytes]]] = {
     Note: ("note", codec.encode_note),
     SampleBatch: ("raw", codec.encode_samples),
     CorrectedBatch: ("corrected", codec.encode_corrected),
+    OrientationBatch: ("orientation", codec.encode_orientation),
 }

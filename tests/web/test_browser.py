@@ -12,9 +12,20 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from playwright.sync_api import Page, WebSocketRoute, expect
+from scipy.spatial.transform import Rotation
 
 from bridge.reasons.codes import Code
-from bridge.wire.messages import BootCause, CommandReply, CorrectedBatch, Note, Quality, SampleBatch, State, Status
+from bridge.wire.messages import (
+    BootCause,
+    CommandReply,
+    CorrectedBatch,
+    Note,
+    OrientationBatch,
+    Quality,
+    SampleBatch,
+    State,
+    Status,
+)
 from estimator.web import number_format as words
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.sentences import free
@@ -299,6 +310,41 @@ def test_a_device(page: Page, site: Site, shot: Shot) -> None:
     shot("device")
     assert serious(page) == []
     expect(page.get_by_role("link", name="Log in to recalibrate")).to_be_visible()
+
+
+def test_a_device_turns_on_its_page_as_it_is_turned(page: Page, site: Site, shot: Shot) -> None:
+    ward(site, 1)
+    name = "bed-01-chest"
+    page.emulate_media(reduced_motion="no-preference")
+    page.goto(f"/devices/{name}")
+    expect(page.locator("#attitude")).to_be_hidden()
+
+    def lies(*angles_deg: float) -> list[list[float]]:
+        """Ends of the sensor's axes on the screen: right, down, to the viewer. Turned about earth z, tilted about its x."""
+        turned = Rotation.from_euler("zx", angles_deg, degrees=True)
+        quat = np.tile(turned.as_quat(scalar_first=True), (5, 1)).astype(np.float32)
+        cov = np.diag(np.radians([0.2, 0.2, 3.0]) ** 2).astype(np.float32)
+        ticks = np.arange(5, dtype=np.uint64)
+        site.talk(OrientationBatch(name, 5, 0, now_ns(), 0.01, 1.0, ticks, quat, None, cov, 0, "start", Quality.GOOD))
+        east, north, up = turned.as_matrix()
+        return [[east[axis], -up[axis], -north[axis]] for axis in range(3)]
+
+    drawn = """() => { const m = new DOMMatrix(getComputedStyle(document.querySelector(".sensor")).transform);
+      return [m.m11, m.m12, m.m13, m.m21, m.m22, m.m23, m.m31, m.m32, m.m33]; }"""
+    for angles in ((0.0, 0.0), (40.0, 0.0), (-30.0, 25.0)):
+        until, found, expected = time.monotonic() + 20, [0.0] * 9, [1.0] * 9
+        while not np.allclose(found, expected, atol=0.01) and time.monotonic() < until:
+            x, y, z = lies(*angles)
+            expected = [*x, *(-v for v in z), *(-v for v in y)]  # in CSS a box has its y down and its z to the viewer
+            page.wait_for_timeout(150)
+            found = page.evaluate(drawn) if page.locator("#attitude").is_visible() else [0.0] * 9
+        assert found == pytest.approx(expected, abs=0.01)
+    expect(page.locator("#attitude-words")).to_have_text(
+        "Tilted by 25.0° ± 0.6°. Turned by -30.0° ± 5.9° since its zero."
+    )
+    shot("attitude")
+    assert serious(page) == []
+    expect(page.locator("#attitude")).to_be_hidden(timeout=20_000)  # nothing comes any more
 
 
 def test_who_may_and_who_may_not(page: Page, site: Site, shot: Shot) -> None:

@@ -143,6 +143,22 @@ def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
     assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ±{words.SPACE}{1.96 * k_std:.4f}"
 
 
+@pytest.mark.parametrize(("sigmas", "moved"), [(3.8, ""), (4.1, "y")])
+def test_two_methods_whose_intervals_exclude_each_other_say_that_the_bias_moved(sigmas: float, moved: str) -> None:
+    ward = known(about("a", boot=CALIBRATION.boot), said("a", boot=CALIBRATION.boot))
+    std = float(np.sqrt(CALIBRATION.covariance[1, 1]))
+    later = replace(
+        CALIBRATION, id="later", method="turn360", time_ns=CALIBRATION.time_ns + S,
+        bias=CALIBRATION.bias + np.array([0.0, sigmas * std, 0.0]),
+    )  # fmt: skip
+    for one in (CALIBRATION, later, replace(later, id="other", boot=9, time_ns=later.time_ns + S)):
+        ward.take_calibration(replace(one, device="a"))
+    lines = {line.id: line.reason for line in device_page(ward, "a", 100.0, NOW, EN).calibrations}
+    said_so = f"The bias has moved since the calibration before: {moved}."
+    assert (said_so in lines["later"]) is bool(moved)
+    assert "moved" not in lines[CALIBRATION.id] + lines["other"]
+
+
 def test_a_picture_of_the_past_shows_the_boot_from_which_on_the_bias_was_unsure() -> None:
     ward = known(about("a", boot=4, time_ns=NOW - 7200 * S), about("a", boot=5, time_ns=NOW - S))
     for i, std in enumerate([0.5, 0.5, 0.001, 0.001]):

@@ -29,7 +29,7 @@ def missed(miss: Miss) -> None:
 def main(config: str) -> None:
     """Until it is killed."""
     ward = load(config, Ward)
-    with Client(ward.bus.routers, ward=ward.ward) as client:
+    with Client(ward.bus.every()[0], ward=ward.ward) as client:
         owned = client._bus.subscribe(keys.pattern(ward.ward, "owned"))
         stream = client.corrected(wait_s=PATIENT_S, on_miss=missed)
         say(what="ready")

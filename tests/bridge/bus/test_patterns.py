@@ -52,7 +52,7 @@ def test_a_hostile_key_is_refused_and_harms_nothing(a: Bus, key: str) -> None:
     assert subscription.receive(30.0) is not None
 
 
-@pytest.mark.parametrize("pattern", ["", "a//b", "a*", "a/**/**", "a/**/*", "***", "$*", "a" * 201])
+@pytest.mark.parametrize("pattern", ["", "a//b", "a*", "a/**/**", "a/**/*", "***", "$*", "a" * 401])
 def test_a_hostile_pattern_is_refused(a: Bus, pattern: str) -> None:
     with pytest.raises(BusError):
         a.subscribe(pattern)
@@ -62,7 +62,7 @@ def test_a_hostile_pattern_is_refused(a: Bus, pattern: str) -> None:
         a.answer(pattern, lambda key, payload, reply: reply(payload))
 
 
-@pytest.mark.parametrize("length", [201, 70_000])
+@pytest.mark.parametrize("length", [401, 70_000])
 def test_a_key_too_long_leaves_the_bus_usable(a: Bus, b: Bus, length: int) -> None:
     publisher, subscription = a.publisher("t/before"), b.subscribe("t/before")
     with pytest.raises(BusError, match=f"{length} characters"):

@@ -171,7 +171,7 @@ def test_what_does_not_go_together_is_said(
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"connect": ("tls/10.0.0.5:7447",)}, "needs ca, certificate and key"),
+        ({"connect": ("tls/10.0.0.5:7447",)}, "needs pki, or ca, certificate and key"),
         ({"connect": ("tls/10.0.0.5:7447",), "ca": "a", "key": "b"}, "certificate missing"),
         ({"connect": ("tcp/10.0.0.5:7447",), "ca": "a", "key": "b", "certificate": "c"}, "uses no certificate"),
     ],

@@ -39,6 +39,18 @@ def test_calibrate_prints_one_json_object(tmp_path: Path, capsys: pytest.Capture
     assert {"axis", "angle_deg", "closure_error_deg", "duration_s"} == set(found["turns"][0])
 
 
+def test_an_assumed_rate_is_repeated_in_the_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    session = simulate_session(4)
+    table = np.column_stack([np.degrees(session.gyro), session.accel])
+    file = tmp_path / "no-times.csv"
+    np.savetxt(file, table, delimiter=",", header="gx_dps,gy_dps,gz_dps,ax_m_s2,ay_m_s2,az_m_s2", comments="")
+    words = ["calibrate", str(file), "--rate-hz", f"{session.rate_hz:g}"]
+    assert main(words) == 0
+    assert f"note: there are no sample times: the given {session.rate_hz:g} Hz is assumed" in capsys.readouterr().out
+    assert main([*words, "--json"]) == 0
+    assert any("is assumed" in note for note in json.loads(capsys.readouterr().out)["notes"])
+
+
 @pytest.mark.parametrize("method", ["closure", "turn360"])
 def test_calibrate_by_a_method(method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4)), "--method", method]) == 0

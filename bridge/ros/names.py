@@ -1,0 +1,26 @@
+"""Names of a ward and its devices in ROS 2, and the keys on zenoh that ROS 2 nodes of a ward use. Pure."""
+
+import re
+from typing import Final
+
+#: root of the liveliness tokens of all ROS 2 nodes
+TOKENS: Final = "@ros2_lv"
+TRANSFORMS_TOPIC: Final = "/tf"
+DIAGNOSTICS_TOPIC: Final = "/diagnostics"
+
+
+def ros_name(name: str) -> str:
+    """Return an id as ROS 2 allows it: letters, digits and single underscores, and no digit first."""
+    name = re.sub(r"[-_]+", "_", name)
+    return f"d{name}" if name[0].isdigit() else name
+
+
+def imu_topic(ward: str, device: str) -> str:
+    """Return the topic of a device's samples."""
+    return f"/{ros_name(ward)}/{ros_name(device)}/imu"
+
+
+def key_patterns(ward: str) -> tuple[str, ...]:
+    """Return the key patterns of what `truerate outlet ros2` publishes of a ward, in any ROS domain."""
+    topics = f"/{ros_name(ward)}/*/imu", TRANSFORMS_TOPIC, DIAGNOSTICS_TOPIC
+    return (*(f"*{topic}/**" for topic in topics), f"{TOKENS}/**")

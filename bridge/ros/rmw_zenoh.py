@@ -1,0 +1,66 @@
+"""Names of ROS 2 topics and nodes on zenoh, and what accompanies a message, as rmw_zenoh has them. Pure.
+
+Source: docs/design.md and rmw_zenoh_cpp/src/detail of https://github.com/ros2/rmw_zenoh, from version 0.6 (attachments of 33
+bytes) on. Subscribers drop messages without the attachment. xxhash comes with the extra `ros2`.
+"""
+
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+from bridge.ros import messages
+from bridge.ros.names import TOKENS
+
+_NODE, _PUBLISHER = "NN", "MP"
+#: enclave and namespace of a node that has none
+_NONE: Final = "%"
+_ATTACHMENT: Final = struct.Struct("<qqB16s")
+_GID_BYTES: Final = 16
+
+
+def topic_key(domain: int, topic: str, kind: str) -> str:
+    """Return the key of a topic: domain, name without the first slash, type as DDS names it, type hash."""
+    return f"{domain}/{topic.strip('/')}/{_dds_type(kind)}/{messages.type_hash(kind)}"
+
+
+def _dds_type(kind: str) -> str:
+    package, _, name = kind.split("/")
+    return f"{package}::msg::dds_::{name}_"
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A ROS 2 node in the root namespace. session: id of its zenoh session; name: letters, digits and underscores."""
+
+    domain: int
+    session: str
+    name: str
+
+    @property
+    def token(self) -> str:
+        """Key of the liveliness token that announces the node."""
+        return self._token(0, _NODE)
+
+    def publisher_token(self, number: int, topic: str, kind: str, depth: int) -> str:
+        """Return the key of the token that announces a publisher: reliable, volatile, the last `depth` messages.
+
+        number: of the publisher in its session, from 1.
+        """
+        mangled = topic.replace("/", "%")
+        qos = f"::,{depth}:,:,:,,"  # what is left out has rmw_zenoh's default
+        return "/".join((self._token(number, _PUBLISHER), mangled, _dds_type(kind), messages.type_hash(kind), qos))
+
+    def _token(self, number: int, entity: str) -> str:
+        return "/".join((TOKENS, str(self.domain), self.session, "0", str(number), entity, _NONE, _NONE, self.name))
+
+
+def gid(token: str) -> bytes:
+    """Return the global id of a publisher: the XXH3 hash of its token, 128 bits, low half first."""
+    from xxhash import xxh3_128_intdigest  # noqa: PLC0415 - optional extra
+
+    return xxh3_128_intdigest(token.encode()).to_bytes(_GID_BYTES, "little")
+
+
+def attachment(sequence: int, time_ns: int, of: bytes) -> bytes:
+    """Return the attachment of a message: its number from 1 in its publisher, its time, and the publisher's global id."""
+    return _ATTACHMENT.pack(sequence, time_ns, _GID_BYTES, of)

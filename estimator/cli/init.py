@@ -1,0 +1,144 @@
+"""The verb `truerate init`: sets up a ward on this machine."""
+
+import argparse
+import os
+import secrets
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.cli.parser import Verbs, add_verb
+from bridge.config.schema import ConfigError, check
+from bridge.terminal.console import plain_console
+from bridge.terminal.plurals import count
+
+if TYPE_CHECKING:
+    from bridge.diagnose.port_probe import Verdict
+
+_EXAMPLES = """examples:
+  truerate init ward-3                                     one machine; the page opens on this machine only
+  truerate init ward-3 --host ward-3.example --person nurse
+                                                           the page over TLS, for tablets; asks for the nurse's password
+  truerate init ward-3 --host 10.0.0.5 --bridge bridge-2   a second machine has devices, too
+  truerate init ward-3 --virtual 3 --dry-run               say what would be done, with three simulated devices
+
+A second run keeps what is there and adds what is missing: newly plugged devices, new people, further machines."""
+_SERVICES = ("router", "bridge", "estimator", "dashboard", "recorder")
+_HERE, _DATA, _DEFAULTS = Path("/etc/truerate"), Path("/var/lib/truerate"), Path("/etc/default/truerate")
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `init`."""
+    does = "set up a ward on this machine: ward file, certificates, people, services"
+    verb = add_verb(verbs, "init", _init, does)
+    verb.epilog, verb.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter
+    verb.add_argument("ward", metavar="WARD", help="name of the ward, such as ward-3")
+    verb.add_argument(
+        "--host",
+        dest="hosts",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="name or address by which tablets and other machines reach this machine; repeatable, the best first",
+    )
+    verb.add_argument(
+        "--bridge",
+        dest="bridges",
+        action="append",
+        default=[],
+        metavar="ID",
+        help="bridge on another machine; repeatable. Its files are collected in FOLDER/machines/ID",
+    )
+    verb.add_argument(
+        "--person",
+        dest="people",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="person who may give commands on the page; repeatable. The password is asked for, or made up without a terminal",
+    )
+    verb.add_argument("--virtual", type=int, default=0, metavar="N", help="simulated devices, to try the installation")
+    verb.add_argument("--no-scan", action="store_true", help="do not listen on the serial ports for devices")
+    verb.add_argument("--folder", type=Path, default=_HERE, help="ward file and certificates (default: %(default)s)")
+    verb.add_argument("--data", type=Path, default=_DATA, help="store and recordings (default: %(default)s)")
+    verb.add_argument("--dry-run", action="store_true", help="only say what would be done")
+
+
+def _init(given: argparse.Namespace) -> int:
+    from estimator.installation.ward import install  # noqa: PLC0415 - certificates are slow to import
+    from estimator.installation.ward_text import Plan  # noqa: PLC0415
+    from estimator.web.passwords import hashed  # noqa: PLC0415
+
+    try:
+        if not 0 <= given.virtual <= 100:
+            raise ValueError(f"--virtual is {given.virtual}: use 0 to 100")
+        if given.bridges and not given.hosts:
+            raise ValueError("--bridge needs --host: the name or address by which the other machine reaches this one")
+        plan = Plan(
+            check(given.ward, "WARD"),
+            given.folder.absolute(),
+            given.data.absolute(),
+            tuple(dict.fromkeys(given.hosts)),
+            tuple(check(bridge, "--bridge") for bridge in dict.fromkeys(given.bridges)),
+            tuple(check(name, "--person") for name in dict.fromkeys(given.people)),
+            given.virtual,
+        )
+        found = [] if given.no_scan or given.virtual else _scanned()
+        plan, ward, left = install(plan, found, lambda name: hashed(_password(name)), print, dry=given.dry_run)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    devices = len(ward.bridge.devices) if ward.bridge else 0
+    units = [f"truerate-{name}" for name in _SERVICES if devices or name != "bridge"]
+    if plan.bridges:
+        _use_router_file(plan.folder, dry=given.dry_run)
+    _enable(units, dry=given.dry_run)
+    print(f"\nWard {plan.ward}: {count(devices, 'device')}. Page: {plan.page}\nLeft to do:")
+    for words in left:
+        print(f"- {words}")
+    return 0
+
+
+def _scanned() -> "list[Verdict]":
+    """Listen on every serial port for devices."""
+    from bridge.diagnose.port_probe import bauds, examine  # noqa: PLC0415
+    from bridge.diagnose.protocol_guess import candidates  # noqa: PLC0415
+    from bridge.diagnose.serial_ports import find  # noqa: PLC0415
+    from bridge.drivers import registry  # noqa: PLC0415
+
+    tried = candidates(registry.kinds().values())
+    with plain_console(stderr=True).status("") as status:
+        return [examine(each, tried, bauds(tried), 1.5, status.update) for each in find()]
+
+
+def _password(name: str) -> str:
+    from estimator.cli.dashboard import asked  # noqa: PLC0415
+
+    if sys.stdin.isatty():
+        print(f"A password for {name}:", file=sys.stderr)
+        return asked()
+    password = secrets.token_urlsafe(12)
+    print(f"password of {name} (not shown again): {password}", file=sys.stderr)
+    return password
+
+
+def _use_router_file(folder: Path, *, dry: bool) -> None:
+    """Let the router's unit take the file with the rules for other machines."""
+    line = f"ROUTER_CONFIG={folder / 'router.json5'}\n"
+    if folder != _HERE or (_DEFAULTS.exists() and line in _DEFAULTS.read_text("utf-8")):
+        return
+    print(f"{'would add' if dry else 'added'} to {_DEFAULTS}: {line.strip()}")
+    if not dry:
+        with _DEFAULTS.open("a", encoding="utf-8") as file:
+            file.write(line)
+
+
+def _enable(units: list[str], *, dry: bool) -> None:
+    """Start the services now and at every boot, if this machine runs systemd and has them."""
+    words = ["systemctl", "enable", "--now", "truerate.target", "truerate-backup.timer", *units]
+    there = Path("/run/systemd/system").exists() and shutil.which("systemctl") and os.geteuid() == 0
+    if dry or not there:
+        print(f"{'would run' if dry else 'run, as root'}: {' '.join(words)}")
+    elif failed := subprocess.run(words, capture_output=True, text=True, check=False).stderr.strip():
+        print(failed, file=sys.stderr)

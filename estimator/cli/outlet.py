@@ -1,0 +1,68 @@
+"""The verb `truerate outlet`: hands a ward's data to programs that do not speak zenoh."""
+
+import argparse
+from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
+from typing import NamedTuple
+
+from bridge.cli.parser import Verbs, add_group, add_verb
+from bridge.cli.ward_options import add_ward
+from bridge.config.schema import ConfigError
+from bridge.runtime.service_manager import supervised
+from bridge.runtime.signals import stopped_by_signal
+from bridge.wire.keys import check_id
+from estimator.cli.ward_options import ward_of
+
+
+class Outlet(NamedTuple):
+    """An outlet's entry in the help, and the packages that it needs, by import name; its extra has the outlet's name."""
+
+    does: str
+    example: str
+    needs: str = ""
+
+
+#: each is served by the module `estimator.outlets.NAME`, which is loaded only when asked for
+OUTLETS: dict[str, Outlet] = {
+    "foxglove": Outlet(
+        "show a ward live in Foxglove: plots, a 3D view, states",
+        "truerate outlet foxglove --ward demo",
+        "foxglove rosbags",
+    ),
+    "ros2": Outlet(
+        "publish a ward to ROS 2 nodes with rmw_zenoh: samples, poses, diagnostics",
+        "truerate outlet ros2 --ward demo --ros-router tcp/127.0.0.1:7448",
+        "rosbags xxhash",
+    ),
+}
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `outlet` and its verbs."""
+    does = "hand a ward's corrected rates and orientation to other programs until stopped (Ctrl-C)"
+    inner = add_group(verbs, "outlet", does, "truerate outlet --help").add_subparsers(metavar="OUTLET", required=True)
+    for name, outlet in OUTLETS.items():
+        verb = add_verb(inner, name, partial(_serve, name, outlet), outlet.does)
+        verb.epilog = f"Example: {outlet.example}"
+        verb.add_argument(
+            "--device", dest="devices", action="append", metavar="ID", help="device; repeatable (default: all)"
+        )
+        import_module(f"estimator.outlets.{name}").add_arguments(verb)
+        add_ward(verb)
+
+
+def _serve(name: str, outlet: Outlet, given: argparse.Namespace) -> int:
+    if any(find_spec(package) is None for package in outlet.needs.split()):
+        raise ConfigError(f"truerate outlet {name} needs another package: pip install 'truerate[{name}]'")
+    module = import_module(f"estimator.outlets.{name}")
+    ward, given.routers = ward_of(given, *(module.roles(given) if hasattr(module, "roles") else ()))
+    devices = [check_id(device, "--device") for device in given.devices or ()]
+    from estimator.client import Client  # noqa: PLC0415 - numpy and zenoh are slow to import
+
+    with stopped_by_signal() as stop, supervised(), Client(given.routers, ward=ward) as client:
+        if devices and (unknown := set(devices) - client.statuses().keys()):
+            raise ConfigError(
+                f"no device {' or '.join(sorted(unknown))} is heard in ward {ward}: `truerate devices` lists those that are"
+            )
+        return int(module.serve(client, devices or None, given, stop))

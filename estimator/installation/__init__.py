@@ -1,0 +1,1 @@
+"""Installs a ward on a machine, `truerate init`: ward file, certificates, people. Begin at `ward.install`."""

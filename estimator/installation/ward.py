@@ -1,0 +1,88 @@
+"""Installs a ward: writes or completes its ward file, certificates and folders. A second run adds only what is missing."""
+
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from bridge.config.schema import load
+from bridge.diagnose.port_probe import Verdict
+from bridge.diagnose.scan_report import snippet
+from estimator.config.schema import Ward
+from estimator.installation.certificates import certify
+from estimator.installation.owned_files import OwnedFiles
+from estimator.installation.ward_text import Plan, completed, virtual_devices
+
+
+def install(
+    plan: Plan, found: Sequence[Verdict], hashed: Callable[[str], str], say: Callable[[str], None], *, dry: bool
+) -> tuple[Plan, Ward, list[str]]:
+    """Write what is missing. Returns the plan with what an earlier run made, the ward file's content, and what is left to do.
+
+    found: what a scan of the serial ports found. hashed: gives the hash of a new person's password; not called in a dry run.
+    Raises ConfigError if the ward file that is there is not valid, ValueError and OSError for what cannot be made.
+    """
+    files, path = OwnedFiles(say, dry=dry), plan.folder / "ward.toml"
+    there = path.read_text("utf-8") if path.exists() else ""
+    if there:
+        plan = _continued(plan, load(path, Ward), path)
+    text = _text(plan, there, found, (lambda _: "$argon2id$") if dry else hashed)
+    ward = _checked(text)
+    files.folder(plan.folder)
+    files.folder(plan.data, data=True)
+    files.folder(plan.data / "recordings", data=True)
+    if plan.hosts:
+        certify(plan, files)
+    files.write(path, text)
+    return plan, ward, list(_left(plan, ward, path))
+
+
+def _continued(plan: Plan, before: Ward, path: Path) -> Plan:
+    """Return the plan with the hosts and machines of an earlier run."""
+    if before.ward != plan.ward:
+        raise ValueError(f"{path} is of ward {before.ward!r}, not {plan.ward!r}: give that name, or another --folder")
+    machines = sorted(one.name for one in (plan.folder / "machines").glob("*/"))
+    hosts = before.dashboard.hosts if before.dashboard.certificate else ()
+    return replace(
+        plan,
+        hosts=tuple(dict.fromkeys((*hosts, *plan.hosts))),
+        bridges=tuple(dict.fromkeys((*machines, *plan.bridges))),
+    )
+
+
+def _left(plan: Plan, ward: Ward, path: Path) -> Iterator[str]:
+    """Yield what people still have to do."""
+    if not (ward.bridge and ward.bridge.devices):
+        yield f"no device was found: plug one in and run this command again, or edit {path}"
+    for bridge in plan.bridges:
+        yield (
+            f"copy {plan.machine(bridge)}/ to {plan.folder}/ on the machine of {bridge}, add its devices to ward.toml there"
+            " (truerate bridge scan), and start truerate-bridge"
+        )
+    if plan.hosts:
+        yield f"install {plan.pki / 'ca.pem'} on the tablets (docs/dashboard.md shows how)"
+        yield f"back up {plan.authority}/; its ca.key makes certificates"
+    yield f"check everything: truerate doctor {path}"
+
+
+def _text(plan: Plan, there: str, found: Sequence[Verdict], hashed: Callable[[str], str]) -> str:
+    """Return the ward file with the devices and people that it lacks."""
+    tables: dict[str, Any] = tomllib.loads(there)
+    devices = tables.get("bridge", {}).get("devices", [])
+    ports = {device.get("port") for device in devices}
+    new = [verdict for verdict in found if verdict.found.port not in ports]
+    blocks = snippet(new, {device["id"] for device in devices})
+    if not devices and plan.virtual:
+        blocks = virtual_devices(plan.virtual)
+    known = {one["name"] for one in tables.get("dashboard", {}).get("people", [])}
+    return completed(plan, there, blocks, {name: hashed(name) for name in plan.people if name not in known})
+
+
+def _checked(text: str) -> Ward:
+    """Read a ward file's text as its programs will. Raises ConfigError."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "ward.toml"
+        path.write_text(text, "utf-8")
+        return load(path, Ward)

@@ -1,0 +1,110 @@
+"""Text of the ward files of an installation. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from bridge.config.schema import LOCAL
+
+#: the router's port; the port of the ward's page
+ROUTER_PORT, PAGE_PORT = 7447, 8443
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What an installation is to become.
+
+    folder: ward file and certificates. data: store and recordings. hosts: names and addresses by which browsers and other
+    machines reach this one, the best first. bridges: ids of the bridges on other machines. virtual: number of simulated devices.
+    """
+
+    ward: str
+    folder: Path
+    data: Path
+    hosts: tuple[str, ...] = ()
+    bridges: tuple[str, ...] = ()
+    people: tuple[str, ...] = ()
+    virtual: int = 0
+
+    @property
+    def pki(self) -> Path:
+        """Folder of this machine's certificates."""
+        return self.folder / "pki"
+
+    @property
+    def authority(self) -> Path:
+        """Folder of the authority, with all certificates of the ward."""
+        return self.folder / "authority"
+
+    def machine(self, bridge: str) -> Path:
+        """Folder to be copied to another machine."""
+        return self.folder / "machines" / bridge
+
+    @property
+    def page(self) -> str:
+        """Address of the ward's page in a browser."""
+        return f"https://{self.hosts[0]}:{PAGE_PORT}/" if self.hosts else "http://127.0.0.1:8090/"
+
+
+def completed(plan: Plan, there: str, found: str, new_people: Mapping[str, str]) -> str:
+    """Return the ward file of the machine with router, estimator, page and recorder; what is there stays, comments too.
+
+    there: the file's text, or empty. found: blocks of newly found devices. new_people: hashes of passwords by name.
+    """
+    path = plan.folder / "ward.toml"
+    document = tomlkit.parse(there or f"# Ward {plan.ward}. After a change: truerate config check {path}\n")
+    document.setdefault("ward", plan.ward)
+    _set(document, "bus", **_bus(plan))
+    if not plan.bridges:
+        _set(document, "router", listen=[LOCAL])
+    _set(document, "bridge", id="bridge-1", health="127.0.0.1:9465")
+    store = str(plan.data / "ward.sqlite3")
+    _set(document, "estimator", id="estimator-1", store=store, health="127.0.0.1:9464", model="generic")
+    _set(document, "recorder", folder=str(plan.data / "recordings"))
+    _set(document, "dashboard", **_page(plan))
+    text = tomlkit.dumps(document).rstrip("\n") + "\n"
+    if found:
+        text += f"\n{found}\n"
+    for name, password in new_people.items():
+        text += f'\n[[dashboard.people]]\nname = "{name}"\npassword = "{password}"\n'
+    return text
+
+
+def bridge_machine(plan: Plan, bridge: str) -> str:
+    """Return the ward file of another machine, which has a bridge only; no devices."""
+    document = tomlkit.parse(f"# Bridge {bridge} of ward {plan.ward}. Add the devices: truerate bridge scan\n")
+    document["ward"] = plan.ward
+    _set(document, "bus", **_bus(plan))
+    _set(document, "bridge", id=bridge)
+    return tomlkit.dumps(document)
+
+
+def virtual_devices(number: int) -> str:
+    """Return blocks of simulated devices, to try an installation."""
+    block = '[[bridge.devices]]\nid = "virtual-{0}"\ndriver = "simulated"\nseed = {0}'
+    return "\n\n".join(block.format(seed) for seed in range(1, number + 1))
+
+
+def _bus(plan: Plan) -> dict[str, Any]:
+    if not plan.bridges:
+        return {"connect": [LOCAL]}
+    return {"connect": [f"tls/{plan.hosts[0]}:{ROUTER_PORT}"], "pki": str(plan.pki)}
+
+
+def _page(plan: Plan) -> dict[str, Any]:
+    if not plan.hosts:
+        return {"listen": "127.0.0.1:8090"}
+    here, listen = plan.pki / f"page.{plan.ward}", f"0.0.0.0:{PAGE_PORT}"
+    return {"listen": listen, "hosts": list(plan.hosts), "certificate": f"{here}.pem", "key": f"{here}.key"}
+
+
+def _set(document: tomlkit.TOMLDocument, heading: str, **values: Any) -> None:
+    """Complete a table. Where a certificate is new, addresses change with it."""
+    table: Any = document.setdefault(heading, tomlkit.table())
+    certified = any(key in values and key not in table for key in ("pki", "certificate"))
+    for key, value in values.items():
+        if certified or key not in table or key == "hosts":
+            table[key] = value

@@ -1,0 +1,87 @@
+"""What outlets for robotics show of a ward: each sample once, poses on a grid, states, and events in words."""
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from bridge.reasons.catalogue import explain
+from bridge.ros.imu_rows import ImuJoin, ImuRows
+from bridge.wire.messages import Quality, State, Status, Verdict
+from estimator.client import Client
+
+#: devices in a row of the grid, and the distance between them, m
+_COLUMNS, _APART = 6, 0.5
+_NOT_TURNED = (1.0, 0.0, 0.0, 0.0)
+
+
+class Pose(NamedTuple):
+    """Pose of a device in the frame of its ward: its place on the grid in m, and its orientation, scalar first."""
+
+    device: str
+    time_ns: int
+    position: tuple[float, float, float]
+    quat_wxyz: tuple[float, float, float, float]
+
+
+class Event(NamedTuple):
+    """A note, a calibration, or a change of a device's state, in words. serious: a person should look."""
+
+    time_ns: int
+    device: str
+    words: str
+    serious: bool
+
+
+class WardFeed:
+    """Reads a ward's streams; call the methods again and again, from one thread."""
+
+    def __init__(self, client: Client, devices: Sequence[str] | None) -> None:
+        # Raw readings are for those who may hear them: without them, samples have no acceleration.
+        self._rates = client.corrected(devices, history=False, quiet=True)
+        self._raw = client.raw(devices, history=False)
+        self._orientation = client.orientation(devices)
+        self._statuses = client.follow(devices)
+        self._notes = client.follow_notes(devices)
+        self._calibrations = client.follow_calibrations(devices)
+        self._join = ImuJoin()
+        self._places: dict[str, int] = {}
+        self._states: dict[str, tuple[int, State, Quality]] = {}
+
+    def samples(self, timeout_s: float) -> Iterator[ImuRows]:
+        """Wait at most timeout_s for corrected samples, and yield those that are complete."""
+        self._rates.wait(timeout_s)
+        now_s = time.monotonic()
+        for stream in (self._raw, self._orientation, self._rates):
+            for batch in stream.drain():
+                yield from self._join.take(batch, now_s)
+        yield from self._join.due(now_s)
+
+    def statuses(self) -> list[Status]:
+        """Return the statuses since the last call: one a second of each device."""
+        return self._statuses.drain()
+
+    def pose(self, rows: ImuRows) -> Pose:
+        """Return a device's pose at the last sample; a device whose orientation is unknown is shown unturned."""
+        w, x, y, z = rows.quat_wxyz[-1].tolist()
+        turned = _NOT_TURNED if math.isnan(w) else (w, x, y, z)
+        return Pose(rows.device, int(rows.time_ns[-1]), self._place(rows.device), turned)
+
+    def _place(self, device: str) -> tuple[float, float, float]:
+        row, column = divmod(self._places.setdefault(device, len(self._places)), _COLUMNS)
+        return column * _APART, -row * _APART, 0.0
+
+    def events(self, statuses: Sequence[Status]) -> Iterator[Event]:
+        """Yield what happened since the last call, as these statuses, notes and calibrations say."""
+        for status in statuses:
+            state = status.boot, State(status.state), Quality(status.quality)
+            if self._states.get(status.device) != state:
+                self._states[status.device] = state
+                words = f"{state[1].name}, quality {state[2].name}: {explain(status.reason)}"
+                yield Event(status.time_ns, status.device, words, state[1] in (State.DEGRADED, State.LOST))
+        for one in self._calibrations.drain():
+            verdict = Verdict(one.verdict)
+            words = f"calibration {verdict.name}: {explain(one.reason)}"
+            yield Event(one.time_ns, one.device, words, verdict is not Verdict.ACCEPTED)
+        for note in self._notes.drain():
+            yield Event(note.time_ns, note.device, f"{note.who}: {note.text}", serious=False)

@@ -1,0 +1,169 @@
+"""`truerate init`: what it writes is valid, a second run adds what is missing, and one ward file serves all programs."""
+
+import io
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from bridge.bus.contract import BusError
+from bridge.config.schema import Bus
+from bridge.pki.member import Role
+from bridge.toml.loader import ConfigError, load
+from estimator.cli.main import main
+from estimator.client import Client
+from estimator.config.schema import Ward
+from estimator.demo.ward import free_port
+from tests.bench.suffering import process
+
+
+class Installed:
+    """An installation in a folder of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.data = folder / "etc", folder / "var"
+        self.path = self.folder / "ward.toml"
+
+    def __call__(self, *words: str, ward: str = "ward-3") -> int:
+        places = ["--folder", str(self.folder), "--data", str(self.data)]
+        return main(["init", ward, *places, "--no-scan", *words])
+
+    def files(self) -> dict[Path, bytes]:
+        return {path: path.read_bytes() for path in self.folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def init(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Installed:
+    monkeypatch.setattr(sys, "stdin", io.StringIO())  # no terminal: passwords are made up
+    monkeypatch.setenv("PATH", "")  # no systemctl
+    return Installed(tmp_path)
+
+
+def test_a_ward_on_one_machine_is_valid_and_a_dry_run_writes_nothing(
+    init: Installed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert init("--virtual", "2", "--dry-run") == 0
+    assert not init.folder.exists()
+    assert "would write" in capsys.readouterr().out
+    assert init("--virtual", "2", "--person", "nurse") == 0
+    said = capsys.readouterr()
+    assert "password of nurse" in said.err
+    assert "http://127.0.0.1:8090/" in said.out
+    assert main(["config", "check", str(init.path)]) == 0
+    ward = load(init.path, Ward)
+    assert (ward.ward, len(ward.bridge.devices) if ward.bridge else 0) == ("ward-3", 2)
+    assert [person.name for person in ward.dashboard.people] == ["nurse"]
+    assert (init.data / "recordings").is_dir()
+    assert init.path.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_second_run_keeps_everything(init: Installed) -> None:
+    init("--host", "localhost", "--bridge", "bridge-2", "--person", "nurse", "--virtual", "1")
+    before = init.files()
+    assert init() == 0
+    assert init("--host", "localhost", "--bridge", "bridge-2", "--person", "nurse") == 0
+    assert init.files() == before
+
+
+def test_machines_and_people_are_added_later_and_comments_stay(init: Installed) -> None:
+    init("--virtual", "1")
+    init.path.write_text(
+        "# ours\n" + init.path.read_text().replace("[estimator]", "[estimator]  # mine\nsilence_s = 5.0")
+    )
+    assert init("--host", "localhost", "--bridge", "bridge-2", "--person", "nurse") == 0
+    text = init.path.read_text()
+    assert text.startswith("# ours\n")
+    assert "[estimator]  # mine\nsilence_s = 5.0" in text
+    there = init.folder / "machines/bridge-2/ward.toml"
+    there.write_text(there.read_text().replace(str(init.folder / "pki"), str(there.parent / "pki")))
+    assert main(["config", "check", str(init.path), str(there), str(init.folder / "router.json5")]) == 0
+    for key in init.folder.rglob("*.key"):
+        assert key.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_renewed_certificate_is_copied_by_the_next_run(init: Installed) -> None:
+    init("--host", "localhost")
+    own = init.folder / "pki/page.ward-3.pem"
+    before = own.read_bytes()
+    assert main(["pki", "renew", "page:ward-3", "--days", "200", "--folder", str(init.folder / "authority")]) == 0
+    assert init() == 0
+    assert own.read_bytes() != before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--bridge", "b"], "--bridge needs --host"),
+        (["--person", "Nurse Joy"], "--person 'Nurse Joy'"),
+        (["--virtual", "-1"], "use 0 to 100"),
+    ],
+)
+def test_a_wrong_argument_is_said_and_nothing_is_written(
+    init: Installed, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
+    assert init(*words) == 2
+    assert said in capsys.readouterr().err
+    assert not init.folder.exists()
+
+
+def test_the_advice_for_another_host_and_another_ward_helps(
+    init: Installed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    init("--host", "localhost")
+    assert init(ward="ward-4") == 2
+    assert "of ward 'ward-3'" in capsys.readouterr().err
+    assert init("--host", "10.0.0.5") == 2
+    said = capsys.readouterr().err
+    for path in (init.folder / "authority").glob("page.*"):
+        assert str(path) in said
+        path.unlink()
+    assert init("--host", "10.0.0.5") == 0
+    assert load(init.path, Ward).dashboard.hosts == ("localhost", "10.0.0.5")
+
+
+def test_a_program_takes_the_newest_certificate_of_its_role(init: Installed) -> None:
+    init("--host", "localhost", "--bridge", "bridge-2")
+    pki = init.folder / "pki"
+    bus = load(init.path, Ward).bus
+    for kind in ("pem", "key"):
+        (pki / f"recorder.recorder-1.2.{kind}").write_bytes((pki / f"recorder.recorder-1.{kind}").read_bytes())
+    recorder = bus.routers_as(Role.VIEWER, Role.RECORDER).identity
+    assert recorder is not None
+    assert Path(recorder.certificate).name == "recorder.recorder-1.2.pem"
+    with pytest.raises(ConfigError, match=r"no certificate for bridge:bridge-9\. Make one: truerate pki issue bridge:"):
+        bus.routers_as(Role.BRIDGE, name="bridge-9")
+    with pytest.raises(ValueError, match="not both"):
+        Bus(connect=("tls/a:1",), pki="pki", ca="ca.pem")
+
+
+@pytest.mark.ward
+@pytest.mark.xdist_group("ward")
+def test_the_programs_of_an_installed_ward_work_with_one_file(init: Installed, tmp_path: Path) -> None:
+    init("--host", "localhost", "--bridge", "bridge-2", "--virtual", "1")
+    ports = {"7447": free_port(), "9464": free_port(), "9465": free_port()}
+    for path in (init.path, init.folder / "router.json5"):
+        text = path.read_text()
+        for port, free in ports.items():
+            text = text.replace(f":{port}", f":{free}")
+        path.write_text(text)
+    config, log = str(init.path), tmp_path / "log"
+    with ExitStack() as stack:
+        for words in (
+            ("router", "--config", str(init.folder / "router.json5")),
+            ("estimator", "serve", config),
+            ("bridge", "run", config),
+        ):
+            stack.enter_context(process("estimator.cli.main", *words, log=log))
+        routers = load(init.path, Ward).bus.routers_as(Role.COMMANDER)
+        until = time.monotonic() + 60
+        found = set[str]()
+        while "virtual-1" not in found and time.monotonic() < until:
+            try:
+                with Client(routers, ward="ward-3") as client:
+                    found = set(client.statuses())
+                    assert not client.denied
+            except BusError:
+                time.sleep(0.2)  # the router is not there yet
+        assert "virtual-1" in found, log.read_text()
