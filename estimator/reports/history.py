@@ -34,7 +34,7 @@ def as_tables(history: History) -> Iterator[RenderableType]:
         ("from", "to", "by", "worn"),
         [
             (when(one.since_ns), when(end) if end else "now", one.who, str(one))
-            for one, end in zip(history.placements, ends, strict=True)
+            for one, end in zip(history.placements, ends, strict=False)
         ],
     )
     yield from _table(
