@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
-BENCHES := bench-calibration bench-tracking bench-orientation bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-viewers
+BENCHES := bench-calibration bench-tracking bench-orientation bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-outlets bench-viewers
 
 .PHONY: setup setup-dev demo test check lint types contracts prose proto study bench $(BENCHES) pins supply fuzz soak nemesis docs release test-lowest clean
 
@@ -32,7 +32,7 @@ test: setup-dev
 # The tests with the lowest allowed version of each dependency; `make test` installs the newest. ARGS='tests/laws' for some.
 test-lowest: setup-dev
 	$(BIN)/uv venv -q --clear --python $(PYTHON) out/lowest
-	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,mavlink]' --group dev
+	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,foxglove,lsl,mavlink,mqtt,ros,ros2]' --group dev
 	out/lowest/bin/python -m estimator.kernels
 	out/lowest/bin/python -m pytest $(ARGS)
 

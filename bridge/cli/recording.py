@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,6 +51,7 @@ CONVERT = """examples:
   truerate recording convert export.csv session.npz --gyro-unit deg/s
   truerate recording convert sd-card.bin session.mcap --driver witmotion --device wrist-01
   truerate recording convert log.txt session.npz --profile openlog-artemis
+  truerate recording convert ward-3-20260801T101500Z.mcap walk.sto --segment chest=torso     for OpenSim, all devices
   truerate recording convert ward-3-20260801T101500Z.mcap plots.mcap --per-sample"""
 
 
@@ -131,11 +133,23 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         inner,
         "convert",
         _convert,
-        "convert a recording, or captured bytes of a device, to .npz, .csv or .mcap",
+        "convert a recording, or captured bytes of a device, to .npz, .csv or .mcap; orientations to OpenSim's .sto",
         CONVERT,
     )
-    verb.add_argument("file", type=Path, metavar="IN", help="recording, or captured bytes of a device")
-    verb.add_argument("out", type=Path, metavar="OUT", help="new file, .npz, .csv or .mcap; must not exist")
+    verb.add_argument(
+        "files", type=Path, nargs="+", metavar="IN", help="recording, or captured bytes of a device; for .sto several"
+    )
+    verb.add_argument("out", type=Path, metavar="OUT", help="new file, .npz, .csv, .mcap or .sto; must not exist")
+    verb.add_argument(
+        "--segment",
+        action="append",
+        default=[],
+        metavar="DEVICE=BODY",
+        help="for .sto: the body of the model; repeatable",
+    )
+    verb.add_argument(
+        "--skip", type=float, default=0.0, metavar="S", help="for .sto: seconds to leave out at the beginning"
+    )
     add_reading(verb)
     _add_capture(verb)
     _add_per_sample(verb)
@@ -261,6 +275,12 @@ def _convert(given: argparse.Namespace) -> None:
     except RecordingError as error:
         raise ConfigError(str(error)) from None
     check_new([given.out])
+    if given.out.suffix.lower() == ".sto" and not given.per_sample:
+        _opensim(given)
+        return
+    if len(given.files) > 1 or given.segment or given.skip:
+        raise ConfigError(f"{given.out}: several recordings, --segment and --skip are for .sto: give one recording")
+    given.file = given.files[0]
     if given.per_sample and not _per_sample(given):
         return
     recording = _loaded(given)
@@ -272,6 +292,23 @@ def _convert(given: argparse.Namespace) -> None:
             f"{given.out}: {len(recording):,} samples of {device}, {recording.time_s[-1]:.1f} s at {recording.rate_hz:.6g} Hz"
         )
     )
+
+
+def _opensim(given: argparse.Namespace) -> None:
+    from bridge.recording import opensim  # noqa: PLC0415 - SciPy is slow to import
+
+    if not given.skip >= 0.0:
+        raise ConfigError(f"--skip is {given.skip:g}: give seconds, 0 or more")
+    segments = dict(text.partition("=")[::2] for text in given.segment)
+    for device, body in segments.items():
+        if not re.fullmatch(r"\w+", body):
+            raise ConfigError(f"--segment {device}={body}: give DEVICE=BODY, such as chest=torso")
+    devices = [given.device] if given.device else []
+    written = opensim.convert(given.files, given.out, devices, given.boot, segments, given.skip)
+    there = ", ".join(written.segments)
+    print(printable(f"{' and '.join(map(str, written.paths))}: {written.rows:,} times of {there}"))
+    if written.left_out:
+        print(f"note: {written.left_out:,} times are left out: a device has a gap there")
 
 
 def _per_sample(given: argparse.Namespace) -> bool:

@@ -9,7 +9,7 @@ from bridge.drivers.driver import DriverKind
 
 GROUP = "truerate.drivers"
 #: built-in drivers, each in the module of the same name, imported on first use
-OURS = ("native", "ximu3", "witmotion", "mtdata2", "text_profile", "mavlink", "replayed", "simulated")
+OURS = ("native", "ximu3", "witmotion", "mtdata2", "text_profile", "mavlink", "lsl", "replayed", "simulated")
 
 _log = logging.getLogger(__name__)
 

@@ -248,6 +248,10 @@ class Code(StrEnum):
     BLE_SERVICE_SILENT = "ble_service_silent", "place"
     BLE_NO_CHARACTERISTIC = "ble_no_characteristic", "place", "wanted", "listed"
     BLE_LOST = "ble_lost", "place"
+    LSL_NOT_HEARD = "lsl_not_heard", "place"
+    LSL_SEVERAL = "lsl_several", "place", "listed"
+    LSL_NO_CHANNELS = "lsl_no_channels", "place", "wanted", "listed"
+    LSL_NO_UNIT = "lsl_no_unit", "place", "channels", "unit", "option"
     DRIVER_FAILED = "driver_failed", "error"
 
     # Notices: what a person should know about a device
@@ -267,6 +271,7 @@ class Code(StrEnum):
     NO_RATE_OF_TURN = "no_rate_of_turn"
     LEGACY_MTDATA = "legacy_mtdata"
     SEVERAL_SYSTEMS = "several_systems", "system", "others"
+    LSL_UNEVEN = "lsl_uneven"
     NO_TIME_COLUMN = "no_time_column", "column", "rate_hz"
     READS_LOW = "reads_low", "percent", "cause", "scale"
     READS_HIGH = "reads_high", "percent", "cause", "scale"

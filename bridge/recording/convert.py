@@ -19,7 +19,7 @@ from bridge.recording.stretches import Stretch
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch
 
-ENDINGS = (*WRITERS, ".mcap")
+ENDINGS = (*WRITERS, ".mcap", ".sto")
 _BRIDGE, _WARD = "converted", "converted"
 _BATCH = 256
 _BOOT = 1

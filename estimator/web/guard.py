@@ -21,8 +21,10 @@ HEADERS = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
 }
 #: most characters of a path with its parameters
-LONGEST = 2048
+LONGEST = 8000
 _SAFE = ("GET", "HEAD", "OPTIONS")
+#: where pages of other origins may read; only its WebSocket comes to the check of origins, the rest of it changes nothing
+STREAM = f"{routes.ROOT}/stream"
 #: websocket close code for a policy violation
 _POLICY = 1008
 #: scheme of the asking page's origin, by scheme of the request
@@ -30,10 +32,10 @@ _SCHEMES = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
 
 
 class Guard:
-    """ASGI middleware that refuses foreign hosts and origins."""
+    """ASGI middleware that refuses foreign hosts and origins. Pages of `origins` may read the stream's WebSocket."""
 
-    def __init__(self, app: ASGIApp, hosts: tuple[str, ...]) -> None:
-        self._app, self._hosts = app, {"localhost", *(host.lower() for host in hosts)}
+    def __init__(self, app: ASGIApp, hosts: tuple[str, ...], origins: tuple[str, ...] = ()) -> None:
+        self._app, self._hosts, self._origins = app, {"localhost", *(host.lower() for host in hosts)}, origins
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one ASGI connection."""
@@ -64,6 +66,8 @@ class Guard:
             words = f"This is not the host {host[:80]!r}; name it in `hosts` of [dashboard]."
             return Fault(HTTPStatus.BAD_REQUEST, "foreign_host", words)
         if scope["type"] == "http" and scope["method"] in _SAFE:
+            return None
+        if scope["path"] == STREAM and headers.get("origin") in self._origins:
             return None
         ours, origin = f"{_SCHEMES[scope['scheme']]}://{host.lower()}", headers.get("origin")
         if origin is not None and origin.lower() != ours:

@@ -92,9 +92,9 @@ class Server:
 
     def connect(self, data: Bus, control: Bus) -> None:
         """Attach the sessions of a router that was found. Called in the event loop."""
-        commands = Client(ward=self._ward, bus=control)
-        self._broadcast.connect(Client(ward=self._ward, bus=data), commands)
-        self.desk.control = commands
+        commands, client = Client(ward=self._ward, bus=control), Client(ward=self._ward, bus=data)
+        self._broadcast.connect(client, commands)
+        self.desk.control, self.desk.feeds.client = commands, client
 
 
 def _place(host: str, port: int, *, tls: bool) -> str:

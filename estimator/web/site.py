@@ -34,6 +34,7 @@ from estimator.web.login_attempts import Attempts
 from estimator.web.passwords import Passwords
 from estimator.web.sessions import Session, Sessions
 from estimator.web.shared_work import SharedWork
+from estimator.web.stream.feeds import Feeds
 from estimator.web.ward_state import CALIBRATIONS, Known, Story
 
 log = logging.getLogger(__name__)
@@ -61,6 +62,8 @@ class Desk:
         self.known, self.hub, self.settings = known, hub, settings
         self.treatment = treatment or Treatment()
         self.sessions = Sessions(settings.session_hours * 3600, settings.idle_minutes * 60)
+        #: subscriptions of programs that read the stream
+        self.feeds = Feeds()
         #: client for commands, on its own bus session; None until a router is first connected
         self.control: Client | None = None
         self._attempts, self._passwords = Attempts(), Passwords(settings.people)

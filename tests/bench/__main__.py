@@ -22,7 +22,8 @@ GROUPS = {
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
     "hostile": ("forged", "access", "attacks"),
-    "viewers": ("subscribing", "dashboard", "foxglove", "per_sample", "kills"),
+    "outlets": ("lsl", "stream", "foxglove", "per_sample"),
+    "viewers": ("subscribing", "dashboard", "kills"),
 }
 OUT = Path("out/bench")
 

@@ -8,6 +8,8 @@ import msgspec
 
 from bridge.wire.keys import ID
 from estimator.web.api.answers import MOST, PAGE, Calibrations, Device, Devices, Error, Placing, Reply, Standings, Words
+from estimator.web.stream.documents import Answer
+from estimator.web.stream.request import DEVICES, FASTEST_HZ, LONGEST_S, PLACE, SLOWEST_HZ, USUAL_S
 
 _REF = "#/components/schemas/{name}"
 _DEVICE = {
@@ -28,9 +30,8 @@ _COMMANDS = {
 @cache
 def document() -> dict[str, Any]:
     """The complete OpenAPI document, cached."""
-    _, schemas = msgspec.json.schema_components(
-        (Devices, Device, Calibrations, Reply, Words, Placing, Standings, Error), ref_template=_REF
-    )
+    kinds = (Devices, Device, Calibrations, Answer, Reply, Words, Placing, Standings, Error)
+    _, schemas = msgspec.json.schema_components(kinds, ref_template=_REF)
     of_one = {400: "no id of a device, or a parameter", 404: "no such device was heard of"}
     return {
         "openapi": "3.1.0",
@@ -72,6 +73,22 @@ def document() -> dict[str, Any]:
                     "acknowledge", "Say that a person has seen an alert; `words` is its kind, or empty for all."
                 )
             },
+            "/api/v1/stream": {
+                "get": {
+                    **_get(
+                        "readStream",
+                        "The next corrected samples, each once",
+                        Answer,
+                        [_OF, _AFTER, _HZ, _WAIT],
+                        {
+                            400: "no id of a device, or a parameter",
+                            404: "no such device was heard of",
+                            503: "no router, no device yet, or too many programs read; see Retry-After",
+                        },
+                    ),
+                    "description": _STREAM,
+                }
+            },
             **{f"/api/v1/devices/{{device}}/{verb}": {"post": _post(verb, words)} for verb, words in _COMMANDS.items()},
         },
         "components": {
@@ -104,6 +121,38 @@ _LIMIT = {
     "in": "query",
     "description": "how many at most",
     "schema": {"type": "integer", "minimum": 1, "maximum": MOST, "default": PAGE},
+}
+
+
+_STREAM = (
+    "Waits for the next samples. The first request begins now; give each text of `after` as a parameter of the next request. "
+    "A WebSocket at the same address sends each element of `documents` as a message: text, or with `format=protobuf` the bytes "
+    "of a CorrectedBatch (docs/wire.md). Code 4000 + an HTTP status closes a refused WebSocket, with the reason in words."
+)
+_OF = {
+    "name": "device",
+    "in": "query",
+    "description": "a device; may be given again; without it, the whole ward",
+    "schema": {"type": "array", "maxItems": DEVICES, "items": _DEVICE["schema"]},
+}
+_AFTER = {
+    "name": "after",
+    "in": "query",
+    "description": "where to resume, DEVICE.BOOT.NUMBER of the last sample; may be given again. Devices without it, "
+    "and an empty one, begin with all that is kept",
+    "schema": {"type": "array", "items": {"type": "string", "pattern": f"^({PLACE.pattern})?$"}},
+}
+_HZ = {
+    "name": "hz",
+    "in": "query",
+    "description": "means a second instead of every sample",
+    "schema": {"type": "number", "minimum": SLOWEST_HZ, "maximum": FASTEST_HZ},
+}
+_WAIT = {
+    "name": "wait_s",
+    "in": "query",
+    "description": "longest wait for a sample, s",
+    "schema": {"type": "number", "minimum": 0, "maximum": LONGEST_S, "default": USUAL_S},
 }
 
 

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import msgspec
 from starlette.datastructures import QueryParams
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
@@ -57,14 +57,14 @@ def refused(fault: Fault) -> Response:
 
 async def document(request: Request) -> Response:
     """Serve the OpenAPI document."""
-    _asked(request)
+    known_parameters(request)
     return answer(openapi.document())
 
 
 async def devices(request: Request) -> Response:
     """Serve all devices; with ?only= those in a state or with a matching id."""
     desk = Desk.of(request)
-    only = _asked(request, "only").getlist("only")
+    only = known_parameters(request, "only").getlist("only")
     if len(only) > MOST_WORDS:
         words = f"'only' is there {len(only)} times; at most {MOST_WORDS} are taken."
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
@@ -76,14 +76,14 @@ async def devices(request: Request) -> Response:
 
 async def device(request: Request) -> Response:
     """Serve one device."""
-    _asked(request)
+    known_parameters(request)
     desk, name = Desk.of(request), _named(request)
     return answer(answers.device(desk.known.row(name, time.monotonic()), desk.story(name)))
 
 
 async def calibrations(request: Request) -> Response:
     """Serve a device's latest calibrations, or with ?before= those older than that id; at most ?limit= of them."""
-    asked = _asked(request, "before", "limit")
+    asked = known_parameters(request, "before", "limit")
     desk, name = Desk.of(request), _named(request)
     found = await desk.calibrations(request, name)
     before = asked.get("before")
@@ -95,7 +95,7 @@ async def calibrations(request: Request) -> Response:
     return answer(answers.calibrations(name, desk.story(name), found, _limit(asked.get("limit", f"{answers.PAGE}"))))
 
 
-def _asked(request: Request, *names: str) -> QueryParams:
+def known_parameters(request: HTTPConnection, *names: str) -> QueryParams:
     """Query parameters of the request; raises Fault if any name is not in `names`."""
     unknown = set(request.query_params) - set(names)
     if unknown:
@@ -154,7 +154,7 @@ async def acknowledge(request: Request) -> Response:
 async def command(request: Request, verb: str) -> Response:
     """Send a command to the estimator; 409 when the estimator refuses."""
     desk = Desk.of(request)
-    _asked(request)
+    known_parameters(request)
     who = await _who(desk, request)
     words: str | Placement
     if verb == "place":

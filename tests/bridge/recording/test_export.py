@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
-from bridge.recording import load
+from bridge.recording import load, opensim
 from bridge.recording.bids import Session, channels, export_bids
 from bridge.recording.error import RecordingError
 from bridge.recording.export import export
@@ -91,6 +91,13 @@ def test_orientation_is_beside_the_readings(tmp_path: Path) -> None:
         assert np.isnan(file["quat_wxyz"][n:]).all()
         assert (file["tilt_std"][:n] == 2).all()
         assert (file["heading_std"][:n] == 3).all()
+    opensim.convert(written, tmp_path / "one.sto", ["one"], None, {"one": "pelvis"})
+    head, *rows = (tmp_path / "one.sto").read_text().partition("endheader\n")[2].splitlines()
+    assert head == "time\tpelvis_imu"
+    assert len(rows) == n
+    np.testing.assert_allclose(
+        [float(part) for part in rows[-1].split("\t")[1].split(",")], turned.quat_wxyz[-1], rtol=1e-6
+    )
     row = table_of(next((tmp_path / "csv").glob("one*.csv")))[0]
     assert [row[f"quat_{axis}"] for axis in "wxyz"] == ["0.600000024", "0", "0.800000012", "0"]
     assert [one.name for one in channels(read(written).stretches["one"][0]) if one.type == "ORNT"] == [
