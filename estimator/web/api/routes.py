@@ -142,7 +142,7 @@ def _checked(request: Request) -> str:
 
 async def standing(request: Request) -> Response:
     """Serve the standing alerts."""
-    _asked(request)
+    known_parameters(request)
     return answer(answers.alerts(Desk.of(request).known, time.monotonic()))
 
 
