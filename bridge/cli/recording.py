@@ -46,8 +46,10 @@ RECOVER = """example:
   truerate recording recover recordings/ward-3-20260801T101500Z.mcap.part"""
 INSPECT = """examples:
   truerate recording inspect session.csv
+  truerate recording inspect walk.bag --device /imu/data
   truerate recording inspect log.txt --gyro-unit deg/s --rate-hz 100"""
 CONVERT = """examples:
+  truerate recording convert walk.xdf walk.h5 --device Gyroscope
   truerate recording convert export.csv session.npz --gyro-unit deg/s
   truerate recording convert sd-card.bin session.mcap --driver witmotion --device wrist-01
   truerate recording convert log.txt session.npz --profile openlog-artemis
@@ -124,7 +126,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "show how truerate reads a file: rate, gaps, noise, gravity, doubts",
         INSPECT,
     )
-    verb.add_argument("file", type=Path, metavar="FILE", help="recording: .npz, .mcap, or text such as .csv")
+    verb.add_argument("file", type=Path, metavar="FILE", help="recording, a file or a folder: see docs/recording.md")
     add_reading(verb)
     _add_capture(verb)
     verb.add_argument("--json", action="store_true", help="print one JSON object")
@@ -133,13 +135,15 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         inner,
         "convert",
         _convert,
-        "convert a recording, or captured bytes of a device, to .npz, .csv or .mcap; orientations to OpenSim's .sto",
+        "convert a recording, or bytes of a device, to .npz, .csv, .h5, .parquet or .mcap; orientations to OpenSim's .sto",
         CONVERT,
     )
     verb.add_argument(
         "files", type=Path, nargs="+", metavar="IN", help="recording, or captured bytes of a device; for .sto several"
     )
-    verb.add_argument("out", type=Path, metavar="OUT", help="new file, .npz, .csv, .mcap or .sto; must not exist")
+    verb.add_argument(
+        "out", type=Path, metavar="OUT", help="new file, .npz, .csv, .h5, .parquet, .mcap or .sto; must not exist"
+    )
     verb.add_argument(
         "--segment",
         action="append",
@@ -251,8 +255,14 @@ def _loaded(given: argparse.Namespace) -> "Recording":
         from bridge.drivers.capture import load_capture  # noqa: PLC0415
 
         return load_capture(given.file, given.driver, given.profile, reading_of(given))
-    mcap = given.file.suffix.lower() == ".mcap"
-    return load(given.file, device=given.device if mcap else None, reading=reading_of(given))
+    return load(given.file, device=given.device if _has_streams(given) else None, reading=reading_of(given))
+
+
+def _has_streams(given: argparse.Namespace) -> bool:
+    """Whether --device chooses a stream of the file; otherwise it names the device of a new file."""
+    from bridge.recording.formats.registry import format_of  # noqa: PLC0415
+
+    return not (given.driver or given.profile) and given.file.exists() and format_of(given.file).streams
 
 
 def _inspect(given: argparse.Namespace) -> None:
@@ -286,6 +296,8 @@ def _convert(given: argparse.Namespace) -> None:
     recording = _loaded(given)
     begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
     device = given.device or recording.device or "recorded"
+    if _has_streams(given):  # the name of a stream need not be an id
+        device = recording.device or re.sub("[^a-z0-9]+", "-", device.lower()).strip("-")[:32] or "recorded"
     convert(recording, given.out, device, begin_ns, per_sample=bool(given.per_sample))
     print(
         printable(

@@ -6,6 +6,7 @@ and `bias_rad_s` (n, 3), NaN for a sample without a corrected rate, and `quality
 `quat_wxyz` (n, 4), scalar first, `tilt_std` and `heading_std` (n,) rad, NaN for a sample without one.
 
 CSV: the same columns, one per axis; the quality is a number. `events.csv` lists boots, calibrations and notes.
+HDF5 has the arrays of npz, Parquet the columns of CSV.
 """
 
 import csv
@@ -129,18 +130,43 @@ def _from_its_boot(stretch: Stretch) -> bool:
     return int(stretch.sequence[0]) == 0
 
 
+def flat(columns: Columns) -> Columns:
+    """Return columns (n,), one per axis of columns (n, 3) and (n, 4), named as in a CSV."""
+    return {
+        name: axis
+        for column, values in columns.items()
+        for name, axis in zip(_names(column, values), np.atleast_2d(values.T), strict=True)
+    }
+
+
+def _arrays(stretch: Stretch) -> Columns:
+    arrays: Columns = {
+        **columns(stretch),
+        "device": np.array(stretch.device),
+        "boot": np.array(boot_id(stretch.boot)),
+    }
+    return {**arrays, "rate_hz": np.array(stretch.rate_hz)} if stretch.rate_hz else arrays
+
+
 def _write_npz(file: BinaryIO, stretch: Stretch) -> None:
-    whose = {"device": np.array(stretch.device), "boot": np.array(boot_id(stretch.boot))}
-    arrays: Columns = {**columns(stretch), **whose}
-    if stretch.rate_hz:
-        arrays["rate_hz"] = np.array(stretch.rate_hz)
-    np.savez(file, allow_pickle=False, **arrays)
+    np.savez(file, allow_pickle=False, **_arrays(stretch))
+
+
+def _write_hdf5(file: BinaryIO, stretch: Stretch) -> None:
+    from bridge.recording.formats import hdf5  # noqa: PLC0415 - an extra
+
+    hdf5.write(file, _arrays(stretch))
+
+
+def _write_parquet(file: BinaryIO, stretch: Stretch) -> None:
+    from bridge.recording.formats import parquet  # noqa: PLC0415 - an extra
+
+    parquet.write(file, flat(columns(stretch)))
 
 
 def _write_csv(file: BinaryIO, stretch: Stretch) -> None:
-    found = columns(stretch)
-    names = [name for column, values in found.items() for name in _names(column, values)]
-    file.write((",".join(names) + "\n").encode())
+    found = flat(columns(stretch))
+    file.write((",".join(found) + "\n").encode())
     file.writelines("".join(",".join(row) + "\n" for row in rows).encode() for rows in rows_of(list(found.values())))
 
 
@@ -183,4 +209,4 @@ def harmless(text: str) -> str:
     return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
-WRITERS: dict[str, Write] = {".npz": _write_npz, ".csv": _write_csv}
+WRITERS: dict[str, Write] = {".npz": _write_npz, ".csv": _write_csv, ".h5": _write_hdf5, ".parquet": _write_parquet}

@@ -21,6 +21,7 @@ corrected:
          matrix (3, 3), rate_hz; quat_wxyz (n, 4), tilt_std, heading_std (n) rad;
          and as recorded accel_m_s2 (n, 3), temperature_c (n).
   .csv   the same with one column per axis: t_s, rate_x_rad_s …, rate_std_x_rad_s …, bias_x_rad_s …; quality by name.
+  .h5 .parquet  HDF5 with the arrays of .npz, Parquet with the columns of .csv.
 quality:
   NONE                 bias unknown or in doubt, scale unknown
   PRIOR                bias unknown or in doubt, scale from another boot
@@ -56,12 +57,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "correct a recording (.npz, .mcap, .csv and other text) as a ward would: rates, bias, standard deviations, quality",
     )
     verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, metavar="IN", help="a recording: .npz, .mcap, or text of any tool; see below")
+    verb.add_argument("file", type=Path, metavar="IN", help="a recording, a file or a folder; see below")
     verb.add_argument(
         "out",
         type=Path,
         metavar="OUT",
-        help="output file, .npz or .csv; an existing file is overwritten only if `truerate correct` wrote it",
+        help="output file, .npz, .csv, .h5 or .parquet; an existing file is overwritten only if `truerate correct` wrote it",
     )
     way = verb.add_mutually_exclusive_group()
     way.add_argument("--realtime", action="store_true", help="use only data up to each sample (default)")
