@@ -162,6 +162,11 @@ class Placement:
     def __bool__(self) -> bool:
         return bool(self.segment or self.wearer)
 
+    @property
+    def body(self) -> str:
+        """Name of the body in an OpenSim model, such as `femur_r`; empty if unknown."""
+        return f"{self.segment}_{self.side[0]}" if self.side else self.segment
+
     def __str__(self) -> str:
         where = f"{self.segment} {self.side}".strip()
         return ", ".join(filter(None, (where, self.wearer))) or "nobody"
