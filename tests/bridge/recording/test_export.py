@@ -129,6 +129,7 @@ def test_a_placement_is_in_the_events_and_in_bids(tmp_path: Path) -> None:
     said = [Message(key, encode_status(replace(status("one", at), placement=one))) for one in worn]
     written = read(recorded(tmp_path / "rec", [about("one"), *part, *said]))
     assert written.stretches["one"][0].placements == (worn[0], worn[1])
+    assert opensim._body(written.stretches["one"][0]) == "humerus_l"
     *_, path = export(written, tmp_path / "out", ".csv")
     rows = [(row["t_s"], row["text"]) for row in table_of(path) if row["event"] == "placement by anna"]
     assert [(float(t_s), text) for t_s, text in rows] == [(1.0, "humerus left, bed-3")]
