@@ -1,6 +1,6 @@
 """Schema of the ward file, which serves both the bridge and the estimator.
 
-The estimator subclasses `Root` to give the tables `estimator` and `dashboard` their types; here any content passes.
+The estimator subclasses `Root` to give the tables `estimator`, `dashboard` and `alerts` their types; here any content passes.
 """
 
 import re
@@ -250,6 +250,7 @@ class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     recorder: Recorder = Recorder()
     estimator: Any = None
     dashboard: Any = None
+    alerts: Any = None
 
     def __post_init__(self) -> None:
         check(self.ward, "ward")

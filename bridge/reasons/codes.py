@@ -85,6 +85,8 @@ class Code(StrEnum):
     NO_ESTIMATOR_SPOKE = "no_estimator_spoke"
     LOW_BATTERY = "low_battery", "percent"
 
+    ALERT = "alert", "subject", "label"
+
     # Answers to commands
     ALREADY_DUE = "already_due", "device"
     NOT_HEARD = "not_heard", "device"
@@ -92,6 +94,10 @@ class Code(StrEnum):
     NOTED = "noted"
     NOTE_EMPTY = "note_empty"
     HEADING_IS_ZERO = "heading_is_zero"
+    ACKNOWLEDGED = "acknowledged", "labels"
+    NOTHING_TO_ACKNOWLEDGE = "nothing_to_acknowledge", "subject"
+    PLACED = "placed", "placement"
+    NOBODY_WEARS = "nobody_wears"
     NO_ORIENTATION = "no_orientation", "device"
     COMMAND_FAILED = "command_failed"
     COMMAND_MALFORMED = "command_malformed", "detail"

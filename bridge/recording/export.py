@@ -105,7 +105,7 @@ def columns(stretch: Stretch) -> Columns:
 
 
 def events(recorded: Recorded) -> list[Event]:
-    """Return boots (or the recording's beginning within a boot), calibrations and notes, in order of time."""
+    """Return boots (or the recording's beginning within a boot), calibrations, notes and placements, in order of time."""
     boots = [
         Event(int(s.time_ns[0]), s.device, s.boot, BOOT if _from_its_boot(s) else BEGIN, s.info.model if s.info else "")
         for stretches in recorded.stretches.values()
@@ -116,7 +116,14 @@ def events(recorded: Recorded) -> list[Event]:
         for c in recorded.calibrations
     ]
     notes = [Event(n.time_ns, n.device, n.boot, f"note by {n.who}", n.text) for n in recorded.notes]
-    return sorted(boots + calibrations + notes)
+    worn = [
+        Event(one.since_ns, s.device, s.boot, f"placement by {one.who}", str(one))
+        for stretches in recorded.stretches.values()
+        for s in stretches
+        for one in s.placements
+        if int(s.time_ns[0]) <= one.since_ns <= int(s.time_ns[-1])
+    ]
+    return sorted(boots + calibrations + notes + worn)
 
 
 def _from_its_boot(stretch: Stretch) -> bool:

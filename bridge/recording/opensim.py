@@ -124,7 +124,8 @@ def _of_stretch(of: Stretch) -> Track:
 
 
 def _body(of: Stretch) -> str:
-    return of.device
+    """Body of the last placement that has one; without a placement the device's id."""
+    return next((one.body for one in reversed(of.placements) if one.body), of.device)
 
 
 def _of_npz(path: Path) -> Track:

@@ -20,6 +20,7 @@
     scale = 1.0                       # factor; a list of three for axes that differ, or point the other way
     [accel]                           the same; m/s2, g, mg, or counts with sensitivity_mg. May be left out
     [temperature]                     column, scale, offset_c: °C = scale * value + offset_c. May be left out
+    [battery]                         column, scale: % = scale * value, kept within 0 to 100. May be left out
     [time]                            column, unit (s, ms, us, ns), bits. May be left out if rate_hz is known
     [[known_scale_faults]]            factor, cause, gyro_range_dps: the true rate is `factor` times the printed one
     [notices]                         name = "what a person should know of this device"
@@ -149,6 +150,16 @@ class Temperature(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
         _within("offset_c", self.offset_c, -1000, 1000)
 
 
+class Battery(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[battery]: charge in % = scale * value."""
+
+    column: str
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_scale(self.scale)
+
+
 class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """[time]: the device's own clock."""
 
@@ -192,6 +203,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     gyro: Gyro
     accel: Accel | None = None
     temperature: Temperature | None = None
+    battery: Battery | None = None
     time: Time | None = None
     csv: Csv | None = None
     regex: Regex | None = None
@@ -232,7 +244,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def needed(self) -> tuple[tuple[str, str], ...]:
         """All columns that are read, each with the table that names it."""
         vectors = [("gyro", self.gyro.columns), *([("accel", self.accel.columns)] if self.accel else [])]
-        single = [("temperature", self.temperature), ("time", self.time)]
+        single = [("temperature", self.temperature), ("battery", self.battery), ("time", self.time)]
         return (
             *((column, table) for table, columns in vectors for column in columns),
             *((one.column, table) for table, one in single if one is not None),

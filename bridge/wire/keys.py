@@ -11,7 +11,7 @@ from bridge.wire.refusal import Reason, Refusal
 
 ROOT = "truerate/@v1"
 ID = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}\Z")
-VERBS = ("recalibrate", "cancel", "note", "zero-heading", "forget", "erase")
+VERBS = ("recalibrate", "cancel", "note", "zero-heading", "forget", "erase", "place", "acknowledge")
 # kind of message -> names of the ids that follow in its key
 SHAPES: dict[str, tuple[str, ...]] = {
     "raw": ("bridge", "device"),

@@ -55,7 +55,7 @@ def _forget(given: argparse.Namespace) -> int:
     ward, endpoints = ward_of(given, Role.COMMANDER)
     device = check_id(given.device, "device")
     with Client(endpoints, ward=ward) as client:
-        return _answered(device, client.forget(device, person(), given.reason, erase=given.yes))
+        return answered(device, client.forget(device, person(), given.reason, erase=given.yes))
 
 
 def _command(given: argparse.Namespace) -> int:
@@ -71,7 +71,7 @@ def _command(given: argparse.Namespace) -> int:
         replies = {device: ask(device, person(), given.reason) for device in devices}
     if not replies:
         raise ConfigError(f"no device is heard in ward {ward}: is an estimator running? See `truerate devices`")
-    return max([_answered(device, reply) for device, reply in replies.items()])
+    return max([answered(device, reply) for device, reply in replies.items()])
 
 
 def _note(given: argparse.Namespace) -> int:
@@ -85,10 +85,10 @@ def _note(given: argparse.Namespace) -> int:
         raise ConfigError(f"the note has {len(text)} characters, at most {MAX_SENTENCE} are allowed: write two notes")
     with Client(endpoints, ward=ward) as client:
         reply = client.note(device, person(), text)
-    return _answered(device, reply)
+    return answered(device, reply)
 
 
-def _answered(device: str, reply: CommandReply) -> int:
+def answered(device: str, reply: CommandReply) -> int:
     """Print the estimator's answer, and return the exit code."""
     print(f"{device}: {english(*reply.message)}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1

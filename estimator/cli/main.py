@@ -31,6 +31,8 @@ VERBS = {
     "estimator.cli.estimator": ("estimator",),
     "estimator.cli.devices": ("devices", "status", "watch"),
     "estimator.cli.commands": ("recalibrate", "cancel", "zero-heading", "note", "forget"),
+    "estimator.cli.placement": ("placement",),
+    "estimator.cli.alerts": ("alerts",),
     "estimator.cli.cluster": ("cluster",),
     "estimator.cli.store": ("history", "store"),
     "estimator.cli.calibrate": ("calibrate",),

@@ -45,6 +45,8 @@ _ROWS = {
     "bias": ("saved state", ""),
     "bias_history": ("bias history point", ""),
     "audit": ("command", ""),
+    "placements": ("placement", ""),
+    "alerts": ("alert", ""),
 }
 
 
@@ -247,4 +249,4 @@ def _restore(given: argparse.Namespace) -> int:
 
 
 def _contents(found: "Inspection") -> str:
-    return ", ".join(count(found.rows[table], *words) for table, words in _ROWS.items())
+    return ", ".join(count(found.rows[table], *words) for table, words in _ROWS.items() if table in found.rows)

@@ -15,9 +15,11 @@ from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import (
     NO_REST_S,
+    Alert,
     Calibration,
     DeviceCalibration,
     DeviceInfo,
+    Placement,
     Quality,
     SampleBatch,
     State,
@@ -487,6 +489,8 @@ class DeviceSession:
         epoch: int = 0,
         silent_s: float = 0.0,
         more: Iterable[tuple[str, int]] = (),
+        placement: Placement | None = None,
+        alerts: tuple[Alert, ...] = (),
     ) -> Status:
         """Status message for the bus.
 
@@ -524,6 +528,8 @@ class DeviceSession:
             events=events,
             bridge=bridge,
             refused_bridges=refused_bridges,
+            placement=placement,
+            alerts=alerts,
             epoch=epoch,
         )
 

@@ -9,7 +9,7 @@ from typing import Any
 from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import sentences_as_json
 from bridge.reasons.codes import Code, Sentences
-from bridge.wire.messages import DeviceInfo, Quality, State, Status
+from bridge.wire.messages import DeviceInfo, Placement, Quality, State, Status
 from estimator.device.attention import LOW_BATTERY_PERCENT, complaints, ended, needs_person
 from estimator.device.lifecycle import NEVER_S
 
@@ -48,6 +48,7 @@ class DeviceRow:
     battery_percent: float | None = None
     charging: bool = False
     notices: Sentences = ()
+    placement: Placement | None = None
 
     @property
     def low_battery(self) -> bool:
@@ -172,6 +173,7 @@ class WardView:
             status.events.get("gaps", 0),
             status.events.get("missing_samples", 0),
             status.evidence_age_s if status.evidence_age_s < NEVER_S else None,
+            placement=status.placement,
             **about,
         )
 

@@ -37,12 +37,12 @@ class _Asked(NamedTuple):
 class Commands:
     """Command queue between the bus and the service.
 
-    ours(device): whether this estimator answers for the device. others: called with commands that another one answers.
+    ours(key): whether this estimator answers the command. others: called with commands that another one answers.
     """
 
     def __init__(
         self,
-        ours: Callable[[str], bool] = lambda _: True,
+        ours: Callable[[keys.Key], bool] = lambda _: True,
         counted: Callable[[str], object] = lambda _: None,
         others: Callable[[keys.Key], object] = lambda _: None,
     ) -> None:
@@ -70,7 +70,7 @@ class Commands:
                 self._counted(f"refused, {refusal.reason}")
                 _refuse(asked.reply, "", Code.COMMAND_MALFORMED(detail=refusal))
                 continue
-            if not self._ours(key.device):
+            if not self._ours(key):
                 asked.reply(b"")  # another estimator answers
                 self._others(key)
             elif now - asked.came_s > ANSWER_S:

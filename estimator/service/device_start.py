@@ -113,9 +113,13 @@ class DeviceStarts:
         """Create a device owned by us. began: device time in s of the start of its boot, if known."""
         parts = self._parts
         knobs, epoch = self._treatment.of(name), parts.cluster.epoch(name)
-        device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began)
+        device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began, parts.alerts)
+        device.stands(parts.record.standing(name), now)
         known = self._listed or parts.record.knows(name) or parts.cluster.replicas.of(name) is not None
         device.announced_after_s = 0.0 if known else NEWCOMER_S
+        device.placement = parts.record.placement(name)
+        if device.placement is None and (worn := parts.settings.placements.get(name)) is not None:
+            device.placement = worn.placement
         return device
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:

@@ -9,11 +9,15 @@ from functools import partial
 
 from bridge.bus.contract import Bus
 from bridge.bus.router_watch import RouterWatch
+from bridge.bus.routers import Routers
 from bridge.config.enrolment import Enrolment
 from bridge.config.ward_file import WardFile
 from bridge.reasons.codes import Code
 from bridge.wire import keys
+from bridge.wire.messages import Placement
 from bridge.wire.refusal import Tally
+from estimator.alerts.board import Change
+from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.config.device_settings import treatment
 from estimator.config.schema import Estimator, Ward
 from estimator.device.lifecycle import Event
@@ -34,6 +38,7 @@ from estimator.service.intake import Intake
 from estimator.service.newcomers import Newcomers
 from estimator.service.outcomes import Outcomes
 from estimator.service.overload import OVERLOADED, Overload
+from estimator.service.own_alerts import OwnAlerts
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks, Totals
 from estimator.service.presence import Presence
@@ -63,7 +68,8 @@ PAST_IN_COMPANY = 200
 class Service:
     """Running estimator on a session of the bus.
 
-    peers: ids of other estimators of the ward that were seen already. file: the ward file, which may change.
+    peers: ids of other estimators of the ward that were seen already. file: the ward file, which may change. send: takes
+    alerts and all-clears for people.
     """
 
     def __init__(
@@ -78,6 +84,8 @@ class Service:
         enrolment: Enrolment | None = None,
         peers: Collection[str] = (),
         file: WardFile[Ward] | None = None,
+        alerts: Alerts = DEFAULTS,
+        send: Callable[[str, Placement | None, Change], None] = lambda *_: None,
     ) -> None:
         self.ward, self.settings, self._file = ward, settings, file
         self.counts = Tally()
@@ -96,9 +104,14 @@ class Service:
             self._guarded,
         )
         membership.hear(self._record.epoch())
+        self._send = send
+        now = time.monotonic()
+        standing = self._record.standing(settings.id)
+        routers = vitals.routers if vitals else Routers(())
+        self._own_alerts = OwnAlerts(settings.id, alerts, store.database, routers, self._alerted, standing, now)
         self._devices = DeviceRoster(self.counts, settings.silence_s)
         parts = Parts(
-            ward, settings, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
+            ward, settings, alerts, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
         )
         resumed = Resumed(self._record.reached(), time.monotonic())
         self._stock = PeriodicChecks(self._devices, self.counts, vitals or ServiceHealth())
@@ -120,7 +133,7 @@ class Service:
         self._to_look = dict[str, None]()
         forgetting = Forgetting(parts, self._gate, self._presence, self._intake, self._stock, self._starts)
         self._forgetting = forgetting
-        self._orders = CommandHandler(parts, self._gate, forgetting)
+        self._orders = CommandHandler(parts, self._gate, self._own_alerts, forgetting)
         self._commands = Commands(
             self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
         )
@@ -248,9 +261,14 @@ class Service:
         self._to_look |= dict.fromkeys(self._devices)
         self._cluster.look_round(now, self._devices.keys() | self._quotas.devices())
         self._record.tend(now)
+        if self._own_alerts.due(now):
+            self._record.look_up(self._own_alerts.look_at_machine)
+        self._own_alerts.look(now, self._now_ns())
+        self._cluster.alerts = self._own_alerts.board.standing
         counts = self._count_all()
         self._totals.tell(now, counts)
-        self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._overload.busy)
+        kinds = tuple(one.kind for one in self._cluster.alerts)
+        self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._overload.busy, alerts=kinds)
 
     def _excuse(self, now: float, *, connected: bool) -> None:
         """While the router is away the devices' state is unknown: nothing could be heard of them."""
@@ -268,10 +286,19 @@ class Service:
     def _looked_after(self, device: Device, now: float) -> None:
         self._starts.adopt_missed(device.name)
         self._lost.look(device, now)
+        for change in device.look_for_alerts(now, self._now_ns()):
+            self._record.alert(device.name, change)
+            self._send(device.name, device.placement, change)
         device.say_status(self._now_ns())
         self._stock.see(device)
         device.look_round()
         self._record.checkpoint(device, now)
+
+    def _alerted(self, change: Change) -> None:
+        """Store a change of the estimator's own alerts, and send it unless a person made it."""
+        self._record.alert(self.settings.id, change)
+        if change.cleared or not change.alert.acknowledged_ns:
+            self._send(self.settings.id, None, change)
 
     def _count_all(self) -> dict[str, int]:
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}

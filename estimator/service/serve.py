@@ -18,6 +18,7 @@ from bridge.pki.member import Role
 from bridge.runtime.health_server import HealthServer
 from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
+from estimator.alerts.sender import sender
 from estimator.config.schema import Ward
 from estimator.database import Database, StoreError
 from estimator.database.owner import owned
@@ -78,6 +79,9 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
         from estimator.service.store import Store  # noqa: PLC0415
         from estimator.service.store_writer import StoreWriter  # noqa: PLC0415 - see _load_service
 
+        out = sender(ward.ward, ward.alerts)
+        if out is not None:
+            stack.callback(out.close)
         clerk = StoreWriter(database)
         stack.callback(clerk.close)
         store = Store(database)
@@ -91,6 +95,8 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
             enrolment=ward.devices,
             peers=frozenset(others),
             file=file,
+            alerts=ward.alerts,
+            send=(lambda *_: None) if out is None else out.put,
         ).run(stop)
 
 

@@ -8,14 +8,15 @@ and are tried again (`clerk`). Another estimator's statements on a device it own
 import logging
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 from bridge.reasons.codes import Sentences
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Verdict
+from bridge.wire.messages import Alert, Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Placement, Verdict
 from bridge.wire.refusal import Refusal, Tally
+from estimator.alerts.board import Change
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.service.checkpoints import Checkpoints, calibrated
 from estimator.service.device import Device
@@ -83,6 +84,10 @@ class StoreAccess:
     def tend(self, now: float) -> None:
         """Once a second: see StoreCare."""
         self._care.tend(now)
+
+    def look_up(self, read: Callable[[], None]) -> None:
+        """Do something that may wait for the disk on the store's thread."""
+        self._clerk.look_up(read)
 
     def knows(self, device: str) -> bool:
         """Whether a calibration of a device was stored before this estimator started."""
@@ -259,6 +264,32 @@ class StoreAccess:
             session=(session.state() or b"") if whole and not (session.prior or learnt.turned) else b"",
         )
         self._write(save, lambda: self._noting.discard(device.name), soon=force)
+
+    # ---- who wears it -----------------------------------------------------------------------------------------------
+
+    def placement(self, device: str) -> Placement | None:
+        """Latest placement that a person set; one set at another estimator is stored here, too."""
+        stored, said = self._store.placements(device)[-1:], self._replicas.of(device)
+        if said is None or said.placement is None or (stored and stored[0].since_ns >= said.placement.since_ns):
+            return stored[0] if stored else None
+        self.place(device, said.placement)
+        return said.placement
+
+    def standing(self, subject: str) -> Sequence[Alert]:
+        """Standing alerts of a device or estimator: another estimator's, whose device it was, or those stored."""
+        said = self._replicas.of(subject)
+        if said is not None:
+            return said.alerts
+        return [alert for alert, end_ns in self._store.alerts(subject) if end_ns is None]
+
+    def alert(self, subject: str, change: Change) -> None:
+        """Store an alert of a device or an estimator, its acknowledgement, or its end."""
+        time_ns = self._now_ns()
+        self._write(lambda: self._store.save_alert(subject, change.alert, time_ns, cleared=change.cleared))
+
+    def place(self, device: str, placement: Placement) -> None:
+        """Store a placement."""
+        self._write(lambda: self._store.add_placement(device, placement))
 
     # ---- commands ---------------------------------------------------------------------------------------------------
 

@@ -131,6 +131,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> int:
             settings.listen,
         )
     server = Server(ward.ward, settings, store, treatment(ward.estimator), make_room())
+    server.desk.known.alert_settings = ward.alerts
     asyncio.run(_serve(server, ward, file))
     return 0
 

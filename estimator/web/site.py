@@ -9,6 +9,7 @@ from collections.abc import Callable
 from http import HTTPStatus
 from math import ceil
 from pathlib import Path
+from typing import Any
 from unicodedata import category
 
 from starlette.concurrency import run_in_threadpool
@@ -16,7 +17,9 @@ from starlette.requests import HTTPConnection, Request
 
 from bridge.bus.contract import BusError
 from bridge.reasons.codes import Code
-from bridge.wire.messages import Calibration, CommandReply
+from bridge.wire.messages import Calibration, CommandReply, Placement
+from bridge.wire.placement import MAX_WEARER, placement
+from bridge.wire.refusal import Refusal
 from bridge.wire.validation import MAX_SENTENCE
 from estimator.client import Client
 from estimator.config.dashboard import Dashboard
@@ -42,7 +45,7 @@ PAST_S = 30.0
 DRAWN_S = 5.0
 #: how a program must authenticate; a browser shows no prompt for it
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="truerate"'}
-VERBS = ("recalibrate", "cancel", "note")
+VERBS = ("recalibrate", "cancel", "note", "place")
 
 
 class Desk:
@@ -131,20 +134,27 @@ class Desk:
             raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", device=device[:64], names=there)
         return story
 
-    async def ask(self, device: str, verb: str, who: str, words: str = "") -> CommandReply:
-        """Send a command to the estimator and return its reply; raises Fault when no estimator answers."""
-        self.story(device)
-        words = plain(words)
-        if len(words) > MAX_SENTENCE or not words.isprintable():
-            raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", most=MAX_SENTENCE)
-        if verb == "note" and not words.strip():
+    async def ask(self, device: str, verb: str, who: str, words: str | Placement = "") -> CommandReply:
+        """Send a command to the estimator and return its reply; raises Fault when no estimator answers.
+
+        words: the text of the command; for `place` the placement.
+        """
+        if verb != "acknowledge" or device not in self.known.alive["estimator"]:
+            self.story(device)
+        if isinstance(words, str):
+            words = plain(words)
+            if len(words) > MAX_SENTENCE or not words.isprintable():
+                raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", most=MAX_SENTENCE)
+        if verb == "note" and not str(words).strip():
             raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", reason=(Code.NOTE_EMPTY(),))
         if self.control is None:
             raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_router")
-        commands: dict[str, Callable[[str, str, str], CommandReply]] = {
+        commands: dict[str, Callable[[str, str, Any], CommandReply]] = {
             "recalibrate": self.control.recalibrate,
             "cancel": self.control.cancel,
             "note": self.control.note,
+            "place": self.control.place,
+            "acknowledge": self.control.acknowledge,
         }
         try:
             return await run_in_threadpool(commands[verb], device, who, words)
@@ -190,6 +200,14 @@ def _calibrations(path: Path, device: str) -> list[Calibration]:
         return store.calibrations(device)
     finally:
         store.close()
+
+
+def placed(segment: str, side: str, wearer: str) -> Placement:
+    """Placement of a form or a body; empty to end it. Raises Fault."""
+    try:
+        return placement(segment, side, plain(wearer))
+    except Refusal:
+        raise Fault(HTTPStatus.CONFLICT, "bad_placement", most=MAX_WEARER) from None
 
 
 def plain(words: str) -> str:

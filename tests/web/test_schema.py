@@ -66,4 +66,4 @@ def test_the_document_is_kept(asking: Asking, mode: str) -> None:
 
         with contextlib.suppress(Unsatisfiable):  # there is nothing that can be wrong with it
             try_it()
-    assert len(tried) == 7
+    assert len(tried) == 10

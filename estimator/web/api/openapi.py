@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from bridge.wire.keys import ID
-from estimator.web.api.answers import MOST, PAGE, Calibrations, Device, Devices, Error, Reply, Words
+from estimator.web.api.answers import MOST, PAGE, Calibrations, Device, Devices, Error, Placing, Reply, Standings, Words
 from estimator.web.stream.documents import Answer
 from estimator.web.stream.request import DEVICES, FASTEST_HZ, LONGEST_S, PLACE, SLOWEST_HZ, USUAL_S
 
@@ -23,13 +23,14 @@ _COMMANDS = {
     "recalibrate": "Ask for three new turns; the old calibration stays in use until they are taken. `words` is the reason.",
     "cancel": "Stop a calibration under way; the old one stays.",
     "note": "Mark this moment of a device with `words`: kept, and in every recording of the ward.",
+    "place": "Say where and by whom the device is worn from now on; an empty body ends the placement.",
 }
 
 
 @cache
 def document() -> dict[str, Any]:
     """The complete OpenAPI document, cached."""
-    kinds = (Devices, Device, Calibrations, Answer, Reply, Words, Error)
+    kinds = (Devices, Device, Calibrations, Answer, Reply, Words, Placing, Standings, Error)
     _, schemas = msgspec.json.schema_components(kinds, ref_template=_REF)
     of_one = {400: "no id of a device, or a parameter", 404: "no such device was heard of"}
     return {
@@ -64,6 +65,12 @@ def document() -> dict[str, Any]:
                         400: "no id of a device, or no such parameter",
                         404: "no such device, or no such calibration of it",
                     },
+                )
+            },
+            "/api/v1/alerts": {"get": _get("listAlerts", "Standing alerts", Standings, [], {400: "no such parameter"})},
+            "/api/v1/alerts/{device}/acknowledge": {
+                "post": _post(
+                    "acknowledge", "Say that a person has seen an alert; `words` is its kind, or empty for all."
                 )
             },
             "/api/v1/stream": {
@@ -171,11 +178,12 @@ def _post(verb: str, words: str) -> dict[str, Any]:
         429: "too many wrong secrets; see Retry-After",
         503: "no estimator answers",
     }
+    body = _REF.format(name="Placing" if verb == "place" else "Words")
     return {
         "operationId": verb,
         "summary": words,
         "parameters": [_DEVICE],
-        "requestBody": {"content": {"application/json": {"schema": {"$ref": _REF.format(name="Words")}}}},
+        "requestBody": {"content": {"application/json": {"schema": {"$ref": body}}}},
         "security": [{"secret": []}],
         "responses": _responses("Done, in the estimator's words", Reply, errors),
     }

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.drivers.driver import Identity, Readings
+from bridge.drivers.driver import Battery, Identity, Readings
 from bridge.drivers.text_profile import KIND, TextDecoder, TextOptions
 from bridge.text.profile import Profile, load_profile
 from bridge.toml.loader import ConfigError, options
@@ -206,3 +206,12 @@ def test_the_ward_s_file_says_what_the_profile_leaves_open(tmp_path: Path) -> No
     assert given.baud == 9600
     assert options({"port": "/dev/x", "profile": "nano-33-ble", "baud": 115200}, TextOptions).baud == 115200
     assert KIND.make(given).place == "/dev/x"
+
+
+def test_a_battery_column_is_told_when_it_changes(tmp_path: Path) -> None:
+    text = GOOD.replace('["t"', '["bat"') + '[battery]\ncolumn = "bat"\nscale = 0.1\n'
+    decoder = TextDecoder(profile(tmp_path, text))
+    lines = [f"{bat},1,2,3,0,0,0,0" for bat in ("815", "815", "", "810", "1020")]
+    events = decoder.feed(("\n" + "\n".join(lines) + "\n").encode(), 0) + decoder.finish()
+    assert [event.percent for event in events if isinstance(event, Battery)] == [81.5, 81.0, 100.0]
+    assert sum(len(event.ticks) for event in events if isinstance(event, Readings)) == 5, "no sample is lost by it"
