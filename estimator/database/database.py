@@ -178,7 +178,7 @@ class Database:
                 log.info("store %s is backed up as %s", self.path, self._backups.make())
             self.backup_fault = ""
         except Empty:
-            return  # the first entries are backed up within the hour
+            self.backup_fault = ""  # the first entries are backed up within the hour
         except Damaged as damage:
             self._failed(damage)
         except StoreError as error:
