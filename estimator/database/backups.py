@@ -3,7 +3,6 @@
 import logging
 import os
 import re
-import shutil
 import sqlite3
 import time
 from contextlib import closing, suppress
@@ -99,7 +98,9 @@ def restore(store: Path, backup: Path) -> str:
     checked(backup).close()
     aside = set_aside(store)
     part = begin(store.with_name(store.name + ".part"))
-    shutil.copyfile(backup, part)
+    with closing(to_read(backup)) as db, closing(sqlite3.connect(part)) as copy:
+        db.backup(copy)  # a copy of the file alone would lack what is still in its write-ahead log
+        copy.execute("PRAGMA journal_mode = DELETE")
     _place(part, store)
     return aside
 

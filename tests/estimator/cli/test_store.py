@@ -180,6 +180,15 @@ def test_verify_tries_a_restore(store: Store, tmp_path: Path, capsys: pytest.Cap
     assert "is damaged" in capsys.readouterr().err
 
 
+def test_a_store_in_use_is_restored_with_its_newest_entries(
+    store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["store", "verify", store.path]) == 0
+    assert "can be restored: 1 device, 3 calibrations" in capsys.readouterr().out
+    assert main(["store", "restore", store.path, "--store", str(tmp_path / "other.sqlite3")]) == 0
+    assert "3 calibrations" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("running", [True, False])
 def test_check_says_whether_it_is_sound(store: Store, capsys: pytest.CaptureFixture[str], *, running: bool) -> None:
     path = Path(store.path)
