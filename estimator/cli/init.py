@@ -16,6 +16,7 @@ from bridge.terminal.plurals import count
 
 if TYPE_CHECKING:
     from bridge.diagnose.port_probe import Verdict
+    from estimator.installation.ward_text import Plan
 
 _EXAMPLES = """examples:
   truerate init ward-3                                     one machine; the page opens on this machine only
@@ -93,11 +94,28 @@ def _init(given: argparse.Namespace) -> int:
     units = [f"truerate-{name}" for name in _SERVICES if devices or name != "bridge"]
     if plan.bridges:
         _use_router_file(plan.folder, dry=given.dry_run)
-    _enable(units, dry=given.dry_run)
-    print(f"\nWard {plan.ward}: {count(devices, 'device')}. Page: {plan.page}\nLeft to do:")
+    if plan.folder == _HERE:
+        _enable(units, dry=given.dry_run)
+    else:
+        left.append(f"start each in its own terminal, as the services run a ward of {_HERE} alone:")
+        left += (f"    {words}" for words in _by_hand(plan, bridge=bool(devices)))
+    print(f"\nWard {plan.ward}: {count(devices, 'device')}. Page: {plan.page(ward.dashboard.listen)}\nLeft to do:")
     for words in left:
-        print(f"- {words}")
+        print(words if words.startswith(" ") else f"- {words}")
     return 0
+
+
+def _by_hand(plan: "Plan", *, bridge: bool) -> list[str]:
+    """Return the commands that run a ward without services."""
+    ward = plan.folder / "ward.toml"
+    router = plan.folder / "router.json5" if plan.bridges else ward
+    return [
+        f"truerate router --config {router}",
+        *([f"truerate bridge run {ward}"] if bridge else []),
+        f"truerate estimator serve {ward}",
+        f"truerate dashboard --config {ward}",
+        f"truerate record --config {ward}",
+    ]
 
 
 def _scanned() -> "list[Verdict]":

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bridge.config.schema import load
+from bridge.config.schema import ConfigError, load
 from bridge.diagnose.port_probe import Verdict
 from bridge.diagnose.scan_report import snippet
 from estimator.config.schema import Ward
@@ -29,7 +29,7 @@ def install(
     if there:
         plan = _continued(plan, load(path, Ward), path)
     text = _text(plan, there, found, (lambda _: "$argon2id$") if dry else hashed)
-    ward = _checked(text)
+    ward = _checked(text, path)
     files.folder(plan.folder)
     files.folder(plan.data, data=True)
     files.folder(plan.data / "recordings", data=True)
@@ -74,15 +74,18 @@ def _text(plan: Plan, there: str, found: Sequence[Verdict], hashed: Callable[[st
     ports = {device.get("port") for device in devices}
     new = [verdict for verdict in found if verdict.found.port not in ports]
     blocks = snippet(new, {device["id"] for device in devices})
-    if not devices and plan.virtual:
-        blocks = virtual_devices(plan.virtual)
+    if plan.virtual:
+        blocks = virtual_devices(plan.virtual, {device["id"] for device in devices})
     known = {one["name"] for one in tables.get("dashboard", {}).get("people", [])}
     return completed(plan, there, blocks, {name: hashed(name) for name in plan.people if name not in known})
 
 
-def _checked(text: str) -> Ward:
-    """Read a ward file's text as its programs will. Raises ConfigError."""
+def _checked(text: str, path: Path) -> Ward:
+    """Read a ward file's text as its programs will. path: where it will be. Raises ConfigError."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "ward.toml"
-        path.write_text(text, "utf-8")
-        return load(path, Ward)
+        draft = Path(folder) / "ward.toml"
+        draft.write_text(text, "utf-8")
+        try:
+            return load(draft, Ward)
+        except ConfigError as error:
+            raise ConfigError(str(error).replace(str(draft), str(path))) from None

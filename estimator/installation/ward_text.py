@@ -1,6 +1,6 @@
 """Text of the ward files of an installation. Pure."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,10 +43,9 @@ class Plan:
         """Folder to be copied to another machine."""
         return self.folder / "machines" / bridge
 
-    @property
-    def page(self) -> str:
-        """Address of the ward's page in a browser."""
-        return f"https://{self.hosts[0]}:{PAGE_PORT}/" if self.hosts else "http://127.0.0.1:8090/"
+    def page(self, listen: str) -> str:
+        """Address of the ward's page in a browser. listen: HOST:PORT of the ward file's [dashboard]."""
+        return f"https://{self.hosts[0]}:{listen.rpartition(':')[2]}/" if self.hosts else f"http://{listen}/"
 
 
 def completed(plan: Plan, there: str, found: str, new_people: Mapping[str, str]) -> str:
@@ -82,10 +81,10 @@ def bridge_machine(plan: Plan, bridge: str) -> str:
     return tomlkit.dumps(document)
 
 
-def virtual_devices(number: int) -> str:
-    """Return blocks of simulated devices, to try an installation."""
+def virtual_devices(number: int, there: Container[str] = ()) -> str:
+    """Return blocks of simulated devices, to try an installation. there: ids that the ward file has already."""
     block = '[[bridge.devices]]\nid = "virtual-{0}"\ndriver = "simulated"\nseed = {0}'
-    return "\n\n".join(block.format(seed) for seed in range(1, number + 1))
+    return "\n\n".join(block.format(seed) for seed in range(1, number + 1) if f"virtual-{seed}" not in there)
 
 
 def _bus(plan: Plan) -> dict[str, Any]:

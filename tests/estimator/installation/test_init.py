@@ -67,6 +67,21 @@ def test_a_second_run_keeps_everything(init: Installed) -> None:
     assert init.files() == before
 
 
+def test_a_second_run_adds_virtual_devices_and_shows_the_files_own_page(
+    init: Installed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    init("--virtual", "1")
+    assert f"truerate bridge run {init.path}" in capsys.readouterr().out, "no service reads a ward file elsewhere"
+    init.path.write_text(init.path.read_text().replace(":8090", ":8190"))
+    assert init("--virtual", "2") == 0
+    said = capsys.readouterr().out
+    assert "2 devices. Page: http://127.0.0.1:8190/" in said
+    assert "systemctl" not in said
+    bridge = load(init.path, Ward).bridge
+    assert bridge is not None
+    assert [device.id for device in bridge.devices] == ["virtual-1", "virtual-2"]
+
+
 def test_machines_and_people_are_added_later_and_comments_stay(init: Installed) -> None:
     init("--virtual", "1")
     init.path.write_text(
@@ -98,6 +113,7 @@ def test_a_renewed_certificate_is_copied_by_the_next_run(init: Installed) -> Non
         (["--bridge", "b"], "--bridge needs --host"),
         (["--person", "Nurse Joy"], "--person 'Nurse Joy'"),
         (["--virtual", "-1"], "use 0 to 100"),
+        (["--host", "a b"], "etc/ward.toml: [dashboard]: hosts: 'a b'"),
     ],
 )
 def test_a_wrong_argument_is_said_and_nothing_is_written(
