@@ -75,8 +75,9 @@ class WardFile(Generic[R]):
         changed = differences(self.root, root)
         taken = [f"{name}{what}" for name, what in changed.items() if name in self._live]
         waits = [name for name in differences(self._started, root) if self._is_ours(name) and name not in self._live]
-        said = [Code.WARD_FILE_TAKEN(settings="; ".join(taken)) if taken else Code.WARD_FILE_IN_FORCE()]
+        said = [Code.WARD_FILE_TAKEN(settings="; ".join(taken))] if taken else []
         said += [Code.WARD_FILE_NEEDS_RESTART(settings=", ".join(waits))] if waits else []
+        said = said or [Code.WARD_FILE_IN_FORCE()]
         self._tell(logging.WARNING if waits else logging.INFO, digest, *said)
         self.root = root
         return root

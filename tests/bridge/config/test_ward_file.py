@@ -93,6 +93,7 @@ def test_what_needs_a_restart_is_named_until_the_restart(change: Change) -> None
     for text in (moved + A + B, moved + A):
         change.to(text)
         assert Code.WARD_FILE_NEEDS_RESTART(settings="bus.connect") in change.file.report.message
+        assert Code.WARD_FILE_IN_FORCE() not in change.file.report.message
         assert not change.file.report.accepted
     change.to(TEXT + A)
     assert change.file.report.message == (Code.WARD_FILE_IN_FORCE(),)
