@@ -1,6 +1,7 @@
 """The verb `truerate outlet`: hands a ward's data to programs that do not speak zenoh."""
 
 import argparse
+import logging
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
@@ -13,6 +14,8 @@ from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
 from bridge.wire.keys import check_id
 from estimator.cli.ward_options import ward_of
+
+log = logging.getLogger(__name__)
 
 
 class Outlet(NamedTuple):
@@ -71,7 +74,12 @@ def _serve(name: str, outlet: Outlet, given: argparse.Namespace) -> int:
     from estimator.client import Client  # noqa: PLC0415 - numpy and zenoh are slow to import
 
     with stopped_by_signal() as stop, supervised(), Client(given.routers, ward=ward) as client:
-        if devices and (unknown := set(devices) - client.statuses().keys()):
+        heard = client.statuses().keys()
+        if not heard:
+            log.warning(
+                "no device of ward %s is heard yet: waiting. Is this the ward's name, and does its bridge run?", ward
+            )
+        if unknown := set(devices) - heard:
             raise ConfigError(
                 f"no device {' or '.join(sorted(unknown))} is heard in ward {ward}: `truerate devices` lists those that are"
             )

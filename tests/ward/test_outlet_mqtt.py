@@ -216,7 +216,7 @@ def test_tls_trusts_the_named_authority_only(tmp_path: Path, endpoint: str, brok
             ["mqtt://a:b@host"],
             "the broker's address holds a password: put it into a file, and name it by --password-file",
         ),
-        (["mqtt://host?ca=x"], "ca need TLS: write mqtts://"),
+        (["mqtt://host?ca=x"], "TLS is needed for ca: write mqtts://"),
         (["mqtts://host?ca=/none/ca.pem"], "there is no such file"),
         (["mqtt://host", "--password-file", "/none/p"], "--password-file /none/p: there is no such file"),
         (["mqtt://host", "--topic", "a/#"], "--topic is 'a/#'"),

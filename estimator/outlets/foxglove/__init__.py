@@ -36,8 +36,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
     """Return the roles of which one is needed; by default those that may look.
 
-    Raises ConfigError for --allow-recalibrate on an address that others reach.
+    Raises ConfigError for an invalid port, and for --allow-recalibrate on an address that others reach.
     """
+    if not 0 <= given.port <= 65535:
+        raise ConfigError(f"--port is {given.port}: use 1 to 65535, or 0 for any")
     if given.allow_recalibrate and given.host not in _LOOPBACK:
         raise ConfigError(
             f"--allow-recalibrate with --host {given.host}: Foxglove knows no persons, so everybody who reaches the port could"

@@ -54,7 +54,7 @@ def address_of(text: str, example: str) -> Address:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     if files and scheme == "mqtt":
-        raise ConfigError(f"{', '.join(files)} need TLS: write mqtts:// in place of mqtt://")
+        raise ConfigError(f"TLS is needed for {', '.join(files)}: write mqtts:// in place of mqtt://")
     return Address(host, port, user, scheme == "mqtts", **files)
 
 

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from bridge.config.schema import check_endpoints
 from bridge.pki.member import Role
 from bridge.toml.loader import ConfigError
 
@@ -33,9 +34,14 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
     """Return the roles of which one is needed: `ros2` to publish at the ward's router, else any that may look.
 
-    Raises ConfigError for an invalid domain.
+    Raises ConfigError for an invalid domain or endpoint.
     """
     _domain(given)
+    if given.ros_router:
+        try:
+            check_endpoints([given.ros_router], "--ros-router")
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
     return (Role.ROS2, Role.VIEWER, Role.COMMANDER, Role.RECORDER) if given.ros_router else (Role.ROS2,)
 
 

@@ -138,6 +138,8 @@ def test_what_is_wrong_is_said_in_one_sentence(
     assert "no router answered at tcp/127.0.0.1:1" in capsys.readouterr().err
     assert main([*command, "--host", "0.0.0.0", "--allow-recalibrate"]) == 2
     assert "everybody who reaches the port could recalibrate" in capsys.readouterr().err
+    assert main([*command, "--port", "99999"]) == 2
+    assert "--port is 99999: use 1 to 65535" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "foxglove", None)
     assert main(command) == 2
     assert "pip install 'truerate[foxglove]'" in capsys.readouterr().err

@@ -152,6 +152,8 @@ def test_what_is_wrong_is_said_in_one_sentence(
     assert "no router answered at tcp/127.0.0.1:1" in capsys.readouterr().err
     assert main([*command, "--domain", "500"]) == 2
     assert "ROS domain '500' is not valid: use 0 to 232" in capsys.readouterr().err
+    assert main([*command, "--ros-router", "127.0.0.1"]) == 2
+    assert "--ros-router: '127.0.0.1' is not an endpoint" in capsys.readouterr().err
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with Router([endpoint]):
         here = ["outlet", "ros2", "--ward", WARD, "--connect", endpoint]
