@@ -219,10 +219,10 @@ def test_nothing_is_subscribed_while_nobody_reads(site: Site, monkeypatch: pytes
 WRONG = [
     ("device=nobody", 404, "nobody"),
     ("device=A", 400, "id"),
-    ("hz=0", 400, "'hz' is '0'; a number from 0.1 to 1000 is taken."),
+    ("hz=0", 400, "'hz' is '0': use a number from 0.1 to 1000."),
     ("hz=nan", 400, "'hz' is 'nan'"),
-    ("after=chest", 400, "'after' is 'chest'; DEVICE.BOOT.NUMBER is taken"),
-    ("&".join(f"device=d{n}" for n in range(33)), 400, "'device' is there 33 times"),
+    ("after=chest", 400, "'after' is 'chest': use DEVICE.BOOT.NUMBER"),
+    ("&".join(f"device=d{n}" for n in range(33)), 400, "'device' is given 33 times"),
     ("colour=red", 400, "There is no parameter 'colour'"),
 ]
 

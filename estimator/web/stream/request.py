@@ -38,16 +38,14 @@ def asked_of(query: QueryParams) -> Asked:
     """Check the parameters of a request."""
     devices = tuple(dict.fromkeys(query.getlist("device")))
     if len(devices) > DEVICES:
-        raise _bad(
-            f"'device' is there {len(devices)} times; at most {DEVICES} are taken. Without it, the whole ward comes."
-        )
+        raise _bad(f"'device' is given {len(devices)} times: give at most {DEVICES}, or none for the whole ward.")
     for device in devices:
         try:
             check_id(device, "device")
         except Refusal as refusal:
             raise Fault(HTTPStatus.BAD_REQUEST, "bad_id", refusal.detail) from None
     if (form := query.get("format", FORMATS[0])) not in FORMATS:
-        raise _bad(f"'format' is {form[:40]!r}; json or protobuf is taken.")
+        raise _bad(f"'format' is {form[:40]!r}: use json or protobuf.")
     hz = _number(query, "hz", SLOWEST_HZ, FASTEST_HZ) if "hz" in query else None
     wait_s = _number(query, "wait_s", 0.0, LONGEST_S) if "wait_s" in query else USUAL_S
     return Asked(devices, _after(query.getlist("after"), devices), hz, form == "protobuf", wait_s)
@@ -60,7 +58,7 @@ def _after(texts: list[str], devices: tuple[str, ...]) -> dict[str, Place] | Non
     for text in filter(None, texts):
         found = PLACE.fullmatch(text)
         if found is None:
-            raise _bad(f"'after' is {text[:60]!r}; DEVICE.BOOT.NUMBER is taken, as `after` of a document gives it.")
+            raise _bad(f"'after' is {text[:60]!r}: use DEVICE.BOOT.NUMBER, as in `after` of an earlier answer.")
         device, boot, number = found.groups()
         if not devices or device in devices:
             places[device] = Place(int(boot, 16), int(number) + 1)
@@ -74,7 +72,7 @@ def _number(query: QueryParams, name: str, least: float, most: float) -> float:
     except ValueError:
         value = float("nan")
     if not (isfinite(value) and least <= value <= most):
-        raise _bad(f"'{name}' is {text[:40]!r}; a number from {least:g} to {most:g} is taken.")
+        raise _bad(f"'{name}' is {text[:40]!r}: use a number from {least:g} to {most:g}.")
     return value
 
 
