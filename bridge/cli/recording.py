@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 Run = Callable[[argparse.Namespace], int | None]
 #: settings of the ward's file that take effect in a running recorder
+#: device of a recording that names none
+_UNNAMED = "recorded"
 _LIVE = tuple(f"recorder.{name}" for name in ("devices", "rotate", "rotate_mb", "keep_free_mb", "keep_days", "keep_gb"))
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
@@ -318,13 +320,14 @@ def _convert(given: argparse.Namespace) -> None:
         return
     recording = _loaded(given)
     begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
-    device = given.device or recording.device or "recorded"
+    device = given.device or recording.device or _UNNAMED
     if _has_streams(given):  # the name of a stream need not be an id
-        device = recording.device or re.sub("[^a-z0-9]+", "-", device.lower()).strip("-")[:32] or "recorded"
+        device = recording.device or re.sub("[^a-z0-9]+", "-", device.lower()).strip("-")[:32] or _UNNAMED
     convert(recording, given.out, device, begin_ns, per_sample=bool(given.per_sample))
+    of = "" if device == _UNNAMED else f" of {device}"
     print(
         printable(
-            f"{given.out}: {len(recording):,} samples of {device}, {recording.time_s[-1]:.1f} s at {recording.rate_hz:.6g} Hz"
+            f"{given.out}: {len(recording):,} samples{of}, {recording.time_s[-1]:.1f} s at {recording.rate_hz:.6g} Hz"
         )
     )
 

@@ -43,7 +43,7 @@ def unreadable(path: Path) -> str:
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
-        return "missing; there is no such file"
+        return "there is no such file"
     except OSError as error:
         return why(error)
     if stat.S_ISDIR(mode):

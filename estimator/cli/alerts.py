@@ -44,8 +44,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _alerts(given: argparse.Namespace) -> int:
-    if (given.what == "acknowledge") != (given.id is not None):
-        raise ConfigError("`truerate alerts acknowledge ID` takes an alert of `truerate alerts`, such as chest/lost")
+    if given.what == "acknowledge" and given.id is None:
+        raise ConfigError(
+            "no ID: give an alert of `truerate alerts list`, such as chest/lost, or a device, such as chest"
+        )
+    if given.what != "acknowledge" and given.id is not None:
+        raise ConfigError(f"`truerate alerts {given.what}` takes no ID: leave {given.id!r} out")
     return {"list": _list, "acknowledge": _acknowledge, "test": _test}[given.what](given)
 
 

@@ -218,7 +218,7 @@ def _reason(file: _File) -> Sentences:
 def _read(path: Path) -> _File:
     try:
         if (size := path.stat().st_size) > _MAX_BYTES:
-            raise CalibrationFileError(f"{path}: {size} bytes are no calibration; at most {_MAX_BYTES} are taken")
+            raise CalibrationFileError(f"{path}: not a calibration: {size} bytes, more than {_MAX_BYTES}; {_ADVICE}")
         data = path.read_bytes()
     except OSError as error:
         raise CalibrationFileError(f"{path}: cannot be read: {error.strerror}; {_ADVICE}") from None

@@ -245,7 +245,9 @@ def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) 
         )
     name = layout.names[clock.at]
     said = f"{said}; " if said else ""
-    said += f"the time column is {name!r}; not used: ({shown([layout.names[c[1].at] for c in scaled[1:]])})"
+    said += (
+        f"the time column is {name!r}; other times are not used: {shown([layout.names[c[1].at] for c in scaled[1:]])}"
+    )
     return time * factor if factor != 1.0 else time, factor, said
 
 

@@ -96,7 +96,7 @@ def test_a_capture_comes_at_the_speed_of_its_line(tmp_path: Path) -> None:
 
 def test_a_capture_that_is_not_there_says_so(tmp_path: Path) -> None:
     for path, said in [
-        (tmp_path / "none", "missing; there is no such file"),
+        (tmp_path / "none", "there is no such file"),
         (tmp_path, "a folder, but a file is expected"),
     ]:
         assert address.state(f"file://{path}") == said

@@ -52,7 +52,7 @@ def test_each_file_that_is_not_is_named(folder: Path, capsys: pytest.CaptureFixt
     assert main(["config", "check", str(ward(folder, "a folder.npz", "none.bin"))]) == 2
     said = capsys.readouterr().err
     assert f"device 'd1': {folder}/a folder.npz: a folder, but a file is expected" in said
-    assert f"device 'd2': file://{folder}/none.bin?bytes_per_s=100: missing; there is no such file" in said
+    assert f"device 'd2': file://{folder}/none.bin?bytes_per_s=100: there is no such file" in said
     assert "d3" not in said
 
 
