@@ -149,7 +149,7 @@ def endpoint() -> Iterator[str]:
 
 
 def refused(endpoint: str, *words: str) -> tuple[int, str]:
-    """Exit code and the one line on standard error."""
+    """Exit code and the last line on standard error."""
     command = [
         sys.executable,
         "-m",
@@ -163,7 +163,7 @@ def refused(endpoint: str, *words: str) -> tuple[int, str]:
         endpoint,
     ]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
-    (line,) = ran.stderr.splitlines()
+    *_, line = ran.stderr.splitlines()  # before: no device is heard yet
     return ran.returncode, line
 
 

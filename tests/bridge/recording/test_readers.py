@@ -119,7 +119,7 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
     assert "not a readable" in refusal(tmp_path / "x.npz")
     assert "not a readable" in refusal(tmp_path / "y.npz")
     assert "give a recording in .npz, .mcap, .bag" in refusal(tmp_path / "z.wav")
-    assert "cannot be read: missing" in refusal(tmp_path / "none.npz")
+    assert "cannot be read: there is no such file" in refusal(tmp_path / "none.npz")
 
 
 @pytest.mark.parametrize("ending", ["npz", "csv", "mcap"])

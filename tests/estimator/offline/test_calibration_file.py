@@ -134,7 +134,7 @@ def test_what_is_no_calibration_is_refused(change: Callable[[Json], object], wor
         (b"[1]", "Expected `object`"),
         (b'{"matrix": NaN}', "not a calibration"),
         (b"[" * 100_000, "not a calibration"),
-        (b" " * (2 << 20), "no calibration"),
+        (b" " * (2 << 20), "2097152 bytes, more than 1048576"),
     ],
 )
 def test_bytes_that_are_none(data: bytes, words: str, tmp_path: Path) -> None:
