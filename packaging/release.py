@@ -135,6 +135,17 @@ def _debian(work: Path, wheels: Path, platform: str, version: str) -> None:
         *("--python-platform", f"{platform}-manylinux_2_28"),
         *(str(one) for one in sorted(wheels.iterdir())),
     )
+    # A dependency without a pin would be missing in every installation.
+    _run(
+        "uv",
+        "pip",
+        "check",
+        "-q",
+        "--python",
+        f"{environment}/bin/python",
+        "--python-platform",
+        f"{platform}-manylinux_2_28",
+    )
     for path in environment.rglob("*"):
         if path.name in {"direct_url.json", "uv_cache.json", "REQUESTED", ".gitignore", ".lock"} or path.match(
             "bin/activate*"
