@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Self
 
 #: what a Debian 12 server has, and what the release depends on, as the machine has no network
-PACKAGES = "systemd,systemd-sysv,udev,dbus,sudo,procps,ca-certificates,python3,python3-venv,libstdc++6,bluez"
+PACKAGES = "systemd,systemd-sysv,udev,dbus,sudo,procps,ca-certificates,python3,python3-venv,libstdc++6,bluez,man-db"
 
 
 def debootstrap(folder: Path) -> None:
