@@ -34,10 +34,21 @@ class Rights:
 
 
 def rights(ward: str, member: Member) -> Rights:
-    """Return the rights of a member in a ward. Each member may also declare its own probe token, for the self-test."""
+    """Return the rights of a member in a ward.
+
+    Each member may also declare its own probe token, for the self-test, and tell of its ward file what is in force.
+    """
     given = _rights(ward, member)
-    probe = (keys.build(ward, "alive/probe", role=member.role.value, name=member.name),)
-    return replace(given, says=given.says + probe, hears=given.hears + probe)
+    probe, file = (
+        (keys.build(ward, what, role=member.role.value, name=member.name),) for what in ("alive/probe", "config")
+    )
+    return replace(
+        given,
+        says=given.says + probe,
+        hears=given.hears + probe,
+        asks=tuple(dict.fromkeys(given.asks + file)),
+        answers=given.answers + file,
+    )
 
 
 def _rights(ward: str, member: Member) -> Rights:
@@ -70,7 +81,7 @@ def _rights(ward: str, member: Member) -> Rights:
         case Role.VIEWER:
             return Rights(hears=all_of("info", "owned", *PUBLISHED, *TOKENS))
         case Role.COMMANDER:
-            return Rights(hears=all_of("raw", "info", "owned", *PUBLISHED, *TOKENS), asks=all_of("rpc"))
+            return Rights(hears=all_of("raw", "info", "owned", *PUBLISHED, *TOKENS), asks=all_of("rpc", "config"))
         case Role.ROS2:
             topics = key_patterns(ward)
             return Rights(says=topics, hears=(*all_of("raw", "info", "owned", *PUBLISHED, *TOKENS), *topics))

@@ -16,6 +16,7 @@ from bridge.cli.parser import Verbs, add_group, add_guarded
 from bridge.cli.reading_options import add_reading, reading_of
 from bridge.cli.ward_options import add_ward, ward_of
 from bridge.config.schema import Bridge, ConfigError, Device, Root, listening, load
+from bridge.config.ward_file import WardFile
 from bridge.drivers import registry
 from bridge.ingest.health import BridgeHealth
 from bridge.ingest.pump import Pump
@@ -31,6 +32,8 @@ from bridge.terminal.tables import Column, Columns
 
 _DONE, _NOT_USED = 0, 1
 _LOOK_S = 0.2
+#: a changed file is read after the estimator has read it, so that a new device begins with its model
+_SETTLED_S = 1.0
 _log = logging.getLogger(__name__)
 
 
@@ -80,15 +83,25 @@ def _add_replay(verb: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    root = load(args.config, Root)
+    file = WardFile(
+        args.config,
+        Root,
+        ("bridge",),
+        ("bridge.devices",),
+        lambda root: _bridge_of(root, args.config),
+        _SETTLED_S,
+    )
+    bridge = _bridge_of(file.root, args.config)
+    routers = file.root.bus.routers_as(Role.BRIDGE, name=bridge.id)
+    return _serve(file.root.ward, bridge, routers, file)
+
+
+def _bridge_of(root: Root, path: Path) -> Bridge:
     if root.bridge is None:
-        raise ConfigError(f"{args.config}: the table [bridge] is missing: add it as in configs/ward.toml")
+        raise ConfigError(f"{path}: the table [bridge] is missing: add it as in configs/ward.toml")
     if not root.bridge.devices:
-        raise ConfigError(
-            f"{args.config}: [bridge] has no device: add a [[bridge.devices]]; `truerate bridge scan` prints it"
-        )
-    routers = root.bus.routers_as(Role.BRIDGE, name=root.bridge.id)
-    return _serve(root.ward, root.bridge, routers, patient=True)
+        raise ConfigError(f"{path}: [bridge] has no device: add a [[bridge.devices]]; `truerate bridge scan` prints it")
+    return root.bridge
 
 
 def _replay(args: argparse.Namespace) -> int:
@@ -99,7 +112,7 @@ def _replay(args: argparse.Namespace) -> int:
         id=f"replay-{tables[0]['id']}"[:32] if len(tables) == 1 else "replay",
         devices=tuple(Device.from_table(table) for table in tables),
     )
-    return _serve(root.ward, bridge, root.bus.routers_as(Role.BRIDGE, name=bridge.id), patient=False)
+    return _serve(root.ward, bridge, root.bus.routers_as(Role.BRIDGE, name=bridge.id))
 
 
 def _of_a_ward(args: argparse.Namespace) -> list[dict[str, object]]:
@@ -131,10 +144,13 @@ def _replayed(args: argparse.Namespace) -> dict[str, object]:
     return {"driver": "replayed", "file": str(args.file), "speed": args.speed}
 
 
-def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int:
-    """Publish until stopped, or until every recording has ended. patient: wait for a router instead of giving up."""
+def _serve(ward: str, bridge: Bridge, connect: Routers, file: WardFile[Root] | None = None) -> int:
+    """Publish until stopped, or until every recording has ended.
+
+    file: the ward file, which may change; its bridge waits for a router instead of giving up.
+    """
     with stopped_by_signal() as stop, supervised():
-        bus = wait_for_router(connect, stop, patient=patient)
+        bus = wait_for_router(connect, stop, patient=file is not None)
         if bus is None:
             return _DONE
         for words in self_test(bus, connect, ward):
@@ -142,6 +158,7 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
         with (
             bus,
             closing(claim_id(bus, ward, "bridge", bridge.id)),
+            closing(file.answer(bus, connect, Role.BRIDGE, bridge.id)) if file else nullcontext(),
             Pump(ward, bridge, bus) as running,
             _health(bridge, running, bus, connect),
         ):
@@ -155,6 +172,8 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
             watched = RouterWatch(_log, _LOOK_S, connect)
             while not stop.wait(_LOOK_S) and not running.over:
                 watched.look(time.monotonic(), connected=bus.connected)
+                if file and (new := file.look(time.monotonic())) and new.bridge:
+                    running.change(new.bridge.devices)
             if running.over and running.refused:
                 names = ", ".join(sorted(running.refused))
                 _log.error(

@@ -27,7 +27,9 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
     )
     told.add_argument("--accel-file", type=Path, metavar="FILE", help="second file that holds the accelerometer")
     if device:
-        told.add_argument("--device", metavar="ID", help="device to read from a .mcap with several devices")
+        told.add_argument(
+            "--device", metavar="ID", help="device, topic, stream or sensor to read from a file with several"
+        )
     told.add_argument(
         "--boot", type=int, metavar="N", help="boot to read, from 1, if the device was switched on several times"
     )

@@ -2,6 +2,8 @@
 
 import argparse
 import json
+import re
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +12,7 @@ from bridge.cli.parser import Verbs
 from bridge.cli.reading_options import add_reading, reading_of
 from bridge.cli.ward_options import add_ward, ward_of
 from bridge.config.schema import ConfigError, Root
+from bridge.config.ward_file import WardFile
 from bridge.pki.member import Role
 from bridge.recording.error import RecordingError
 from bridge.recording.settings import Recorder
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
     from bridge.recording.recording import Recording
 
 Run = Callable[[argparse.Namespace], int | None]
+#: settings of the ward's file that take effect in a running recorder
+_LIVE = tuple(f"recorder.{name}" for name in ("devices", "rotate", "rotate_mb", "keep_free_mb", "keep_days", "keep_gb"))
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
 PlotJuggler plot its rates if it was written with --per-sample. While recording, the name ends in .part. A power failure
@@ -45,11 +50,14 @@ RECOVER = """example:
   truerate recording recover recordings/ward-3-20260801T101500Z.mcap.part"""
 INSPECT = """examples:
   truerate recording inspect session.csv
+  truerate recording inspect walk.bag --device /imu/data
   truerate recording inspect log.txt --gyro-unit deg/s --rate-hz 100"""
 CONVERT = """examples:
+  truerate recording convert walk.xdf walk.h5 --device Gyroscope
   truerate recording convert export.csv session.npz --gyro-unit deg/s
   truerate recording convert sd-card.bin session.mcap --driver witmotion --device wrist-01
   truerate recording convert log.txt session.npz --profile openlog-artemis
+  truerate recording convert ward-3-20260801T101500Z.mcap walk.sto --segment chest=torso     for OpenSim, all devices
   truerate recording convert ward-3-20260801T101500Z.mcap plots.mcap --per-sample"""
 
 
@@ -71,6 +79,15 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     _add_per_sample(verb)
     verb.add_argument("--keep-free-mb", type=float, metavar="MB", help="MB to leave free on the disk (default: 200)")
+    verb.add_argument(
+        "--keep-days",
+        type=float,
+        metavar="DAYS",
+        help="delete finished recordings of the ward after this time (default: never)",
+    )
+    verb.add_argument(
+        "--keep-gb", type=float, metavar="GB", help="delete the oldest finished recordings of the ward beyond this size"
+    )
     verb.add_argument(
         "--wait",
         dest="wait_s",
@@ -122,7 +139,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "show how truerate reads a file: rate, gaps, noise, gravity, doubts",
         INSPECT,
     )
-    verb.add_argument("file", type=Path, metavar="FILE", help="recording: .npz, .mcap, or text such as .csv")
+    verb.add_argument("file", type=Path, metavar="FILE", help="recording, a file or a folder: see docs/recording.md")
     add_reading(verb)
     _add_capture(verb)
     verb.add_argument("--json", action="store_true", help="print one JSON object")
@@ -131,11 +148,25 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         inner,
         "convert",
         _convert,
-        "convert a recording, or captured bytes of a device, to .npz, .csv or .mcap",
+        "convert a recording, or bytes of a device, to .npz, .csv, .h5, .parquet or .mcap; orientations to OpenSim's .sto",
         CONVERT,
     )
-    verb.add_argument("file", type=Path, metavar="IN", help="recording, or captured bytes of a device")
-    verb.add_argument("out", type=Path, metavar="OUT", help="new file, .npz, .csv or .mcap; must not exist")
+    verb.add_argument(
+        "files", type=Path, nargs="+", metavar="IN", help="recording, or captured bytes of a device; for .sto several"
+    )
+    verb.add_argument(
+        "out", type=Path, metavar="OUT", help="new file, .npz, .csv, .h5, .parquet, .mcap or .sto; must not exist"
+    )
+    verb.add_argument(
+        "--segment",
+        action="append",
+        default=[],
+        metavar="DEVICE=BODY",
+        help="for .sto: the body of the model; repeatable",
+    )
+    verb.add_argument(
+        "--skip", type=float, default=0.0, metavar="S", help="for .sto: seconds to leave out at the beginning"
+    )
     add_reading(verb)
     _add_capture(verb)
     _add_per_sample(verb)
@@ -197,19 +228,29 @@ def _record(given: argparse.Namespace) -> int:
     said = {name: getattr(given, name) for name in Recorder.__struct_fields__ if getattr(given, name, None) is not None}
     if "devices" in said:
         said["devices"] = tuple(said["devices"])
+
+    def settings_of(root: Root) -> Recorder:
+        try:
+            return options({**_table(root.recorder), **said}, Recorder)
+        except ValueError as error:
+            raise ConfigError(f"record: {error}") from None
+
     try:
+        file = WardFile(given.config, Root, ("recorder",), _LIVE, settings_of) if given.config else None
         root = ward_of(given, Root)
-        settings = options({**_table(root.recorder), **said}, Recorder)
     except ValueError as error:
         raise ConfigError(f"record: {error}") from None
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}: use a number above 0")
+    routers = root.bus.routers_as(Role.RECORDER)
     return record(
         root.ward,
-        root.bus.routers_as(Role.RECORDER),
-        settings,
+        routers,
+        settings_of(root),
         plain_console(stderr=True),
         seconds=given.seconds,
+        connected=(lambda bus: file.answer(bus, routers, Role.RECORDER, "recorder")) if file else None,
+        changed=lambda: settings_of(new) if file and (new := file.look(time.monotonic())) else None,
     )
 
 
@@ -237,8 +278,14 @@ def _loaded(given: argparse.Namespace) -> "Recording":
         from bridge.drivers.capture import load_capture  # noqa: PLC0415
 
         return load_capture(given.file, given.driver, given.profile, reading_of(given))
-    mcap = given.file.suffix.lower() == ".mcap"
-    return load(given.file, device=given.device if mcap else None, reading=reading_of(given))
+    return load(given.file, device=given.device if _has_streams(given) else None, reading=reading_of(given))
+
+
+def _has_streams(given: argparse.Namespace) -> bool:
+    """Whether --device chooses a stream of the file; otherwise it names the device of a new file."""
+    from bridge.recording.formats.registry import format_of  # noqa: PLC0415
+
+    return not (given.driver or given.profile) and given.file.exists() and format_of(given.file).streams
 
 
 def _inspect(given: argparse.Namespace) -> None:
@@ -261,17 +308,42 @@ def _convert(given: argparse.Namespace) -> None:
     except RecordingError as error:
         raise ConfigError(str(error)) from None
     check_new([given.out])
+    if given.out.suffix.lower() == ".sto" and not given.per_sample:
+        _opensim(given)
+        return
+    if len(given.files) > 1 or given.segment or given.skip:
+        raise ConfigError(f"{given.out}: several recordings, --segment and --skip are for .sto: give one recording")
+    given.file = given.files[0]
     if given.per_sample and not _per_sample(given):
         return
     recording = _loaded(given)
     begin_ns = recording.begin_ns or given.file.stat().st_mtime_ns
     device = given.device or recording.device or "recorded"
+    if _has_streams(given):  # the name of a stream need not be an id
+        device = recording.device or re.sub("[^a-z0-9]+", "-", device.lower()).strip("-")[:32] or "recorded"
     convert(recording, given.out, device, begin_ns, per_sample=bool(given.per_sample))
     print(
         printable(
             f"{given.out}: {len(recording):,} samples of {device}, {recording.time_s[-1]:.1f} s at {recording.rate_hz:.6g} Hz"
         )
     )
+
+
+def _opensim(given: argparse.Namespace) -> None:
+    from bridge.recording import opensim  # noqa: PLC0415 - SciPy is slow to import
+
+    if not given.skip >= 0.0:
+        raise ConfigError(f"--skip is {given.skip:g}: give seconds, 0 or more")
+    segments = dict(text.partition("=")[::2] for text in given.segment)
+    for device, body in segments.items():
+        if not re.fullmatch(r"\w+", body):
+            raise ConfigError(f"--segment {device}={body}: give DEVICE=BODY, such as chest=torso")
+    devices = [given.device] if given.device else []
+    written = opensim.convert(given.files, given.out, devices, given.boot, segments, given.skip)
+    there = ", ".join(written.segments)
+    print(printable(f"{' and '.join(map(str, written.paths))}: {written.rows:,} times of {there}"))
+    if written.left_out:
+        print(f"note: {written.left_out:,} times are left out: a device has a gap there")
 
 
 def _per_sample(given: argparse.Namespace) -> bool:

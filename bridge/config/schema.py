@@ -1,6 +1,6 @@
 """Schema of the ward file, which serves both the bridge and the estimator.
 
-The estimator subclasses `Root` to give the tables `estimator` and `dashboard` their types; here any content passes.
+The estimator subclasses `Root` to give the tables `estimator`, `dashboard` and `alerts` their types; here any content passes.
 """
 
 import re
@@ -187,6 +187,18 @@ class Device:
             raise ValueError(f"unknown driver {name!r}; {nearest(str(name), kinds)}")
         return cls(device, name, options(rest, kinds[name].options))
 
+    def __eq__(self, other: object) -> bool:
+        """Whether both tables say the same."""
+        return isinstance(other, Device) and self._told == other._told
+
+    def __hash__(self) -> int:
+        """Hash of the device's id."""
+        return hash(self.id)
+
+    @property
+    def _told(self) -> tuple[object, ...]:
+        return self.id, self.driver, self.options
+
     def make(self) -> Driver:
         """Create the device's driver, not yet open."""
         return registry.kinds()[self.driver].make(self.options)
@@ -238,6 +250,7 @@ class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     recorder: Recorder = Recorder()
     estimator: Any = None
     dashboard: Any = None
+    alerts: Any = None
 
     def __post_init__(self) -> None:
         check(self.ward, "ward")

@@ -58,10 +58,15 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
         for baud in speeds if is_serial else speeds[:1]:
             say(f"{found.port}: listening{f' at {baud}' if is_serial else ''}, {seconds:g} s")
             heard[baud] = _listen(address.transport(found.port, baud), seconds)
-            made = [guess for guess in guesses(tried, heard[baud]) if guess.understood]
+            every = guesses(tried, heard[baud])
+            made = [guess for guess in every if guess.understood]
             if made:
                 words = _advice(made, opened_ns, heard[baud][0].receive_time_ns, is_serial=is_serial)
                 return Verdict(found, made[0], baud if is_serial else 0, words)
+            for guess in every:
+                if guess.lacking is not None:
+                    words = f"data of {guess.candidate}, without a rate: {english(guess.lacking)}"
+                    return Verdict(found, None, 0, words)
             # A wrong speed gives bytes, but no text; so text, or silence at two speeds, ends the search.
             if _as_text(_joined(heard[baud])) or (len(heard) >= _SILENT_SPEEDS and not any(heard.values())):
                 break

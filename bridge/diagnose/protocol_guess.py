@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from bridge.drivers.byte_stream import Holds
-from bridge.drivers.driver import DriverKind, Event, Identity, Readings
+from bridge.drivers.byte_stream import OUTPUT, Holds
+from bridge.drivers.driver import DriverKind, Event, Identity, Notice, Readings
+from bridge.reasons.codes import Sentence
 from bridge.toml.loader import options
 from bridge.transport.transport import Chunk
 
@@ -41,6 +42,7 @@ class Guess:
 
     rate_hz: measured by the host, else as the device reports; 0 if unknown.
     young_s: the device's clock at its first sample, in s; None without a clock.
+    lacking: what the driver says of data that it recognises but that carry no sample.
     """
 
     candidate: Candidate
@@ -49,6 +51,7 @@ class Guess:
     identity: Identity | None
     rate_hz: float
     young_s: float | None
+    lacking: Sentence | None = None
 
     @property
     def share(self) -> float:
@@ -113,6 +116,7 @@ def _try(candidate: Candidate, chunks: Sequence[Chunk]) -> Guess | None:
         identity=identity,
         rate_hz=_rate_hz(readings) or (identity.rate_hz if identity else 0.0),
         young_s=_young_s(identity, readings),
+        lacking=next((event.said for event in events if isinstance(event, Notice) and event.name == OUTPUT), None),
     )
 
 

@@ -9,9 +9,11 @@ from msgspec import Struct
 from bridge.drivers.driver import DriverKind, Event, Readings
 from bridge.transport import address
 from bridge.transport.errors import DeviceLost
-from bridge.transport.transport import Chunk
+from bridge.transport.transport import Chunk, Transport
 from bridge.wire.refusal import Tally
 
+#: name of the notice that data of the device's protocol carry no rate
+OUTPUT = "output"
 _UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # limits of the undecoded bytes kept: chunks, bytes of a chunk
 
 
@@ -54,15 +56,15 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """A driver made of a decoder and a transport.
+    """A driver made of a decoder and a transport, by default that of the options' port.
 
     bytes_in, samples_in: bytes received and samples decoded since the port was opened.
     """
 
-    def __init__(self, options: StreamOptions, decoder: Decoder) -> None:
+    def __init__(self, options: StreamOptions, decoder: Decoder, transport: Transport | None = None) -> None:
         self.place = options.port
         self.faults = decoder.faults
-        self._transport = address.transport(options.port, options.baud)
+        self._transport = transport or address.transport(options.port, options.baud)
         self._transport.faults = decoder.faults
         self._decoder = decoder
         self._unread: deque[Chunk] = deque(maxlen=_UNREAD_CHUNKS)

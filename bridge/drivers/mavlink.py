@@ -3,7 +3,8 @@
 pymavlink (the extra `mavlink`) does all parsing and checking.
 Messages read are HIGHRES_IMU, SCALED_IMU and RAW_IMU, the best that a device sends
 (https://mavlink.io/en/messages/common.html). RAW_IMU is "without any scaling": its units are unknown except for
-ArduPilot, which uses SCALED_IMU's. Only the first sensor is read.
+ArduPilot, which uses SCALED_IMU's. Only the first sensor is read. The battery is the first of BATTERY_STATUS, else that of
+SYS_STATUS.
 """
 
 import importlib.util
@@ -11,7 +12,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from bridge.drivers.byte_stream import StreamOptions, stream_kind
-from bridge.drivers.driver import Event, Notice
+from bridge.drivers.driver import Battery, Event, Notice
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.reasons.codes import Code, Sentence
 from bridge.wire.refusal import Tally
@@ -24,6 +25,7 @@ _CLOCKS: Final = {"RAW_IMU": (1e-6, 64), "SCALED_IMU": (1e-3, 32), "HIGHRES_IMU"
 _MILLI_G: Final = 9.80665e-3
 _GYRO_NEW, _TEMPERATURE_NEW = 0b111000, 1 << 12  # bits of HIGHRES_IMU's fields_updated
 _ARDUPILOT: Final = 3
+_CHARGING: Final = 7  # MAV_BATTERY_CHARGE_STATE_CHARGING
 _MAX_SYSTEMS: Final = 8  # named in a notice
 
 
@@ -71,6 +73,8 @@ class MavlinkDecoder:
         self._assembly = SampleAssembler(self.faults, self._about, None)  # replaced at the first message
         self._held = 0  # samples not yet returned as events
         self._has_temperature = False
+        self._battery: Battery | None = None  # not yet returned as an event
+        self._battery_told = False  # by BATTERY_STATUS
         self._parser = self._new_parser()
 
     def opened(self) -> None:
@@ -112,6 +116,8 @@ class MavlinkDecoder:
         elif kind in _RANKS:
             if self._is_ours(message) and self._is_best(kind):
                 self._sample(kind, message, receive_time_ns)
+        elif kind in ("BATTERY_STATUS", "SYS_STATUS"):
+            self._battery_of(kind, message)
         elif kind == "HEARTBEAT" and self._is_from(message):
             self._autopilot = message.autopilot
             model = f"{self._word('MAV_AUTOPILOT', message.autopilot)} {self._word('MAV_TYPE', message.type)}"
@@ -171,6 +177,17 @@ class MavlinkDecoder:
         self._assembly.add(tick, rates, forces, temperature_c, receive_time_ns=receive_time_ns)
         self._held += 1
 
+    def _battery_of(self, kind: str, message: Any) -> None:
+        """Note the battery of the selected system; any of its components may tell it. -1 is unknown."""
+        first = kind == "SYS_STATUS" or message.id == 0
+        ours = first and message.get_srcSystem() == self._system
+        known = 0 <= message.battery_remaining <= 100
+        if not (ours and known) or (kind == "SYS_STATUS" and self._battery_told):
+            return
+        self._battery_told |= kind == "BATTERY_STATUS"
+        charging = kind == "BATTERY_STATUS" and message.charge_state == _CHARGING
+        self._battery = Battery(float(message.battery_remaining), charging)
+
     def _know(self, about: DeviceDescription) -> None:
         self._about = self._assembly.about = about
 
@@ -185,7 +202,8 @@ class MavlinkDecoder:
         said = Code.SEVERAL_SYSTEMS(system=self._system, others=named) if others else None
         news = said != self._said
         self._said = said
-        return [Notice(SEVERAL, said)] if news else []
+        battery, self._battery = self._battery, None
+        return [*([Notice(SEVERAL, said)] if news else []), *([battery] if battery else [])]
 
 
 KIND = stream_kind(

@@ -2,7 +2,7 @@
 
 from math import radians
 
-from bridge.drivers.byte_stream import StreamOptions, stream_kind
+from bridge.drivers.byte_stream import OUTPUT, StreamOptions, stream_kind
 from bridge.drivers.driver import Event, Notice
 from bridge.drivers.mtdata2_settings import Settings
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
@@ -20,7 +20,7 @@ _MODEL = "Xsens MT"
 _COUNTS = 1 << 16
 _REORDERED = _COUNTS // 2  # a larger step means that the counter went back
 _BITS = 620  # of a message with the configured output, ten bits per byte
-_NO_RATE = 200  # messages
+_NO_RATE = 50  # messages
 
 
 class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -105,7 +105,7 @@ class MtData2Decoder:
                 self.faults.add(bad.label)
                 return []
         if message.kind == mtdata2.MTDATA:
-            return [Notice("output", Code.LEGACY_MTDATA())]
+            return [Notice(OUTPUT, Code.LEGACY_MTDATA())]
         if message.kind == mtdata2.WAKE_UP:
             self._woke()
             return []
@@ -133,8 +133,9 @@ class MtData2Decoder:
         if data.gyro is None:
             self._without_rate += 1
             lacking = self._without_rate == _NO_RATE
-            return [Notice("output", Code.NO_RATE_OF_TURN())] if lacking else []
-        notices = [Notice("output", None)] if self._without_rate >= _NO_RATE else []
+            why = Code.RAW_COUNTS if data.raw else Code.NO_RATE_OF_TURN
+            return [Notice(OUTPUT, why())] if lacking else []
+        notices = [Notice(OUTPUT, None)] if self._without_rate >= _NO_RATE else []
         self._without_rate = 0
         if data.gyro_clipped:
             self.faults.add(CLIPPED)

@@ -3,7 +3,7 @@
 from collections import deque
 
 from bridge.drivers.byte_stream import StreamOptions, stream_kind
-from bridge.drivers.driver import Event, Identity, Readings
+from bridge.drivers.driver import Battery, Event, Identity, Readings
 from bridge.framing import packets
 from bridge.framing.cobs_frames import Deframer, frame
 from bridge.wire.messages import BootCause, DeviceCalibration
@@ -69,6 +69,8 @@ class NativeDecoder:
                 events += self._greeted(packet)
             elif isinstance(packet, DeviceCalibration):
                 events.append(packet)
+            elif isinstance(packet, packets.Charge):
+                events.append(Battery(packet.percent, packet.charging))
             else:
                 events += self._read(packet, receive_time_ns)
         return events

@@ -9,7 +9,19 @@ from bridge.drivers.driver import DriverKind
 
 GROUP = "truerate.drivers"
 #: built-in drivers, each in the module of the same name, imported on first use
-OURS = ("native", "ximu3", "witmotion", "mtdata2", "text_profile", "mavlink", "replayed", "simulated")
+OURS = (
+    "native",
+    "ximu3",
+    "witmotion",
+    "mtdata2",
+    "text_profile",
+    "mavlink",
+    "movella_dot",
+    "shimmer3",
+    "lsl",
+    "replayed",
+    "simulated",
+)
 
 _log = logging.getLogger(__name__)
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from bridge.sim.virtual_device import VirtualDevice
 
 _TURN_S = 0.02
+#: how long the battery of a virtual device lasts, s; each boot begins with a full one
+_BATTERY_S = 12 * 3600.0
 
 
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -82,12 +84,15 @@ class SimulatedDriver:
 def _made(options: SimulatedOptions) -> "VirtualDevice":
     # Imported late: other readers of a ward's configuration, such as an estimator, do not need the simulator.
     from bridge.sim.motion_scripts import demo_script  # noqa: PLC0415
-    from bridge.sim.virtual_device import demo_device  # noqa: PLC0415
+    from bridge.sim.virtual_device import DeviceSpec, demo_device  # noqa: PLC0415
     from bridge.sim.ward_script import ward_script  # noqa: PLC0415
 
     # Boot numbers are random: with those of an earlier run, the bus would take the samples for repeats.
     script = {"lively": demo_script, "ward": ward_script}[options.life]
-    return demo_device("simulated", options.seed, rate_hz=options.rate_hz, draw_boot=draw_boot, script=script)
+    spec = DeviceSpec(battery_s=_BATTERY_S)
+    return demo_device(
+        "simulated", options.seed, rate_hz=options.rate_hz, spec=spec, draw_boot=draw_boot, script=script
+    )
 
 
 KIND = DriverKind(

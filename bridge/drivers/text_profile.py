@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from bridge.drivers.byte_stream import StreamOptions, stream_kind
-from bridge.drivers.driver import Event, Notice
+from bridge.drivers.driver import Battery, Event, Notice
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.framing.lines import ANY_END, Line, Lines
 from bridge.reasons.codes import Code, Sentence
@@ -72,6 +72,7 @@ class TextDecoder:
         self._clock = self._reader.has_clock is not False
         self._assembly = self._assemble()
         self._said: dict[str, Sentence] = {}
+        self._percent = math.nan  # charge of the battery
 
     def opened(self) -> None:
         """Note that the port was opened (again)."""
@@ -96,7 +97,7 @@ class TextDecoder:
         return b""
 
     def _take(self, line: Line, receive_time_ns: int) -> list[Event]:
-        """Decode one line; returns events only if a header row ends the samples before it."""
+        """Decode one line; returns events only of a changed battery, or if a header row ends the samples before it."""
         text = line.data.decode("utf-8", "replace").strip()
         if not text:
             return []
@@ -114,7 +115,10 @@ class TextDecoder:
             if isinstance(read, Row):
                 self._booting = False
                 came_ns = self._told_ns(read.tick) if self._captured else receive_time_ns
-                self._assembly.add(*read, receive_time_ns=came_ns)
+                self._assembly.add(*read[:4], receive_time_ns=came_ns)
+                if read.battery_percent is not None and read.battery_percent != self._percent:
+                    self._percent = read.battery_percent
+                    return [Battery(read.battery_percent)]
             else:
                 self._refuse(read, text)
         return []

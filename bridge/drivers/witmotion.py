@@ -3,19 +3,21 @@
 from enum import StrEnum
 from math import log
 
-from bridge.drivers.byte_stream import StreamOptions, stream_kind
+from bridge.drivers.byte_stream import OUTPUT, StreamOptions, stream_kind
 from bridge.drivers.driver import Event, Identity, Notice
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.drivers.time_presence import TimePresence
 from bridge.drivers.witmotion_samples import GYRO_RANGE, Cycles, Sample
 from bridge.drivers.witmotion_settings import RATES_HZ, Settings
 from bridge.framing.witmotion import MOTION_REGISTERS, REGISTERS, WitFrames
+from bridge.reasons.codes import Code
 from bridge.wire.refusal import Tally
 
 UNSETTLED, UNTIMED = "samples_before_settled", "time_missing"
 _MODEL = "WitMotion"
 _FORGOTTEN = 8  # consecutive cycles without their time
 _COUNTED_S = 1.0
+_NO_RATE = 100  # frames
 _BITS_A_CYCLE = 330  # time, acceleration and rate frames, at ten bits per byte
 _FASTEST_HZ = 200.0
 
@@ -81,6 +83,7 @@ class WitMotionDecoder:
             self._assembly.opened()
         self._asked = False
         self._counted, self._since_ns = 0, 0
+        self._without_rate = 0  # frames since the last sample
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
         """The events completed by these bytes, in order."""
@@ -89,7 +92,14 @@ class WitMotionDecoder:
             if frame.kind in (REGISTERS, MOTION_REGISTERS):
                 events += self._answered(frame.data)
             elif (sample := self._cycles.take(frame)) is not None:
+                if self._without_rate >= _NO_RATE:
+                    events.append(Notice(OUTPUT, None))
+                self._without_rate = 0
                 self._take(sample, receive_time_ns)
+            else:
+                self._without_rate += 1
+                if self._without_rate == _NO_RATE:
+                    events.append(Notice(OUTPUT, Code.NO_RATE_OF_TURN()))
         if not self._asked and self._frames.checked is not None and not self._options.keep_settings:
             self._ask()
         events += self._settings.passed(receive_time_ns)

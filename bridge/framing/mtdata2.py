@@ -18,6 +18,7 @@ REQ_DEVICE, GOTO_MEASUREMENT, REQ_FIRMWARE, REQ_PRODUCT = 0x00, 0x10, 0x12, 0x1C
 GOTO_CONFIG, MTDATA2, WAKE_UP, WAKE_UP_ACK, ERROR, SET_OUTPUT = 0x30, 0x36, 0x3E, 0x3F, 0x42, 0xC0
 TEMPERATURE, PACKET_COUNTER, SAMPLE_TIME = 0x0810, 0x1020, 0x1060
 ACCELERATION, RATE_OF_TURN, STATUS = 0x4020, 0x8020, 0xE020
+RAW, RAW_GYRO = 0xA010, 0xA020  # counts; the manual gives no sensitivity
 DELTA_V, DELTA_Q = 0x4010, 0x8030
 MTDATA = 0x32  # message kind of devices older than MTData2
 BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
@@ -41,6 +42,7 @@ class Data(NamedTuple):
 
     gyro rad/s, accel m/s², celsius °C, counter of messages (16 bits), time in 0.1 ms (32 bits).
     turned: rotation vector of Δq, rad. sped: Δv, m/s. Both are since the previous message.
+    raw: the message carries the gyro as counts.
     """
 
     gyro: tuple[float, float, float] | None
@@ -51,6 +53,7 @@ class Data(NamedTuple):
     gyro_clipped: bool
     turned: tuple[float, float, float] | None = None
     sped: tuple[float, float, float] | None = None
+    raw: bool = False
 
 
 def encode(kind: int, data: bytes = b"") -> bytes:
@@ -133,6 +136,7 @@ def decode(data: bytes) -> Data:
         gyro_clipped=bool((status or 0) & _GYRO_CLIPPED),
         turned=_rotation(_numbers(items, DELTA_Q, 4)),
         sped=_vector(_numbers(items, DELTA_V, 3)),
+        raw=RAW in items or RAW_GYRO in items,
     )
 
 

@@ -3,6 +3,7 @@
     HELLO     01 version boot tick_period_s rate_hz gyro_range has model 00 firmware    device -> host
     DATA      02 n boot sequence (ticks gyro[3] accel[3] temperature)[n]                device -> host
     OWN       03 boot sequence k[3] bias[3]                                             device -> host
+    BATTERY   04 percent charging                                                       device -> host
     IDENTIFY  81                                                                        host -> device: send HELLO
     RATE      82 rate_hz                                                                host -> device: set this rate
 
@@ -10,7 +11,8 @@ A device sends HELLO at boot, once a second and when asked. `boot` is a number d
 samples since then, `ticks` is the device's clock (32 bits, wraps). Gyro in rad/s, accelerometer in m/s², temperature in
 °C, as float32; `has` tells which of the last two are measured. OWN is a calibration that the device made itself in
 this boot, from samples up to `sequence`: rate = k (gyro - bias), bias in rad/s, as float32. A device that has one sends
-it with each HELLO. A device may ignore RATE. A device that obeys sends
+it with each HELLO. BATTERY is the charge as float32, 0 to 100 %, and whether it charges, 0 or 1; a device sends it with
+HELLO, or when it changes. A device may ignore RATE. A device that obeys sends
 HELLO with its new rate, which lasts until power is lost.
 """
 
@@ -24,13 +26,14 @@ from numpy.typing import NDArray
 from bridge.wire.messages import DeviceCalibration
 
 VERSION = 1
-HELLO, DATA, OWN, IDENTIFY, RATE = 0x01, 0x02, 0x03, 0x81, 0x82
+HELLO, DATA, OWN, BATTERY, IDENTIFY, RATE = 0x01, 0x02, 0x03, 0x04, 0x81, 0x82
 HAS_ACCEL, HAS_TEMPERATURE = 1, 2
 MAX_SAMPLES = 24  # keeps a DATA packet well under the frame limit
 
 _HELLO = struct.Struct("<BBQdddB")
 _DATA = struct.Struct("<BBQI")
 _OWN = struct.Struct("<BQI6f")
+_BATTERY = struct.Struct("<BfB")
 _RATE = struct.Struct("<Bd")
 _SAMPLE = np.dtype([("ticks", "<u4"), ("gyro", "<f4", 3), ("accel", "<f4", 3), ("temperature_c", "<f4")])
 
@@ -68,6 +71,13 @@ class Data(NamedTuple):
     temperature_c: NDArray[np.float32]
 
 
+class Charge(NamedTuple):
+    """Charge of a device's battery, 0 to 100 %."""
+
+    percent: float
+    charging: bool
+
+
 def encode_hello(hello: Hello) -> bytes:
     """Encode the payload of a HELLO packet."""
     has = HAS_ACCEL * hello.has_accel | HAS_TEMPERATURE * hello.has_temperature
@@ -91,6 +101,11 @@ def encode_own(own: DeviceCalibration) -> bytes:
     return _OWN.pack(OWN, own.boot, own.sequence, *own.scale, *own.bias)
 
 
+def encode_battery(charge: Charge) -> bytes:
+    """Encode the payload of a BATTERY packet."""
+    return _BATTERY.pack(BATTERY, charge.percent, charge.charging)
+
+
 def encode_identify() -> bytes:
     """Encode the payload that asks a device for HELLO."""
     return bytes([IDENTIFY])
@@ -109,7 +124,7 @@ def decode_rate(payload: bytes) -> float | None:
     return float(rate_hz) if 0.1 <= rate_hz <= 100_000 else None
 
 
-def decode(payload: bytes) -> Hello | Data | DeviceCalibration:
+def decode(payload: bytes) -> Hello | Data | DeviceCalibration | Charge:
     """Decode a packet from a device; raises BadPacket with the label to count."""
     if payload[0] == HELLO:
         return _decode_hello(payload)
@@ -117,6 +132,8 @@ def decode(payload: bytes) -> Hello | Data | DeviceCalibration:
         return _decode_data(payload)
     if payload[0] == OWN:
         return _decode_own(payload)
+    if payload[0] == BATTERY:
+        return _decode_battery(payload)
     raise BadPacket("packet_unknown_kind")
 
 
@@ -144,6 +161,15 @@ def _decode_data(payload: bytes) -> Data:
         raise BadPacket("packet_length")
     samples = np.frombuffer(payload, _SAMPLE, n, _DATA.size)
     return Data(boot, sequence, samples["ticks"], samples["gyro"], samples["accel"], samples["temperature_c"])
+
+
+def _decode_battery(payload: bytes) -> Charge:
+    if len(payload) != _BATTERY.size:
+        raise BadPacket("packet_length")
+    _, percent, charging = _BATTERY.unpack(payload)
+    if not (0 <= percent <= 100 and charging in (0, 1)):
+        raise BadPacket("packet_content")
+    return Charge(percent, bool(charging))
 
 
 def _decode_own(payload: bytes) -> DeviceCalibration:

@@ -91,8 +91,11 @@ class DeviceThread:
             for batch in batches:
                 self._intake.overflowed(batch)
 
-    def stop(self, timeout_s: float = 2.0) -> None:
-        """Stop the thread and close the device; batches already read can still be taken."""
+    def stop(self, timeout_s: float = 2.0, reason: Sentences = ()) -> None:
+        """Stop the thread and close the device; batches already read can still be taken.
+
+        reason: why no more will come, for the last DeviceInfo; empty where the device is to come back.
+        """
         self._stop.set()
         self._due.set()
         if self._thread.is_alive():
@@ -100,6 +103,7 @@ class DeviceThread:
             self._thread.join(timeout_s)
             if self._thread.is_alive():
                 _log.error("%s: the driver does not stop", self.device)
+        self._complaint = reason or self._complaint
 
     def _run(self) -> None:
         wait_s = 0.0

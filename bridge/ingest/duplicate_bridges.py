@@ -37,8 +37,10 @@ def found(statuses: Iterable[Status]) -> list[Sentence]:
 class DuplicateBridges:
     """Tracks which of a bridge's devices estimators refuse; the first refusal of each device is logged."""
 
-    def __init__(self, bus: Bus, ward: str, bridge: str, devices: Iterable[str]) -> None:
-        self._bridge, self._devices, self._told = bridge, frozenset(devices), set[str]()
+    def __init__(self, bus: Bus, ward: str, bridge: str) -> None:
+        self._bridge, self._told = bridge, set[str]()
+        #: the bridge's devices, which may change
+        self.devices = frozenset[str]()
         #: devices taken from another bridge, by the latest status
         self.refused: set[str] = set()
         self._statuses = bus.subscribe(keys.pattern(ward, "status"), history=True, capacity=2 * _AT_ONCE)
@@ -55,7 +57,7 @@ class DuplicateBridges:
 
     def _take(self, status: Status) -> None:
         device = status.device
-        if device not in self._devices:
+        if device not in self.devices:
             return
         if self._bridge not in status.refused_bridges:
             if status.bridge == self._bridge:

@@ -5,7 +5,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Self
 
 from bridge.bus.contract import Bus, BusError, Declared, Publisher
@@ -14,6 +14,7 @@ from bridge.ingest.device_thread import DeviceThread, Taken
 from bridge.ingest.duplicate_bridges import DuplicateBridges
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_batches import merged
+from bridge.reasons.codes import Code
 from bridge.wire import keys
 from bridge.wire.codec import encode_info, encode_samples
 from bridge.wire.messages import DeviceInfo, SampleBatch
@@ -52,6 +53,7 @@ class DevicePublisher:
         self._token: Declared | None = None
         self._token_boot: int | None = None
         self.unsent: deque[SampleBatch] = deque()  # batches not yet put on the bus
+        self.closed = False
         self.said: DeviceInfo | None = None
         self._said_at_s = self._looked_at_s = float("-inf")
 
@@ -79,6 +81,7 @@ class DevicePublisher:
 
     def close(self) -> None:
         """Undeclare the publishers and the token."""
+        self.closed = True
         self._tell_alive(None)
         self._raw.close()
         self._info.close()
@@ -104,18 +107,22 @@ class DevicePublisher:
         self._token_boot = boot
 
 
+_Running = tuple[DeviceThread, DevicePublisher]
+
+
 class Pump:
     """The device threads and the publishing thread, for the length of a `with`; the bus belongs to the caller."""
 
     def __init__(self, ward: str, config: Bridge, bus: Bus) -> None:
-        self._bus = bus
+        self._bus, self._ward, self._bridge = bus, ward, config.id
         self._batch_s = config.batch_ms * 1e-3
-        cache = cached(self._batch_s)
-        self._threads = [_thread(device, config.id) for device in config.devices]
-        self._publishers = [DevicePublisher(bus, ward, config.id, thread.device, cache) for thread in self._threads]
-        self._all = list(zip(self._threads, self._publishers, strict=True))
-        self._duplicates = DuplicateBridges(bus, ward, config.id, (device.id for device in config.devices))
+        self._devices = dict[Device, _Running]()
+        self._all: list[_Running] = []
+        #: held while devices are published, so that no publisher is closed meanwhile
+        self._publishing = threading.Lock()
+        self._duplicates = DuplicateBridges(bus, ward, config.id)
         self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
+        self._add(config.devices)
         self._stop = threading.Event()
         self._complaint = ""
         #: monotonic time of the pump's last turn, s
@@ -125,12 +132,12 @@ class Pump:
     @property
     def infos(self) -> list[DeviceInfo]:
         """The last DeviceInfo of each device."""
-        return [publisher.said for publisher in self._publishers if publisher.said is not None]
+        return [publisher.said for _, publisher in self._all if publisher.said is not None]
 
     @property
     def over(self) -> bool:
         """Whether every device has ended for good, as recordings do."""
-        return all(thread.over for thread in self._threads)
+        return all(thread.over for thread, _ in self._all)
 
     @property
     def refused(self) -> frozenset[str]:
@@ -138,28 +145,55 @@ class Pump:
         return frozenset(self._duplicates.refused)
 
     def __enter__(self) -> Self:
-        for thread in self._threads:
+        for thread, _ in self._all:
             thread.start()
         self._pump.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *exception: object) -> None:
         """Stop reading, publish the rest, undeclare everything."""
-        for thread in self._threads:
+        for thread, _ in self._all:
             thread.stop()
         self._stop.set()
         self._pump.join()
         self._publish(self._all, last=True)
-        for publisher in self._publishers:
+        for _, publisher in self._all:
             publisher.close()
         self._duplicates.close()
         self._alive.close()
 
+    def change(self, devices: Sequence[Device]) -> None:
+        """Stop the devices that are not listed as they were, then start those that are new. The others go on untouched."""
+        gone = [self._devices.pop(device) for device in self._devices.keys() - set(devices)]
+        self._list()
+        for thread, publisher in gone:
+            thread.stop(reason=(Code.DEVICE_REMOVED(bridge=self._bridge),))
+            self._publish([(thread, publisher)], last=True)
+            with self._publishing:
+                publisher.close()
+        for thread, _ in self._add([device for device in devices if device not in self._devices]):
+            thread.start()
+
+    def _add(self, devices: Iterable[Device]) -> list[_Running]:
+        cache, added = cached(self._batch_s), list[_Running]()
+        for device in devices:
+            thread = _thread(device, self._bridge)
+            self._devices[device] = thread, DevicePublisher(self._bus, self._ward, self._bridge, device.id, cache)
+            added.append(self._devices[device])
+        self._list()
+        return added
+
+    def _list(self) -> None:
+        """List the devices for the pump, which reads the list anew at each turn."""
+        self._all = list(self._devices.values())
+        self._duplicates.devices = frozenset(device.id for device in self._devices)
+
     def _run(self) -> None:
         """Publish one share after the other; its devices are woken to read half a step earlier."""
-        parts, due_s = shares(len(self._all)), time.monotonic()
-        step_s = self._batch_s / parts
+        due_s = time.monotonic()
         for turn in itertools.count():
+            parts = shares(len(self._all))
+            step_s = self._batch_s / parts
             some = self._all[turn % parts :: parts]
             for thread, _ in some:
                 thread.read_soon()
@@ -170,21 +204,26 @@ class Pump:
             due_s = max(due_s + step_s / 2, time.monotonic())
             self._stop.wait(due_s - time.monotonic())
 
-    def _publish(self, some: Iterable[tuple[DeviceThread, DevicePublisher]], *, last: bool = False) -> None:
+    def _publish(self, some: Iterable[_Running], *, last: bool = False) -> None:
         self.turned_s = now_s = time.monotonic()
-        self._duplicates.hear()
-        for thread, publisher in some:
-            try:
-                taken = thread.take(informed=last or publisher.looks(now_s))
-                publisher.publish(taken, now_s, last=last)
-            except BusError as error:
-                self._lose(thread, publisher)
-                level = logging.DEBUG if str(error) == self._complaint else logging.WARNING
-                _log.log(level, "bus: %s", error)
-                self._complaint = str(error)
-            except Exception:  # noqa: BLE001 - one device's fault must not stop the others
-                self._lose(thread, publisher)
-                _log.exception("%s: publishing failed", thread.device)
+        with self._publishing:
+            self._duplicates.hear()
+            for thread, publisher in some:
+                if not publisher.closed:
+                    self._publish_one(thread, publisher, now_s, last=last)
+
+    def _publish_one(self, thread: DeviceThread, publisher: DevicePublisher, now_s: float, *, last: bool) -> None:
+        try:
+            taken = thread.take(informed=last or publisher.looks(now_s))
+            publisher.publish(taken, now_s, last=last)
+        except BusError as error:
+            self._lose(thread, publisher)
+            level = logging.DEBUG if str(error) == self._complaint else logging.WARNING
+            _log.log(level, "bus: %s", error)
+            self._complaint = str(error)
+        except Exception:  # noqa: BLE001 - one device's fault must not stop the others
+            self._lose(thread, publisher)
+            _log.exception("%s: publishing failed", thread.device)
 
     @staticmethod
     def _lose(thread: DeviceThread, publisher: DevicePublisher) -> None:

@@ -85,6 +85,8 @@ class Code(StrEnum):
     NO_ESTIMATOR_SPOKE = "no_estimator_spoke"
     LOW_BATTERY = "low_battery", "percent"
 
+    ALERT = "alert", "subject", "label"
+
     # Answers to commands
     ALREADY_DUE = "already_due", "device"
     NOT_HEARD = "not_heard", "device"
@@ -92,6 +94,10 @@ class Code(StrEnum):
     NOTED = "noted"
     NOTE_EMPTY = "note_empty"
     HEADING_IS_ZERO = "heading_is_zero"
+    ACKNOWLEDGED = "acknowledged", "labels"
+    NOTHING_TO_ACKNOWLEDGE = "nothing_to_acknowledge", "subject"
+    PLACED = "placed", "placement"
+    NOBODY_WEARS = "nobody_wears"
     NO_ORIENTATION = "no_orientation", "device"
     COMMAND_FAILED = "command_failed"
     COMMAND_MALFORMED = "command_malformed", "detail"
@@ -103,6 +109,14 @@ class Code(StrEnum):
     OUTCOME_UNKNOWN = "outcome_unknown"
     TURNS_WOULD_BE_LOST = "turns_would_be_lost"
     BOOT_NUMBER_REPEATED = "boot_number_repeated"
+    FORGOTTEN = "forgotten", "who"
+    ERASED = "erased", "who"
+    STILL_LISTED = "still_listed", "device", "place"
+    STILL_SENDING = "still_sending", "device"
+    WARD_FILE_IN_FORCE = "ward_file_in_force"
+    WARD_FILE_TAKEN = "ward_file_taken", "settings"
+    WARD_FILE_NEEDS_RESTART = "ward_file_needs_restart", "settings"
+    WARD_FILE_REFUSED = "ward_file_refused", "error"
 
     # Why a movement was no turn
     NUDGE = "nudge"
@@ -134,6 +148,7 @@ class Code(StrEnum):
 
     # Calibrations that devices make themselves
     OWN_ACCEPTED = "own_accepted"
+    LEARNT_WORN = "learnt_worn"
     OWN_OF_ANOTHER_BOOT = "own_of_another_boot"
     OWN_BIAS_LARGE = "own_bias_large", "bias_dps", "most_dps"
     OWN_BIAS_CONTRADICTED = "own_bias_contradicted", "own_dps", "seen_dps"
@@ -212,6 +227,7 @@ class Code(StrEnum):
     CAPTURE_WITHOUT_SAMPLES = "capture_without_samples", "place", "bytes", "driver"
     CAPTURE_OVER = "capture_over", "place"
     RECORDING_OVER = "recording_over", "place"
+    DEVICE_REMOVED = "device_removed", "bridge"
     PORT_MISSING = "port_missing", "place"
     PORT_FORBIDDEN = "port_forbidden", "place"
     NOT_A_SERIAL_PORT = "not_a_serial_port", "place"
@@ -242,6 +258,10 @@ class Code(StrEnum):
     BLE_SERVICE_SILENT = "ble_service_silent", "place"
     BLE_NO_CHARACTERISTIC = "ble_no_characteristic", "place", "wanted", "listed"
     BLE_LOST = "ble_lost", "place"
+    LSL_NOT_HEARD = "lsl_not_heard", "place"
+    LSL_SEVERAL = "lsl_several", "place", "listed"
+    LSL_NO_CHANNELS = "lsl_no_channels", "place", "wanted", "listed"
+    LSL_NO_UNIT = "lsl_no_unit", "place", "channels", "unit", "option"
     DRIVER_FAILED = "driver_failed", "error"
 
     # Notices: what a person should know about a device
@@ -260,7 +280,11 @@ class Code(StrEnum):
     REQUEST_REFUSED = "request_refused", "request", "error"
     NO_RATE_OF_TURN = "no_rate_of_turn"
     LEGACY_MTDATA = "legacy_mtdata"
+    RAW_COUNTS = "raw_counts"
+    NOT_SHIMMER3 = "not_shimmer3", "version"
+    GYRO_NOT_CALIBRATED = "gyro_not_calibrated"
     SEVERAL_SYSTEMS = "several_systems", "system", "others"
+    LSL_UNEVEN = "lsl_uneven"
     NO_TIME_COLUMN = "no_time_column", "column", "rate_hz"
     READS_LOW = "reads_low", "percent", "cause", "scale"
     READS_HIGH = "reads_high", "percent", "cause", "scale"

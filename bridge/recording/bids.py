@@ -179,12 +179,14 @@ def _write(folder: Path, stem: str, stretch: Stretch, task: str, system: str) ->
         "type",
         "tracked_point",
         "units",
+        "placement",
         "reference_frame",
         "sampling_frequency",
         "description",
     ]
+    worn = str(stretch.placements[-1]) if stretch.placements else _NONE
     told = [
-        (c.name, c.component, c.type, stretch.device, c.units, "sensor" if c.component != _NONE else _NONE,
+        (c.name, c.component, c.type, stretch.device, c.units, worn, "sensor" if c.component != _NONE else _NONE,
          f"{stretch.rate_hz:g}", c.description)
         for c in found
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Converts a recording of one device, read from any supported file, to .npz, .csv or .mcap."""
+"""Converts a recording of one device, read from any supported file, to .npz, .csv, .h5, .parquet or .mcap."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +10,7 @@ from bridge.recording import message_kinds
 from bridge.recording.error import RecordingError
 from bridge.recording.export import WRITERS
 from bridge.recording.files import new_file
+from bridge.recording.formats.registry import check_extra
 from bridge.recording.mcap_writer import McapWriter
 from bridge.recording.message_kinds import KINDS
 from bridge.recording.per_sample import CopyChannels, PerSample
@@ -19,7 +20,7 @@ from bridge.recording.stretches import Stretch
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch
 
-ENDINGS = (*WRITERS, ".mcap")
+ENDINGS = (*WRITERS, ".mcap", ".sto")
 _BRIDGE, _WARD = "converted", "converted"
 _BATCH = 256
 _BOOT = 1
@@ -27,6 +28,7 @@ _BOOT = 1
 
 def check_ending(out: Path) -> None:
     """Raise RecordingError for an output file that cannot be written, before any input is read."""
+    check_extra(out)
     if out.suffix.lower() not in ENDINGS:
         raise RecordingError(f"{out}: unknown ending {out.suffix!r}: use {', '.join(ENDINGS)}")
     if not out.parent.is_dir():

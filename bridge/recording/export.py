@@ -6,6 +6,7 @@ and `bias_rad_s` (n, 3), NaN for a sample without a corrected rate, and `quality
 `quat_wxyz` (n, 4), scalar first, `tilt_std` and `heading_std` (n,) rad, NaN for a sample without one.
 
 CSV: the same columns, one per axis; the quality is a number. `events.csv` lists boots, calibrations and notes.
+HDF5 has the arrays of npz, Parquet the columns of CSV.
 """
 
 import csv
@@ -104,7 +105,7 @@ def columns(stretch: Stretch) -> Columns:
 
 
 def events(recorded: Recorded) -> list[Event]:
-    """Return boots (or the recording's beginning within a boot), calibrations and notes, in order of time."""
+    """Return boots (or the recording's beginning within a boot), calibrations, notes and placements, in order of time."""
     boots = [
         Event(int(s.time_ns[0]), s.device, s.boot, BOOT if _from_its_boot(s) else BEGIN, s.info.model if s.info else "")
         for stretches in recorded.stretches.values()
@@ -115,25 +116,57 @@ def events(recorded: Recorded) -> list[Event]:
         for c in recorded.calibrations
     ]
     notes = [Event(n.time_ns, n.device, n.boot, f"note by {n.who}", n.text) for n in recorded.notes]
-    return sorted(boots + calibrations + notes)
+    worn = [
+        Event(one.since_ns, s.device, s.boot, f"placement by {one.who}", str(one))
+        for stretches in recorded.stretches.values()
+        for s in stretches
+        for one in s.placements
+        if int(s.time_ns[0]) <= one.since_ns <= int(s.time_ns[-1])
+    ]
+    return sorted(boots + calibrations + notes + worn)
 
 
 def _from_its_boot(stretch: Stretch) -> bool:
     return int(stretch.sequence[0]) == 0
 
 
+def flat(columns: Columns) -> Columns:
+    """Return columns (n,), one per axis of columns (n, 3) and (n, 4), named as in a CSV."""
+    return {
+        name: axis
+        for column, values in columns.items()
+        for name, axis in zip(_names(column, values), np.atleast_2d(values.T), strict=True)
+    }
+
+
+def _arrays(stretch: Stretch) -> Columns:
+    arrays: Columns = {
+        **columns(stretch),
+        "device": np.array(stretch.device),
+        "boot": np.array(boot_id(stretch.boot)),
+    }
+    return {**arrays, "rate_hz": np.array(stretch.rate_hz)} if stretch.rate_hz else arrays
+
+
 def _write_npz(file: BinaryIO, stretch: Stretch) -> None:
-    whose = {"device": np.array(stretch.device), "boot": np.array(boot_id(stretch.boot))}
-    arrays: Columns = {**columns(stretch), **whose}
-    if stretch.rate_hz:
-        arrays["rate_hz"] = np.array(stretch.rate_hz)
-    np.savez(file, allow_pickle=False, **arrays)
+    np.savez(file, allow_pickle=False, **_arrays(stretch))
+
+
+def _write_hdf5(file: BinaryIO, stretch: Stretch) -> None:
+    from bridge.recording.formats import hdf5  # noqa: PLC0415 - an extra
+
+    hdf5.write(file, _arrays(stretch))
+
+
+def _write_parquet(file: BinaryIO, stretch: Stretch) -> None:
+    from bridge.recording.formats import parquet  # noqa: PLC0415 - an extra
+
+    parquet.write(file, flat(columns(stretch)))
 
 
 def _write_csv(file: BinaryIO, stretch: Stretch) -> None:
-    found = columns(stretch)
-    names = [name for column, values in found.items() for name in _names(column, values)]
-    file.write((",".join(names) + "\n").encode())
+    found = flat(columns(stretch))
+    file.write((",".join(found) + "\n").encode())
     file.writelines("".join(",".join(row) + "\n" for row in rows).encode() for rows in rows_of(list(found.values())))
 
 
@@ -176,4 +209,4 @@ def harmless(text: str) -> str:
     return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
-WRITERS: dict[str, Write] = {".npz": _write_npz, ".csv": _write_csv}
+WRITERS: dict[str, Write] = {".npz": _write_npz, ".csv": _write_csv, ".h5": _write_hdf5, ".parquet": _write_parquet}

@@ -2,14 +2,18 @@
 
 import contextlib
 import errno
-import fcntl
 import os
+import re
+import shutil
+import stat
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
 from bridge.recording.error import RecordingError
+from bridge.recording.retention import Finished
+from bridge.runtime.file_lock import lock
 from bridge.runtime.os_errors import why
 
 PART = ".part"
@@ -31,8 +35,8 @@ class Output:
     def finish(self) -> None:
         """Sync and close the file, and give it its final name."""
         self.sync()
+        self.file.close()  # Windows renames no open file
         with_part(self.path).rename(self.path)
-        self.file.close()
         sync_folder(self.path.parent)
 
     def abandon(self) -> None:
@@ -41,8 +45,8 @@ class Output:
 
     def discard(self) -> None:
         """Delete the unfinished file."""
-        with_part(self.path).unlink(missing_ok=True)
         self.file.close()
+        with_part(self.path).unlink(missing_ok=True)
 
 
 class Folder:
@@ -73,12 +77,21 @@ class Folder:
 
     def free_bytes(self) -> int:
         """Return the free bytes on the disk for users other than root."""
-        room = os.statvfs(self.path)
-        return room.f_bavail * room.f_frsize
+        return shutil.disk_usage(self.path).free
 
     def leftovers(self) -> list[Path]:
         """Return this ward's unfinished files that no recorder has open."""
         return [path for path in sorted(self.path.glob(f"{self._ward}-*.mcap{PART}")) if not in_use(path)]
+
+    def finished(self) -> list[Finished]:
+        """Return this ward's finished recordings, oldest first by the times in their names."""
+        named = re.compile(re.escape(self._ward) + r"-\d{8}T\d{6}Z(-\d+)?\.mcap")
+        found = []
+        for path in sorted(self.path.iterdir()):
+            with contextlib.suppress(OSError):  # removed meanwhile
+                if named.fullmatch(path.name) and stat.S_ISREG((state := path.lstat()).st_mode):
+                    found.append(Finished(path, state.st_size, state.st_mtime_ns))
+        return found
 
     def said(self, error: OSError) -> str:
         """Say in words why the folder cannot be written to."""
@@ -105,7 +118,7 @@ def open_new(path: Path) -> BinaryIO:
     """Create a new, locked, unbuffered file. Raises FileExistsError."""
     file = path.open("xb", buffering=0)
     with contextlib.suppress(OSError):  # some file systems have no locks
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(file.fileno())
     return file
 
 
@@ -129,7 +142,7 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
     try:
         try:
             unfinished.unlink(missing_ok=True)  # left by a killed process; it may be a link
-            with unfinished.open("xb") as file:
+            with unfinished.open("x+b") as file:  # HDF5 is also read while it is written
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
@@ -145,12 +158,9 @@ def in_use(path: Path) -> bool:
     """Whether a recorder has the file open, by its lock."""
     try:
         with path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+            return not lock(file.fileno(), shared=True)
     except OSError:
         return False
-    return False
 
 
 def sync_folder(path: Path) -> None:

@@ -32,6 +32,8 @@ def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping
         parts.append(describe_missed(missed))
     if refused := account.refused.total():
         parts.append(f"{refused} refused")
+    if account.expired:
+        parts.append(f"{account.expired} old files deleted")
     if account.not_recorded:
         parts.append(f"{account.not_recorded} not recorded")
     if account.trouble:

@@ -1,10 +1,9 @@
-"""Reads a recording from any supported file: NumPy's .npz, text of any tool, or a ward's recording (.mcap).
+"""Reads a recording: of a ward (.mcap), or of any format in `bridge.recording.formats.registry`.
 
-To support another kind of file, add a function from a path to a Table to READERS, under the file's ending.
+To support another format, add a module with a function `read` to `bridge.recording.formats` and a line to the registry.
 """
 
 import logging
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,21 +11,20 @@ from msgspec.structs import replace
 
 from bridge.recording import stretches
 from bridge.recording.error import MAX_BYTES, RecordingError, check_file
-from bridge.recording.npz_reader import read_npz
+from bridge.recording.formats.registry import WARD, format_of
+from bridge.recording.formats.streams import choose
 from bridge.recording.plausibility import believed_accel, check_gyro, doubts_of_gyro
 from bridge.recording.reading import AS_SAID, Reading
 from bridge.recording.recording import TICK_S, Recording, Told
 from bridge.recording.stretches import Stretch
-from bridge.recording.table import Table, recording_of
-from bridge.recording.text.reader import read_text
+from bridge.recording.table import recording_of
+from bridge.recording.text.reader import join_accel
 from bridge.terminal.plurals import count
 from bridge.wire.messages import Calibration
 
-__all__ = ["MAX_BYTES", "READERS", "TICK_S", "Reading", "Recording", "RecordingError", "Told", "load"]
+__all__ = ["MAX_BYTES", "TICK_S", "Reading", "Recording", "RecordingError", "Told", "load"]
 
 _log = logging.getLogger(__name__)
-TEXT = (".csv", ".tsv", ".txt", ".log", ".dat", ".gz")
-READERS: dict[str, Callable[[Path, Reading], Table]] = {".npz": read_npz, **dict.fromkeys(TEXT, read_text)}
 
 
 def load(
@@ -37,10 +35,10 @@ def load(
     boot: int | None = None,
     reading: Reading = AS_SAID,
 ) -> Recording:
-    """Read the recording of one device from a file. Raises RecordingError.
+    """Read the recording of one device from a file, or from a folder of a format that is one. Raises RecordingError.
 
-    rate_hz: output data rate in Hz; it replaces the file's times. device: which device of a .mcap. boot: which boot,
-    from 1. If given, these three replace the same options in `reading`.
+    rate_hz: output data rate in Hz; it replaces the file's times. device: which device, topic, stream or sensor of a file
+    with several. boot: which boot, from 1. If given, these three replace the same options in `reading`.
     reading: further options, for what the file does not say or says wrongly.
     """
     path = Path(path)
@@ -50,42 +48,37 @@ def load(
         device=device or reading.device,
         boot=reading.boot if boot is None else boot,
     )
-    kind = path.suffix.lower()
-    check_file(path)
-    if kind == ".part":
+    if not path.is_dir():
+        check_file(path)
+    if path.suffix == ".part":
         raise RecordingError(
             f"{path}: the recording was not finished; complete it first: truerate recording recover {path}"
         )
-    if kind not in (".mcap", *READERS):
-        raise RecordingError(
-            f"{path}: unknown ending {path.suffix!r}: give a recording in .npz, .mcap or {', '.join(TEXT)}"
-        )
-    size = path.stat().st_size
-    if size > MAX_BYTES and kind not in TEXT:
-        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are allowed")
-    if kind == ".mcap":
+    format_ = format_of(path)
+    if reading.device is not None and not format_.streams:
+        raise RecordingError(f"{path}: the file holds one device: leave --device out")
+    if format_ is WARD:
         return _of_stretch(path, *_chosen(path, reading.device, reading.boot))
-    if reading.device is not None:
-        raise RecordingError(f"{path}: the file holds one device: leave --device out; only a .mcap holds several")
     # Overflowing values become infinite, and are later dropped or refused with their samples.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return recording_of(path, READERS[kind](path, reading), reading)
+        table = format_.read(path, reading)
+        join_accel(path, table, reading)
+        return recording_of(path, table, reading)
 
 
 def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, list[Calibration]]:
     """Return one boot of one device from a ward's recording, and its calibrations. Raises RecordingError."""
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are allowed")
     recorded = stretches.read([path], corrected=False)
     for words in recorded.trouble:
         _log.warning("%s", words)
     found = recorded.stretches
     if not found:
         raise RecordingError(f"{path}: the recording has no samples; `truerate recording info` shows what it holds")
-    if device is None and len(found) > 1:
-        raise RecordingError(f"{path}: {len(found)} devices; choose one with --device: {', '.join(found)}")
-    name = next(iter(found)) if device is None else device
-    if name not in found:
-        raise RecordingError(f"{path}: no samples of --device {name!r}; choose from {', '.join(found)}")
-    boots = found[name]
+    boots = choose(path, found, device, "devices")
+    name = boots[0].device
     if boot is None and len(boots) > 1:
         said = ", ".join(f"{one.number} ({count(len(one), 'sample')}, {one.time_s[-1]:.0f} s)" for one in boots)
         raise RecordingError(f"{path}: {len(boots)} boots of {name}; choose one with --boot: {said}")

@@ -16,7 +16,7 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     z. Alternatively one name of a known tool, or a .toml file.
     time_column: name or number of the time column.
     accel_file: a second file with the accelerometer.
-    device, boot (from 1): which part of the recording to read.
+    device (also a topic, a stream or a sensor), boot (from 1): which part of the recording to read.
 
     Raises RecordingError for an invalid option.
     """
@@ -39,7 +39,7 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     time_column: str | None = None
     #: second file that holds the accelerometer's samples, for example `acc.csv`
     accel_file: str | None = None
-    #: id of the recorded device to read, where a recording holds several
+    #: device, topic, stream or sensor to read, where a recording holds several
     device: str | None = None
     #: number of the boot to play, from 1, if the device was switched on several times
     boot: int | None = None

@@ -45,39 +45,49 @@ def record(
     *,
     seconds: float | None = None,
     open_bus: OpenBus = ZenohBus,
+    connected: Callable[[Bus], object] | None = None,
+    changed: Callable[[], Recorder | None] = lambda: None,
 ) -> int:
     """Record a ward until stopped, or for `seconds`. Returns an exit code: 1 if something could not be recorded.
 
+    connected: called with the bus. changed: returns other settings when there are some; asked several times a second.
     Raises RecordingError if no device is heard or no file can be written, and BusError if no router is found.
     """
     folder = Folder(Path(settings.folder), ward)
     for path in folder.leftovers():
         _log.warning("%s was not finished: complete it with truerate recording recover %s", path, path)
-    knobs = Knobs(
-        rotate_s=settings.rotate_s,
-        rotate_bytes=settings.rotate_mb * 1e6,
-        keep_free_bytes=settings.keep_free_mb * 1e6,
-    )
     with stopped_by_signal() as stop, supervised():
         deadline = time.monotonic() + settings.wait_s
         with _connected(open_bus, endpoints, stop, deadline) as bus:
             subscription = bus.subscribe(keys.everything(ward), history=True, capacity=QUEUE)
             for words in self_test(bus, Routers.of(endpoints), ward, open_bus):
                 _log.error("%s", words)
+            if connected is not None:
+                connected(bus)
             first = _first(subscription, settings.devices, stop, deadline)
             if first is None:
                 if stop.is_set():
                     raise RecordingError("stopped before any device was heard: nothing is recorded")
                 raise RecordingError(_nobody(ward, endpoints, settings))
-            recorder = WardRecorder(folder, ward, settings.devices, knobs, per_sample=settings.per_sample)
+            recorder = WardRecorder(folder, ward, settings.devices, _knobs(settings), per_sample=settings.per_sample)
             try:
                 recorder.begin(time.time_ns(), time.monotonic())
             except OSError as error:
                 raise RecordingError(f"recording cannot begin: {recorder.said(error)}") from None
-            _run(bus, subscription, recorder, first, stop, seconds, console)
+            _run(bus, subscription, recorder, first, stop, seconds, console, changed)
     for path in recorder.account.files:
         console.print(recorded_in(path), highlight=False, soft_wrap=True)
     return 1 if recorder.account.not_recorded or recorder.account.trouble else 0
+
+
+def _knobs(settings: Recorder) -> Knobs:
+    return Knobs(
+        rotate_s=settings.rotate_s,
+        rotate_bytes=settings.rotate_mb * 1e6,
+        keep_free_bytes=settings.keep_free_mb * 1e6,
+        keep_s=settings.keep_days * 86_400 or float("inf"),
+        keep_bytes=settings.keep_gb * 1e9 or float("inf"),
+    )
 
 
 def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Event, deadline: float) -> Bus:
@@ -136,6 +146,7 @@ def _run(
     stop: threading.Event,
     seconds: float | None,
     console: Console,
+    changed: Callable[[], Recorder | None],
 ) -> None:
     began = time.monotonic()
     messages, shown, there = first, 0.0, True
@@ -152,6 +163,8 @@ def _run(
                     _log.warning("router %s", "connected again" if there else "gone; waiting for it to return")
             if subscription.closed or (seconds is not None and now - began >= seconds) or stop.wait(_ROUND_S):
                 break
+            if (settings := changed()) is not None:
+                recorder.use(settings.devices, _knobs(settings))
             messages = subscription.drain(QUEUE, 0.0)  # a round's messages at once cost less than one by one
     now, missed = time.monotonic(), subscription.missed_by_key
     recorder.take(subscription.drain(QUEUE, 0.0), time.time_ns(), now)

@@ -17,6 +17,8 @@ from bridge.recording.mcap_writer import MAX_CHANNELS
 from bridge.recording.message_kinds import KINDS, PRIVATE, Kind, Said
 from bridge.recording.per_sample import Copy, PerSample
 from bridge.recording.recording_file import MOST_OF_A_BRIDGE, Item, RecordingFile
+from bridge.recording.retention import expired
+from bridge.runtime.os_errors import why as why_of
 from bridge.terminal.plurals import count
 from bridge.wire import keys
 from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
@@ -29,6 +31,10 @@ _log = logging.getLogger(__name__)
 MOST_REPEATED = MAX_CHANNELS // 2
 
 
+#: interval between looks for recordings that have expired, s
+EXPIRE_S = 60.0
+
+
 class NoRoom(OSError):
     """The disk's free space has reached the part reserved for others."""
 
@@ -38,7 +44,8 @@ class Knobs:
     """Settings of a recorder: when to begin a new file, and how much disk to leave free.
 
     flush_s: time between flushes, s; so much may be lost in a power failure. retry_s: time between attempts, s.
-    A file is begun only if room_bytes are free in addition to keep_free_bytes.
+    A file is begun only if room_bytes are free in addition to keep_free_bytes. Finished files are deleted, the oldest first,
+    when they are older than keep_s, or when all files are larger than keep_bytes.
     """
 
     rotate_s: float = 3600.0
@@ -47,6 +54,8 @@ class Knobs:
     room_bytes: float = 16e6
     flush_s: float = 0.4
     retry_s: float = 5.0
+    keep_s: float = float("inf")
+    keep_bytes: float = float("inf")
 
 
 @dataclass(slots=True)
@@ -61,6 +70,7 @@ class Account:
     files: list[Path] = field(default_factory=list)  # an unfinished file ends in PART
     refused: Tally = field(default_factory=Tally)
     not_recorded: int = 0  # messages that came while no file could be written, or were in its last chunk
+    expired: int = 0  # finished recordings that were deleted
     trouble: str = ""  # why nothing can be written now; empty if all is well
 
 
@@ -84,6 +94,11 @@ class WardRecorder:
         self._file: RecordingFile | None = None
         self._latest: dict[str, Item] = {}
         self._began_s = self._flushed_s = self._retry_s = 0.0
+        self._expire_s, self._undeletable = float("-inf"), set[Path]()
+
+    def use(self, devices: Iterable[str], knobs: Knobs) -> None:
+        """Use other settings from now on. devices: ids of those to record; all if empty."""
+        self._devices, self._knobs = frozenset(devices), knobs
 
     @property
     def size(self) -> int:
@@ -121,7 +136,10 @@ class WardRecorder:
                 self._latest[message.key] = item
 
     def tick(self, wall_ns: int, now_s: float) -> None:
-        """Flush, begin a new file, or retry after an error, whichever is due. Call it several times a second."""
+        """Flush, begin a new file, retry after an error, or delete old files. Call it several times a second."""
+        if now_s >= self._expire_s:
+            self._expire_s = now_s + EXPIRE_S
+            self._expire(wall_ns)
         if self._file is None:
             if now_s >= self._retry_s:
                 self._try_again(wall_ns, now_s)
@@ -211,6 +229,24 @@ class WardRecorder:
         if self._file is None:
             return False
         return now_s - self._began_s >= self._knobs.rotate_s or self._file.writer.size >= self._knobs.rotate_bytes
+
+    def _expire(self, wall_ns: int) -> None:
+        """Delete the recordings that have expired; each is logged and counted."""
+        keep_s, keep_bytes = self._knobs.keep_s, self._knobs.keep_bytes
+        if min(keep_s, keep_bytes) == float("inf"):
+            return
+        size = self._file.writer.size if self._file else 0
+        for one, why in expired(self._place.finished(), size, wall_ns, keep_s, keep_bytes):
+            try:
+                one.path.unlink()
+            except OSError as error:
+                if one.path not in self._undeletable:
+                    self._undeletable.add(one.path)
+                    _log.error("%s cannot be deleted, though %s says so: %s", one.path, why, why_of(error))
+                continue
+            self.account.expired += 1
+            self.account.files = [path for path in self.account.files if path != one.path]
+            _log.warning("%s (%.1f MB) is deleted, as %s says", one.path, one.bytes / 1e6, why)
 
     def _rotate(self, wall_ns: int, now_s: float) -> None:
         self._finish()

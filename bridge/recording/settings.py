@@ -34,6 +34,10 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     rotate_mb: float = 500.0
     #: megabytes of the disk that are left free
     keep_free_mb: float = 200.0
+    #: days after which a finished recording is deleted; 0: never
+    keep_days: float = 0.0
+    #: gigabytes of recordings of the ward in the folder, beyond which the oldest finished one is deleted; 0: no limit
+    keep_gb: float = 0.0
     #: seconds to wait for a router and a device before giving up
     wait_s: float = 10.0
     #: ids of the devices to record; default: all
@@ -50,6 +54,12 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"rotate_mb is {self.rotate_mb:g}: use {_SMALLEST_MB:g} to 1000000")
         if not 0 <= self.keep_free_mb <= 1e9:
             raise ValueError(f"keep_free_mb is {self.keep_free_mb:g}: use 0 or more")
+        if not 0 <= self.keep_days <= 36_500:
+            raise ValueError(f"keep_days is {self.keep_days:g}: use 0 (for ever) to 36500")
+        if self.keep_gb and not 2 * self.rotate_mb / 1000 <= self.keep_gb <= 1e6:
+            raise ValueError(
+                f"keep_gb is {self.keep_gb:g}: use 0 (no limit), or at least twice rotate_mb: {self.rotate_mb / 500:g}"
+            )
         if not 0 < self.wait_s <= 86_400:
             raise ValueError(f"wait_s is {self.wait_s:g}: use a number above 0, up to 86400")
         if self.per_sample and not messages.available():

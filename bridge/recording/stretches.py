@@ -12,7 +12,16 @@ from bridge.recording.contents import Tell
 from bridge.recording.error import RecordingError
 from bridge.recording.survey import Boot, Device, survey
 from bridge.terminal.plurals import count
-from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, OrientationBatch, SampleBatch, Verdict
+from bridge.wire.messages import (
+    Calibration,
+    CorrectedBatch,
+    DeviceInfo,
+    Note,
+    OrientationBatch,
+    Placement,
+    SampleBatch,
+    Verdict,
+)
 
 Singles = NDArray[np.float32]
 #: quality of a sample without a recorded corrected rate
@@ -68,6 +77,8 @@ class Stretch:
     flags: NDArray[np.uint32]
     corrected: Rates | None
     oriented: Attitudes | None = None
+    #: where and by whom the device was worn, in order; each holds until the next
+    placements: tuple[Placement, ...] = ()
 
     def __len__(self) -> int:
         return len(self.ticks)
@@ -136,7 +147,7 @@ def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _
 
     corrected: also read corrected rates and orientation. tell(done, total) counts bytes.
     """
-    wanted = ["raw", "info", "calibration", "note", *(["corrected", "orientation"] if corrected else [])]
+    wanted = ["raw", "info", "status", "calibration", "note", *(["corrected", "orientation"] if corrected else [])]
     found = survey(paths, tell, wanted, keep=True)
     refused = found.refused.as_dict().items()
     trouble = found.trouble + [f"{count(n, 'message')} skipped: {in_words(reason)}" for reason, n in refused]
@@ -162,6 +173,7 @@ def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _
 def _stretch(name: str, device: Device, boot: Boot, batches: list[SampleBatch], number: int) -> Stretch:
     ticks = np.concatenate([batch.ticks for batch in batches])
     sequence = np.concatenate([np.arange(b.sequence, b.sequence + len(b), dtype=np.int64) for b in batches])
+    time_ns = np.concatenate([batch.sample_time_ns for batch in batches])
     accels = [batch.accel for batch in batches if batch.accel is not None]
     return Stretch(
         device=name,
@@ -172,13 +184,14 @@ def _stretch(name: str, device: Device, boot: Boot, batches: list[SampleBatch], 
         tick_period_s=batches[0].tick_period_s,
         sequence=sequence,
         ticks=ticks,
-        time_ns=np.concatenate([batch.sample_time_ns for batch in batches]),
+        time_ns=time_ns,
         gyro=np.concatenate([batch.gyro for batch in batches]),
         accel=np.concatenate(accels) if len(accels) == len(batches) else None,
         temperature_c=_temperature(batches),
         flags=np.concatenate([batch.flags for batch in batches]),
         corrected=_rates(boot.rates, sequence, ticks),
         oriented=_attitudes(boot.attitudes, sequence, ticks),
+        placements=device.worn(int(time_ns[0]), int(time_ns[-1])),
     )
 
 

@@ -7,7 +7,17 @@ from pathlib import Path
 
 from bridge.recording.contents import Contents, Tell
 from bridge.recording.sequence_tracker import SequenceTracker
-from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, OrientationBatch, Quality, SampleBatch
+from bridge.wire.messages import (
+    Calibration,
+    CorrectedBatch,
+    DeviceInfo,
+    Note,
+    OrientationBatch,
+    Placement,
+    Quality,
+    SampleBatch,
+    Status,
+)
 from bridge.wire.refusal import Tally
 
 
@@ -88,13 +98,24 @@ class Boot:
 
 @dataclass(slots=True)
 class Device:
-    """Content about one device: boots by number, device info per boot, calibrations and notes in order."""
+    """Content about one device: boots by number, device info per boot, calibrations, notes and placements."""
 
     bridge: str = ""
     infos: dict[int, DeviceInfo] = field(default_factory=dict)
     boots: dict[int, Boot] = field(default_factory=dict)
     calibrations: dict[str, Calibration] = field(default_factory=dict)
     notes: dict[tuple[int, str], Note] = field(default_factory=dict)
+    placements: dict[int, Placement] = field(default_factory=dict)  # by since_ns
+
+    def worn(self, first_ns: int, last_ns: int) -> tuple[Placement, ...]:
+        """Placements that held in a span of host time, in order."""
+        found = sorted(self.placements.items())
+        ends = [*(since_ns for since_ns, _ in found[1:]), last_ns + 1]
+        return tuple(
+            one
+            for (since_ns, one), end_ns in zip(found, ends, strict=False)
+            if since_ns <= last_ns and end_ns > first_ns
+        )
 
     @property
     def info(self) -> DeviceInfo | None:
@@ -153,6 +174,8 @@ def survey(
             device.calibrations[said.id or str(said.time_ns)] = said
         elif isinstance(said, Note):
             device.notes[said.time_ns, said.text] = said
+        elif isinstance(said, Status) and said.placement is not None:
+            device.placements[said.placement.since_ns] = said.placement
     boots = [boot for device in devices.values() for boot in device.boots.values() if boot.samples]
     return Survey(
         devices=dict(sorted(devices.items())),

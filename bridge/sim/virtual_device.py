@@ -14,9 +14,11 @@ import numpy as np
 from bridge.framing.cobs_frames import Deframer, frame
 from bridge.framing.packets import (
     MAX_SAMPLES,
+    Charge,
     Data,
     Hello,
     decode_rate,
+    encode_battery,
     encode_data,
     encode_hello,
     encode_identify,
@@ -44,6 +46,7 @@ class DeviceSpec:
     first_tick: tick counter at power-up.
     wait_for_host: send HELLO but no DATA until the first IDENTIFY ever, so that a replay loses nothing.
     truth_s: seconds of truth to keep.
+    battery_s: seconds that a full battery lasts; 0: the device says nothing of its battery.
     """
 
     model: str = "truerate-virtual"
@@ -53,6 +56,7 @@ class DeviceSpec:
     first_tick: int = 0
     wait_for_host: bool = False
     truth_s: float = 300.0
+    battery_s: float = 0.0
 
 
 @dataclass(slots=True)
@@ -210,7 +214,11 @@ class VirtualDevice:
             firmware=self.spec.firmware,
         )
         own = b"" if now.own is None else frame(encode_own(now.own))
-        return frame(encode_hello(hello)) + own
+        battery = b""
+        if self.spec.battery_s:
+            left = max(0.0, 1 - (self._time_s - now.begin_s) / self.spec.battery_s)
+            battery = frame(encode_battery(Charge(round(100 * left), charging=False)))
+        return frame(encode_hello(hello)) + own + battery
 
     def _hellos(self, now: _Boot, clock_s: float) -> list[bytes]:
         """HELLO frames due by clock_s."""

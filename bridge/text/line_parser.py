@@ -18,12 +18,13 @@ _WHOLE = re.compile(r"([0-9]+)(?:\.0*)?")
 
 
 class Row(NamedTuple):
-    """One sample: tick of the device's clock (0 without a clock), gyro rad/s, accel m/s², temperature °C."""
+    """One sample: tick of the device's clock (0 without a clock), gyro rad/s, accel m/s², temperature °C, battery %."""
 
     tick: int
     gyro: Vector
     accel: Vector | None
     temperature_c: float | None
+    battery_percent: float | None = None
 
 
 class Header(NamedTuple):
@@ -52,14 +53,17 @@ class Conversion:
     """Converts the column texts of a row to a sample in SI units."""
 
     def __init__(self, profile: Profile) -> None:
-        self._time, self._temperature = profile.time, profile.temperature
+        self._time, self._temperature, self._battery = profile.time, profile.temperature, profile.battery
+        self._marks = str.maketrans(",.", ".,") if profile.decimal == "," else {}
         self._gyro = _Three(profile.gyro.columns, *map(float, profile.gyro.factor))
         accel = profile.accel
         self._accel = None if accel is None else _Three(accel.columns, *map(float, accel.factor))
 
     def row(self, texts: Mapping[str, str]) -> Row | Refused:
         """The sample of these columns; missing columns other than the gyro's count as not measured."""
-        time, temperature, accel = self._time, self._temperature, self._accel
+        time, temperature, battery, accel = self._time, self._temperature, self._battery, self._accel
+        if self._marks:
+            texts = {column: text.translate(self._marks) for column, text in texts.items()}
         try:
             return Row(
                 tick=0
@@ -70,6 +74,9 @@ class Conversion:
                 temperature_c=None
                 if temperature is None or temperature.column not in texts
                 else temperature.scale * _number(texts[temperature.column]) + temperature.offset_c,
+                battery_percent=None
+                if battery is None or not texts.get(battery.column)  # empty in most rows of some devices
+                else min(100.0, max(0.0, battery.scale * _number(texts[battery.column]))),
             )
         except ValueError as error:
             return Refused(NOT_A_NUMBER, str(error))

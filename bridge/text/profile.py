@@ -2,6 +2,7 @@
 
     summary = "a word for people"
     baud = 115200                     # of the port, unless the ward's file gives another
+    decimal = ","                     # decimal mark of the numbers; "." if left out
     banners = ['regular expression']  # a line printed at the start, which means a boot. Named groups model, firmware,
                                       # rate_hz and gyro_range_dps set these properties
     ignore = ['regular expression']   # lines that are neither samples nor faults
@@ -19,18 +20,20 @@
     scale = 1.0                       # factor; a list of three for axes that differ, or point the other way
     [accel]                           the same; m/s2, g, mg, or counts with sensitivity_mg. May be left out
     [temperature]                     column, scale, offset_c: °C = scale * value + offset_c. May be left out
-    [time]                            column, unit (s, ms, us), bits. May be left out if rate_hz is known
+    [battery]                         column, scale: % = scale * value, kept within 0 to 100. May be left out
+    [time]                            column, unit (s, ms, us, ns), bits. May be left out if rate_hz is known
     [[known_scale_faults]]            factor, cause, gyro_range_dps: the true rate is `factor` times the printed one
     [notices]                         name = "what a person should know of this device"
 
-bits: the time is a whole number that wraps at 2**bits (default for ms and us: 32); 0: a decimal that never wraps.
+bits: the time is a whole number that wraps at 2**bits (default for ms and us: 32, for ns: 64);
+0: a decimal that never wraps.
 Lines are matched whole, without surrounding blanks; a banner may follow a line cut off by a restart. The profiles
 shipped with truerate are in configs/profiles, or in the installed package.
 """
 
 import re
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from msgspec import Struct
@@ -147,6 +150,16 @@ class Temperature(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
         _within("offset_c", self.offset_c, -1000, 1000)
 
 
+class Battery(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[battery]: charge in % = scale * value."""
+
+    column: str
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_scale(self.scale)
+
+
 class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """[time]: the device's own clock."""
 
@@ -162,7 +175,7 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     @property
     def width(self) -> int:
         """Bits at which the time wraps; 0 for a decimal."""
-        return (0 if self.unit == "s" else 32) if self.bits is None else self.bits
+        return {"s": 0, "ns": 64}.get(self.unit, 32) if self.bits is None else self.bits
 
 
 class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -190,10 +203,12 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     gyro: Gyro
     accel: Accel | None = None
     temperature: Temperature | None = None
+    battery: Battery | None = None
     time: Time | None = None
     csv: Csv | None = None
     regex: Regex | None = None
     baud: int = 115_200
+    decimal: Literal[".", ","] = "."
     banners: tuple[str, ...] = ()
     ignore: tuple[str, ...] = ()
     known_scale_faults: tuple[ScaleFault, ...] = ()
@@ -203,6 +218,10 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         _within("baud", self.baud, 300, 4_000_000)
         if (self.csv is None) == (self.regex is None):
             raise ValueError("give one of the tables [csv] and [regex]")
+        if self.csv is not None and self.csv.separator == self.decimal:
+            raise ValueError(
+                f"decimal and separator are both {self.decimal!r}: a comma in numbers needs another separator"
+            )
         for banner in self.banners:
             for group in _compiled(banner, "banners").groupindex:
                 if group not in BANNER_GROUPS:
@@ -225,7 +244,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def needed(self) -> tuple[tuple[str, str], ...]:
         """All columns that are read, each with the table that names it."""
         vectors = [("gyro", self.gyro.columns), *([("accel", self.accel.columns)] if self.accel else [])]
-        single = [("temperature", self.temperature), ("time", self.time)]
+        single = [("temperature", self.temperature), ("battery", self.battery), ("time", self.time)]
         return (
             *((column, table) for table, columns in vectors for column in columns),
             *((one.column, table) for table, one in single if one is not None),

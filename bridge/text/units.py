@@ -10,7 +10,7 @@ STANDARD_GRAVITY: Final = 9.80665
 COUNTS: Final = "counts"
 RATES: Final[Mapping[str, float]] = {"rad/s": 1.0, "mrad/s": 1e-3, "dps": radians(1), "mdps": radians(1e-3)}
 ACCELERATIONS: Final[Mapping[str, float]] = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3}
-TIMES: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+TIMES: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def in_si(unit: str, units: Mapping[str, float], sensitivity: float | None, key: str) -> float:

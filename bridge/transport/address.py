@@ -7,7 +7,6 @@ from bridge.toml.loader import nearest
 from bridge.transport import ble_port, file_port, serial_errors, tcp_port, udp_port
 from bridge.transport.ble_port import BlePort
 from bridge.transport.file_port import FilePort
-from bridge.transport.serial_port import SerialPort
 from bridge.transport.tcp_port import TcpPort
 from bridge.transport.transport import Transport
 from bridge.transport.udp_port import UdpPort
@@ -27,7 +26,13 @@ class Scheme:
     state: Callable[[str], str]
 
 
-_SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_errors.state)
+def _serial_port(port: str, baud: int) -> Transport:
+    from bridge.transport.serial_port import SerialPort  # noqa: PLC0415 - Windows has no termios
+
+    return SerialPort(port, baud)
+
+
+_SERIAL = Scheme("/dev/serial/by-id/usb-...", _serial_port, serial_errors.state)
 SCHEMES: dict[str, Scheme] = {
     "tcp": Scheme(tcp_port.EXAMPLE, TcpPort, tcp_port.state),
     "udp": Scheme(udp_port.EXAMPLE, UdpPort, udp_port.state),
@@ -54,7 +59,9 @@ def check(port: str, baud: int) -> None:
         raise ValueError("port is empty: name one; `truerate bridge scan` lists the connected devices")
     if not 300 <= baud <= 4_000_000:
         raise ValueError(f"baud is {baud}: use 300 to 4000000, usually 115200")
-    transport(port, baud)
+    scheme, address = _split(port)
+    if scheme is not _SERIAL:
+        scheme.make(address, baud)
 
 
 def _split(port: str) -> tuple[Scheme, str]:

@@ -5,7 +5,7 @@ import contextlib
 import re
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import CancelledError, Future
 from typing import Final, NamedTuple
 
@@ -20,7 +20,7 @@ EXAMPLE: Final = "ble://C4:64:E3:12:34:56/ffe4?write=ffe9"
 OVERFLOW, NOT_SENT = "ble_bytes_lost", "ble_bytes_not_sent"
 _MOST_BYTES = 65_536  # enough for seconds of any device
 _ACT_S = 1.0
-_PATIENCE_S = 2 * ble_radio.CONNECT_S
+_PATIENCE_S = 3 * ble_radio.SEARCH_S
 _ADDRESS = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}")
 _UUID = re.compile(r"[0-9a-f]{4}|[0-9a-f]{8}|[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 _BASE = "-0000-1000-8000-00805f9b34fb"  # the rest of Bluetooth's own short identifiers
@@ -37,13 +37,16 @@ class Place(NamedTuple):
     write: str
 
 
-class BlePort:
-    """One BLE connection. Notifications wait in a bounded inbox; on overflow the oldest are dropped and counted."""
+class BleLink:
+    """One BLE connection. Notifications wait in a bounded inbox; on overflow the oldest are dropped and counted.
 
-    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - BLE has no baud rate
-        self.place = f"ble://{address}"
+    address: the device's. A subclass says what to listen to, and how to send.
+    """
+
+    def __init__(self, place: str, address: str) -> None:
+        self.place = place
         self.faults = Tally()
-        self._at = parsed(address)
+        self._address = address
         if not ble_radio.available():
             raise ValueError(f"port {self.place!r} {ble_radio.NEEDS}")
         self._lock = threading.Lock()
@@ -56,7 +59,7 @@ class BlePort:
         self.close()
         inbox = Inbox()
         with self._lock:
-            opening = self._opening = ble_loop.run(_connected(self._at, inbox))
+            opening = self._opening = ble_loop.run(_connected(self._address, self._listeners(inbox), inbox.end))
             self._inbox = inbox
         try:
             connection = opening.result()
@@ -84,17 +87,15 @@ class BlePort:
         return chunk or Chunk(b"", host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send data if the address names a characteristic for it; otherwise count them as not sent.
-
-        Raises DeviceLost, also if sending takes over a second.
-        """
-        connection = self._connection
-        if connection is None:
+        """Send data; raises DeviceLost, also if sending takes over a second."""
+        connection, inbox = self._connection, self._inbox
+        if connection is None or inbox is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
-        if not self._at.write:
+        sending = self._send(connection, inbox, data)
+        if sending is None:
             self.faults.add(NOT_SENT, len(data))
             return
-        writing = ble_loop.run(connection.write(self._at.write, data))
+        writing = ble_loop.run(sending)
         try:
             writing.result(_ACT_S)
         except RadioFault as fault:
@@ -116,6 +117,28 @@ class BlePort:
         if connection is not None:
             with contextlib.suppress(TimeoutError, CancelledError):
                 ble_loop.run(connection.close()).result(_ACT_S)
+
+    def _listeners(self, inbox: "Inbox") -> Mapping[str, Callable[[bytes], None]]:
+        """What to do with the notifications of each characteristic."""
+        raise NotImplementedError
+
+    def _send(self, connection: Connection, inbox: "Inbox", data: bytes) -> Coroutine[None, None, None] | None:
+        """Send data; None if they have nowhere to go."""
+        raise NotImplementedError
+
+
+class BlePort(BleLink):
+    """The notifications of one characteristic; data are sent if the address names a characteristic for them."""
+
+    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - BLE has no baud rate
+        self._at = parsed(address)
+        super().__init__(f"ble://{address}", self._at.address)
+
+    def _listeners(self, inbox: "Inbox") -> Mapping[str, Callable[[bytes], None]]:
+        return {self._at.notify: inbox.put}
+
+    def _send(self, connection: Connection, inbox: "Inbox", data: bytes) -> Coroutine[None, None, None] | None:  # noqa: ARG002
+        return connection.write(self._at.write, data) if self._at.write else None
 
 
 class Inbox:
@@ -167,14 +190,26 @@ def parsed(address: str) -> Place:
     """Parse an address behind `ble://`; raises ValueError with an example."""
     where, chosen = url.options(address, ("write",), EXAMPLE)
     device, _, characteristic = where.partition("/")
-    if not _ADDRESS.fullmatch(device.upper()):
-        raise ValueError(f"{device!r} is not a Bluetooth address: write a port such as {EXAMPLE!r}")
-    return Place(device.upper(), _uuid(characteristic), _uuid(chosen["write"]) if "write" in chosen else "")
+    return Place(
+        device_address(device, EXAMPLE), _uuid(characteristic), _uuid(chosen["write"]) if "write" in chosen else ""
+    )
+
+
+def device_address(text: str, example: str) -> str:
+    """Parse a Bluetooth address; raises ValueError with an example of a port."""
+    if not _ADDRESS.fullmatch(text.upper()):
+        raise ValueError(f"{text!r} is not a Bluetooth address: write a port such as {example!r}")
+    return text.upper()
 
 
 def state(address: str) -> str:
     """State in a few words; whether the device is within reach is unknown before opening."""
     parsed(address)
+    return reach()
+
+
+def reach() -> str:
+    """State of any BLE device before it is opened."""
     return "searched for only when opened" if ble_radio.available() else ble_radio.NEEDS
 
 
@@ -187,14 +222,17 @@ def _uuid(text: str) -> str:
     return uuid if "-" in uuid else uuid.rjust(8, "0") + _BASE
 
 
-async def _connected(at: Place, inbox: Inbox) -> Connection:
+async def _connected(
+    address: str, listeners: Mapping[str, Callable[[bytes], None]], lost: Callable[[], None]
+) -> Connection:
     """Connect and listen, one device at a time; gives up after _PATIENCE_S, so that other devices get their turn."""
     async with ble_loop.connecting:
         try:
             async with asyncio.timeout(_PATIENCE_S):
-                connection = await radio().connect(at.address, inbox.end)
+                connection = await radio().connect(address, lost)
                 try:
-                    await connection.listen(at.notify, inbox.put)
+                    for characteristic, heard in listeners.items():
+                        await connection.listen(characteristic, heard)
                 except BaseException:  # also if cancelled: BlueZ would keep the connection
                     await connection.close()
                     raise

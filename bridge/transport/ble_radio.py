@@ -1,4 +1,4 @@
-"""Bluetooth Low Energy through bleak (the extra `ble`); the only file that imports bleak.
+"""Bluetooth Low Energy through bleak and bleak-retry-connector (the extra `ble`); the only file that imports them.
 
 Everything here runs in the thread of `ble_loop`.
 """
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from bleak import BleakClient
 
 NEEDS: Final = "needs pip install 'truerate[ble]'"
-CONNECT_S: Final = 10.0
+SEARCH_S: Final = 10.0  # for the device's advertisement
+_PACKAGES: Final = ("bleak", "bleak_retry_connector")
 
 
 class RadioFault(Exception):
@@ -38,6 +39,9 @@ class Connection(Protocol):
     async def write(self, characteristic: str, data: bytes) -> None:
         """Send data; raises RadioFault."""
 
+    async def read(self, characteristic: str) -> bytes:
+        """Read a characteristic's value; raises RadioFault."""
+
     async def close(self) -> None:
         """Disconnect; never raises."""
 
@@ -50,20 +54,29 @@ class Radio(Protocol):
 
 
 def available() -> bool:
-    """Whether bleak is installed."""
-    return importlib.util.find_spec("bleak") is not None
+    """Whether the packages of the extra are installed."""
+    return all(importlib.util.find_spec(name) is not None for name in _PACKAGES)
 
 
 class BleakRadio:
     """The machine's own Bluetooth, through BlueZ."""
 
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
-        """Connect; raises RadioFault."""
-        from bleak import BleakClient  # noqa: PLC0415 - optional extra
+        """Connect, after ending a connection that an earlier run left open; raises RadioFault.
 
-        client = BleakClient(address, disconnected_callback=lambda _: lost(), timeout=CONNECT_S)
+        Failures that BlueZ reports as transient are tried again.
+        """
+        import bleak_retry_connector as retrying  # noqa: PLC0415 - optional extra
+        from bleak import BleakScanner  # noqa: PLC0415
+
         with _told():
-            await client.connect()
+            await retrying.close_stale_connections_by_address(address)
+            device = await BleakScanner.find_device_by_address(address, timeout=SEARCH_S)
+            if device is None:
+                raise RadioFault(Code.BLE_NOT_HEARD)
+            client = await retrying.establish_connection(
+                retrying.BleakClientWithServiceCache, device, address, disconnected_callback=lambda _: lost()
+            )
         return _BleakConnection(client)
 
 
@@ -85,6 +98,11 @@ class _BleakConnection:
         with _told():
             for start in range(0, len(data), piece):
                 await self._client.write_gatt_char(found, data[start : start + piece], response=answered)
+
+    async def read(self, characteristic: str) -> bytes:
+        self._check(characteristic)
+        with _told():
+            return bytes(await self._client.read_gatt_char(characteristic))
 
     async def close(self) -> None:
         with contextlib.suppress(RadioFault), _told():
@@ -120,8 +138,9 @@ def fault(error: Exception) -> RadioFault:
         BleakBluetoothNotAvailableReason,
         BleakDeviceNotFoundError,
     )
+    from bleak_retry_connector import BleakNotFoundError  # noqa: PLC0415
 
-    if isinstance(error, BleakDeviceNotFoundError | TimeoutError):
+    if isinstance(error, BleakDeviceNotFoundError | BleakNotFoundError | TimeoutError):
         return RadioFault(Code.BLE_NOT_HEARD)
     if isinstance(error, BleakBluetoothNotAvailableError):
         if error.reason is BleakBluetoothNotAvailableReason.POWERED_OFF:

@@ -4,9 +4,16 @@ Setting the host's clock must not move samples or lengthen a silence, so all rec
 Published times are converted to the host's clock as it is then set.
 """
 
+import sys
 import time
+from functools import partial
 
-_STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # CLOCK_BOOTTIME also counts sleep
+if sys.platform == "win32":
+    _steady_ns = time.monotonic_ns
+else:
+    # CLOCK_BOOTTIME also counts sleep
+    _steady_ns = partial(time.clock_gettime_ns, getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
+
 _NOISE_NS = 1_000_000  # between reading two clocks
 
 
@@ -15,7 +22,7 @@ def _ahead_ns() -> int:
 
     The maximum of three readings, because a delay between the two reads lowers the result.
     """
-    return max(time.time_ns() - time.clock_gettime_ns(_STEADY) for _ in range(3))
+    return max(time.time_ns() - _steady_ns() for _ in range(3))
 
 
 _AHEAD_NS = _ahead_ns()
@@ -23,7 +30,7 @@ _AHEAD_NS = _ahead_ns()
 
 def now_ns() -> int:
     """Time in ns since the Unix epoch, by the host's clock as it was set when this program started."""
-    return time.clock_gettime_ns(_STEADY) + _AHEAD_NS
+    return _steady_ns() + _AHEAD_NS
 
 
 def set_ns(before_ns: int = 0) -> int:

@@ -2,10 +2,12 @@
 
 from bridge.wire import keys, validation
 from bridge.wire import truerate_pb2 as pb
+from bridge.wire.alerts import alert_messages, alerts_in
 from bridge.wire.batches import MAX_SEQUENCE
 from bridge.wire.control_messages import calibration_in, calibration_message
 from bridge.wire.envelope import parse_key, read, same_id
 from bridge.wire.messages import VERSION, Calibration, Checkpoint, CommandReply, Holding, Move, Owned, Verdict
+from bridge.wire.placement import placement_in, placement_message
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_EPOCH
@@ -32,6 +34,7 @@ def encode_owned(owned: Owned) -> bytes:
             pb.Holding(device=h.device, epoch=h.epoch, boot=h.boot, next=h.next, busy=h.busy) for h in owned.holdings
         ],
         moves=[pb.Move(time_ns=m.time_ns, came=m.came, left=m.left, reason=encoded(m.reason)) for m in owned.moves],
+        alerts=alert_messages(owned.alerts),
     ).SerializeToString()
 
 
@@ -55,6 +58,7 @@ def decode_owned(key: str, payload: bytes) -> Owned:
         moves=tuple(_move(m) for m in raw.moves),
         part=validation.whole(raw.part, "part", max(0, parts - 1)),
         parts=parts,
+        alerts=alerts_in(raw),
     )
 
 
@@ -71,6 +75,8 @@ def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
         answers=[_answer_of(verb, reply) for verb, reply in checkpoint.answers[-MAX_ANSWERS:]],
         boot_repeated=checkpoint.boot_repeated,
         state=checkpoint.state if len(checkpoint.state) <= MAX_STATE else b"",
+        placement=None if checkpoint.placement is None else placement_message(checkpoint.placement),
+        alerts=alert_messages(checkpoint.alerts),
     ).SerializeToString()
 
 
@@ -92,6 +98,8 @@ def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
         answers=tuple(_answer(answer) for answer in raw.answers[-MAX_ANSWERS:]),
         boot_repeated=raw.boot_repeated,
         state=raw.state,
+        placement=placement_in(raw),
+        alerts=alerts_in(raw),
     )
 
 

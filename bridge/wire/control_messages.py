@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from bridge.wire import keys, validation
 from bridge.wire import truerate_pb2 as pb
+from bridge.wire.alerts import alert_messages, alerts_in
 from bridge.wire.batches import MAX_CELSIUS, MAX_RATE
 from bridge.wire.envelope import parse_key, read, same_id
 from bridge.wire.messages import (
@@ -21,6 +22,7 @@ from bridge.wire.messages import (
     Turn,
     Verdict,
 )
+from bridge.wire.placement import placement_in, placement_message
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_PORT, MAX_SENTENCE, clean
@@ -130,6 +132,9 @@ def encode_status(status: Status) -> bytes:
     said.events.update(_clean_counts(status.events))
     said.bridge, said.epoch = status.bridge, status.epoch
     said.refused_bridges.extend(status.refused_bridges)
+    if status.placement is not None:
+        said.placement.CopyFrom(placement_message(status.placement))
+    said.alerts.extend(alert_messages(status.alerts))
     return said.SerializeToString()
 
 
@@ -165,6 +170,8 @@ def decode_status(key: str, payload: bytes) -> Status:
         bridge=keys.check_id(raw.bridge, "bridge") if raw.bridge else "",
         refused_bridges=_ids(raw.refused_bridges, "refused_bridges"),
         epoch=validation.whole(raw.epoch, "epoch", validation.MAX_EPOCH),
+        placement=placement_in(raw),
+        alerts=alerts_in(raw),
     )
 
 
@@ -273,6 +280,7 @@ def encode_command(command: Command) -> bytes:
         request_id=clean(command.request_id, validation.MAX_NAME),
         who=clean(command.who, validation.MAX_NAME),
         reason=clean(command.reason, MAX_SENTENCE),
+        placement=None if command.placement is None else placement_message(command.placement),
     ).SerializeToString()
 
 
@@ -288,6 +296,7 @@ def decode_command(key: str, payload: bytes) -> Command:
         request_id=validation.text(raw.request_id, "request_id"),
         who=validation.text(raw.who, "who"),
         reason=validation.text(raw.reason, "reason", MAX_SENTENCE),
+        placement=placement_in(raw),
     )
 
 

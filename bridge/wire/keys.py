@@ -11,7 +11,7 @@ from bridge.wire.refusal import Reason, Refusal
 
 ROOT = "truerate/@v1"
 ID = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}\Z")
-VERBS = ("recalibrate", "cancel", "note", "zero-heading")
+VERBS = ("recalibrate", "cancel", "note", "zero-heading", "forget", "erase", "place", "acknowledge")
 # kind of message -> names of the ids that follow in its key
 SHAPES: dict[str, tuple[str, ...]] = {
     "raw": ("bridge", "device"),
@@ -30,6 +30,7 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "alive/estimator": ("estimator",),
     "alive/probe": ("role", "name"),
     "rpc": ("device", "verb"),
+    "config": ("role", "name"),
 }
 MAX_KEY = 200
 # Keys for display, in every ward: the router may shed these, but not the keys that programs depend on.
@@ -48,7 +49,7 @@ class Key:
 
     @property
     def device(self) -> str:
-        """Device id. Raises KeyError for a kind without one: owned, alive/bridge, alive/estimator and alive/probe."""
+        """Device id. Raises KeyError for a kind without one: owned, alive/bridge, alive/estimator, alive/probe and config."""
         return self.ids["device"]
 
 

@@ -25,8 +25,11 @@ from bridge.wire.sample_messages import (
 
 __all__ = [
     "NO_REST_S",
+    "SEGMENTS",
+    "SIDES",
     "STEADY",
     "VERSION",
+    "Alert",
     "BiasRevision",
     "BootCause",
     "Calibration",
@@ -41,6 +44,7 @@ __all__ = [
     "Note",
     "OrientationBatch",
     "Owned",
+    "Placement",
     "Quality",
     "SampleBatch",
     "SampleFlag",
@@ -127,6 +131,58 @@ class DeviceInfo:
     calibration: DeviceCalibration | None = None  # the latest that the device made itself in this boot
 
 
+#: segments of a body, by their names in OpenSim models, and whether there is a left and a right one
+SEGMENTS = {
+    "head": False,
+    "torso": False,
+    "pelvis": False,
+    "humerus": True,
+    "radius": True,
+    "hand": True,
+    "femur": True,
+    "tibia": True,
+    "calcn": True,
+}
+SIDES = ("left", "right")
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Segment of SEGMENTS and side of SIDES at which a device is worn, and by whom; each may be empty, for unknown.
+
+    wearer: a bed or a pseudonym. since_ns: 0 for the ward file's. False if nobody wears the device.
+    """
+
+    segment: str = ""
+    side: str = ""
+    wearer: str = ""
+    since_ns: int = 0
+    who: str = ""
+
+    def __bool__(self) -> bool:
+        return bool(self.segment or self.wearer)
+
+    @property
+    def body(self) -> str:
+        """Name of the body in an OpenSim model, such as `femur_r`; empty if unknown."""
+        return f"{self.segment}_{self.side[0]}" if self.side else self.segment
+
+    def __str__(self) -> str:
+        where = f"{self.segment} {self.side}".strip()
+        return ", ".join(filter(None, (where, self.wearer))) or "nobody"
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """Standing alert of a device or an estimator. acknowledged_ns: 0 until a person acknowledged it."""
+
+    kind: str
+    since_ns: int
+    raised_ns: int
+    acknowledged_ns: int = 0
+    who: str = ""
+
+
 #: evidence_age_s of a device without a known rest
 NO_REST_S = 1e12
 
@@ -158,6 +214,8 @@ class Status:
     bridge: str = ""  # the bridge whose samples are used
     refused_bridges: tuple[str, ...] = ()  # other bridges that send the same device now
     epoch: int = 0  # as in CorrectedBatch
+    placement: Placement | None = None  # None: nobody said who wears the device
+    alerts: tuple[Alert, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,6 +295,7 @@ class Owned:
     moves: tuple[Move, ...] = ()
     part: int = 0
     parts: int = 1
+    alerts: tuple[Alert, ...] = ()  # of the estimator itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,6 +311,8 @@ class Checkpoint:
     answers: tuple[tuple[str, "CommandReply"], ...] = ()  # the last few commands: verb and reply
     boot_repeated: bool = False  # an earlier power-up had the same boot id, and this one is not calibrated yet
     state: bytes = b""  # state of the estimator's session: see DeviceSession.restored
+    placement: Placement | None = None  # the latest that was set, also that nobody wears the device
+    alerts: tuple[Alert, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,6 +333,7 @@ class Command:
     request_id: str
     who: str
     reason: str
+    placement: Placement | None = None  # for the verb `place`
 
 
 @dataclass(frozen=True, slots=True)

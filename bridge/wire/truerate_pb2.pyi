@@ -274,7 +274,7 @@ class OrientationBatch(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., quat_wxyz: _Optional[_Iterable[float]] = ..., linear_accel: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., zero_sequence: _Optional[int] = ..., zero: _Optional[str] = ..., quality: _Optional[_Union[Quality, str]] = ..., epoch: _Optional[int] = ...) -> None: ...
 
 class Status(_message.Message):
-    __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "events", "bridge", "refused_bridges", "epoch")
+    __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "events", "bridge", "refused_bridges", "epoch", "placement", "alerts")
     class DroppedEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -313,6 +313,8 @@ class Status(_message.Message):
     BRIDGE_FIELD_NUMBER: _ClassVar[int]
     REFUSED_BRIDGES_FIELD_NUMBER: _ClassVar[int]
     EPOCH_FIELD_NUMBER: _ClassVar[int]
+    PLACEMENT_FIELD_NUMBER: _ClassVar[int]
+    ALERTS_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -337,7 +339,37 @@ class Status(_message.Message):
     bridge: str
     refused_bridges: _containers.RepeatedScalarFieldContainer[str]
     epoch: int
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., state: _Optional[_Union[State, str]] = ..., quality: _Optional[_Union[Quality, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., progress: _Optional[float] = ..., axes_done: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., calibrated_time_ns: _Optional[int] = ..., evidence_age_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., rate_hz: _Optional[float] = ..., samples_in: _Optional[int] = ..., samples_out: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., bridge: _Optional[str] = ..., refused_bridges: _Optional[_Iterable[str]] = ..., epoch: _Optional[int] = ...) -> None: ...
+    placement: Placement
+    alerts: _containers.RepeatedCompositeFieldContainer[Alert]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., state: _Optional[_Union[State, str]] = ..., quality: _Optional[_Union[Quality, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., progress: _Optional[float] = ..., axes_done: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., calibrated_time_ns: _Optional[int] = ..., evidence_age_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., rate_hz: _Optional[float] = ..., samples_in: _Optional[int] = ..., samples_out: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., bridge: _Optional[str] = ..., refused_bridges: _Optional[_Iterable[str]] = ..., epoch: _Optional[int] = ..., placement: _Optional[_Union[Placement, _Mapping]] = ..., alerts: _Optional[_Iterable[_Union[Alert, _Mapping]]] = ...) -> None: ...
+
+class Placement(_message.Message):
+    __slots__ = ("segment", "side", "wearer", "since_ns", "who")
+    SEGMENT_FIELD_NUMBER: _ClassVar[int]
+    SIDE_FIELD_NUMBER: _ClassVar[int]
+    WEARER_FIELD_NUMBER: _ClassVar[int]
+    SINCE_NS_FIELD_NUMBER: _ClassVar[int]
+    WHO_FIELD_NUMBER: _ClassVar[int]
+    segment: str
+    side: str
+    wearer: str
+    since_ns: int
+    who: str
+    def __init__(self, segment: _Optional[str] = ..., side: _Optional[str] = ..., wearer: _Optional[str] = ..., since_ns: _Optional[int] = ..., who: _Optional[str] = ...) -> None: ...
+
+class Alert(_message.Message):
+    __slots__ = ("kind", "since_ns", "raised_ns", "acknowledged_ns", "who")
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    SINCE_NS_FIELD_NUMBER: _ClassVar[int]
+    RAISED_NS_FIELD_NUMBER: _ClassVar[int]
+    ACKNOWLEDGED_NS_FIELD_NUMBER: _ClassVar[int]
+    WHO_FIELD_NUMBER: _ClassVar[int]
+    kind: str
+    since_ns: int
+    raised_ns: int
+    acknowledged_ns: int
+    who: str
+    def __init__(self, kind: _Optional[str] = ..., since_ns: _Optional[int] = ..., raised_ns: _Optional[int] = ..., acknowledged_ns: _Optional[int] = ..., who: _Optional[str] = ...) -> None: ...
 
 class Turn(_message.Message):
     __slots__ = ("axis", "angle", "closure_error", "duration_s")
@@ -476,7 +508,7 @@ class WindowBatch(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., window_s: _Optional[float] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., samples: _Optional[_Iterable[int]] = ..., flags: _Optional[_Iterable[int]] = ..., reading_mean: _Optional[_Iterable[float]] = ..., reading_std: _Optional[_Iterable[float]] = ..., reading_min: _Optional[_Iterable[float]] = ..., reading_max: _Optional[_Iterable[float]] = ..., rate_mean: _Optional[_Iterable[float]] = ..., rate_std: _Optional[_Iterable[float]] = ..., rate_min: _Optional[_Iterable[float]] = ..., rate_max: _Optional[_Iterable[float]] = ..., quality: _Optional[_Union[Quality, str]] = ..., noise_std: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale_std: _Optional[_Iterable[float]] = ..., cross_std: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., flicker_std: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Owned(_message.Message):
-    __slots__ = ("version", "estimator", "time_ns", "epoch", "load", "part", "parts", "holdings", "moves")
+    __slots__ = ("version", "estimator", "time_ns", "epoch", "load", "part", "parts", "holdings", "moves", "alerts")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     ESTIMATOR_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -486,6 +518,7 @@ class Owned(_message.Message):
     PARTS_FIELD_NUMBER: _ClassVar[int]
     HOLDINGS_FIELD_NUMBER: _ClassVar[int]
     MOVES_FIELD_NUMBER: _ClassVar[int]
+    ALERTS_FIELD_NUMBER: _ClassVar[int]
     version: int
     estimator: str
     time_ns: int
@@ -495,7 +528,8 @@ class Owned(_message.Message):
     parts: int
     holdings: _containers.RepeatedCompositeFieldContainer[Holding]
     moves: _containers.RepeatedCompositeFieldContainer[Move]
-    def __init__(self, version: _Optional[int] = ..., estimator: _Optional[str] = ..., time_ns: _Optional[int] = ..., epoch: _Optional[int] = ..., load: _Optional[float] = ..., part: _Optional[int] = ..., parts: _Optional[int] = ..., holdings: _Optional[_Iterable[_Union[Holding, _Mapping]]] = ..., moves: _Optional[_Iterable[_Union[Move, _Mapping]]] = ...) -> None: ...
+    alerts: _containers.RepeatedCompositeFieldContainer[Alert]
+    def __init__(self, version: _Optional[int] = ..., estimator: _Optional[str] = ..., time_ns: _Optional[int] = ..., epoch: _Optional[int] = ..., load: _Optional[float] = ..., part: _Optional[int] = ..., parts: _Optional[int] = ..., holdings: _Optional[_Iterable[_Union[Holding, _Mapping]]] = ..., moves: _Optional[_Iterable[_Union[Move, _Mapping]]] = ..., alerts: _Optional[_Iterable[_Union[Alert, _Mapping]]] = ...) -> None: ...
 
 class Holding(_message.Message):
     __slots__ = ("device", "epoch", "boot", "next", "busy")
@@ -524,7 +558,7 @@ class Move(_message.Message):
     def __init__(self, time_ns: _Optional[int] = ..., came: _Optional[int] = ..., left: _Optional[int] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ...) -> None: ...
 
 class Checkpoint(_message.Message):
-    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "bridge", "calibration", "answers", "boot_repeated", "state")
+    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "bridge", "calibration", "answers", "boot_repeated", "state", "placement", "alerts")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -535,6 +569,8 @@ class Checkpoint(_message.Message):
     ANSWERS_FIELD_NUMBER: _ClassVar[int]
     BOOT_REPEATED_FIELD_NUMBER: _ClassVar[int]
     STATE_FIELD_NUMBER: _ClassVar[int]
+    PLACEMENT_FIELD_NUMBER: _ClassVar[int]
+    ALERTS_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -545,7 +581,9 @@ class Checkpoint(_message.Message):
     answers: _containers.RepeatedCompositeFieldContainer[Answer]
     boot_repeated: bool
     state: bytes
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., bridge: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., answers: _Optional[_Iterable[_Union[Answer, _Mapping]]] = ..., boot_repeated: _Optional[bool] = ..., state: _Optional[bytes] = ...) -> None: ...
+    placement: Placement
+    alerts: _containers.RepeatedCompositeFieldContainer[Alert]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., bridge: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., answers: _Optional[_Iterable[_Union[Answer, _Mapping]]] = ..., boot_repeated: _Optional[bool] = ..., state: _Optional[bytes] = ..., placement: _Optional[_Union[Placement, _Mapping]] = ..., alerts: _Optional[_Iterable[_Union[Alert, _Mapping]]] = ...) -> None: ...
 
 class Answer(_message.Message):
     __slots__ = ("verb", "request_id", "accepted", "message")
@@ -576,16 +614,18 @@ class Note(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., who: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
 
 class Command(_message.Message):
-    __slots__ = ("version", "request_id", "who", "reason")
+    __slots__ = ("version", "request_id", "who", "reason", "placement")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
     WHO_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
+    PLACEMENT_FIELD_NUMBER: _ClassVar[int]
     version: int
     request_id: str
     who: str
     reason: str
-    def __init__(self, version: _Optional[int] = ..., request_id: _Optional[str] = ..., who: _Optional[str] = ..., reason: _Optional[str] = ...) -> None: ...
+    placement: Placement
+    def __init__(self, version: _Optional[int] = ..., request_id: _Optional[str] = ..., who: _Optional[str] = ..., reason: _Optional[str] = ..., placement: _Optional[_Union[Placement, _Mapping]] = ...) -> None: ...
 
 class CommandReply(_message.Message):
     __slots__ = ("version", "request_id", "accepted", "message")

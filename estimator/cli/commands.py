@@ -1,4 +1,4 @@
-"""The verbs that send commands to a ward's estimator: recalibrate, cancel, zero-heading, note."""
+"""The verbs that send commands to a ward's estimator: recalibrate, cancel, zero-heading, note, forget."""
 
 import argparse
 import sys
@@ -15,7 +15,7 @@ from estimator.cli.ward_options import person, ward_of
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `recalibrate`, `cancel`, `zero-heading` and `note`."""
+    """Add `recalibrate`, `cancel`, `zero-heading`, `note` and `forget`."""
     for name, help_text in (
         ("recalibrate", "request three new turns; the old calibration stays in use until the new one is accepted"),
         ("cancel", "cancel a running calibration; the old one stays in use"),
@@ -33,6 +33,29 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("device", help="device id as in `truerate devices`")
     verb.add_argument("text", help="what happened, in quotes; never a patient's name")
     add_ward(verb)
+    verb = add_verb(
+        verbs,
+        "forget",
+        _forget,
+        "remove a device that sends no more from the ward, and with --yes from the store as well",
+    )
+    verb.add_argument("device", help="device id as in `truerate devices`; no bridge and no [devices] table may list it")
+    verb.add_argument("--reason", default="", help="reason, kept in the audit beside your name")
+    verb.add_argument(
+        "--yes",
+        action="store_true",
+        help="delete its calibrations, boots and bias from the store for good; only the audit stays",
+    )
+    add_ward(verb)
+
+
+def _forget(given: argparse.Namespace) -> int:
+    from estimator.client import Client  # noqa: PLC0415
+
+    ward, endpoints = ward_of(given, Role.COMMANDER)
+    device = check_id(given.device, "device")
+    with Client(endpoints, ward=ward) as client:
+        return answered(device, client.forget(device, person(), given.reason, erase=given.yes))
 
 
 def _command(given: argparse.Namespace) -> int:
@@ -48,7 +71,7 @@ def _command(given: argparse.Namespace) -> int:
         replies = {device: ask(device, person(), given.reason) for device in devices}
     if not replies:
         raise ConfigError(f"no device is heard in ward {ward}: is an estimator running? See `truerate devices`")
-    return max([_answered(device, reply) for device, reply in replies.items()])
+    return max([answered(device, reply) for device, reply in replies.items()])
 
 
 def _note(given: argparse.Namespace) -> int:
@@ -62,10 +85,10 @@ def _note(given: argparse.Namespace) -> int:
         raise ConfigError(f"the note has {len(text)} characters, at most {MAX_SENTENCE} are allowed: write two notes")
     with Client(endpoints, ward=ward) as client:
         reply = client.note(device, person(), text)
-    return _answered(device, reply)
+    return answered(device, reply)
 
 
-def _answered(device: str, reply: CommandReply) -> int:
+def answered(device: str, reply: CommandReply) -> int:
     """Print the estimator's answer, and return the exit code."""
     print(f"{device}: {english(*reply.message)}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1

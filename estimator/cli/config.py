@@ -36,7 +36,7 @@ def _config_check(given: argparse.Namespace) -> None:
     from estimator.config.schema import Ward  # noqa: PLC0415
     from estimator.service.privacy import advice, exposed  # noqa: PLC0415
 
-    wards, routers, wrong = {}, [], list[str]()
+    wards, routers, wrong, absent = {}, [], list[str](), list[str]()
     files = list({os.path.realpath(file): file for file in given.files}.values())  # a file with two names counts once
     for file in files:
         if file.suffix in (".json5", ".json"):
@@ -49,6 +49,11 @@ def _config_check(given: argparse.Namespace) -> None:
             wrong += [
                 f"{file}: {words}" for words in capture_files.unreadable(ward.bridge.devices if ward.bridge else ())
             ]
+            if ward.estimator is not None and not (folder := Path(ward.estimator.store).absolute().parent).is_dir():
+                absent.append(
+                    f"{file}: [estimator]: store is {ward.estimator.store!r}: there is no folder {folder} on this machine; the"
+                    " estimator makes it at its start, where it may"
+                )
     # If a router's file cannot be read, its members are unknown, so nothing can be said about the other files.
     wrong += cross_checks.faults(wards, routers if len(routers) + len(wards) == len(files) else [], datetime.now(UTC))
     if wrong:
@@ -63,7 +68,7 @@ def _config_check(given: argparse.Namespace) -> None:
         if found := exposed(file, ward):
             said, do = advice(found)
             print(f"{file}: {said}: {do}")
-    for words in (*cross_checks.soon(wards, routers), *cross_checks.unused(wards)):
+    for words in (*absent, *cross_checks.soon(wards, routers), *cross_checks.unused(wards)):
         print(words)
     for router in routers:
         print(f"{router.path}: valid. Router at {', '.join(router.listen)}, {count(len(router.members), 'member')}")

@@ -21,6 +21,7 @@ corrected:
          matrix (3, 3), rate_hz; quat_wxyz (n, 4), tilt_std, heading_std (n) rad;
          and as recorded accel_m_s2 (n, 3), temperature_c (n).
   .csv   the same with one column per axis: t_s, rate_x_rad_s …, rate_std_x_rad_s …, bias_x_rad_s …; quality by name.
+  .h5 .parquet  HDF5 with the arrays of .npz, Parquet with the columns of .csv.
 quality:
   NONE                 bias unknown or in doubt, scale unknown
   PRIOR                bias unknown or in doubt, scale from another boot
@@ -44,7 +45,8 @@ examples:
   truerate correct day.npz corrected.npz
   truerate calibrate session.npz --json > chest.json
   truerate correct day.npz corrected.csv --calibration chest.json --picture day.png
-  truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth"""
+  truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth
+  truerate correct day.npz corrected.npz --learn-matrix"""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -56,12 +58,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "correct a recording (.npz, .mcap, .csv and other text) as a ward would: rates, bias, standard deviations, quality",
     )
     verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, metavar="IN", help="a recording: .npz, .mcap, or text of any tool; see below")
+    verb.add_argument("file", type=Path, metavar="IN", help="a recording, a file or a folder; see below")
     verb.add_argument(
         "out",
         type=Path,
         metavar="OUT",
-        help="output file, .npz or .csv; an existing file is overwritten only if `truerate correct` wrote it",
+        help="output file, .npz, .csv, .h5 or .parquet; an existing file is overwritten only if `truerate correct` wrote it",
     )
     way = verb.add_mutually_exclusive_group()
     way.add_argument("--realtime", action="store_true", help="use only data up to each sample (default)")
@@ -85,6 +87,11 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         help="the device was worn and on for 15 minutes before; without it and without a thermometer the bias may drift faster",
     )
     verb.add_argument(
+        "--learn-matrix",
+        action="store_true",
+        help="correct by the scale and misalignment that gravity teaches while the device moves, once they are surer than known",
+    )
+    verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"
     )
     verb.add_argument("--json", action="store_true", help="print one JSON object")
@@ -95,7 +102,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _correct(given: argparse.Namespace) -> int:
-    from estimator.config.device_settings import knobs_of  # noqa: PLC0415
+    from estimator.config.device_settings import knobs_of, learning  # noqa: PLC0415
     from estimator.offline import calibration_file, corrected_file  # noqa: PLC0415
     from estimator.offline.recordings import correct  # noqa: PLC0415
     from estimator.reports import correction  # noqa: PLC0415
@@ -119,7 +126,7 @@ def _correct(given: argparse.Namespace) -> int:
         corrected = correct(
             recording,
             calibration,
-            knobs_of(model),
+            learning(knobs_of(model)) if given.learn_matrix else knobs_of(model),
             smooth=given.smooth,
             warmed_up=given.warmed_up,
             other_boot=given.other_boot,

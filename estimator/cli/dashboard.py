@@ -9,7 +9,8 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from bridge.cli.parser import Verbs, add_verb
-from bridge.config.schema import ConfigError, check, check_endpoints, load
+from bridge.config.schema import ConfigError, check, check_endpoints
+from bridge.config.ward_file import WardFile
 from estimator.cli.ward_options import person
 
 _EXAMPLES = """examples:
@@ -45,9 +46,10 @@ def _dashboard(given: argparse.Namespace) -> int:
     if given.what == "password":
         return _password(given)
     from estimator.config.schema import Ward  # noqa: PLC0415
-    from estimator.web.serve import run  # noqa: PLC0415
+    from estimator.web.serve import LIVE, run  # noqa: PLC0415
 
-    ward = load(given.config, Ward) if given.config else Ward(ward="ward")
+    file = WardFile(given.config, Ward, ("estimator", "dashboard"), LIVE) if given.config else None
+    ward = file.root if file else Ward(ward="ward")
     try:
         if given.ward:
             ward = replace(ward, ward=check(given.ward, "ward"))
@@ -57,7 +59,7 @@ def _dashboard(given: argparse.Namespace) -> int:
             ward = replace(ward, dashboard=replace(ward.dashboard, listen=given.listen))
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    return run(ward)
+    return run(ward, file)
 
 
 def _password(given: argparse.Namespace) -> int:

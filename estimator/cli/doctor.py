@@ -14,6 +14,7 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.cli.parser import Verbs, add_verb
 from bridge.config import capture_files
 from bridge.config.schema import ConfigError, load
+from bridge.config.ward_file import digest_of
 from bridge.diagnose import machine, port_access
 from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
 from bridge.diagnose.router import answers, certificate, router
@@ -22,6 +23,7 @@ from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.terminal.console import plain_console
 from bridge.transport import serial_errors
+from estimator.cli import reload
 from estimator.client import Client
 from estimator.config.schema import Ward
 from estimator.kernels.compiled import cache_folder
@@ -104,10 +106,10 @@ def look(path: Path | None) -> Iterable[Finding]:
             yield from _store(Path(ward.estimator.store))
         yield from _privacy(path, ward)
         for routers in ward.bus.every():
-            yield from _reached(ward, routers)
+            yield from _reached(ward, routers, digest_of(path) if path else "")
 
 
-def _reached(ward: Ward, routers: Routers) -> Iterable[Finding]:
+def _reached(ward: Ward, routers: Routers, digest: str) -> Iterable[Finding]:
     """Check a certificate, or that none is needed, and what the routers answer to it."""
     shown = list(certificate(routers))
     yield from shown
@@ -116,7 +118,7 @@ def _reached(ward: Ward, routers: Routers) -> Iterable[Finding]:
     reached = router(routers)
     yield from reached
     if answers(reached):
-        yield from _running(ward, routers)
+        yield from _running(ward, routers, digest)
 
 
 def _store(path: Path) -> Iterable[Finding]:
@@ -156,11 +158,15 @@ def _privacy(path: Path | None, ward: Ward) -> Iterable[Finding]:
         yield warning("privacy", *advice(found))
 
 
-def _running(ward: Ward, routers: Routers) -> Iterable[Finding]:
+def _running(ward: Ward, routers: Routers, digest: str) -> Iterable[Finding]:
     """Check a running ward by its own messages."""
     with ZenohBus(routers) as bus:  # by the certificate of the file's owner, who may have no right to receive
         denied = self_test(bus, routers, ward.ward)
         statuses = Client(ward=ward.ward, bus=bus).statuses(0.5)
+        running = dict(reload.asked(bus, routers, ward, digest, 0.0))
+    for member, reply in running.items():
+        if reply.request_id == digest and not reply.accepted:
+            yield warning("config", f"{member.label}: {reload.said(reply, digest)}", "correct the file, or restart it")
     for words in denied:
         said, _, do = words.partition("; ")
         yield trouble("rights", said, do)

@@ -5,7 +5,8 @@ import os
 from pathlib import Path
 
 from bridge.cli.parser import Verbs, add_verb
-from bridge.toml.loader import ConfigError, load
+from bridge.config.ward_file import WardFile
+from bridge.toml.loader import ConfigError
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -22,9 +23,13 @@ def _serve(given: argparse.Namespace) -> None:
     # The matrices are too small for a second thread; by default NumPy and SciPy start one per core.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from estimator.config.schema import Ward  # noqa: PLC0415
-    from estimator.service.serve import run  # noqa: PLC0415
+    from estimator.service.serve import LIVE, run  # noqa: PLC0415
 
-    ward = load(given.config, Ward)
-    if ward.estimator is None:
-        raise ConfigError(f'{given.config}: no [estimator] table; add one with an id, for example id = "estimator-1"')
-    run(ward)
+    def check(ward: Ward) -> None:
+        if ward.estimator is None:
+            raise ConfigError(
+                f'{given.config}: no [estimator] table; add one with an id, for example id = "estimator-1"'
+            )
+
+    file = WardFile(given.config, Ward, ("devices", "estimator"), LIVE, check)
+    run(file.root, file)

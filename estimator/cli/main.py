@@ -30,19 +30,36 @@ VERBS = {
     "bridge.cli.pki": ("pki",),
     "estimator.cli.estimator": ("estimator",),
     "estimator.cli.devices": ("devices", "status", "watch"),
-    "estimator.cli.commands": ("recalibrate", "cancel", "zero-heading", "note"),
+    "estimator.cli.commands": ("recalibrate", "cancel", "zero-heading", "note", "forget"),
+    "estimator.cli.placement": ("placement",),
+    "estimator.cli.alerts": ("alerts",),
     "estimator.cli.cluster": ("cluster",),
     "estimator.cli.store": ("history", "store"),
     "estimator.cli.calibrate": ("calibrate",),
     "estimator.cli.correct": ("correct",),
     "estimator.cli.allan": ("allan",),
     "estimator.cli.config": ("config",),
+    "estimator.cli.reload": ("reload",),
     "estimator.cli.doctor": ("doctor",),
     "estimator.cli.qualify": ("qualify",),
     "estimator.cli.dashboard": ("dashboard",),
     "estimator.cli.outlet": ("outlet",),
     "estimator.cli.study": ("study",),
 }
+#: verbs that read devices, serve or keep a ward's data: they need what Windows lacks
+_NOT_ON_WINDOWS = (
+    "demo",
+    "init",
+    "bridge",
+    "router",
+    "pki",
+    "estimator",
+    "history",
+    "store",
+    "doctor",
+    "qualify",
+    "dashboard",
+)
 _LOG_FORMAT = "--log-format"
 #: permissions withheld from every new file and folder: files show how patients move
 _PRIVATE = 0o027
@@ -84,7 +101,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = argparse.Namespace(log_format=logs.TEXT)
     try:
         try:
-            given = build(_first(words)).parse_args(words)
+            given = build(verb := _first(words)).parse_args(words)
+            if sys.platform == "win32" and verb in _NOT_ON_WINDOWS:
+                raise ConfigError(
+                    f"`truerate {verb}` does not run on Windows: run it on Linux. On Windows, truerate analyses recordings and "
+                    "receives the data of a ward"
+                )
             logs.configure_logging(given.log_format)
             return int(given.run(given) or 0)
         finally:
@@ -147,7 +169,7 @@ def _expected() -> tuple[type[Exception], ...]:
     from bridge.bus.contract import BusError  # noqa: PLC0415
     from bridge.recording.error import RecordingError  # noqa: PLC0415
     from estimator.database import StoreError  # noqa: PLC0415
-    from estimator.demo.ward import DemoFailed  # noqa: PLC0415
+    from estimator.demo import DemoFailed  # noqa: PLC0415
     from estimator.offline.calibration_file import CalibrationFileError  # noqa: PLC0415
 
     return BusError, RecordingError, CalibrationFileError, StoreError, DemoFailed, OSError

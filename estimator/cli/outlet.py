@@ -30,6 +30,16 @@ OUTLETS: dict[str, Outlet] = {
         "truerate outlet foxglove --ward demo",
         "foxglove rosbags",
     ),
+    "lsl": Outlet(
+        "stream to the Lab Streaming Layer (LSL): LabRecorder and other programs of movement labs",
+        "truerate outlet lsl --config configs/demo.toml --with quality",
+        "pylsl",
+    ),
+    "mqtt": Outlet(
+        "publish rates once a second, and retained statuses, to an MQTT broker, as JSON",
+        "truerate outlet mqtt mqtt://127.0.0.1 --config configs/demo.toml",
+        "paho",
+    ),
     "ros2": Outlet(
         "publish a ward to ROS 2 nodes with rmw_zenoh: samples, poses, diagnostics",
         "truerate outlet ros2 --ward demo --ros-router tcp/127.0.0.1:7448",

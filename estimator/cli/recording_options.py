@@ -15,7 +15,9 @@ HOLDS = """recordings:
          header. Units stand in the columns' names (gx_dps, "Gyroscope X (deg/s)", accel_x_m_s2, t_ms), or in a row above or
          below. If a unit is missing, the error names the option to give. `truerate recording inspect FILE` shows how
          truerate reads the file.
-  .mcap  as `truerate record` writes it.
+  .mcap  as `truerate record` writes it, or as ROS 2 does.
+  .bag .db3 (ROS), .xdf, .ximu3, .h5, .parquet, .cwa, *_motion.tsv (BIDS), and the folders of ROS 2 bags, EuRoC and TUM VI. If a
+         file holds several devices, topics or streams, the error lists them: choose one with --device.
   The file needs times, or give --rate-hz. A wrong rate gives a wrong scale."""
 
 

@@ -1,7 +1,9 @@
-"""The verbs about the estimator's store: history, store backup, store check, store restore."""
+"""The verbs about the estimator's store: history, store backup, store check, store verify, store restore."""
 
 import argparse
 import json
+import re
+import tempfile
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -43,11 +45,13 @@ _ROWS = {
     "bias": ("saved state", ""),
     "bias_history": ("bias history point", ""),
     "audit": ("command", ""),
+    "placements": ("placement", ""),
+    "alerts": ("alert", ""),
 }
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `history DEVICE` and `store backup|check|restore`."""
+    """Add `history DEVICE` and `store backup|check|verify|restore`."""
     verb = add_verb(
         verbs, "history", _history, "show one device's calibrations, boots, commands and bias from the store"
     )
@@ -61,17 +65,24 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     _add_place(verb)
     parser = verbs.add_parser(
         "store",
-        help="back up, check or restore the estimator's store",
+        help="back up, check, verify or restore the estimator's store",
         description=STORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     inner = parser.add_subparsers(metavar="VERB", required=True)
     verb = add_verb(inner, "backup", _backup, "back up a store, also while its estimator runs")
     verb.add_argument("to", metavar="DEST", help="a folder, or a new file")
+    verb.add_argument(
+        "--keep", type=int, metavar="N", help="keep the newest N backups of this store in the folder, remove older ones"
+    )
     _add_place(verb)
     verb = add_verb(inner, "check", _check, "check a store and its backups for damage")
     verb.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a store (default: the ward's)")
     verb.add_argument("--json", action="store_true", help="print one JSON object")
+    _add_place(verb)
+    does = "restore a backup into a temporary folder, open it as an estimator would, and read every calibration"
+    verb = add_verb(inner, "verify", _verify, does)
+    verb.add_argument("backup", type=Path, nargs="?", metavar="BACKUP", help="a backup (default: the newest one)")
     _add_place(verb)
     verb = add_verb(inner, "restore", _restore, "replace the store of a stopped estimator by a backup")
     verb.add_argument("backup", type=Path, nargs="?", metavar="BACKUP", help="a backup (default: the newest valid one)")
@@ -152,14 +163,48 @@ def _backup(given: argparse.Namespace) -> int:
 
     place, to = _place(given).store, Path(given.to)
     # A name ending in a slash is a folder even if it does not exist, as of a stick that is not plugged in.
-    if to.is_dir() or given.to.endswith("/"):
+    if into_folder := to.is_dir() or given.to.endswith("/"):
         to /= f"{place.stem}-{time.strftime('%Y%m%dT%H%M%S')}{place.suffix}"
+    if given.keep is not None and (given.keep < 1 or not into_folder):
+        raise ConfigError("--keep is the number of backups in a folder: give 1 or more, and a folder as DEST")
     if not to.parent.is_dir():
         raise ConfigError(f"{to}: there is no folder {to.parent}; make it with mkdir -p, or give another folder")
     if not (found := inspect(place)).sound:
         raise StoreError(found.fault)
     back_up(place, to)
     print(f"backed up {place} as {to}: {_contents(inspect(to))}")
+    if given.keep is not None:
+        dated = re.compile(re.escape(place.stem) + r"-\d{8}T\d{6}" + re.escape(place.suffix))
+        for old in sorted(one for one in to.parent.iterdir() if dated.fullmatch(one.name))[: -given.keep]:
+            old.unlink()
+            print(f"removed {old}: the newest {count(given.keep, 'backup')} are kept")
+    return 0
+
+
+def _verify(given: argparse.Namespace) -> int:
+    from estimator.database import StoreError, inspect, restore  # noqa: PLC0415
+    from estimator.service.store import Store  # noqa: PLC0415
+
+    backups = _place(given)
+    backup = given.backup or next(iter(backups.newest_first()), None)
+    if backup is None:
+        raise StoreError(f"there is no backup of store {backups.store} in {backups.folder}")
+    with tempfile.TemporaryDirectory() as folder:
+        restored = Path(folder) / backups.store.name
+        restore(restored, backup)
+        store = Store(restored)
+        try:
+            devices = store.devices()
+            found = sum(len(store.calibrations(device)) for device in devices)
+        finally:
+            store.close()
+        rows = inspect(restored).rows
+    if found != rows["calibrations"]:
+        raise StoreError(
+            f"{backup}: only {found} of {rows['calibrations']} calibrations can be read: use another backup"
+        )
+    age = f"{max(0.0, time.time() - backup.stat().st_mtime) / 3600:.0f} h old"
+    print(f"{backup} ({age}) can be restored: {count(len(devices), 'device')}, {count(found, 'calibration')}")
     return 0
 
 
@@ -204,4 +249,4 @@ def _restore(given: argparse.Namespace) -> int:
 
 
 def _contents(found: "Inspection") -> str:
-    return ", ".join(count(found.rows[table], *words) for table, words in _ROWS.items())
+    return ", ".join(count(found.rows[table], *words) for table, words in _ROWS.items() if table in found.rows)

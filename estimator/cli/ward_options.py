@@ -37,4 +37,7 @@ def person() -> str:
     try:
         return getpass.getuser()
     except (KeyError, OSError, ImportError):
-        return f"uid-{os.getuid()}"
+        name = "unknown"
+        if sys.platform != "win32":
+            name = f"uid-{os.getuid()}"
+        return name

@@ -17,6 +17,7 @@ from bridge.wire.messages import (
     Note,
     OrientationBatch,
     Owned,
+    Placement,
     SampleBatch,
     Status,
     WindowBatch,
@@ -143,6 +144,10 @@ class Client:
         """Stream of notes that people attach to devices; the last few come first."""
         return self._stream("note", codec.decode_note, device)
 
+    def follow_owned(self) -> Stream[Owned]:
+        """Stream of what estimators say of themselves, with their own alerts."""
+        return self._stream("owned", codec.decode_owned, history=False)
+
     def statuses(self, wait_s: float = 1.5, device: str | None = None) -> dict[str, Status]:
         """Latest status by device id, of all devices or of one, from the messages of wait_s seconds.
 
@@ -193,9 +198,24 @@ class Client:
         """Attach a text to this moment of a device, in the audit table and published for recordings."""
         return self._command(device, "note", who, text)
 
+    def forget(self, device: str, who: str, reason: str = "", *, erase: bool = False) -> CommandReply:
+        """Remove a device that sends no more from the ward. erase: also from the store, except its audit.
+
+        Raises BusError if no estimator answers.
+        """
+        return self._command(device, "erase" if erase else "forget", who, reason)
+
     def zero_heading(self, device: str, who: str, reason: str = "") -> CommandReply:
         """Make a device's present heading zero. Raises BusError when no estimator answers."""
         return self._command(device, "zero-heading", who, reason)
+
+    def place(self, device: str, who: str, placement: Placement) -> CommandReply:
+        """Say where and by whom a device is worn from now on; an empty placement ends it. Raises as `recalibrate`."""
+        return self._command(device, "place", who, "", placement)
+
+    def acknowledge(self, subject: str, who: str, kind: str = "") -> CommandReply:
+        """Say that a person has seen an alert, or with "" all alerts, of a device or an estimator. Raises as `recalibrate`."""
+        return self._command(subject, "acknowledge", who, kind)
 
     def close(self) -> None:
         """Close the session; a bus that was passed in stays open."""
@@ -208,9 +228,11 @@ class Client:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _command(self, device: str, verb: str, who: str, reason: str) -> CommandReply:
+    def _command(
+        self, device: str, verb: str, who: str, reason: str, placement: Placement | None = None
+    ) -> CommandReply:
         key = keys.build(self.ward, "rpc", device=device, verb=verb)
-        payload = codec.encode_command(Command(uuid.uuid4().hex, who, reason))
+        payload = codec.encode_command(Command(uuid.uuid4().hex, who, reason, placement))
         try:
             return codec.decode_reply(self._bus.ask(key, payload))
         except BusError:

@@ -70,7 +70,7 @@ class ReorderBuffer:
         self.missing: dict[str, int] = {}
         self._wait_s, self._window, self._most = wait_s, max(WINDOW, round(wait_s * FASTEST_HZ)), boots
         self._boots: OrderedDict[tuple[str, int], _Boot] = OrderedDict()
-        self._waiting: set[_Boot] = set()
+        self._waiting: dict[_Boot, None] = {}  # in the order in which they began to wait
 
     def feed(self, batch: CorrectedBatch, now: float) -> None:
         """Add a batch received at `now`, monotonic seconds; batches that are due go to `ready`."""
@@ -151,7 +151,10 @@ class ReorderBuffer:
             self.ready.append(batch)
             n += 1
         del boot.held[:n]
-        (self._waiting.add if boot.held else self._waiting.discard)(boot)
+        if boot.held:
+            self._waiting.setdefault(boot)
+        else:
+            self._waiting.pop(boot, None)
 
 
 def _begins_anew(batch: CorrectedBatch, newest: CorrectedBatch) -> bool:

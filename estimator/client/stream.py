@@ -60,6 +60,11 @@ class Stream(AsyncIterator[T], Generic[T]):
         """Number of messages lost because this program was too slow."""
         return self._subscription.overflowed
 
+    @property
+    def caught_up(self) -> bool:
+        """Whether the history has arrived."""
+        return self._subscription.caught_up
+
     def receive(self, timeout_s: float) -> T | None:
         """Wait for the next message; None when no message arrives within timeout_s."""
         return self.pop() if self.wait(timeout_s) else None

@@ -3,12 +3,15 @@
 Which programs may recalibrate is the router's rule; docs/security.md states both.
 """
 
+import re
 from ipaddress import ip_address
 
 from msgspec import Struct
 
 from bridge.config.schema import check, listening
 
+#: scheme, host and perhaps port of a page, as a browser sends it
+_ORIGIN = re.compile(r"https?://[a-z0-9.\[\]:-]+")
 #: prefix of an argon2 hash
 HASHED = "$argon2id$"
 
@@ -35,6 +38,8 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     people: tuple[Person, ...] = ()
     #: host names of the page in a browser's address line, beside `listen`
     hosts: tuple[str, ...] = ()
+    #: other sites whose pages may read the stream, such as "https://lab.example"; programs outside a browser need none
+    origins: tuple[str, ...] = ()
     #: certificate chain (PEM) that browsers see, for TLS; `truerate pki issue page:NAME --host HOST` makes one
     certificate: str = ""
     #: private key of the certificate (PEM)
@@ -64,6 +69,11 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if not host or not host.isprintable() or set(host) & set("/:@ *"):
                 raise ValueError(
                     f"hosts: {host!r} is no name; one looks like 'ward-3.hospital.example', without a port"
+                )
+        for origin in self.origins:
+            if not _ORIGIN.fullmatch(origin):
+                raise ValueError(
+                    f"origins: {origin!r} is not an origin; one looks like 'https://lab.example' or 'http://localhost:8000'"
                 )
         if not 0.05 <= self.session_hours <= 168:
             raise ValueError(f"session_hours is {self.session_hours:g}; 0.05 to 168 is taken")

@@ -72,4 +72,9 @@ def treatment(told: "Estimator | None") -> Treatment:
     if told is None:
         return Treatment()
     usual = SessionKnobs(method=told.method, warming_s=told.warming_s, horizontal_turns=told.horizontal_turns)
-    return Treatment(usual, told.model, told.models)
+    return Treatment(learning(usual) if told.learn_matrix else usual, told.model, told.models)
+
+
+def learning(knobs: SessionKnobs) -> SessionKnobs:
+    """Return the same settings with scale and misalignment learnt from gravity while the device is worn."""
+    return replace(knobs, track=replace(knobs.track, matrix=replace(knobs.track.matrix, learn=True)))

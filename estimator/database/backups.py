@@ -1,5 +1,6 @@
 """Backs up a store while it is in use, keeps the newest copies, and restores a store from a backup."""
 
+import logging
 import os
 import re
 import shutil
@@ -10,13 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from estimator.database.connections import checked, to_read
-from estimator.database.errors import FAULTS, Damaged, StoreError, Unavailable, translated
-from estimator.database.schema import check, create
+from estimator.database.errors import FAULTS, Damaged, Empty, StoreError, Unavailable, translated
+from estimator.database.schema import check, create, rows_of
+
+log = logging.getLogger(__name__)
 
 #: number of backups kept
 KEEP = 7
-#: age of the newest backup at which another is due, s
-PERIOD_S = 86400.0
+#: age of the newest backup at which another is due, s: with one look an hour, none gets older than a day
+PERIOD_S = 82800.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +43,14 @@ class Backups:
         return []
 
     def due(self, now_s: float) -> bool:
-        """Whether no backup was made in the last day, as far as the clock knows."""
+        """Whether no backup was made in the last 23 hours, as far as the clock knows."""
         made = [one.stat().st_mtime for one in self.newest_first()[:1]]
         return not made or not 0 <= now_s - made[0] < PERIOD_S
 
     def make(self) -> Path:
         """Make a backup, and remove all but the newest KEEP.
 
-        Raises Damaged if the copy is not intact, or Unavailable.
+        Raises Damaged if the copy is not intact, Empty if the store is empty, or Unavailable.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -57,13 +60,17 @@ class Backups:
             back_up(self.store, to)
             for old in before[KEEP - 1 :]:
                 old.unlink()
+                log.info("backup %s is removed: the newest %d are kept", old, KEEP)
         except OSError as error:
             raise translated(str(self.folder), error) from error
         return to
 
 
 def back_up(store: Path, to: Path) -> None:
-    """Copy a store, in use or not, into a checked, self-contained file. Raises StoreError if `to` exists."""
+    """Copy a store, in use or not, into a checked, self-contained file.
+
+    Raises StoreError if `to` exists, and Empty if the store has no entries: such a copy would only seem to be a backup.
+    """
     if to.exists():
         raise StoreError(f"{to} exists already; give another name, or remove the file")
     part = to.with_name(to.name + ".part")
@@ -73,6 +80,8 @@ def back_up(store: Path, to: Path) -> None:
             db.backup(copy)
             copy.execute("PRAGMA journal_mode = DELETE")
             check(copy, store)
+            if not any(rows_of(copy).values()):
+                raise Empty(f"store {store} has no entries, so there is nothing to back up: is it the right store?")
         _place(part, to)
     except (*FAULTS, StoreError) as error:
         part.unlink(missing_ok=True)

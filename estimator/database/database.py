@@ -11,9 +11,9 @@ from typing import Any, Self
 
 from estimator.database.backups import Backups, make_sound, rescue
 from estimator.database.connections import Connect, checked, to_read, to_write
-from estimator.database.errors import FAULTS, Damaged, StoreError, Unavailable, translated
+from estimator.database.errors import FAULTS, Damaged, Empty, StoreError, Unavailable, translated
 from estimator.database.owner import check_free, hold
-from estimator.database.schema import create
+from estimator.database.schema import SCHEMA_VERSION, create, upgrade, version_of
 
 log = logging.getLogger(__name__)
 
@@ -44,6 +44,8 @@ class Database:
         self.path = str(path)
         #: why the store cannot be written now; empty if it can
         self.trouble = ""
+        #: why the latest backup that was due was not made; empty when it was
+        self.backup_fault = ""
         #: for a person: what happened each time the file was not sound
         self.notes: list[str] = []
         #: number of failed reads and writes
@@ -174,10 +176,14 @@ class Database:
         try:
             if self._backups.due(time.time()):
                 log.info("store %s is backed up as %s", self.path, self._backups.make())
+            self.backup_fault = ""
+        except Empty:
+            self.backup_fault = ""  # the first entries are backed up within the hour
         except Damaged as damage:
             self._failed(damage)
         except StoreError as error:
             self.failures += 1
+            self.backup_fault = str(error)
             log.error("no backup of store %s is made: %s", self.path, error)
 
     # ---- opening, and what fails ------------------------------------------------------------------------------------
@@ -225,12 +231,23 @@ class Database:
                     self._lock = hold(path)
                 self._reader = to_read(path)
             writer = to_write(path, self._connect)
+            if (version := version_of(writer)) != SCHEMA_VERSION:
+                self._upgrade(writer, version)
             before, self._reader = self._reader, to_read(path)  # opened again, to be in step with the writer
             before.close()
             self._file = _identity(path)
         except FAULTS as error:
             raise translated(self.path, error) from error
         return writer
+
+    def _upgrade(self, writer: sqlite3.Connection, version: int) -> None:
+        """Bring an earlier version's store to ours; a backup for the earlier truerate is made first, if possible."""
+        try:
+            kept = f"a backup of the old one is {self._backups.make()}"
+        except StoreError as error:
+            kept = f"no backup of the old one is made: {error}"
+        upgrade(writer)
+        log.warning("store %s had schema %d and now has %d; %s", self.path, version, SCHEMA_VERSION, kept)
 
     @contextmanager
     def _telling(self) -> Iterator[None]:

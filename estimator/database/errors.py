@@ -16,6 +16,10 @@ class StoreError(Exception):
     """The store could not be opened, read or written: the message says which file, why, and what to do."""
 
 
+class Empty(StoreError):
+    """The store has no entries."""
+
+
 class Unavailable(StoreError):
     """The store may work again later: the disk is full, read-only or failing, or another process holds the file."""
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from estimator.database.connections import checked
 from estimator.database.errors import Damaged
-from estimator.database.schema import TABLES
+from estimator.database.schema import rows_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,5 +30,4 @@ def inspect(path: Path) -> Inspection:
     except Damaged as damage:
         return Inspection(str(path), str(damage))
     with closing(db):
-        rows = {table: int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in TABLES}  # noqa: S608 - our own words
-    return Inspection(str(path), rows=rows)
+        return Inspection(str(path), rows=rows_of(db))

@@ -5,7 +5,6 @@ itself, so that a symbolic or hard link is no way around the lock.
 """
 
 import errno
-import fcntl
 import logging
 import os
 import stat
@@ -14,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bridge.runtime import os_errors
+from bridge.runtime.file_lock import lock as lock_file
 from estimator.database.errors import StoreError
 
 log = logging.getLogger(__name__)
@@ -72,7 +72,5 @@ def check_regular(path: Path, mode: int) -> None:
 
 
 def _lock(lock: int, path: str) -> None:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise StoreError(f"store {path}: another estimator uses it: give each estimator its own store") from None
+    if not lock_file(lock):
+        raise StoreError(f"store {path}: another estimator uses it: give each estimator its own store")

@@ -13,10 +13,10 @@ from estimator.database.errors import Damaged, StoreError
 
 APPLICATION_ID = 0x74725254  # "trRT", in the file's header
 #: versions 1 to 3 were never released
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
-SCHEMA = f"""
-CREATE TABLE calibrations ( -- schema {SCHEMA_VERSION}
+_SCHEMA_4 = """
+CREATE TABLE calibrations ( -- schema 4
     number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL,
     method TEXT NOT NULL, verdict TEXT NOT NULL, reason TEXT NOT NULL, who TEXT NOT NULL, version TEXT NOT NULL,
     model TEXT NOT NULL, firmware TEXT NOT NULL, gyro_range REAL NOT NULL, rate_hz REAL NOT NULL, payload BLOB NOT NULL
@@ -50,50 +50,89 @@ CREATE INDEX audit_all ON audit (device, request_id, verb, time_ns, who, reason,
 CREATE TABLE epochs (number INTEGER PRIMARY KEY, epoch INTEGER NOT NULL) STRICT;
 CREATE INDEX epochs_all ON epochs (epoch);
 """
+_SCHEMA_5 = """
+CREATE TABLE placements ( -- schema 5
+    number INTEGER PRIMARY KEY, device TEXT NOT NULL, time_ns INTEGER NOT NULL, segment TEXT NOT NULL, side TEXT NOT NULL,
+    wearer TEXT NOT NULL, who TEXT NOT NULL
+) STRICT;
+CREATE INDEX placements_all ON placements (device, number, time_ns, segment, side, wearer, who);
+CREATE TABLE alerts (
+    number INTEGER PRIMARY KEY, device TEXT NOT NULL, kind TEXT NOT NULL, since_ns INTEGER NOT NULL, raised_ns INTEGER NOT NULL,
+    acknowledged_ns INTEGER NOT NULL, who TEXT NOT NULL, time_ns INTEGER NOT NULL, cleared INTEGER NOT NULL,
+    UNIQUE (device, kind, raised_ns)
+) STRICT;
+CREATE INDEX alerts_all ON alerts (device, cleared, number, kind, since_ns, raised_ns, acknowledged_ns, who, time_ns);
+"""
+#: what each version adds to the one before it
+STEPS = {4: _SCHEMA_4, 5: _SCHEMA_5}
 
-TABLES = ("calibrations", "boots", "bias", "bias_history", "audit", "epochs")
-_MARKS = f"PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {SCHEMA_VERSION};"
+#: tables with entries of devices
+ENTRIES = ("calibrations", "boots", "bias", "bias_history", "audit", "placements", "alerts")
 
 
 def create(db: sqlite3.Connection) -> None:
     """Make an empty database a store, atomically."""
-    db.executescript(f"BEGIN IMMEDIATE; {SCHEMA} {_MARKS} COMMIT;")
+    _write(db, SCHEMA_VERSION)
+
+
+def version_of(db: sqlite3.Connection) -> int:
+    """Return the schema version of a checked store."""
+    found = _described(db)
+    return next(version for version in STEPS if found == _expected(version))
+
+
+def upgrade(db: sqlite3.Connection) -> None:
+    """Add what newer versions have to a checked store, in one transaction."""
+    _write(db, SCHEMA_VERSION, since=version_of(db))
 
 
 def check(db: sqlite3.Connection, path: object) -> None:
-    """Check a store's schema and content.
+    """Check a store's schema and content; an earlier version is sound, too.
 
-    Raises StoreError if it is not a store of this schema, Damaged if its content is not what was written.
+    Raises StoreError if it is not a store of a known schema, Damaged if its content is not what was written.
     """
     version, application = (_pragma(db, name) for name in ("user_version", "application_id"))
     found = _described(db)
     if not found:
         raise Damaged(path, "there are no tables in it")
-    if found != _expected():
+    if not any(found == _expected(version) for version in STEPS):
         if application != APPLICATION_ID:
             raise StoreError(f"store {path} is another program's SQLite file: give the store a path of its own")
-        if version != SCHEMA_VERSION:
+        if version not in STEPS:
             raise StoreError(
                 f"store {path} has schema {version}, this truerate reads schema {SCHEMA_VERSION}: use the truerate that"
                 f" wrote it, or give the store another path"
             )
-        raise Damaged(path, f"its tables are not those of schema {SCHEMA_VERSION}")
+        raise Damaged(path, f"its tables are not those of schema {version}")
     for (words,) in db.execute("PRAGMA integrity_check(1)"):
         if words != "ok":
             raise Damaged(path, str(words).removeprefix("*** in database main ***").strip())
+
+
+def rows_of(db: sqlite3.Connection) -> dict[str, int]:
+    """Return the number of rows of each table with entries of devices; an earlier version has fewer."""
+    there = {name for kind, name, _ in _described(db) if kind == "table"}
+    tables = [table for table in ENTRIES if table in there]
+    return {table: int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in tables}  # noqa: S608 - our own words
 
 
 def _pragma(db: sqlite3.Connection, name: str) -> int:
     return int(db.execute(f"PRAGMA {name}").fetchone()[0])
 
 
-def _described(db: sqlite3.Connection) -> set[tuple[str, ...]]:
+def _described(db: sqlite3.Connection) -> set[tuple[str, str, str]]:
     """Return everything that a database consists of: kind, name and SQL of each object."""
-    return {tuple(map(str, row)) for row in db.execute("SELECT type, name, sql FROM sqlite_schema")}
+    return {(kind, name, str(sql)) for kind, name, sql in db.execute("SELECT type, name, sql FROM sqlite_schema")}
+
+
+def _write(db: sqlite3.Connection, version: int, since: int = 0) -> None:
+    steps = " ".join(sql for number, sql in STEPS.items() if since < number <= version)
+    marks = f"PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {version};"
+    db.executescript(f"BEGIN IMMEDIATE; {steps} {marks} COMMIT;")
 
 
 @cache
-def _expected() -> set[tuple[str, ...]]:
+def _expected(version: int) -> set[tuple[str, str, str]]:
     with closing(sqlite3.connect(":memory:")) as db:
-        create(db)
+        _write(db, version)
         return _described(db)

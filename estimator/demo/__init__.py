@@ -2,3 +2,7 @@
 
 Begin at `run`.
 """
+
+
+class DemoFailed(Exception):
+    """A process of the ward did not start, or stopped: the message names it and quotes the end of its log."""

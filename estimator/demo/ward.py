@@ -17,6 +17,7 @@ from typing import IO, Self
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice
 from estimator.calibration.method_names import DEFAULT
+from estimator.demo import DemoFailed
 
 WARD = "demo"
 #: below the port range used for outgoing connections
@@ -48,10 +49,6 @@ id = "{id}"
 driver = "native"
 port = "{port}"
 """
-
-
-class DemoFailed(Exception):
-    """A process of the ward did not start, or stopped: the message names it and quotes the end of its log."""
 
 
 class Ward:

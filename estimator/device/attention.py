@@ -1,16 +1,51 @@
-"""Whether a device needs a person: one definition for the pages, the API, the reports, the command line and the metrics. Pure."""
+"""What needs a person: one definition for the pages, the API, the reports, the command line, the metrics and the alerts. Pure."""
+
+from enum import StrEnum
 
 from bridge.reasons.codes import Code, Sentences
-from bridge.wire.messages import DeviceInfo, State
+from bridge.wire.messages import DeviceInfo, State, Status
 
 LOW_BATTERY_PERCENT = 15.0
-#: states that end well by themselves; a device that is being turned waits for a hand, also where the hand has gone
-_BY_ITSELF = (State.WARMING, State.TRACKING)
+#: reasons of a device that is meant to send no more
+_ENDED = (Code.RECORDING_OVER, Code.CAPTURE_OVER, Code.DEVICE_REMOVED, Code.FORGOTTEN)
 
 
-def needs_person(state: State, info: DeviceInfo | None) -> bool:
-    """Whether a person has to do something: to the device, to its battery, or to what makes its samples bad."""
-    return state not in _BY_ITSELF or bool(complaints(info))
+class Kind(StrEnum):
+    """What needs a person: of a device, and from DISK on of an estimator and its machine."""
+
+    LOST = "lost"
+    UNCALIBRATED = "uncalibrated"
+    DEGRADED = "degraded"
+    BAD_SAMPLES = "bad_samples"
+    BATTERY_LOW = "battery_low"
+    DISK = "disk"
+    CLOCK = "clock"
+    CERTIFICATE = "certificate"
+    BACKUP = "backup"
+
+
+#: states that end well by themselves need nobody; a device that is being turned waits for a hand, also where the hand has gone
+_OF_STATE = {State.WARMING: (), State.TRACKING: (), State.LOST: (Kind.LOST,), State.DEGRADED: (Kind.DEGRADED,)}
+
+
+def ended(reason: Sentences) -> bool:
+    """Whether a device sends no more for one of these reasons, and nothing is wrong with that."""
+    return any(one.code in _ENDED for one in reason)
+
+
+def attentions(state: State, reason: Sentences, info: DeviceInfo | None) -> frozenset[Kind]:
+    """What of a device needs a person now: the device itself, its battery, or what makes its samples bad."""
+    if state is State.LOST and ended(reason):
+        return frozenset()
+    found = set[Kind](_OF_STATE.get(state, (Kind.UNCALIBRATED,)))
+    for one in complaints(info):
+        found.add(Kind.BATTERY_LOW if one.code == Code.LOW_BATTERY else Kind.BAD_SAMPLES)
+    return frozenset(found)
+
+
+def needs_person(status: Status, info: DeviceInfo | None) -> bool:
+    """Whether a person has to do something with a device."""
+    return bool(attentions(status.state, status.reason, info))
 
 
 def complaints(info: DeviceInfo | None) -> Sentences:

@@ -18,6 +18,7 @@ from estimator.device.prior_knowledge import PriorKnowledge, calibrated_bias, wi
 from estimator.device.revision_sequences import RevisionSequences
 from estimator.device.saved_samples import SavedSamples
 from estimator.device.session_knobs import SessionKnobs
+from estimator.device.worn_calibration import METHOD, combined, learnt
 from estimator.geometry.gyro_model import reading_std
 from estimator.samples.sample_buffer import Floats, SampleBuffer
 from estimator.state import StateStruct
@@ -84,6 +85,8 @@ class BootEstimation:
         #: calibration of this boot, and of an earlier one under the same restore key
         self.calibration: Calibration | None = None
         self.prior: Calibration | None = None
+        #: calibration by hand that a worn one continues, to return to
+        self._by_hand: Calibration | None = None
         #: why earlier knowledge is void; part of the status until the next calibration
         self.scratch: Sentences = ()
         self.under_way: CalibrationProgress | None = CalibrationProgress(knobs)
@@ -283,6 +286,8 @@ class BootEstimation:
         sequence, time_ns = buffer.place(second.last)
         self._past.note(second.end, sequence, time_ns)
         buffer.forget(second.last)
+        if self.tracker.surer:
+            self._learnt_worn(outcome, time_ns)
         if (improved := self.tracker.improved()) is not None:
             used = self._belief
             revision = self._past.revision(of, time_ns, used.calibration, used.model.matrix, *improved)
@@ -299,8 +304,10 @@ class BootEstimation:
             self._law = None
             self._events.add("temperature law disagrees")
             outcome.said.append(english(Code.TEMPERATURE_LAW_REFUTED()))
-        if (why := self.tracker.doubts(self.now)) and not self._happens(Event.DOUBTED, why, outcome):
-            self._say_beside(why, outcome)
+        if why := self.tracker.doubts(self.now):
+            self._give_up_worn()
+            if not self._happens(Event.DOUBTED, why, outcome):
+                self._say_beside(why, outcome)
 
     def _confirm(self, outcome: Outcome) -> None:
         """End a doubt of the bias when the latest rests have resolved it."""
@@ -339,6 +346,9 @@ class BootEstimation:
     def _finish(
         self, result: Result, rest: Rest, under_way: CalibrationProgress, outcome: Outcome, now_ns: int
     ) -> None:
+        used = self.calibration
+        if result.verdict is Verdict.ACCEPTED and used is not None and used.method == METHOD:
+            result = combined(result, used)
         made = self._as_message(result, under_way.who, now_ns)
         outcome.calibrations.append(made)
         if result.verdict is not Verdict.ACCEPTED:
@@ -350,6 +360,25 @@ class BootEstimation:
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
         self._slope_learnt = self._law is not None
         self._happens(Event.CALIBRATED, (Code.CALIBRATED(), *result.reason), outcome)
+
+    def _learnt_worn(self, outcome: Outcome, now_ns: int) -> None:
+        """Correct by the matrix that gravity has taught while the device was worn; turns under way go on."""
+        before = self.calibration
+        if before is not None and before.method != METHOD:
+            self._by_hand = before
+        made = self._as_message(learnt(self.tracker, self.noise_std, before.turns if before else ()), "", now_ns)
+        outcome.calibrations.append(made)
+        self.calibration, self.prior = made, None
+        self._belief = believed(made, None, self._knobs.prior)
+        self.tracker.corrected_by(self._belief.model)
+        self._say_beside(made.reason, outcome)
+
+    def _give_up_worn(self) -> None:
+        """Return to the calibration by hand after a doubt of the bias: the matrix learnt since may have caused it."""
+        if self._by_hand is not None and self.calibration is not None and self.calibration.method == METHOD:
+            self.calibration, self._by_hand = self._by_hand, None
+            self._belief = believed(self.calibration, None, self._knobs.prior)
+            self.tracker.rescaled(self._belief.model)
 
     def cancel(self, who: str) -> None:
         """Cancel a calibration in progress; an old one stays in use, without one the calibration starts over."""

@@ -15,9 +15,11 @@ from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire.messages import (
     NO_REST_S,
+    Alert,
     Calibration,
     DeviceCalibration,
     DeviceInfo,
+    Placement,
     Quality,
     SampleBatch,
     State,
@@ -50,7 +52,7 @@ from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import Tracker
 
 #: version of the bytes from `state`; any other version is refused
-VERSION = 2
+VERSION = 3
 #: event name for turns of a calibration lost when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
 #: event name for calibrations of the device's own that were not plausible
@@ -487,6 +489,8 @@ class DeviceSession:
         epoch: int = 0,
         silent_s: float = 0.0,
         more: Iterable[tuple[str, int]] = (),
+        placement: Placement | None = None,
+        alerts: tuple[Alert, ...] = (),
     ) -> Status:
         """Status message for the bus.
 
@@ -524,6 +528,8 @@ class DeviceSession:
             events=events,
             bridge=bridge,
             refused_bridges=refused_bridges,
+            placement=placement,
+            alerts=alerts,
             epoch=epoch,
         )
 

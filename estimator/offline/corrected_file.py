@@ -1,4 +1,4 @@
-"""Writes a corrected recording to an .npz or .csv file, atomically.
+"""Writes a corrected recording to an .npz, .csv, .h5 or .parquet file, atomically.
 
 npz: `t_s` (n,), `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s`, `bias_std_rad_s` (n, 3), `quality` (n,) as a number,
 `quality_names`, `quat_wxyz` (n, 4) sensor to earth, scalar first, `tilt_std`, `heading_std` (n,) in rad, `matrix` (3, 3) and
@@ -7,6 +7,8 @@ npz: `t_s` (n,), `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s`, `bias_std_rad_s` 
 CSV: a header row, then a row per sample, with the same quantities in the same units. A vector has a column per axis:
 rate_x_rad_s, rate_std_x_rad_s, bias_x_rad_s, bias_std_x_rad_s …; quality is given by name; then quat_w … quat_z, tilt_std,
 heading_std.
+
+HDF5 (.h5) has the arrays of npz as datasets, Parquet the columns of CSV.
 """
 
 import os
@@ -17,9 +19,12 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.recording import Recording
 from bridge.recording.error import RecordingError
+from bridge.recording.export import flat
+from bridge.recording.formats.registry import check_extra
 from bridge.wire.messages import Quality
 from estimator.geometry.gyro_model import AXES
 from estimator.offline.corrected_recording import CorrectedRecording, Floats, Singles
@@ -27,6 +32,7 @@ from estimator.offline.corrected_recording import CorrectedRecording, Floats, Si
 _QUALITIES = tuple(quality.name for quality in sorted(Quality))
 _VECTORS = ("rate", "rate_std", "bias", "bias_std")
 _ROWS = 10_000
+_NO_COLUMNS = ("quality_names", "matrix", "rate_hz")
 
 
 def check(out: Path, recorded: Path) -> None:
@@ -35,7 +41,8 @@ def check(out: Path, recorded: Path) -> None:
     An existing file may be overwritten only if truerate wrote it as a corrected recording.
     """
     if out.suffix not in _WRITERS:
-        raise RecordingError(f"{out}: a corrected recording ends in {' or '.join(_WRITERS)}, not in {out.suffix!r}")
+        raise RecordingError(f"{out}: a corrected recording ends in {', '.join(_WRITERS)}, not in {out.suffix!r}")
+    check_extra(out)
     if not out.parent.is_dir():
         raise RecordingError(f"{out}: there is no folder {out.parent}; make it with mkdir -p, or give another folder")
     if not os.access(out.parent, os.W_OK | os.X_OK):
@@ -58,6 +65,14 @@ def _is_corrected(path: Path) -> bool:
         if path.suffix == ".npz":
             with zipfile.ZipFile(path) as archive:
                 return "quality_names.npy" in archive.namelist()
+        if path.suffix == ".h5":
+            from bridge.recording.formats import hdf5  # noqa: PLC0415 - an extra
+
+            return hdf5.holds(path, "quality_names")
+        if path.suffix == ".parquet":
+            from bridge.recording.formats import parquet  # noqa: PLC0415 - an extra
+
+            return parquet.holds(path, "rate_std_x_rad_s")
         with path.open("rb") as file:
             return file.readline(80).startswith(b"t_s,rate_x_rad_s,")
     except (OSError, zipfile.BadZipFile):
@@ -74,7 +89,7 @@ def save(
     part = out.with_name(f".{out.name}.part")
     try:
         part.unlink(missing_ok=True)  # left by a killed process; unlinked, so that nothing is written through a link
-        with part.open("xb") as file:
+        with part.open("x+b") as file:  # HDF5 is also read while it is written
             _WRITERS[out.suffix](file, corrected, recording, progress or (lambda _done, _n: None))
             file.flush()
             os.fsync(file.fileno())  # without it a power loss may leave the new name on an empty file
@@ -83,20 +98,42 @@ def save(
         part.unlink(missing_ok=True)
 
 
-def _save_npz(
-    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
-) -> None:
-    columns = {
+def _arrays(c: CorrectedRecording, recording: Recording) -> dict[str, NDArray[np.generic]]:
+    return {
         "t_s": c.time_s,
         **{f"{name}_rad_s": getattr(c, name) for name in _VECTORS},
         "quality": c.quality,
         "quality_names": np.array(_QUALITIES),
         **_orientation(c),
         "matrix": c.matrix,
-        "rate_hz": np.float64(c.rate_hz),
+        "rate_hz": np.array(c.rate_hz),
         **_passed_on(recording),
     }
-    np.savez(file, **columns)
+
+
+def _save_npz(
+    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
+) -> None:
+    np.savez(file, allow_pickle=False, **_arrays(c, recording))
+    progress(len(c), len(c))
+
+
+def _save_hdf5(
+    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
+) -> None:
+    from bridge.recording.formats import hdf5  # noqa: PLC0415 - an extra
+
+    hdf5.write(file, _arrays(c, recording))
+    progress(len(c), len(c))
+
+
+def _save_parquet(
+    file: IO[bytes], c: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None]
+) -> None:
+    from bridge.recording.formats import parquet  # noqa: PLC0415 - an extra
+
+    arrays = {**_arrays(c, recording), "quality": np.array(_QUALITIES)[c.quality]}
+    parquet.write(file, flat({name: arrays[name] for name in arrays if name not in _NO_COLUMNS}))
     progress(len(c), len(c))
 
 
@@ -130,4 +167,4 @@ def _passed_on(recording: Recording) -> dict[str, Floats]:
     return {name: column for name, column in columns.items() if column is not None}
 
 
-_WRITERS = {".npz": _save_npz, ".csv": _save_csv}
+_WRITERS = {".npz": _save_npz, ".csv": _save_csv, ".h5": _save_hdf5, ".parquet": _save_parquet}

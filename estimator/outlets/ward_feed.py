@@ -38,8 +38,8 @@ class WardFeed:
 
     def __init__(self, client: Client, devices: Sequence[str] | None) -> None:
         # Raw readings are for those who may hear them: without them, samples have no acceleration.
-        self._rates = client.corrected(devices, history=False, quiet=True)
-        self._raw = client.raw(devices, history=False)
+        self._rates = client.corrected(devices, quiet=True)
+        self._raw = client.raw(devices)
         self._orientation = client.orientation(devices)
         self._statuses = client.follow(devices)
         self._notes = client.follow_notes(devices)

@@ -2,14 +2,14 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english, in_words, sentences_as_json
 from bridge.reasons.codes import Code, Sentence, Sentences
-from bridge.wire.messages import DeviceInfo, State, Status
-from estimator.device.attention import complaints, needs_person
+from bridge.wire.messages import DeviceInfo, Placement, State, Status
+from estimator.device.attention import complaints, ended, needs_person
 from estimator.device.bridge_choice import ELSEWHERE
 from estimator.overview.ward import listed
 from estimator.service import overload
@@ -45,6 +45,7 @@ class Need:
     device: str
     state: State
     reason: Sentences
+    placement: Placement | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +137,12 @@ def as_json(seen: WardSummary) -> dict[str, Any]:
         "devices": seen.devices,
         "tracking": seen.tracking,
         "needs": [
-            {"device": n.device, "state": n.state.name.lower(), "reason": sentences_as_json(n.reason)}
+            {
+                "device": n.device,
+                "state": n.state.name.lower(),
+                "reason": sentences_as_json(n.reason),
+                "placement": placement_as_json(n.placement),
+            }
             for n in seen.needs
         ],
         "law": {
@@ -152,6 +158,11 @@ def as_json(seen: WardSummary) -> dict[str, Any]:
         "estimators": list(seen.estimators),
         "troubles": sentences_as_json(seen.troubles),
     }
+
+
+def placement_as_json(placement: Placement | None) -> dict[str, Any] | None:
+    """Return a placement as a JSON-compatible object; None if nobody said who wears the device."""
+    return None if placement is None else asdict(placement)
 
 
 def total(unused: Mapping[str, Mapping[str, int]]) -> Counter[str]:
@@ -198,12 +209,14 @@ def _reasons(status: Status | None, info: DeviceInfo | None) -> dict[str, int]:
 
 def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | None:
     trouble = info.trouble if info else ()
+    if ended(trouble if status is None else status.reason):
+        return None
     if status is None or (trouble and status.state is State.LOST):
         return Need(name, State.UNKNOWN if status is None else State.LOST, trouble or (Code.NEVER_HEARD(),))
-    if not needs_person(status.state, info):
+    if not needs_person(status, info):
         return None
     why = () if status.state is State.TRACKING else status.reason
-    return Need(name, status.state, why + complaints(info))
+    return Need(name, status.state, why + complaints(info), status.placement)
 
 
 def _law(name: str, status: Status) -> Sentence | None:

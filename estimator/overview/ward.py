@@ -9,15 +9,15 @@ from typing import Any
 from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import sentences_as_json
 from bridge.reasons.codes import Code, Sentences
-from bridge.wire.messages import DeviceInfo, Quality, State, Status
-from estimator.device.attention import LOW_BATTERY_PERCENT, complaints, needs_person
+from bridge.wire.messages import DeviceInfo, Placement, Quality, State, Status
+from estimator.device.attention import LOW_BATTERY_PERCENT, complaints, ended, needs_person
 from estimator.device.lifecycle import NEVER_S
 
 #: seconds without a status after which a device counts as silent; a status comes once a second
 SILENT_S = 3.5
-SILENT, UNKNOWN, TRACKING = "silent", "unknown", "tracking"
+SILENT, UNKNOWN, TRACKING, ENDED = "silent", "unknown", "tracking", "ended"
 #: states, most urgent first
-URGENCY = ("lost", SILENT, UNKNOWN, "awaiting still", "bias only", "degraded", "turning", "warming", TRACKING)
+URGENCY = ("lost", SILENT, UNKNOWN, "awaiting still", "bias only", "degraded", "turning", "warming", TRACKING, ENDED)
 #: of a device that tracks and yet needs a person
 _ASKS = URGENCY.index("awaiting still")
 #: states of devices that wait for turns by hand
@@ -48,6 +48,7 @@ class DeviceRow:
     battery_percent: float | None = None
     charging: bool = False
     notices: Sentences = ()
+    placement: Placement | None = None
 
     @property
     def low_battery(self) -> bool:
@@ -100,6 +101,14 @@ class WardView:
         """Return the seconds since the last status, by device."""
         return {device: now - heard for device, (_, heard) in self._statuses.items()}
 
+    def ended(self, now: float) -> list[str]:
+        """Return the devices that ended, and that no estimator reports any more."""
+        return [
+            device
+            for device, (status, heard) in self._statuses.items()
+            if now - heard > SILENT_S and ended(status.reason)
+        ]
+
     def forget(self, device: str) -> None:
         """Drop a device."""
         self._statuses.pop(device, None)
@@ -144,8 +153,10 @@ class WardView:
         if status is None:
             reason = trouble or (Code.NO_ESTIMATOR_SPOKE(),)
             return DeviceRow(name, UNKNOWN, reason, **about)
-        state, reason, needs = WORDS[status.state], status.reason, needs_person(status.state, info)
-        if silence := _silence(now - heard):
+        state, reason, needs = WORDS[status.state], status.reason, needs_person(status, info)
+        if ended(reason):
+            state = ENDED
+        elif silence := _silence(now - heard):
             needs = True
             state, reason = SILENT, silence
         else:
@@ -162,6 +173,7 @@ class WardView:
             status.events.get("gaps", 0),
             status.events.get("missing_samples", 0),
             status.evidence_age_s if status.evidence_age_s < NEVER_S else None,
+            placement=status.placement,
             **about,
         )
 
@@ -232,7 +244,7 @@ def matches(text: str, pattern: str) -> bool:
 def strangers(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[str]:
     """Return the words that are neither a state nor match the id of a device."""
     devices = [row.device for row in rows]
-    states = set(WORDS.values()) | {SILENT}
+    states = set(WORDS.values()) | {SILENT, ENDED}
     return [
         word
         for word in only

@@ -1,6 +1,7 @@
 """Reports the history of a device as tables and as JSON."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from math import degrees
 from typing import Any
@@ -25,13 +26,22 @@ def as_tables(history: History) -> Iterator[RenderableType]:
     yield from _table(
         "calibrations",
         ("when", "boot", "by", "scale x, y, z ± 95 %", "verdict"),
-        [(_when(time_ns), *rest) for time_ns, rest in sorted(tried)],
+        [(when(time_ns), *rest) for time_ns, rest in sorted(tried)],
+    )
+    ends = [*(one.since_ns for one in history.placements[1:]), 0]
+    yield from _table(
+        "placements",
+        ("from", "to", "by", "worn"),
+        [
+            (when(one.since_ns), when(end) if end else "now", one.who, str(one))
+            for one, end in zip(history.placements, ends, strict=False)
+        ],
     )
     yield from _table(
         "boots",
         ("when", "boot", "cause", "model"),
         [
-            (_when(row["time_ns"]), row["boot"], _words(row["cause"]), f"{row['model']} {row['firmware']}")
+            (when(row["time_ns"]), row["boot"], _words(row["cause"]), f"{row['model']} {row['firmware']}")
             for row in history.boots
         ],
     )
@@ -39,7 +49,7 @@ def as_tables(history: History) -> Iterator[RenderableType]:
         "commands",
         ("when", "asked for", "by", "reason", "answer"),
         [
-            (_when(row["time_ns"]), row["verb"], row["who"], row["reason"], english(*row["message"]))
+            (when(row["time_ns"]), row["verb"], row["who"], row["reason"], english(*row["message"]))
             for row in history.commands
             if row["verb"] != "calibrate"
         ],
@@ -72,6 +82,7 @@ def as_json(history: History) -> dict[str, Any]:
             }
             for c in history.calibrations
         ],
+        "placements": [{**asdict(one), "since": _iso(one.since_ns)} for one in history.placements],
         "boots": [{**row, "time": _iso(row["time_ns"])} for row in history.boots],
         "commands": [
             {**row, "message": sentences_as_json(row["message"]), "time": _iso(row["time_ns"])}
@@ -129,14 +140,15 @@ def _bias(of: Biases) -> tuple[str, ...]:
     celsius = of.temperature_c[np.isfinite(of.temperature_c)]
     warm = f"{celsius.min():.1f}…{celsius.max():.1f}" if len(celsius) else ""
     last = (f"{degrees(b):+.3f}±{SIGMAS * degrees(s):.3f}" for b, s in zip(of.bias[-1], of.std[-1], strict=True))
-    return _when(int(of.time_ns[0])), _when(int(of.time_ns[-1])), of.boot, *last, warm
+    return when(int(of.time_ns[0])), when(int(of.time_ns[-1])), of.boot, *last, warm
 
 
 def _words(name: str) -> str:
     return name.lower().replace("_", " ")
 
 
-def _when(time_ns: int) -> str:
+def when(time_ns: int) -> str:
+    """Date and time in this machine's zone."""
     return datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
 
 

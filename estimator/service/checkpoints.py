@@ -34,6 +34,8 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
         answers,
         device.repeated == session.boot,
         state,
+        device.placement if device.placement is not None and device.placement.since_ns else None,
+        device.board.standing,
     )
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from bridge.bus.contract import Bus, Message
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
-from bridge.wire.messages import Checkpoint, Holding, Owned
+from bridge.wire.messages import Alert, Checkpoint, Holding, Owned
 from bridge.wire.refusal import Refusal, Tally
 from estimator.client.decoder import Decoder
 from estimator.service.checkpoints import Checkpoints, checkpoint_of
@@ -70,6 +70,8 @@ class Cluster:
         self._came = False
         self._why: Sentences = ()
         self._calibrated: list[Checkpoint] = []
+        #: standing alerts of this estimator itself
+        self.alerts: tuple[Alert, ...] = ()
         self._load, self._load_since = 0.0, (now, time.process_time())
 
     def close(self) -> None:
@@ -216,9 +218,11 @@ class Cluster:
         """Epoch under which we hold a device; takes the device if it is not held yet."""
         return self.membership.held.get(device) or self.membership.take(device, self._now_ns())
 
-    def answers(self, device: str) -> bool:
-        """Whether this estimator is the one to answer commands for the device."""
-        return self.membership.answers(device)
+    def answers(self, key: keys.Key) -> bool:
+        """Whether this estimator is the one to answer a command: for a device of its own, or for itself."""
+        if key.ids["verb"] == "acknowledge" and key.device in self.membership.members:
+            return key.device == self.membership.own
+        return self.membership.answers(key.device)
 
     # ---- what is said of ours -----------------------------------------------------------------------------------------
 
@@ -244,6 +248,7 @@ class Cluster:
                     tuple(self._moves.latest),
                     part,
                     parts,
+                    () if part else self.alerts,
                 )
             )
             self._mine.append(hash(payload))

@@ -2,14 +2,18 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence, Sentences
 from bridge.wire import keys
-from bridge.wire.messages import Command, CommandReply
+from bridge.wire.messages import Command, CommandReply, Placement
+from estimator.alerts.board import Change
 from estimator.service.device import Device
 from estimator.service.enrolment_gate import EnrolmentGate
+from estimator.service.forgetting import ERASE, FORGET, Forgetting
+from estimator.service.own_alerts import OwnAlerts
 from estimator.service.parts import Parts
 
 log = logging.getLogger(__name__)
@@ -23,7 +27,8 @@ REPEATED = "commands repeated"
 class CommandHandler:
     """Executor of commands, on the service's own thread. Commands.work calls `do`."""
 
-    def __init__(self, parts: Parts, gate: EnrolmentGate) -> None:
+    def __init__(self, parts: Parts, gate: EnrolmentGate, watch: OwnAlerts, forgetting: Forgetting) -> None:
+        self._watch, self._forgetting = watch, forgetting
         self._devices, self._record, self._gate = parts.devices, parts.record, gate
         self._guarded, self._counts, self._now_ns = parts.guarded, parts.counts, parts.now_ns
 
@@ -33,8 +38,17 @@ class CommandHandler:
             self._counts.add(REPEATED)
             kept()
             return before
+        if key.ids["verb"] in (FORGET, ERASE) and (key.device in self._devices or self._record.stores(key.device)):
+            done, said = self._forgetting.obey(key.device, key.ids["verb"], command.who)
+            reply = CommandReply(command.request_id, accepted=done, message=(said,))
+            log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, english(said))
+            self._record.audit(None, key, command, reply, kept)
+            return reply
         if key.device not in self._devices:
             kept()
+            if key.ids["verb"] == "acknowledge" and key.device == self._watch.id:
+                seen = self._watch.acknowledge(command.reason.strip(), command.who, self._now_ns())
+                return CommandReply(command.request_id, accepted=bool(seen), message=acknowledged(key.device, seen))
             return self._unknown(key, command)
         reply = self._done(self._devices[key.device], key.ids["verb"], command)
         log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, english(*reply.message))
@@ -50,18 +64,35 @@ class CommandHandler:
         return CommandReply(command.request_id, accepted=False, message=message)
 
     def _done(self, device: Device, verb: str, command: Command) -> CommandReply:
+        if verb == "acknowledge":
+            seen = device.board.acknowledge(command.reason.strip(), command.who, self._now_ns())
+            for change in seen:
+                self._record.alert(device.name, change)
+            self._guarded(device, lambda: device.say_status(self._now_ns()))
+            return CommandReply(command.request_id, accepted=bool(seen), message=acknowledged(device.name, seen))
         refusals: list[Sentence | None] = []
         if not self._guarded(device, lambda: refusals.append(_obey(device, verb, command))):
             return CommandReply(command.request_id, accepted=False, message=(Code.COMMAND_FAILED(),))
         if verb == "note" and refusals[0] is None:
             self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
+        if verb == "place" and refusals[0] is None:
+            device.placement = replace(command.placement or Placement(), since_ns=self._now_ns(), who=command.who)
+            self._record.place(device.name, device.placement)
         self._guarded(device, lambda: device.say_status(self._now_ns()))
         self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
         if (refusal := refusals[0]) is not None:
             return CommandReply(command.request_id, accepted=False, message=(refusal,))
         done = {"note": (Code.NOTED(),), "zero-heading": (Code.HEADING_IS_ZERO(),)}
+        done["place"] = (Code.PLACED(placement=device.placement) if device.placement else Code.NOBODY_WEARS(),)
         message = done.get(verb, device.session.life.goes_on)
         return CommandReply(command.request_id, accepted=True, message=message)
+
+
+def acknowledged(subject: str, seen: Sequence[Change]) -> Sentences:
+    """Reply to an acknowledgement: what was acknowledged."""
+    if not seen:
+        return (Code.NOTHING_TO_ACKNOWLEDGE(subject=subject),)
+    return (Code.ACKNOWLEDGED(labels=", ".join(f"{subject}/{one.alert.kind}" for one in seen)),)
 
 
 def _known(names: list[str]) -> Sentences:
@@ -81,4 +112,6 @@ def _obey(device: Device, verb: str, command: Command) -> Sentence | None:
         return device.session.cancel(command.who)
     if verb == "zero-heading":
         return device.session.zero_heading(command.who)
+    if verb == "place":
+        return None
     return None if command.reason.strip() else Code.NOTE_EMPTY()

@@ -35,12 +35,18 @@ class _Asked(NamedTuple):
 
 
 class Commands:
-    """Command queue between the bus and the service. ours(device): whether this estimator answers for the device."""
+    """Command queue between the bus and the service.
+
+    ours(key): whether this estimator answers the command. others: called with commands that another one answers.
+    """
 
     def __init__(
-        self, ours: Callable[[str], bool] = lambda _: True, counted: Callable[[str], object] = lambda _: None
+        self,
+        ours: Callable[[keys.Key], bool] = lambda _: True,
+        counted: Callable[[str], object] = lambda _: None,
+        others: Callable[[keys.Key], object] = lambda _: None,
     ) -> None:
-        self._ours, self._counted = ours, counted
+        self._ours, self._counted, self._others = ours, counted, others
         self._waiting = deque[_Asked]()
         self._answered = OrderedDict[Request, CommandReply]()
         #: commands executed but not on disk yet
@@ -64,8 +70,9 @@ class Commands:
                 self._counted(f"refused, {refusal.reason}")
                 _refuse(asked.reply, "", Code.COMMAND_MALFORMED(detail=refusal))
                 continue
-            if not self._ours(key.device):
+            if not self._ours(key):
                 asked.reply(b"")  # another estimator answers
+                self._others(key)
             elif now - asked.came_s > ANSWER_S:
                 _refuse(asked.reply, command.request_id, Code.ESTIMATOR_BUSY())
             else:

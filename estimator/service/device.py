@@ -2,12 +2,16 @@
 
 import math
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowBatch
+from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Note, Placement, State, Status, WindowBatch
+from estimator.alerts.board import Board, Change
+from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.device.admission import Admission
+from estimator.device.attention import attentions, ended
 from estimator.device.batch_correction import Cut, Rates
 from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
@@ -44,8 +48,12 @@ class Device:
         now: float,
         epoch: int = 0,
         began: float = 0.0,
+        alerts: Alerts = DEFAULTS,
     ) -> None:
         self.name = name
+        self._alerts = alerts
+        #: alerts of this device
+        self.board = Board(alerts)
         #: epoch of this estimator's ownership, in every message about the device
         self.epoch = epoch
         #: decides which messages are accepted; `key` is the bus key of the samples
@@ -66,6 +74,8 @@ class Device:
         self.overloaded_s = 0
         #: whether the store cannot be written now
         self.unkept = False
+        #: where and by whom the device is worn; None if nobody said
+        self.placement: Placement | None = None
         #: the status published last
         self.latest: Status | None = None
         self._delay_s: float | None = None  # latency of the first publication since `delay` was called
@@ -135,6 +145,18 @@ class Device:
             self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         wanted = self._windowed is not None and self._windowed.wanted
         self.session.windowed = wanted
+
+    def stands(self, standing: Iterable[Alert], now: float) -> None:
+        """Go on with alerts that were raised before. now: monotonic s."""
+        self.board = Board(self._alerts, standing, now)
+
+    def look_for_alerts(self, now: float, time_ns: int) -> list[Change]:
+        """Alerts raised and cleared now; unchanged for a newcomer, and where the state is unknown."""
+        if not self.announced or self.session.boot is None or self.session.life.state is State.UNKNOWN:
+            return []
+        return self.board.look(
+            attentions(self.session.life.state, self.session.life.reason, self.session.info), now, time_ns
+        )
 
     def say_status(self, time_ns: int) -> None:
         """Publish the present status, unless a calibration still waits to be stored."""
@@ -206,6 +228,8 @@ class Device:
             epoch=self.epoch,
             silent_s=silent_s,
             more=more,
+            placement=self.placement,
+            alerts=self.board.standing,
         )
         return output.status(said)
 
@@ -213,6 +237,15 @@ class Device:
         """Seconds from receipt to publication of the first sample published since the last call; NaN without one."""
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
+
+    def use(self, knobs: SessionKnobs) -> None:
+        """Use other settings from the next boot or calibration on."""
+        self._knobs = self.session.knobs = knobs
+
+    @property
+    def ended(self) -> bool:
+        """Whether the device is meant to send no more."""
+        return self.session.life.away and ended(self.session.life.reason)
 
     def restart(self, lost: int, uncounted: int) -> None:
         """Start a new session without a boot; the next batch in sequence, or a later one, begins it.

@@ -5,8 +5,10 @@ from collections.abc import Container
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
+from estimator.device.attention import ended
 from estimator.device.lifecycle import Event
 from estimator.service.device import Device
+from estimator.service.device_roster import DeviceRoster
 from estimator.service.enrolment_gate import EnrolmentGate
 from estimator.service.presence import SETTLED_S, Presence
 
@@ -19,7 +21,15 @@ SILENT = (Code.NO_SAMPLES_SINCE_TAKEOVER(),)
 class DeviceLoss:
     """Detector of lost devices. Times are monotonic seconds. waiting: keys of devices with unhandled messages."""
 
-    def __init__(self, presence: Presence, gate: EnrolmentGate, waiting: Container[str], silence_s: float) -> None:
+    def __init__(
+        self,
+        devices: DeviceRoster,
+        presence: Presence,
+        gate: EnrolmentGate,
+        waiting: Container[str],
+        silence_s: float,
+    ) -> None:
+        self._devices = devices
         self._presence, self._gate, self._waiting, self._silence_s = presence, gate, waiting, silence_s
 
     def look(self, device: Device, now: float) -> None:
@@ -38,6 +48,11 @@ class DeviceLoss:
         if speaks and self._presence.heard(name, boot, owner):
             if device.session.silence((Code.SAMPLES_OUTDATED(bridge=owner),), Event.OUTDATED):
                 log.warning("%s: %s", name, english(*device.session.life.reason))
+            return
+        info = self._devices.info(owner, name)
+        if info is not None and ended(info.trouble):
+            if device.session.silence(info.trouble):
+                log.info("%s: %s", name, english(*info.trouble))
             return
         why = self._gate.why(name, owner) or self._presence.why(name, device.session.boot or 0, owner)
         reason = (Code.NO_SAMPLES(duration=_lasting(now - device.heard)), *why)

@@ -1,16 +1,23 @@
 """Roster of known devices, bounded in number. Silent devices that were never calibrated make room for new ones."""
 
 import logging
+from collections import Counter
+from collections.abc import Callable
 from heapq import nsmallest
 
 from bridge.wire.messages import DeviceInfo
 from bridge.wire.refusal import Tally
+from estimator.device.attention import ended
 from estimator.service.device import Device
 
 log = logging.getLogger(__name__)
 
 MAX_DEVICES = 4096
 _AT_ONCE = 64
+#: a device that ended is forgotten after this time, s
+ENDED_S = 600.0
+#: a bridge sends the info of each of its devices once a second
+RECENT_NS = 5_000_000_000
 #: samples refused because the roster is full are counted under this name
 TOO_MANY = "samples refused, too many devices"
 #: after a search for room that found none, the next search waits this long, s
@@ -70,3 +77,18 @@ class DeviceRoster(dict[str, Device]):
             device.close()
             self._counts.add("devices forgotten")
         return bool(gone)
+
+    def listed_by(self, device: str, alive: Callable[[str], bool]) -> str:
+        """A living bridge whose latest infos include the device; empty if there is none. alive: whether a bridge is alive."""
+        latest = Counter[str]()
+        for (bridge, _), info in self._infos.items():
+            latest[bridge] = max(latest[bridge], info.time_ns)
+        for (bridge, name), info in self._infos.items():
+            recent = info.time_ns > latest[bridge] - RECENT_NS  # of the bridge's own clock
+            if name == device and recent and not ended(info.trouble) and alive(bridge):
+                return bridge
+        return ""
+
+    def over(self, now: float) -> list[Device]:
+        """Devices that ended long ago."""
+        return [device for device in self.values() if device.ended and now - device.heard > ENDED_S]

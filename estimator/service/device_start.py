@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from bridge.reasons.catalogue import english
 from bridge.wire.messages import Checkpoint
-from estimator.config.device_settings import treatment
+from estimator.config.device_settings import Treatment, treatment
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.restore_key import changed
@@ -33,6 +33,12 @@ class DeviceStarts:
         self._treatment = treatment(parts.settings)
         #: calibrations of another estimator, to be adopted once their device is heard again
         self._missed = dict[str, Checkpoint]()
+
+    def use(self, treatment: Treatment) -> None:
+        """Use other settings: for new devices at once, for known ones from their next boot or calibration on."""
+        self._treatment = treatment
+        for device in self._parts.devices.values():
+            device.use(treatment.of(device.name))
 
     def begin(self, batch: Samples, now: float) -> Device | None:
         """Create a device from its first batch; None where there is no room.
@@ -107,9 +113,13 @@ class DeviceStarts:
         """Create a device owned by us. began: device time in s of the start of its boot, if known."""
         parts = self._parts
         knobs, epoch = self._treatment.of(name), parts.cluster.epoch(name)
-        device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began)
+        device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began, parts.alerts)
+        device.stands(parts.record.standing(name), now)
         known = self._listed or parts.record.knows(name) or parts.cluster.replicas.of(name) is not None
         device.announced_after_s = 0.0 if known else NEWCOMER_S
+        device.placement = parts.record.placement(name)
+        if device.placement is None and (worn := parts.settings.placements.get(name)) is not None:
+            device.placement = worn.placement
         return device
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:

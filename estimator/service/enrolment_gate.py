@@ -26,6 +26,8 @@ log = logging.getLogger(__name__)
 STRANGER, FOREIGN = "messages refused, not enrolled", "messages refused, another bridge's device"
 #: most strangers listed, and how long each is listed after its last message, s
 LISTED, LISTED_S = 64, 30.0
+#: stamp that no file has
+_CHANGED = (0, 0, 0)
 
 
 @dataclass(slots=True)
@@ -67,7 +69,7 @@ class EnrolmentGate:
             log.error("[devices]: %s; what was enrolled before stays so", error)
             return
         # An editor may truncate the file for a moment, and a full disk may empty it.
-        if places == enrolled.places(self._enrolment.enrolled) != self._places:
+        if self._enrolment.file and places == enrolled.places(self._enrolment.enrolled) != self._places:
             log.error(
                 "[devices]: %s: no device of its own stands in it any more; what was enrolled before stays so",
                 self._enrolment.file,
@@ -78,6 +80,15 @@ class EnrolmentGate:
         self._heard.clear()
         for name in self.strangers.keys() & places.keys():
             del self.strangers[name]
+
+    def lists(self, device: str) -> bool:
+        """Whether a device is enrolled by name."""
+        return device in self._places
+
+    def enrol(self, enrolment: Enrolment) -> None:
+        """Use the changed table of enrolled devices from the next look on. There must have been a table before."""
+        if self._enrolment is not None and enrolment != self._enrolment:
+            self._enrolment, self._stamp = enrolment, _CHANGED
 
     def why(self, device: str, bridge: str = "") -> Sentences:
         """Why a device sent by this bridge is refused; empty where it would be admitted."""

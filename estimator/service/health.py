@@ -29,6 +29,7 @@ class DeviceHealth(NamedTuple):
     latency_s: float
     violations: int
     needs_person: bool
+    alerts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,7 @@ class Note:
     violations: int = 0
     counts: Mapping[str, int] = field(default_factory=dict)
     busy: float = 0.0
+    alerts: tuple[str, ...] = ()
 
 
 class ServiceHealth:
@@ -128,6 +130,13 @@ class ServiceHealth:
             counter=True,
         )
         yield from _of_devices(note.devices)
+        subjects = {name: device.alerts for name, device in note.devices.items()} | {"": note.alerts}
+        yield MetricFamily(
+            "alert",
+            "1 for each standing alert, by device, or without one of the estimator itself; see docs/alerts.md.",
+            ("device", "kind"),
+            {(name, kind): 1.0 for name, kinds in subjects.items() for kind in kinds},
+        )
 
 
 def _of_devices(devices: Mapping[str, DeviceHealth]) -> Iterator[MetricFamily]:

@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.wire.messages import Calibration, Floats
+from bridge.wire.messages import Calibration, Floats, Placement
 from estimator.database import Row
 from estimator.service.store import Store, read_sentences
 
@@ -39,9 +39,10 @@ class History:
     boots: Sequence[Row]
     commands: Sequence[Row]
     biases: Sequence[Biases]
+    placements: Sequence[Placement] = ()
 
     def __bool__(self) -> bool:
-        return bool(self.calibrations or self.boots or self.commands or self.biases)
+        return bool(self.calibrations or self.boots or self.commands or self.biases or self.placements)
 
 
 def read(store: Store, device: str, since_ns: int = 0) -> History:
@@ -59,7 +60,15 @@ def read(store: Store, device: str, since_ns: int = 0) -> History:
             for row in store.database.rows("audit", where, values, order)
         ],
         [_biases(boot, rows) for boot, rows in points.items()],
+        _placements(store, device, since_ns),
     )
+
+
+def _placements(store: Store, device: str, since_ns: int) -> list[Placement]:
+    """Placements from a time on, and the one that held then."""
+    found = store.placements(device)
+    later = [one for one in found if one.since_ns >= since_ns]
+    return found[len(found) - len(later) - 1 :] if len(later) < len(found) else later
 
 
 def ahead(found: History, now_ns: int) -> int:

@@ -50,15 +50,18 @@ class PeriodicChecks:
         """Note the health of a device that has a published status."""
         if device.latest is not None:
             nis, violations = device.session.tracker.doubt.consistency.nis, self._law.violations.get(device.name, 0)
-            needs = needs_person(device.latest.state, device.session.info)
-            self._seen[device.name] = DeviceHealth(device.latest, nis, device.delay(), violations, needs)
+            needs = needs_person(device.latest, device.session.info)
+            kinds = tuple(one.kind for one in device.board.standing)
+            self._seen[device.name] = DeviceHealth(device.latest, nis, device.delay(), violations, needs, kinds)
 
-    def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float) -> None:
+    def note(
+        self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float, alerts: tuple[str, ...]
+    ) -> None:
         """Publish the health snapshot, with the last noted health of every device still in the roster."""
         devices = {name: seen for name, seen in self._seen.items() if name in self._devices}
         self._seen = dict(devices)
         violations = sum(self._law.violations.values())
-        self._vitals.note(Note(now, connected, store, devices, self._law.total, violations, counts, busy))
+        self._vitals.note(Note(now, connected, store, devices, self._law.total, violations, counts, busy, alerts))
 
 
 def _account(device: Device) -> SampleAccount:

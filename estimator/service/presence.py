@@ -89,6 +89,11 @@ class Presence:
         token, there = self._boot(device, boot), self._bridges.get(bridge)
         return token is not None and there is not None and token.alive and there.alive
 
+    def alive(self, bridge: str) -> bool:
+        """Whether a bridge is alive."""
+        there = self._bridges.get(bridge)
+        return there is not None and there.alive
+
     def why(self, device: str, boot: int, bridge: str) -> Sentences:
         """Known reasons why nothing arrives from a device; empty if there are none."""
         there, token = self._bridges.get(bridge), self._boot(device, boot)

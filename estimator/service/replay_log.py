@@ -57,6 +57,12 @@ class ReplayLog:
             if not self._kept[device]:
                 del self._kept[device], self._sizes[device]
 
+    def forget(self, device: str) -> None:
+        """Drop the messages of a device."""
+        self._order = deque(entry for entry in self._order if entry[1] != device)
+        self._kept.pop(device, None)
+        self._size -= self._sizes.pop(device, 0)
+
     def devices(self) -> set[str]:
         """Devices with kept messages."""
         return set(self._kept)

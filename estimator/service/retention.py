@@ -11,7 +11,7 @@ BOOTS, POINTS = 8, 300
 HOUR_NS, DAY_NS = 3600 * 10**9, 86400 * 10**9
 #: an older point of bias history is kept only if it is the last of its hour; beyond the second age, of its day
 ALL_NS, HOURLY_NS = 7 * DAY_NS, 90 * DAY_NS
-#: number of newest boots kept per device, and of newest lines of its audit
+#: number of newest boots kept per device, and of newest lines of its audit and of its alerts
 KEPT_BOOTS, KEPT_AUDIT = 1000, 10_000
 
 #: boots that may teach a law; one more than the law uses, since the present boot does not count
@@ -49,9 +49,12 @@ THIN = (
         """
         for table in ("bias", "bias_history")
     ),
-    f"""
-    DELETE FROM audit WHERE device = :device AND number <= (
-        SELECT number FROM audit WHERE device = :device ORDER BY number DESC LIMIT 1 OFFSET {KEPT_AUDIT}
-    )
-    """,
+    *(
+        f"""
+        DELETE FROM {table} WHERE device = :device AND number <= (
+            SELECT number FROM {table} WHERE device = :device ORDER BY number DESC LIMIT 1 OFFSET {KEPT_AUDIT}
+        )
+        """
+        for table in ("audit", "alerts")
+    ),
 )

@@ -9,11 +9,17 @@ from functools import partial
 
 from bridge.bus.contract import Bus
 from bridge.bus.router_watch import RouterWatch
+from bridge.bus.routers import Routers
 from bridge.config.enrolment import Enrolment
+from bridge.config.ward_file import WardFile
 from bridge.reasons.codes import Code
 from bridge.wire import keys
+from bridge.wire.messages import Placement
 from bridge.wire.refusal import Tally
-from estimator.config.schema import Estimator
+from estimator.alerts.board import Change
+from estimator.config.alerts import DEFAULTS, Alerts
+from estimator.config.device_settings import treatment
+from estimator.config.schema import Estimator, Ward
 from estimator.device.lifecycle import Event
 from estimator.service.boot_start import Boots
 from estimator.service.cluster import Cluster
@@ -26,11 +32,13 @@ from estimator.service.device_start import DeviceStarts
 from estimator.service.enrolment_gate import EnrolmentGate, Notices
 from estimator.service.entrance import Entrance
 from estimator.service.fault_isolation import FaultIsolation
+from estimator.service.forgetting import Forgetting
 from estimator.service.health import ServiceHealth
 from estimator.service.intake import Intake
 from estimator.service.newcomers import Newcomers
 from estimator.service.outcomes import Outcomes
 from estimator.service.overload import OVERLOADED, Overload
+from estimator.service.own_alerts import OwnAlerts
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks, Totals
 from estimator.service.presence import Presence
@@ -60,7 +68,8 @@ PAST_IN_COMPANY = 200
 class Service:
     """Running estimator on a session of the bus.
 
-    peers: ids of other estimators of the ward that were seen already.
+    peers: ids of other estimators of the ward that were seen already. file: the ward file, which may change. send: takes
+    alerts and all-clears for people.
     """
 
     def __init__(
@@ -74,8 +83,11 @@ class Service:
         clerk: StoreWriter | None = None,
         enrolment: Enrolment | None = None,
         peers: Collection[str] = (),
+        file: WardFile[Ward] | None = None,
+        alerts: Alerts = DEFAULTS,
+        send: Callable[[str, Placement | None, Change], None] = lambda *_: None,
     ) -> None:
-        self.ward, self.settings = ward, settings
+        self.ward, self.settings, self._file = ward, settings, file
         self.counts = Tally()
         self._bus, self._now_ns, self._store_path = bus, now_ns, store.path
         self._cluster = Cluster(ward, settings.id, bus, now_ns, self.counts, peers)
@@ -92,9 +104,14 @@ class Service:
             self._guarded,
         )
         membership.hear(self._record.epoch())
+        self._send = send
+        now = time.monotonic()
+        standing = self._record.standing(settings.id)
+        routers = vitals.routers if vitals else Routers(())
+        self._own_alerts = OwnAlerts(settings.id, alerts, store.database, routers, self._alerted, standing, now)
         self._devices = DeviceRoster(self.counts, settings.silence_s)
         parts = Parts(
-            ward, settings, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
+            ward, settings, alerts, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
         )
         resumed = Resumed(self._record.reached(), time.monotonic())
         self._stock = PeriodicChecks(self._devices, self.counts, vitals or ServiceHealth())
@@ -111,11 +128,15 @@ class Service:
         self._quotas = Quotas(self._flooded, time.monotonic)
         self._takeover = Takeover(parts, self._starts, self._intake, self._quotas, self._stock, self._outcomes.learn)
         self._overload = Overload(time.monotonic())
-        self._lost = DeviceLoss(self._presence, self._gate, self._quotas, settings.silence_s)
+        self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
-        self._orders = CommandHandler(parts, self._gate)
-        self._commands = Commands(self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"))
+        forgetting = Forgetting(parts, self._gate, self._presence, self._intake, self._stock, self._starts)
+        self._forgetting = forgetting
+        self._orders = CommandHandler(parts, self._gate, self._own_alerts, forgetting)
+        self._commands = Commands(
+            self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
+        )
         self._next_status, self._looked = 0.0, time.monotonic()
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # The full past would delay an estimator beside others, and they have corrected it.
@@ -173,6 +194,8 @@ class Service:
         self._intake.take(self._quotas.round(ours))
         self._commands.work(self._orders.do)
         now = time.monotonic()
+        if self._file and (new := self._file.look(now)):
+            self._take_settings(new)
         self._record.collect(now)
         self._intake.give_up(now, self._quotas)
         self._views.say(now)
@@ -197,6 +220,12 @@ class Service:
                 if time.monotonic() >= until:
                     return
 
+    def _take_settings(self, ward: Ward) -> None:
+        """Use the changed settings: enrolment at once, those of a device at its next boot or calibration."""
+        if ward.devices is not None:
+            self._gate.enrol(ward.devices)
+        self._starts.use(treatment(ward.estimator))
+
     # ---- what comes in --------------------------------------------------------------------------------------------
 
     def _is_known(self, name: str) -> bool:
@@ -213,6 +242,7 @@ class Service:
     def _every_second(self, now: float) -> None:
         self._stock.check()
         self._entrance.look(now, self._devices)
+        self._forgetting.look(now)
         self._notices.say(self._now_ns(), self._devices)
         self._takeover.tidy(now)
         self._presence.note(now)
@@ -231,9 +261,14 @@ class Service:
         self._to_look |= dict.fromkeys(self._devices)
         self._cluster.look_round(now, self._devices.keys() | self._quotas.devices())
         self._record.tend(now)
+        if self._own_alerts.due(now):
+            self._record.look_up(self._own_alerts.look_at_machine)
+        self._own_alerts.look(now, self._now_ns())
+        self._cluster.alerts = self._own_alerts.board.standing
         counts = self._count_all()
         self._totals.tell(now, counts)
-        self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._overload.busy)
+        kinds = tuple(one.kind for one in self._cluster.alerts)
+        self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._overload.busy, alerts=kinds)
 
     def _excuse(self, now: float, *, connected: bool) -> None:
         """While the router is away the devices' state is unknown: nothing could be heard of them."""
@@ -251,10 +286,19 @@ class Service:
     def _looked_after(self, device: Device, now: float) -> None:
         self._starts.adopt_missed(device.name)
         self._lost.look(device, now)
+        for change in device.look_for_alerts(now, self._now_ns()):
+            self._record.alert(device.name, change)
+            self._send(device.name, device.placement, change)
         device.say_status(self._now_ns())
         self._stock.see(device)
         device.look_round()
         self._record.checkpoint(device, now)
+
+    def _alerted(self, change: Change) -> None:
+        """Store a change of the estimator's own alerts, and send it unless a person made it."""
+        self._record.alert(self.settings.id, change)
+        if change.cleared or not change.alert.acknowledged_ns:
+            self._send(self.settings.id, None, change)
 
     def _count_all(self) -> dict[str, int]:
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}

@@ -13,10 +13,12 @@ from bridge.bus.contract import Bus, BusError, Declared
 from bridge.bus.routers import Routers
 from bridge.bus.startup import claim_id, wait_for_router
 from bridge.config.schema import listening
+from bridge.config.ward_file import WardFile
 from bridge.pki.member import Role
 from bridge.runtime.health_server import HealthServer
 from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
+from estimator.alerts.sender import sender
 from estimator.config.schema import Ward
 from estimator.database import Database, StoreError
 from estimator.database.owner import owned
@@ -27,12 +29,17 @@ log = logging.getLogger(__name__)
 
 #: allocations between garbage collections: a round makes thousands of objects, none of them in a cycle
 _CYCLES = 50_000
+#: settings of the ward's file that take effect in a running estimator: those of a device, at its next boot or calibration
+LIVE = (
+    *(f"devices.{name}" for name in ("enrolled", "file")),
+    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
+)
 #: modules that trackers and calibrations need when they start
 _LEARNING = ("filterpy.kalman", "scipy.linalg", "scipy.optimize", "scipy.spatial.transform", "scipy.special")
 
 
-def run(ward: Ward) -> None:
-    """Serve until SIGINT or SIGTERM; waits for a missing router.
+def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
+    """Serve until SIGINT or SIGTERM; waits for a missing router. file: the ward file, which may change.
 
     Raises StoreError where the store is not ours to use, and BusError where an estimator of this id runs already.
     """
@@ -63,6 +70,8 @@ def run(ward: Ward) -> None:
         stack.enter_context(bus)
         for words in self_test(bus, routers, ward.ward):
             log.error("%s", words)
+        if file is not None:
+            stack.enter_context(closing(file.answer(bus, routers, Role.ESTIMATOR, ward.estimator.id)))
         others = set[str]()
         stack.enter_context(closing(look_round(bus, ward.ward, ward.estimator.id, _load_service, others.add)))
         kernels.result()
@@ -70,6 +79,9 @@ def run(ward: Ward) -> None:
         from estimator.service.store import Store  # noqa: PLC0415
         from estimator.service.store_writer import StoreWriter  # noqa: PLC0415 - see _load_service
 
+        out = sender(ward.ward, ward.alerts)
+        if out is not None:
+            stack.callback(out.close)
         clerk = StoreWriter(database)
         stack.callback(clerk.close)
         store = Store(database)
@@ -82,6 +94,9 @@ def run(ward: Ward) -> None:
             clerk=clerk,
             enrolment=ward.devices,
             peers=frozenset(others),
+            file=file,
+            alerts=ward.alerts,
+            send=(lambda *_: None) if out is None else out.put,
         ).run(stop)
 
 

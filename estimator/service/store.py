@@ -1,4 +1,4 @@
-"""Estimator store of a ward: calibrations, boots, biases with their history, and an audit of commands.
+"""Estimator store of a ward: calibrations, boots, biases, placements, alerts, and an audit of commands.
 
 Calibrations are appended and never changed. Only the latest bias of a boot is kept. Old boots and old points of the
 bias history are thinned (`retention`).
@@ -14,7 +14,7 @@ import numpy as np
 
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
-from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
+from bridge.wire.messages import Alert, BootCause, Calibration, DeviceInfo, Placement, Verdict
 from estimator.database import Database, Row, StoreError
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.restore_key import differing, restore_key
@@ -49,7 +49,7 @@ _ONE_OF_BOOT = "ON CONFLICT (device, boot) DO UPDATE SET"
 
 
 class Store:
-    """Open store. Only the writing thread calls `add_…`, `save_…`, `repeat` and `thin`; any thread may call the rest."""
+    """Open store. Only the writing thread calls `add_…`, `save_…`, `repeat`, `erase` and `thin`; any thread may call the rest."""
 
     def __init__(self, path: Path | str | Database, *, patient: bool = False) -> None:
         self.database = path if isinstance(path, Database) else Database(path, patient=patient)
@@ -146,6 +146,18 @@ class Store:
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
         self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": written(message)})
 
+    def add_placement(self, device: str, one: Placement) -> None:
+        """Append a placement, which ends the one before; an empty one says that nobody wears the device any more."""
+        row: Row = {"device": device, "time_ns": one.since_ns, "segment": one.segment, "side": one.side}
+        self.database.insert("placements", row | {"wearer": one.wearer, "who": one.who})
+
+    def save_alert(self, device: str, one: Alert, time_ns: int, *, cleared: bool) -> None:
+        """Store an alert of a device or an estimator, or its acknowledgement or end."""
+        row: Row = {"device": device, "kind": one.kind, "since_ns": one.since_ns, "raised_ns": one.raised_ns}
+        row |= {"acknowledged_ns": one.acknowledged_ns, "who": one.who, "time_ns": time_ns, "cleared": int(cleared)}
+        changed = ", ".join(f"{name} = excluded.{name}" for name in ("acknowledged_ns", "who", "time_ns", "cleared"))
+        self.database.insert("alerts", row, f"ON CONFLICT (device, kind, raised_ns) DO UPDATE SET {changed}")
+
     def repeat(self, device: str, boot: int, time_ns: int, made: Iterable[str] = ()) -> None:
         """Note that another power-up has this boot number: stored calibrations and bias belong to the earlier one.
 
@@ -183,6 +195,12 @@ class Store:
             for statement in THIN:
                 self.database.execute(statement, {"device": device, "now_ns": now_ns})
 
+    def erase(self, device: str) -> None:
+        """Delete everything of a device but its audit."""
+        with self.database.transaction():
+            for table in ("calibrations", "boots", "bias", "bias_history", "placements", "alerts"):
+                self.database.execute(f"DELETE FROM {table} WHERE device = ?", (device,))  # noqa: S608 - our own words
+
     # ---- what is known ----------------------------------------------------------------------------------------------
 
     def devices(self) -> list[str]:
@@ -194,6 +212,25 @@ class Store:
     def calibrated_devices(self) -> set[str]:
         """Every device with a stored calibration."""
         return {row["device"] for row in self.database.select("SELECT DISTINCT device FROM calibrations")}
+
+    def placements(self, device: str) -> list[Placement]:
+        """All placements of a device, oldest first: each holds until the next."""
+        names = "segment", "side", "wearer", "time_ns", "who"
+        return [Placement(*(row[name] for name in names)) for row in self._added("placements", device)]
+
+    def alerts(self, device: str) -> list[tuple[Alert, int | None]]:
+        """All alerts of a device or an estimator, oldest first, each with its end, or None while it stands."""
+        names = "kind", "since_ns", "raised_ns", "acknowledged_ns", "who"
+        return [
+            (Alert(*(row[name] for name in names)), row["time_ns"] if row["cleared"] else None)
+            for row in self._added("alerts", device)
+        ]
+
+    def _added(self, table: str, device: str) -> list[Row]:
+        """Rows of a device in a table that stores of schema 4, opened for reading, do not have."""
+        if not self.database.rows("sqlite_schema", "name = ?", (table,), "name"):
+            return []
+        return self.database.rows(table, "device = ?", (device,), "number")
 
     def boots(self, device: str, most: int) -> list[int]:
         """Latest boots of a device, at most `most`, oldest first."""

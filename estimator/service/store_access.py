@@ -8,14 +8,15 @@ and are tried again (`clerk`). Another estimator's statements on a device it own
 import logging
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 from bridge.reasons.codes import Sentences
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Verdict
+from bridge.wire.messages import Alert, Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Placement, Verdict
 from bridge.wire.refusal import Refusal, Tally
+from estimator.alerts.board import Change
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.service.checkpoints import Checkpoints, calibrated
 from estimator.service.device import Device
@@ -83,6 +84,10 @@ class StoreAccess:
     def tend(self, now: float) -> None:
         """Once a second: see StoreCare."""
         self._care.tend(now)
+
+    def look_up(self, read: Callable[[], None]) -> None:
+        """Do something that may wait for the disk on the store's thread."""
+        self._clerk.look_up(read)
 
     def knows(self, device: str) -> bool:
         """Whether a calibration of a device was stored before this estimator started."""
@@ -260,6 +265,32 @@ class StoreAccess:
         )
         self._write(save, lambda: self._noting.discard(device.name), soon=force)
 
+    # ---- who wears it -----------------------------------------------------------------------------------------------
+
+    def placement(self, device: str) -> Placement | None:
+        """Latest placement that a person set; one set at another estimator is stored here, too."""
+        stored, said = self._store.placements(device)[-1:], self._replicas.of(device)
+        if said is None or said.placement is None or (stored and stored[0].since_ns >= said.placement.since_ns):
+            return stored[0] if stored else None
+        self.place(device, said.placement)
+        return said.placement
+
+    def standing(self, subject: str) -> Sequence[Alert]:
+        """Standing alerts of a device or estimator: another estimator's, whose device it was, or those stored."""
+        said = self._replicas.of(subject)
+        if said is not None:
+            return said.alerts
+        return [alert for alert, end_ns in self._store.alerts(subject) if end_ns is None]
+
+    def alert(self, subject: str, change: Change) -> None:
+        """Store an alert of a device or an estimator, its acknowledgement, or its end."""
+        time_ns = self._now_ns()
+        self._write(lambda: self._store.save_alert(subject, change.alert, time_ns, cleared=change.cleared))
+
+    def place(self, device: str, placement: Placement) -> None:
+        """Store a placement."""
+        self._write(lambda: self._store.add_placement(device, placement))
+
     # ---- commands ---------------------------------------------------------------------------------------------------
 
     def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
@@ -270,15 +301,26 @@ class StoreAccess:
         found = self._store.answer(key.device, key.ids["verb"], command.request_id)
         return None if found is None else CommandReply(command.request_id, accepted=found[0], message=found[1])
 
+    def erase(self, device: str) -> None:
+        """Delete everything of a device but its audit."""
+        self._known.discard(device)
+        self._write(lambda: self._store.erase(device))
+
+    def stores(self, device: str) -> bool:
+        """Whether the store has entries of a device."""
+        return device in self._store.devices()
+
     def audit(
-        self, device: Device, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
+        self, device: Device | None, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
     ) -> None:
         """Record a command with its reply: tell the other estimators, and write it to the audit.
 
+        device: None if it is not known any more; nobody is told then.
         kept is called once it is on disk, or after half a second of a failing disk.
         """
-        self._replicas.answer(device.name, ((key.ids["verb"], reply),))
-        self._tell(device)
+        if device is not None:
+            self._replicas.answer(device.name, ((key.ids["verb"], reply),))
+            self._tell(device)
         row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
         time_ns = self._now_ns()
         self._due.append((time.monotonic() + HELD_S, kept))

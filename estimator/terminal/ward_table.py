@@ -32,6 +32,7 @@ def word(state: State) -> Text:
 
 _COLUMNS = (
     Column("device", least=20),
+    Column("worn", spare=4, least=8),
     Column("state", least=8),
     Column("quality", spare=3, least=6),
     Column("turns", number=True, spare=2),
@@ -48,6 +49,7 @@ def table(statuses: dict[str, Status], title: str = "") -> Columns:
         turns = "".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
         shown.add(
             name,
+            str(status.placement) if status.placement else "",
             word(status.state),
             status.quality.name.lower().replace("_", " "),
             turns if status.progress < 1 else "done",

@@ -68,7 +68,8 @@ def _said(client: Client) -> tuple[dict[str, Status], dict[str, DeviceInfo]]:
 def _glance(seen: WardSummary) -> Group:
     needs = Columns([Column("device", least=20), Column("state"), Column("why", least=20)], headings=False)
     for need in seen.needs:
-        needs.add(need.device, word(need.state), english(*need.reason))
+        worn = f" ({need.placement})" if need.placement else ""
+        needs.add(f"{need.device}{worn}", word(need.state), english(*need.reason))
     corrected = f"{seen.samples_out:,} of {seen.samples_in:,}" if seen.dropped else f"All {seen.samples_in:,}"
     law = f"{corrected} samples corrected, {seen.dropped:,} dropped."
     rows: list[RenderableType] = [Text(f"{seen.ward}: {seen.tracking} of {seen.devices} tracking", "bold")]

@@ -51,6 +51,18 @@ class BiasKnobs:
     #: that follows it improves the bias by 7 % at most, for the worst of the device kinds that come with truerate
     flicker: float = 0.0
 
+    def warmed(self, since_power_up: float, dt: float) -> float:
+        """Variance that warming up adds to the bias in dt s, that many seconds after power-up, without a temperature."""
+        fading = exp(-max(0.0, since_power_up) / self.warm_up_s)
+        return self.warm_up_walk**2 * fading * -expm1(-dt / self.warm_up_s) * self.warm_up_s
+
+
+class Pace(NamedTuple):
+    """How fast the bias of this boot walks: factor of the random walk's variance, and probability that the device warms up."""
+
+    steady: float = 1.0
+    warming: float = 1.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasState:
@@ -129,6 +141,7 @@ class BiasFilter:
         self.law = law
         #: (6,) change of the state by the law's curvature in the last step; None without a law
         self.bent: Floats | None = None
+        self.pace = Pace()
         self.restart(state)
 
     def _take(self, state: BiasState) -> None:
@@ -273,10 +286,10 @@ class BiasFilter:
     def walked(self, dt: float, *, known: bool | None = None) -> float:
         """Variance the walk adds to the bias in dt seconds; known: whether a temperature explains warming (default: if read)."""
         known, knobs = isfinite(self.temperature_c) if known is None else known, self.knobs
-        var = knobs.rate_random_walk**2 * dt
-        if not known and isfinite(self._powered):
-            fading = exp(-max(0.0, self.time - self._powered) / knobs.warm_up_s)
-            var += knobs.warm_up_walk**2 * fading * -expm1(-dt / knobs.warm_up_s) * knobs.warm_up_s
+        var = knobs.rate_random_walk**2 * self.pace.steady * dt
+        if not known and isfinite(self._powered) and var > 0.0:
+            # Between the walks with and without warming, on a logarithmic scale.
+            var *= (1 + knobs.warmed(self.time - self._powered, dt) / var) ** self.pace.warming
         return var
 
     def widen(self, cov: Floats) -> None:

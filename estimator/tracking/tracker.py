@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from bridge.reasons.codes import Sentences
 from estimator.geometry.gyro_model import GyroModel
 from estimator.geometry.strapdown import Span, sum_up
-from estimator.state import StateStruct
+from estimator.state import StateStruct, shaped
 from estimator.stillness.detector import Windows
 from estimator.tracking.accelerometer_check import AccelerometerCheck, AccelerometerKnobs, AccelerometerState
 from estimator.tracking.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, FilterState, Step, start
@@ -21,6 +21,8 @@ from estimator.tracking.seconds import CLIPPED, Second, SecondKnobs, Seconds, Se
 from estimator.tracking.smoother import History, Smoothed
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.thermometer import Thermometer, ThermometerKnobs, ThermometerState
+from estimator.tracking.usual_bias import nearer
+from estimator.tracking.walk_rate import WalkKnobs, WalkRate, WalkState
 from estimator.tracking.zaru import UNPROVEN, Zaru, ZaruKnobs, ZaruState
 
 Floats = NDArray[np.float64]
@@ -30,11 +32,24 @@ _SAME_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
+class MatrixKnobs:
+    """When the matrix that gravity teaches while the device is worn becomes part of the correction."""
+
+    learn: bool = False
+    #: relative standard deviation that every scale factor must reach
+    scale_std: float = 0.01
+    #: share of the variance known before, summed over the matrix, that may be left
+    left: float = 0.8
+
+
+@dataclass(frozen=True, slots=True)
 class TrackKnobs:
     """Settings of the bias tracker. Device seconds, rad/s, m/s²."""
 
     #: rad/s; a bias with a greater standard deviation counts as unknown
     bias_std: float = np.radians(0.2)
+    #: rad/s, standard deviation of the turn-on bias of most gyros, whatever the worst of their kind have
+    usual_bias: float = np.radians(0.5)
     #: standard deviations between the slope by temperature and the law at which the law is given up
     refuted_sigmas: float = 4.0
     #: rad/s and m/s²; a device whose readings vary less is quiet, for example on a sleeping wearer
@@ -53,6 +68,8 @@ class TrackKnobs:
     accelerometer: AccelerometerKnobs = field(default_factory=AccelerometerKnobs)
     thermometer: ThermometerKnobs = field(default_factory=ThermometerKnobs)
     doubt: BiasMonitorKnobs = field(default_factory=BiasMonitorKnobs)
+    walk: WalkKnobs = field(default_factory=WalkKnobs)
+    matrix: MatrixKnobs = field(default_factory=MatrixKnobs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +103,8 @@ class TrackerState(StateStruct):
     evidence_time: float
     gap: tuple[float, float] | None
     kept: BiasState | None
+    walk: WalkState
+    supposed: Floats | None
 
 
 class Tracker:
@@ -108,6 +127,7 @@ class Tracker:
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # begin and end of the gap in the evidence, s
         self._law = law
+        self._walk = WalkRate(knobs.bias, began, knobs.walk)
         #: whether this boot's bias contradicts the temperature law of earlier boots
         self.law_refuted = False
         self.supposed(model, bias_std, began)
@@ -117,8 +137,10 @@ class Tracker:
         self._model = model
         self._gravity = Gravity(self.knobs.gravity)
         self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self._law)
+        self._filter.pace = self._walk.pace
         known = bool((state.std < self.knobs.bias_std).all())
         self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), BoundedMotion(self.knobs.bounded)
+        self._supposed: Floats | None = None  # (2, 3) prior mean and std of the bias, if only supposed
         self._kept: BiasState | None = None  # restored state, until the stream reaches the time it was saved at
 
     def saved(self) -> TrackerState:
@@ -138,6 +160,8 @@ class Tracker:
             self._evidence_time,
             self._gap,
             self._kept,
+            self._walk.state,
+            self._supposed,
         )
 
     def go_on(self, saved: TrackerState, model: GyroModel, first: int, samples: Floats) -> None:
@@ -147,6 +171,8 @@ class Tracker:
         """
         self._model, self._law, self.law_refuted = model, saved.law, saved.law_refuted
         self._filter.resume(saved.filter, saved.law)
+        self._walk.restore(saved.walk)
+        self._filter.pace = self._walk.pace
         if len(self._filter.x) not in (OWN, SIZE):
             raise ValueError("damaged state: no state of a bias filter")
         self._gravity.restore(saved.gravity)
@@ -156,7 +182,9 @@ class Tracker:
         self.thermometer.state, self._accelerometer.state = saved.thermometer, saved.accelerometer
         self.doubt.restore(saved.doubt)
         self._evidenced, self._evidence_time, self._gap = saved.evidenced, saved.evidence_time, saved.gap
-        self._kept = saved.kept
+        self._kept, self._supposed = saved.kept, saved.supposed
+        if saved.supposed is not None:
+            shaped(saved.supposed, 2, 3, finite=True)
 
     # ---- the estimate ---------------------------------------------------------------------------------------------
 
@@ -178,7 +206,7 @@ class Tracker:
     @property
     def bias(self) -> Floats:
         """(3,) estimated bias (reading at zero rate), rad/s."""
-        return self._filter.x[BIAS].copy()
+        return self._usual(self._filter)
 
     @property
     def std(self) -> Floats:
@@ -192,9 +220,18 @@ class Tracker:
         now = self._filter
         own = replace(now.state, x=now.x[:OWN], P=now.cov[:OWN, :OWN])
         then = BiasFilter(own, self.knobs.bias, now.law)
+        then.pace = now.pace
         then.predict(time, now.temperature_c if celsius is None else self.thermometer.ahead(time, celsius))
         std = np.sqrt(then.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation
-        return then.x[BIAS], np.asarray(std)
+        return self._usual(then), np.asarray(std)
+
+    def _usual(self, now: BiasFilter) -> Floats:
+        """(3,) bias of a filter, near what is usual where evidence does not reach."""
+        bias: Floats = now.x[BIAS].copy()
+        if self._supposed is None:
+            return bias
+        mean, std = self._supposed
+        return nearer(bias, now.cov[BIAS, BIAS], mean, std, self.knobs.usual_bias)
 
     @property
     def unsure(self) -> Floats | None:
@@ -203,6 +240,26 @@ class Tracker:
             return None
         x, var = self._filter.x, self._filter.cov.diagonal()
         return np.concatenate([np.sqrt(var[own] + x[own] ** 2) for own in (MATRIX, ACCEL_BIAS)])
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) matrix in use; what gravity has taught since is in the state."""
+        return self._model.matrix
+
+    @property
+    def surer(self) -> bool:
+        """Whether gravity has taught the matrix better than it was known, and nothing speaks against bias or accelerometer."""
+        knobs = self.knobs.matrix
+        if not knobs.learn or len(self._filter.x) == OWN:
+            return False
+        var = self._filter.cov.diagonal()[MATRIX]
+        if not max(var[::4].tolist()) < knobs.scale_std**2:
+            return False
+        model = self._model
+        known = float(np.square(model.scale_std).sum() + 2 * np.square(model.cross_std).sum())
+        if not float(var.sum()) < knobs.left * known:
+            return False
+        return self.sure and not self.doubt.stands and not self._accelerometer.contradicts
 
     @property
     def sure(self) -> bool:
@@ -239,12 +296,20 @@ class Tracker:
     def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
         """Begin anew from a gyro model with bias_std (3,) rad/s at a time, s, while nothing of this boot is known."""
         self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
+        self._supposed = np.array([model.bias, bias_std])
 
     def rescaled(self, model: GyroModel) -> None:
         """Replace the gyro model's matrix and its uncertainty; the bias is kept."""
         self._model = model
         if len(self._filter.x) > OWN:
             self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
+
+    def corrected_by(self, model: GyroModel) -> None:
+        """Use the matrix that gravity taught (`surer`) as the gyro model's; all else goes on."""
+        self._model = model
+        x = self._filter.x.copy()
+        x[MATRIX] = 0.0
+        self._filter.extend(replace(self._filter.state, x=x))
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Start again from a calibration: its bias with covariance cov (3, 3) rad²/s² at `time`, s.
@@ -344,6 +409,7 @@ class Tracker:
                 Q[SLOPE, SLOPE] += self._filter.unlearn()
                 self._law, self.law_refuted = None, True
             if widened is not None:
+                self._supposed = None  # the bias has jumped: that of the turn-on tells nothing of it
                 Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
                 self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, step, self._filter.bent)
@@ -404,6 +470,8 @@ class Tracker:
         if resting:
             self._bounded.broken()
             receipts, said = self._zaru.take(second, self._filter, up, gravity)
+            if self._zaru.state.proven and all(receipt.accepted for receipt in receipts):
+                self._learn_walk(second)
         else:
             receipts, said = [], None if gravity is None else self._filter.update(gravity)
             if quiet:
@@ -416,6 +484,11 @@ class Tracker:
             self._gravity.heard(said, span, resting=resting)
             self._accelerometer.heard(said)
         return receipts
+
+    def _learn_walk(self, second: Second) -> None:
+        now = self._filter
+        self._walk.take(second, now.temperature_c, now.x[SLOPE], now.cov.diagonal()[SLOPE])
+        now.pace = self._walk.pace
 
     # ---- doubt and trust ------------------------------------------------------------------------------------------
 

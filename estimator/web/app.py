@@ -15,19 +15,20 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
-from estimator.web import device_pages, guide_pages, live, pages, report_pages
+from estimator.web import alert_pages, device_pages, guide_pages, live, pages, report_pages
 from estimator.web.api import routes as places
 from estimator.web.broadcast import Broadcast
 from estimator.web.guard import Guard, dress
 from estimator.web.http_error import Fault
 from estimator.web.site import Desk
+from estimator.web.stream import routes as stream
 
 STATIC = Path(__file__).parent / "static"
 
 
 def routes() -> list[BaseRoute]:
     """All routes of the dashboard. A part is a module with `routes()`; name a new one here."""
-    parts = (pages, device_pages, guide_pages, report_pages, places, live)
+    parts = (pages, alert_pages, device_pages, guide_pages, report_pages, places, stream, live)
     return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
 
 
@@ -44,11 +45,15 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
             with contextlib.suppress(asyncio.CancelledError):
                 await running
             desk.hub.close()
+            desk.feeds.close()
             broadcast.close()
 
     app = Starlette(
         routes=routes(),
-        middleware=[Middleware(Guard, hosts=desk.settings.hosts), Middleware(GZipMiddleware, minimum_size=2000)],
+        middleware=[
+            Middleware(Guard, settings=lambda: desk.settings),
+            Middleware(GZipMiddleware, minimum_size=2000),
+        ],
         exception_handlers={Fault: _refused, HTTPException: _not_there, Exception: _failed},
         lifespan=lifespan,
     )

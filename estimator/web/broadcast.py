@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 
 from bridge.bus.contract import BusError, Declared
-from bridge.wire.messages import BiasRevision, Calibration, DeviceInfo, Note, Status
+from bridge.wire.messages import BiasRevision, Calibration, DeviceInfo, Note, Owned, Status
 from bridge.wire.refusal import Tally
 from estimator.client import Client, Stream
 from estimator.web import topics
@@ -43,6 +43,7 @@ class Heard:
         self._calibrations: Stream[Calibration] = client.follow_calibrations()
         self._notes: Stream[Note] = client.follow_notes()
         self._revisions: Stream[BiasRevision] = client.revisions()
+        self._owned: Stream[Owned] = client.follow_owned()
         self._watches: list[Declared] = [
             control.watch_alive(what, there.__setitem__) for what, there in known.alive.items()
         ]
@@ -60,11 +61,14 @@ class Heard:
             self._known.take_note(note)
         for revision in self._revisions.drain():
             self._known.take_revision(revision)
+        for owned in self._owned.drain():
+            self._known.take_owned(owned, now)
         self._known.tidy(now)
 
     def close(self) -> None:
         """Close the subscriptions."""
-        for thing in (*self._watches, self._statuses, self._infos, self._calibrations, self._notes, self._revisions):
+        of_devices = self._statuses, self._infos, self._calibrations, self._notes, self._revisions
+        for thing in (*self._watches, *of_devices, self._owned):
             thing.close()
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, isfinite, nan
 
-from bridge.wire.messages import Calibration, DeviceInfo, State, Status
+from bridge.wire.messages import Calibration, DeviceInfo, Placement, State, Status
 from estimator.geometry.gyro_model import AXES, SIGMAS
 from estimator.guide.comparison import bias_moves, stds
 from estimator.language.texts import Texts
@@ -54,6 +54,7 @@ class DevicePage:
     connected: bool
     troubles: Sequence[str]
     tile: Tile
+    placement: Placement
     progress: float
     can_recalibrate: bool
     can_cancel: bool
@@ -79,6 +80,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
         connected=known.connected,
         troubles=troubles(known, t),
         tile=shown,
+        placement=row.placement or Placement(),
         progress=status.progress if status else 0.0,
         can_recalibrate=not deaf and status is not None and status.state in _RECALIBRATES,
         can_cancel=not deaf and status is not None and status.state in _CANCELS,

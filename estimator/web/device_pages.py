@@ -8,7 +8,8 @@ from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from bridge.reasons.codes import Code
-from bridge.wire.messages import CommandReply
+from bridge.wire.messages import SEGMENTS, SIDES, CommandReply, Placement
+from bridge.wire.placement import MAX_WEARER
 from bridge.wire.validation import MAX_SENTENCE
 from estimator.guide.guide import CALIBRATING
 from estimator.language.texts import texts
@@ -18,7 +19,10 @@ from estimator.web.http_error import Fault
 from estimator.web.language import language
 from estimator.web.pages import own, show
 from estimator.web.request_form import fields
-from estimator.web.site import VERBS, Desk
+from estimator.web.site import VERBS, Desk, placed
+
+#: choices of the placement's form
+_PLACING = {"segments": tuple(SEGMENTS), "sides": SIDES, "longest_wearer": MAX_WEARER}
 
 
 def routes() -> list[BaseRoute]:
@@ -36,7 +40,7 @@ async def device(request: Request) -> Response:
     desk.story(name)
     await desk.remember(name)
     page = device_page(desk.known, name, time.monotonic(), time.time_ns(), texts(language(request)))
-    return show(request, "device.html", {"page": page, "longest": MAX_SENTENCE})
+    return show(request, "device.html", {"page": page, "longest": MAX_SENTENCE, **_PLACING})
 
 
 async def back(request: Request) -> Response:
@@ -50,7 +54,7 @@ async def command(request: Request, verb: str) -> Response:
     given = await fields(request)
     session = desk.checked(request, given.get("csrf", ""))
     try:
-        reply = await _asked(desk, name, verb, session.name, given.get("words", ""))
+        reply = await _asked(desk, name, verb, session.name, _said(verb, given))
         session.said = reply.accepted, name, lambda t: t.text(reply.message)
     except Fault as fault:
         if fault.status is HTTPStatus.NOT_FOUND:
@@ -59,7 +63,13 @@ async def command(request: Request, verb: str) -> Response:
     return RedirectResponse(own(given.get("to", f"/devices/{name}")), HTTPStatus.SEE_OTHER)
 
 
-async def _asked(desk: Desk, name: str, verb: str, who: str, words: str) -> CommandReply:
+def _said(verb: str, given: dict[str, str]) -> str | Placement:
+    if verb == "place":
+        return placed(given.get("segment", ""), given.get("side", ""), given.get("wearer", ""))
+    return given.get("words", "")
+
+
+async def _asked(desk: Desk, name: str, verb: str, who: str, words: str | Placement) -> CommandReply:
     """The estimator's reply. Refuses to recalibrate from a stale page when that would undo another person's turns."""
     status = desk.story(name).status
     if verb == "recalibrate" and status is not None and status.state in CALIBRATING and status.axes_done:

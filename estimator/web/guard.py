@@ -1,5 +1,6 @@
 """Guard around every page: checks host and origin of each request, and adds security headers to each answer."""
 
+from collections.abc import Callable
 from http import HTTPStatus
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -8,6 +9,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from bridge.runtime.health_server import own_host
+from estimator.config.dashboard import Dashboard
 from estimator.web.api import routes
 from estimator.web.http_error import Fault
 
@@ -21,8 +23,10 @@ HEADERS = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
 }
 #: most characters of a path with its parameters
-LONGEST = 2048
+LONGEST = 8000
 _SAFE = ("GET", "HEAD", "OPTIONS")
+#: where pages of other origins may read; only its WebSocket comes to the check of origins, the rest of it changes nothing
+STREAM = f"{routes.ROOT}/stream"
 #: websocket close code for a policy violation
 _POLICY = 1008
 #: scheme of the asking page's origin, by scheme of the request
@@ -30,10 +34,13 @@ _SCHEMES = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
 
 
 class Guard:
-    """ASGI middleware that refuses foreign hosts and origins."""
+    """ASGI middleware that refuses foreign hosts and origins. Pages of `origins` may read the stream's WebSocket.
 
-    def __init__(self, app: ASGIApp, hosts: tuple[str, ...]) -> None:
-        self._app, self._hosts = app, {"localhost", *(host.lower() for host in hosts)}
+    settings: returns the settings in force, which may change.
+    """
+
+    def __init__(self, app: ASGIApp, settings: Callable[[], Dashboard]) -> None:
+        self._app, self._settings = app, settings
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one ASGI connection."""
@@ -60,10 +67,12 @@ class Guard:
             return Fault(HTTPStatus.REQUEST_URI_TOO_LONG, "too_long", words)
         headers = Headers(scope=scope)
         host = headers.get("host", "")
-        if not own_host(host, self._hosts):
+        if not own_host(host, {"localhost", *(name.lower() for name in self._settings().hosts)}):
             words = f"This is not the host {host[:80]!r}; name it in `hosts` of [dashboard]."
             return Fault(HTTPStatus.BAD_REQUEST, "foreign_host", words)
         if scope["type"] == "http" and scope["method"] in _SAFE:
+            return None
+        if scope["path"] == STREAM and headers.get("origin") in self._settings().origins:
             return None
         ours, origin = f"{_SCHEMES[scope['scheme']]}://{host.lower()}", headers.get("origin")
         if origin is not None and origin.lower() != ours:

@@ -49,8 +49,10 @@ async def certificate(request: Request) -> Response:
         limit=desk.treatment.of(name).scale_limit, due_days=desk.settings.due_days,
     )  # fmt: skip
     picture = bool(reports.past(story, name).biases)
-    code = Markup(segno.make(str(request.url.replace(query=""))).svg_inline(scale=2, border=1))  # noqa: S704 - made here
     label = request.query_params.get("label") == "1"
+    # A label is on the device: its code opens the device's page, where the placement is set.
+    opens = request.url_for("device", device=name) if label else request.url.replace(query="")
+    code = Markup(segno.make(str(opens)).svg_inline(scale=2, border=1))  # noqa: S704 - made here
     return _report(request, "certificate.html", page, picture=picture and not label, code=code, label=label)
 
 

@@ -13,7 +13,7 @@ from estimator.language.texts import Texts
 from estimator.service.history import Biases, History
 from estimator.web import number_format
 from estimator.web.guide_view import Axis, against, rows
-from estimator.web.tiles import toned, troubles, word
+from estimator.web.tiles import toned, troubles, word, worn
 from estimator.web.ward_state import Known, Story
 
 #: a bias this many times less certain than the best point is left out of a chart
@@ -57,6 +57,7 @@ class Line:
     """One device in the summary."""
 
     device: str
+    placement: str
     state: str
     tone: str
     reason: str
@@ -96,6 +97,7 @@ def certificate(
     noise = " ".join(f"{degrees(float(std)):.3f}" for std in c.noise_std)
     facts = [
         ("device", c.device),
+        ("placement", worn(status.placement, t) if status else ""),
         ("what", f"{c.model} {c.firmware}".strip()),
         ("range", f"±{degrees(c.gyro_range):.0f} °/s" if c.gyro_range else ""),
         ("rate", f"{c.rate_hz:g} Hz" if c.rate_hz else ""),
@@ -145,6 +147,7 @@ def summary(known: Known, now: float, t: Texts) -> Summary:
         before = last_before(made, story.calibrations.values()) if made else None
         lines[row.device] = Line(
             device=row.device,
+            placement=worn(row.placement, t),
             state=word(row.state, t),
             tone=toned(row),
             reason=t.text(row.reason),

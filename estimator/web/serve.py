@@ -5,6 +5,7 @@ import contextlib
 import logging
 import socket
 import threading
+import time
 from pathlib import Path
 
 from bridge.bus.access_self_test import self_test
@@ -12,6 +13,7 @@ from bridge.bus.contract import Bus
 from bridge.bus.routers import Routers
 from bridge.bus.startup import wait_for_router
 from bridge.config.schema import listening
+from bridge.config.ward_file import WardFile
 from bridge.pki.member import Role
 from bridge.runtime import os_errors
 from bridge.runtime.service_manager import supervised
@@ -32,6 +34,12 @@ __all__ = ["Server", "device_topics", "guide_topics", "run", "ward_topics"]
 
 log = logging.getLogger(__name__)
 
+#: settings of the ward's file that take effect in a running dashboard
+LIVE = (
+    *(f"dashboard.{name}" for name in ("people", "hosts", "origins", "session_hours", "idle_minutes", "due_days")),
+    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
+)
+_LOOK_S = 0.5
 #: addresses that mean every address of this machine
 _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 
@@ -50,7 +58,8 @@ class Server:
         known, hub = Known(ward), Hub()
         self.desk = Desk(known, hub, settings, store, treatment)
         self._ward = ward
-        self._broadcast = Broadcast(hub, topics.Sources(known, treatment=self.desk.treatment))
+        self._sources = topics.Sources(known, treatment=self.desk.treatment)
+        self._broadcast = Broadcast(hub, self._sources)
         self.app = application(self.desk, self._broadcast)
         self._address = listening(settings.listen)
         self._settings = settings
@@ -85,6 +94,11 @@ class Server:
         with listener, supervised():
             await self.uvicorn.serve([listener])
 
+    def use(self, ward: Ward) -> None:
+        """Use the changed settings of the ward's file."""
+        self._sources.treatment = treatment(ward.estimator)
+        self.desk.use(ward.dashboard, self._sources.treatment)
+
     def stop(self) -> None:
         """Stop serving; a second call stops at once."""
         self.uvicorn.force_exit = self.uvicorn.should_exit
@@ -92,9 +106,9 @@ class Server:
 
     def connect(self, data: Bus, control: Bus) -> None:
         """Attach the sessions of a router that was found. Called in the event loop."""
-        commands = Client(ward=self._ward, bus=control)
-        self._broadcast.connect(Client(ward=self._ward, bus=data), commands)
-        self.desk.control = commands
+        commands, client = Client(ward=self._ward, bus=control), Client(ward=self._ward, bus=data)
+        self._broadcast.connect(client, commands)
+        self.desk.control, self.desk.feeds.client = commands, client
 
 
 def _place(host: str, port: int, *, tls: bool) -> str:
@@ -104,8 +118,11 @@ def _place(host: str, port: int, *, tls: bool) -> str:
     return f"http{'s' * tls}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
-def run(ward: Ward) -> int:
-    """Serve until SIGINT or SIGTERM and return the exit code. While no router is found, every page says so."""
+def run(ward: Ward, file: WardFile[Ward] | None = None) -> int:
+    """Serve until SIGINT or SIGTERM and return the exit code. While no router is found, every page says so.
+
+    file: the ward file, which may change.
+    """
     settings = ward.dashboard
     store = Path(ward.estimator.store) if ward.estimator else None
     if settings.people and not settings.local and not settings.behind_proxy and not settings.certificate:
@@ -114,7 +131,8 @@ def run(ward: Ward) -> int:
             settings.listen,
         )
     server = Server(ward.ward, settings, store, treatment(ward.estimator), make_room())
-    asyncio.run(_serve(server, ward))
+    server.desk.known.alert_settings = ward.alerts
+    asyncio.run(_serve(server, ward, file))
     return 0
 
 
@@ -139,7 +157,7 @@ def routers_of(ward: Ward) -> Routers:
     return routers
 
 
-async def _serve(server: Server, ward: Ward) -> None:
+async def _serve(server: Server, ward: Ward, file: WardFile[Ward] | None) -> None:
     routers = routers_of(ward)
     stop = threading.Event()
     loop = asyncio.get_running_loop()
@@ -152,16 +170,29 @@ async def _serve(server: Server, ward: Ward) -> None:
         buses.extend(bus for bus in (data, control) if bus is not None)
         for words in self_test(control, routers, ward.ward) if control is not None else ():
             log.error("%s", words)
+        if file is not None and control is not None:
+            file.answer(control, routers, Role.COMMANDER, "dashboard")
         if data is not None and control is not None:
             with contextlib.suppress(RuntimeError):  # the loop is closed: the server has stopped
                 loop.call_soon_threadsafe(server.connect, data, control)
 
     finding = threading.Thread(target=find, name="find a router", daemon=True)
     finding.start()
+    looking = asyncio.create_task(_look(server, file)) if file else None
     try:
         await server.serve()
     finally:
+        if looking:
+            looking.cancel()
         stop.set()
         finding.join(5.0)
         for bus in buses:
             bus.close()
+
+
+async def _look(server: Server, file: WardFile[Ward]) -> None:
+    """Use the ward file's settings again when it changes."""
+    while True:
+        await asyncio.sleep(_LOOK_S)
+        if new := file.look(time.monotonic()):
+            server.use(new)

@@ -2,7 +2,7 @@
 
 import secrets
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 from hashlib import sha256
 
@@ -45,6 +45,12 @@ class Sessions:
     def __init__(self, length_s: float, idle_s: float) -> None:
         self._length_s, self._idle_s = length_s, idle_s
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
+
+    def use(self, length_s: float, idle_s: float, people: Container[str]) -> None:
+        """Use other limits from now on, and end the sessions of those who are not among `people`."""
+        self._length_s, self._idle_s = length_s, idle_s
+        for hashed in [hashed for hashed, session in self._sessions.items() if session.name not in people]:
+            del self._sessions[hashed]
 
     def begin(self, name: str, now: float, instead: str | None = None) -> str:
         """Start a session and return its cookie; ends the browser's earlier session `instead`."""

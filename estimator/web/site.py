@@ -9,6 +9,7 @@ from collections.abc import Callable
 from http import HTTPStatus
 from math import ceil
 from pathlib import Path
+from typing import Any
 from unicodedata import category
 
 from starlette.concurrency import run_in_threadpool
@@ -16,7 +17,9 @@ from starlette.requests import HTTPConnection, Request
 
 from bridge.bus.contract import BusError
 from bridge.reasons.codes import Code
-from bridge.wire.messages import Calibration, CommandReply
+from bridge.wire.messages import Calibration, CommandReply, Placement
+from bridge.wire.placement import MAX_WEARER, placement
+from bridge.wire.refusal import Refusal
 from bridge.wire.validation import MAX_SENTENCE
 from estimator.client import Client
 from estimator.config.dashboard import Dashboard
@@ -31,6 +34,7 @@ from estimator.web.login_attempts import Attempts
 from estimator.web.passwords import Passwords
 from estimator.web.sessions import Session, Sessions
 from estimator.web.shared_work import SharedWork
+from estimator.web.stream.feeds import Feeds
 from estimator.web.ward_state import CALIBRATIONS, Known, Story
 
 log = logging.getLogger(__name__)
@@ -41,7 +45,7 @@ PAST_S = 30.0
 DRAWN_S = 5.0
 #: how a program must authenticate; a browser shows no prompt for it
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="truerate"'}
-VERBS = ("recalibrate", "cancel", "note")
+VERBS = ("recalibrate", "cancel", "note", "place")
 
 
 class Desk:
@@ -58,6 +62,8 @@ class Desk:
         self.known, self.hub, self.settings = known, hub, settings
         self.treatment = treatment or Treatment()
         self.sessions = Sessions(settings.session_hours * 3600, settings.idle_minutes * 60)
+        #: subscriptions of programs that read the stream
+        self.feeds = Feeds()
         #: client for commands, on its own bus session; None until a router is first connected
         self.control: Client | None = None
         self._attempts, self._passwords = Attempts(), Passwords(settings.people)
@@ -68,6 +74,12 @@ class Desk:
         #: held while a device's past is read from the store
         self._reading = defaultdict[str, asyncio.Lock](asyncio.Lock)
         self._past_at: dict[str, float] = {}
+
+    def use(self, settings: Dashboard, treatment: Treatment) -> None:
+        """Use changed settings. The sessions of people who left, or whose password changed, end."""
+        stay = {person.name for person in settings.people if person in self.settings.people}
+        self.sessions.use(settings.session_hours * 3600, settings.idle_minutes * 60, stay)
+        self.settings, self.treatment, self._passwords = settings, treatment, Passwords(settings.people)
 
     @classmethod
     def of(cls, connection: HTTPConnection) -> "Desk":
@@ -122,20 +134,27 @@ class Desk:
             raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", device=device[:64], names=there)
         return story
 
-    async def ask(self, device: str, verb: str, who: str, words: str = "") -> CommandReply:
-        """Send a command to the estimator and return its reply; raises Fault when no estimator answers."""
-        self.story(device)
-        words = plain(words)
-        if len(words) > MAX_SENTENCE or not words.isprintable():
-            raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", most=MAX_SENTENCE)
-        if verb == "note" and not words.strip():
+    async def ask(self, device: str, verb: str, who: str, words: str | Placement = "") -> CommandReply:
+        """Send a command to the estimator and return its reply; raises Fault when no estimator answers.
+
+        words: the text of the command; for `place` the placement.
+        """
+        if verb != "acknowledge" or device not in self.known.alive["estimator"]:
+            self.story(device)
+        if isinstance(words, str):
+            words = plain(words)
+            if len(words) > MAX_SENTENCE or not words.isprintable():
+                raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", most=MAX_SENTENCE)
+        if verb == "note" and not str(words).strip():
             raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", reason=(Code.NOTE_EMPTY(),))
         if self.control is None:
             raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_router")
-        commands: dict[str, Callable[[str, str, str], CommandReply]] = {
+        commands: dict[str, Callable[[str, str, Any], CommandReply]] = {
             "recalibrate": self.control.recalibrate,
             "cancel": self.control.cancel,
             "note": self.control.note,
+            "place": self.control.place,
+            "acknowledge": self.control.acknowledge,
         }
         try:
             return await run_in_threadpool(commands[verb], device, who, words)
@@ -181,6 +200,14 @@ def _calibrations(path: Path, device: str) -> list[Calibration]:
         return store.calibrations(device)
     finally:
         store.close()
+
+
+def placed(segment: str, side: str, wearer: str) -> Placement:
+    """Placement of a form or a body; empty to end it. Raises Fault."""
+    try:
+        return placement(segment, side, plain(wearer))
+    except Refusal:
+        raise Fault(HTTPStatus.CONFLICT, "bad_placement", most=MAX_WEARER) from None
 
 
 def plain(words: str) -> str:

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
-from bridge.wire.messages import State
+from bridge.wire.messages import Alert, Placement, State
+from estimator.alerts.outbox import sentence
 from estimator.geometry.gyro_model import AXES
 from estimator.language.texts import Texts
-from estimator.overview.ward import SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, to_calibrate
+from estimator.overview.ward import ENDED, SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, to_calibrate
 from estimator.web import number_format
 from estimator.web.ward_state import Known, Story
 
@@ -21,6 +23,7 @@ TONES = {
     "turning": "ask",
     "warming": "busy",
     TRACKING: "well",
+    ENDED: "busy",
 }
 _CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 #: states in which a person with the device in hand can help
@@ -43,6 +46,7 @@ class Tile:
     advice: str
     reason: str
     notices: str
+    placement: str
     quality: str
     bias: str
     calibrated: str
@@ -62,11 +66,22 @@ class Tile:
 
 
 @dataclass(frozen=True, slots=True)
+class AlertLine:
+    """A standing alert in words. id: subject and kind; device: its device, empty for an estimator's; seen: by whom."""
+
+    id: str
+    device: str
+    words: str
+    since: str
+    seen: str
+
+
+@dataclass(frozen=True, slots=True)
 class WardPage:
     """Everything the ward page shows.
 
-    `troubles` concern the ward itself; `queue` lists the devices that wait for turns by hand. `counts` holds
-    name, tone, number and word of each state.
+    `alarm`: whether an alert waits to be acknowledged outside quiet hours. `troubles` concern the ward itself; `queue`
+    lists the devices that wait for turns by hand. `counts` holds name, tone, number and word of each state.
     """
 
     ward: str
@@ -78,12 +93,16 @@ class WardPage:
     of: int
     counts: Sequence[tuple[str, str, int, str]]
     troubles: Sequence[str]
+    alerts: Sequence[AlertLine]
+    alarm: bool
     queue: Sequence[str]
     tiles: Sequence[Tile]
 
 
 def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
     """Present content of the ward page. now: seconds of the receive clock; now_ns: wall clock time."""
+    quiet = known.alert_settings.quiet(datetime.fromtimestamp(now_ns / 1e9).astimezone())
+    alerts = [_alert(*one, known, now_ns, t) for one in known.alerts(now)]
     rows = known.rows(now)
     tiles = [tile(row, known.stories[row.device], now, now_ns, t) for row in rows]
     counts = [(state, TONES[state], sum(row.state == state for row in rows), word(state, t)) for state in URGENCY]
@@ -99,8 +118,21 @@ def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
         of=len(rows),
         counts=counts,
         troubles=troubles(known, t),
+        alerts=alerts,
+        alarm=any(not one.seen for one in alerts) and not quiet,
         queue=to_calibrate(rows),
         tiles=tiles,
+    )
+
+
+def _alert(subject: str, placement: Placement | None, alert: Alert, known: Known, now_ns: int, t: Texts) -> AlertLine:
+    where = worn(placement, t)
+    return AlertLine(
+        id=f"{subject}/{alert.kind}",
+        device=subject if subject in known.stories else "",
+        words=t.text((sentence(alert.kind, f"{subject} ({where})" if where else subject),)),
+        since=number_format.ago(alert.since_ns, now_ns, t),
+        seen=t("alert.seen", who=alert.who) if alert.acknowledged_ns else "",
     )
 
 
@@ -130,6 +162,7 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         advice=_advice(row, story, t),
         reason=t.text(row.reason),
         notices=t.text(row.notices),
+        placement=worn(row.placement, t),
         quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
         bias=number_format.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
         calibrated=number_format.ago(calibrated_ns, now_ns, t)
@@ -153,6 +186,15 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
         calibrated_ns=calibrated_ns or None,
         battery_percent=row.battery_percent,
     )
+
+
+def worn(placement: Placement | None, t: Texts) -> str:
+    """`upper arm, left · bed-3`; empty where nobody wears the device, or nobody said."""
+    if not placement:
+        return ""
+    where = t(f"placement.{placement.segment}") if placement.segment else ""
+    side = t(f"placement.{placement.side}") if placement.side else ""
+    return " · ".join(filter(None, (t("placement.sided", where=where, side=side) if side else where, placement.wearer)))
 
 
 def toned(row: DeviceRow) -> str:

@@ -5,8 +5,21 @@ from dataclasses import dataclass, field, replace
 
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import keys
-from bridge.wire.messages import BiasRevision, BootCause, Calibration, DeviceInfo, Note, State, Status, Verdict
+from bridge.wire.messages import (
+    Alert,
+    BiasRevision,
+    BootCause,
+    Calibration,
+    DeviceInfo,
+    Note,
+    Owned,
+    Placement,
+    State,
+    Status,
+    Verdict,
+)
 from bridge.wire.refusal import Tally
+from estimator.config.alerts import DEFAULTS
 from estimator.device.lifecycle import AWAY
 from estimator.overview import summary as glance
 from estimator.overview.summary import WardSummary
@@ -96,6 +109,8 @@ class Known:
 
     def __init__(self, ward: str) -> None:
         self.ward = ward
+        #: with the quiet hours
+        self.alert_settings = DEFAULTS
         self.connected = False
         #: whether a router was connected long enough for live estimators to be visible
         self.looked = False
@@ -106,6 +121,7 @@ class Known:
         self.crowding: set[str] = set()
         #: liveliness by id, for `bridge` and `estimator`; written by a thread of the bus
         self.alive: dict[str, dict[str, bool]] = {"bridge": {}, "estimator": {}}
+        self._estimators = dict[str, tuple[tuple[Alert, ...], float]]()
         self._view = WardView()
         #: number of statuses and infos so far, and the summary made at that number
         self._news = 0
@@ -127,7 +143,9 @@ class Known:
         return self.stories[device]
 
     def tidy(self, now: float) -> None:
-        """Forget uncalibrated devices without recent statuses, while other devices have them."""
+        """Forget devices that ended, and uncalibrated ones without recent statuses while other devices have them."""
+        for device in self._view.ended(now):
+            self._forget(device)
         spoken = self._view.silences(now)
         if not spoken or min(spoken.values()) > SILENT_S:
             return
@@ -177,6 +195,19 @@ class Known:
             story.take_boot(Boot(info.boot, info.time_ns, _CAUSES[info.boot_cause], what))
         self._view.take_info(info)
         self._news += 1
+
+    def take_owned(self, owned: Owned, now: float) -> None:
+        """Take what an estimator says of itself; its first part has its alerts."""
+        if not owned.part and (owned.estimator in self._estimators or len(self._estimators) < _NAMED):
+            self._estimators[owned.estimator] = owned.alerts, now
+
+    def alerts(self, now: float) -> list[tuple[str, Placement | None, Alert]]:
+        """Standing alerts by device or estimator, those not acknowledged first, then the oldest first."""
+        statuses = [story.status for story in self.stories.values() if story.status is not None]
+        found = [(one.device, one.placement, alert) for one in statuses for alert in one.alerts]
+        for name, (alerts, heard) in self._estimators.items():
+            found += [(name, None, alert) for alert in alerts if now - heard < SILENT_S]
+        return sorted(found, key=lambda one: (bool(one[2].acknowledged_ns), one[2].raised_ns, one[0]))
 
     def take_calibration(self, calibration: Calibration) -> None:
         """Take a published calibration."""

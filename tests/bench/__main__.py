@@ -15,14 +15,17 @@ from bridge.terminal.tables import Column, Columns
 GROUPS = {
     "calibration": ("closure_honesty", "gravity_methods", "machines", "clipping"),
     "tracking": ("tracking", "cost", "temperature", "warming", "honesty"),
+    "broad": ("real_movement",),
     "orientation": ("orientation",),
     "load": ("load",),
-    "bridge": ("hotplug",),
+    "bridge": ("hotplug", "reload"),
     "cluster": ("cluster",),
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
     "hostile": ("forged", "access", "attacks"),
-    "viewers": ("subscribing", "dashboard", "foxglove", "per_sample", "kills"),
+    "outlets": ("lsl", "stream", "foxglove", "per_sample"),
+    "storage": ("storage",),
+    "viewers": ("subscribing", "dashboard", "kills"),
 }
 OUT = Path("out/bench")
 

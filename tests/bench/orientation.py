@@ -96,17 +96,25 @@ def methods(model: str) -> dict[str, Method]:
     return {**PEERS, "truerate": ours(model), "truerate smoothed": ours(model, smooth=True)}
 
 
-def judged(found: Attitudes, truth: Floats, counted: NDArray[np.bool_], zero: slice) -> Score:
-    """Compare with true attitudes (n, 4), NaN where unknown; the heading error is taken as zero at the samples `zero`."""
-    seen = np.isfinite(truth).all(axis=1) & np.isfinite(found.quat_wxyz).all(axis=1)
+def errors(quat_wxyz: Floats, truth: Floats, zero: slice) -> tuple[Floats, Floats]:
+    """Inclination and heading error (n,) rad of attitudes (n, 4), NaN where either is unknown.
+
+    The heading error is taken as zero at the samples `zero`.
+    """
+    seen = np.isfinite(truth).all(axis=1) & np.isfinite(quat_wxyz).all(axis=1)
     error = np.full((len(truth), 4), np.nan)
-    true, estimated = (Rotation.from_quat(q[seen], scalar_first=True) for q in (truth, found.quat_wxyz))
+    true, estimated = (Rotation.from_quat(q[seen], scalar_first=True) for q in (truth, quat_wxyz))
     error[seen] = (estimated * true.inv()).as_quat(scalar_first=True)
     heading = np.full(len(truth), np.nan)
     heading[seen] = np.unwrap(2 * np.arctan2(error[seen, 3], error[seen, 0]), period=2 * np.pi)
     heading -= np.nanmedian(heading[zero])
-    inclination = 2 * np.arccos(np.clip(np.hypot(error[:, 0], error[:, 3]), 0, 1))
-    at = seen & counted
+    return 2 * np.arccos(np.clip(np.hypot(error[:, 0], error[:, 3]), 0, 1)), heading
+
+
+def judged(found: Attitudes, truth: Floats, counted: NDArray[np.bool_], zero: slice) -> Score:
+    """Compare with true attitudes (n, 4), NaN where unknown; the heading error is taken as zero at the samples `zero`."""
+    inclination, heading = errors(found.quat_wxyz, truth, zero)
+    at = np.isfinite(inclination) & counted
     inside = [
         float(np.mean(np.abs(off[at]) < 2 * std[at])) if std is not None else np.nan
         for off, std in ((inclination, found.tilt_std), (heading, found.heading_std))

@@ -1,11 +1,14 @@
 """What each protocol looks like when all is well: whole messages, to be damaged."""
 
+import itertools
+
 import numpy as np
 from pymavlink.dialects.v20 import common
 
 from bridge.framing import ximu3_encode
 from bridge.framing.cobs_frames import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
+from tests.bridge.drivers import dot_device, shimmer3_device
 from tests.bridge.drivers.mtdata2_device import MtDevice
 from tests.bridge.drivers.witmotion_device import WitDevice
 from tests.bridge.text.printed import PRINTS
@@ -39,6 +42,25 @@ def _mtdata2() -> list[bytes]:
     return [device.measure() for _ in range(3)] + [device.power_up()]
 
 
+def _movella_dot() -> list[bytes]:
+    dot = dot_device.Dot()
+    values = [dot_device.value(number, dot.read(number)) for number in (dot_device.INFO, dot_device.BATTERY)]
+    rates = [dot_device.rates(16_667 * i, (0.1 * i, 1.0, -2.0)) for i in range(40)]
+    return [*values, *(dot_device.value(dot_device.MEDIUM, one) for one in rates)]
+
+
+def _shimmer3() -> list[bytes]:
+    head = b"\xff", b"\xff\x25\x03", b"\xff\x4a\x01", shimmer3_device.calibrations(), shimmer3_device.inquiry()
+    packets = [shimmer3_device.packet(320 * i, (i, 2, 3)) for i in range(40)]
+    summed = [shimmer3_device.summed(one) for one in (*packets, b"\xff\x8a\x94\x22\x0b\x80", b"\x8a\x71\x10")]
+    return [
+        b"".join(map(shimmer3_device.summed, head)),
+        *head,
+        *summed,
+        *(a + b for a, b in itertools.pairwise(packets)),
+    ]
+
+
 # A list of messages for each driver that has a decoder, and each profile of text.
 SEEDS: dict[str, list[bytes]] = {
     "mavlink": [_mavlink(i) for i in range(40)],
@@ -51,7 +73,9 @@ SEEDS: dict[str, list[bytes]] = {
         b'{"ping":{"interface":"USB","name":"x-IMU3","sn":"0123-4567-89AB-CDEF"}}\n{"firmware_version":"v1.2"}\n',
         b'{"gyroscope_offset_correction_enabled":true}\n{"inertial_message_rate_divisor":8}\n',
     ],
+    "movella_dot": _movella_dot(),
     "mtdata2": _mtdata2(),
+    "shimmer3": _shimmer3(),
     "witmotion": _witmotion(),
     **{f"text_profile {name}": prints(10).splitlines(keepends=True) for name, prints in PRINTS.items()},
 }

@@ -19,7 +19,8 @@ from bridge.wire import codec, keys
 from estimator.client import Client, Stream
 from estimator.client.decoder import Decoder
 from estimator.database import inspect
-from estimator.demo.ward import WARD, DemoFailed, Ward, free_port
+from estimator.demo import DemoFailed
+from estimator.demo.ward import WARD, Ward, free_port
 from tests.nemesis.clock import Clock
 from tests.nemesis.history import Boot, Heard, History, Sent
 from tests.nemesis.line import Lines

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from estimator.demo.ward import DemoFailed
+from estimator.demo import DemoFailed
 from tests.nemesis.clock import Clock
 from tests.nemesis.faults import Planned, plan
 from tests.nemesis.field import Field

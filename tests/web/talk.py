@@ -15,6 +15,7 @@ from bridge.wire.messages import (
     DeviceInfo,
     Note,
     OrientationBatch,
+    Placement,
     Quality,
     SampleBatch,
     State,
@@ -53,6 +54,7 @@ class Talk:
             for kind in ("bridge", "estimator")
         ]
         self.asked: list[tuple[str, str, str, str]] = []
+        self.placed: list[Placement] = []
         self.answer: Callable[[str, str], CommandReply] = lambda verb, device: CommandReply(
             "", accepted=True, message=free(f"{verb} it is")
         )
@@ -106,6 +108,8 @@ class Talk:
         place, command = keys.parse(key), codec.decode_command(key, payload)
         with self._lock:
             self.asked.append((place.device, place.ids["verb"], command.who, command.reason))
+            if command.placement is not None:
+                self.placed.append(command.placement)
         said = self.answer(place.ids["verb"], place.device)
         reply(codec.encode_reply(replace(said, request_id=command.request_id)))
 

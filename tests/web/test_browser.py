@@ -16,11 +16,13 @@ from scipy.spatial.transform import Rotation
 
 from bridge.reasons.codes import Code
 from bridge.wire.messages import (
+    Alert,
     BootCause,
     CommandReply,
     CorrectedBatch,
     Note,
     OrientationBatch,
+    Placement,
     Quality,
     SampleBatch,
     State,
@@ -169,6 +171,24 @@ def test_the_ward_at_one_look(page: Page, site: Site, shot: Shot) -> None:
     page.get_by_label("Find").fill("")
     page.get_by_label("Order").select_option("id")
     expect(page.locator(".tile h2").first).to_have_text("bed-01-ankle")
+
+
+def test_an_alert_comes_sounds_once_it_may_and_goes(page: Page, site: Site) -> None:
+    names = ward(site, 2)
+    lost = Alert("lost", now_ns(), now_ns())
+    page.goto("/")
+    expect(page.locator("#alerts")).to_be_hidden()
+    site.talk(said(names[0], State.LOST, boot=5, time_ns=now_ns(), alerts=(lost,), placement=Placement(wearer="bed-3")))
+    expect(page.locator("#alerts li")).to_contain_text(f"{names[0]} (bed-3): it is lost.")
+    expect(page.locator(f'[data-id="{names[0]}"] .placement')).to_have_text("bed-3")
+    assert page.evaluate("globalThis.beeps") is None, "off until somebody switches it on"
+    page.get_by_role("button", name="Sound of alerts").click()
+    page.wait_for_function("globalThis.beeps > 0")
+    seen = replace(lost, acknowledged_ns=now_ns(), who="anna")
+    site.talk(said(names[0], State.LOST, boot=5, time_ns=now_ns(), alerts=(seen,)))
+    expect(page.locator("#alerts li")).to_contain_text("Seen by anna")
+    site.talk(tracking(names[0]))
+    expect(page.locator("#alerts")).to_be_hidden()
 
 
 def test_twenty_devices_at_one_look_sixty_on_a_wall_and_numbers_on_request(page: Page, site: Site, shot: Shot) -> None:

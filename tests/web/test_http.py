@@ -12,7 +12,7 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from bridge.reasons.catalogue import sentences_as_json
-from bridge.wire.messages import CommandReply, Status
+from bridge.wire.messages import Alert, CommandReply, Placement, Status
 from estimator.config.dashboard import Dashboard
 from estimator.offline import calibration_file
 from estimator.web.login_attempts import FREE
@@ -221,9 +221,60 @@ def test_commands_of_programs(asking: Asking) -> None:
     assert error(client.post(place, json={"words": "x"})) == (403, "stale_page")
 
 
+def test_a_placement_is_set_by_page_and_program_and_shown_to_both(asking: Asking) -> None:
+    client, csrf = asking.client, asking.log_in()
+    form = {"csrf": csrf, "segment": "humerus", "side": "left", "wearer": " bed-3"}
+    assert client.post("/devices/chest/place", data=form).headers["location"] == "/devices/chest"
+    assert client.post("/api/v1/devices/chest/place", headers=BEARER, json={"wearer": "P07"}).status_code == 200
+    assert client.post("/api/v1/devices/chest/place", headers=BEARER).status_code == 200
+    assert asking.talk.placed == [Placement("humerus", "left", "bed-3"), Placement(wearer="P07"), Placement()]
+    client.post("/devices/chest/place", data={"csrf": csrf, "segment": "torso", "side": "left"})
+    assert "A side fits arms and legs only" in client.get("/devices/chest").text
+    assert len(asking.talk.placed) == 3
+    asking.hear(about("arm"), said("arm", boot=5, placement=Placement("humerus", "left", "bed-3", 10**18, "anna")))
+    assert "左上臂 · bed-3" in client.get("/?lang=zh").text
+    for page in ("/?lang=en", "/devices/arm", "/report"):
+        assert "upper arm, left · bed-3" in client.get(page).text
+    told = {
+        "segment": "humerus",
+        "side": "left",
+        "wearer": "bed-3",
+        "since": "2001-09-09T01:46:40.000+00:00",
+        "who": "anna",
+    }
+    assert client.get("/api/v1/devices/arm").json()["placement"] == told
+
+
+def test_an_alert_is_shown_and_acknowledged_by_page_and_program(asking: Asking) -> None:
+    client, csrf = asking.client, asking.log_in()
+    alerts = (Alert("lost", 10**18, 10**18 + 1), Alert("degraded", 10**18, 10**18 + 2, 10**18 + 3, "bo"))
+    asking.hear(about("arm"), said("arm", boot=5, alerts=alerts, placement=Placement(wearer="bed-3")))
+    page = client.get("/?lang=en").text
+    assert "arm (bed-3): it is lost." in page
+    assert "Seen by bo" in page
+    told = client.get("/api/v1/alerts").json()["alerts"]
+    assert [(one["subject"], one["kind"], one["who"]) for one in told] == [
+        ("arm", "lost", ""),
+        ("arm", "degraded", "bo"),
+    ]
+    answer = client.post("/alerts/acknowledge", data={"csrf": csrf, "id": "arm/lost"})
+    assert (answer.status_code, answer.headers["location"]) == (303, "/")
+    place = "/api/v1/alerts/one/acknowledge"
+    assert client.post(place, headers=BEARER, json={"words": "disk"}).status_code == 200
+    assert asking.talk.asked == [
+        ("arm", "acknowledge", "nurse", "lost"),
+        ("one", "acknowledge", "nurse", "disk"),
+    ]
+    assert client.post("/alerts/acknowledge", data={"csrf": "", "id": "arm/lost"}).status_code == 403
+    assert client.post("/alerts/acknowledge", data={"csrf": csrf, "id": "A b/lost"}).status_code == 400
+
+
 @pytest.mark.parametrize(
     ("path", "body", "kind", "expected"),
     [
+        ("chest/place", b'{"segment":"arm"}', "application/json", (400, "bad_body")),
+        ("chest/place", b'{"wearer":"  "}', "application/json", (409, "bad_placement")),
+        ("chest/place", b'{"segment":"torso","side":"left"}', "application/json", (409, "bad_placement")),
         ("CHEST/note", b'{"words":"x"}', "application/json", (400, "bad_id")),
         ("nobody/note", b'{"words":"x"}', "application/json", (404, "unknown_device")),
         ("chest/note", b'{"words":"x"}', "text/plain", (415, "not_json")),

@@ -16,6 +16,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from bridge.wire.messages import Note
 from estimator.config.dashboard import Dashboard, Person
+from estimator.config.schema import Ward
 from estimator.service.store import Store
 from estimator.web import hub, listener, live
 from estimator.web.live import WISH_S, WISHES, Pace
@@ -355,3 +356,15 @@ def test_all_calibrations_can_be_had_page_by_page(tmp_path: Path) -> None:
             before = {"before": page["next"]}
         assert (found, page["next"]) == (ids[::-1], None)
         assert len(client.get(place).json()["calibrations"]) == 50
+
+
+def test_changed_people_hosts_and_limits_take_effect_at_once(asking: Asking) -> None:
+    asking.log_in()
+    asking.server.use(Ward(ward=WARD, dashboard=Dashboard(people=(*PEOPLE, SCRIPT), hosts=("ward-3.example",))))
+    assert 'name="csrf"' in asking.client.get("/").text, "she is still one of them"
+    assert asking.client.get("/", headers={"Host": "ward-3.example"}).status_code == 200
+    asking.server.use(Ward(ward=WARD, dashboard=Dashboard(people=(SCRIPT,))))
+    assert 'name="csrf"' not in asking.client.get("/").text, "her session ended with her name"
+    assert asking.client.get("/", headers={"Host": "ward-3.example"}).status_code == 400
+    refused = asking.client.post("/login", data={"name": "nurse", "password": PASSWORD, "to": "/"})
+    assert refused.status_code == 401

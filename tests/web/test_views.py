@@ -10,7 +10,6 @@ from bridge.reasons.codes import Code
 from bridge.wire.codec import Rates
 from bridge.wire.messages import NO_REST_S, BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
 from estimator.language.texts import texts
-from estimator.overview.ward import URGENCY
 from estimator.web import number_format as words
 from estimator.web.device_page import device_page
 from estimator.web.device_trail import POINTS, Trail
@@ -44,8 +43,9 @@ def test_a_low_battery_needs_a_person_and_says_so() -> None:
     page = ward_page(known(about("a", battery_percent=9.0), said("a"), said("b")), 100.0, NOW, EN)
     assert [(tile.id, tile.tone, tile.needs) for tile in page.tiles] == [("a", "ask", True), ("b", "well", False)]
     assert page.tiles[0].notices == "The battery is at 9 %: charge it."
-    assert (page.tracking, page.of, page.counts[-1]) == (2, 2, ("tracking", "well", 2, "tracking"))
-    assert [n for _, _, n, _ in page.counts[:-1]] == [0] * (len(URGENCY) - 1)
+    assert (page.tracking, page.of) == (2, 2)
+    assert ("tracking", "well", 2, "tracking") in page.counts
+    assert sum(n for _, _, n, _ in page.counts) == 2
 
 
 def test_of_several_bridges_that_tell_of_a_device_the_one_counts_whose_samples_are_taken() -> None:

@@ -32,7 +32,7 @@ def told(status: Status, info: DeviceInfo) -> dict[str, bool]:
     known.take_info(info)
     known.take_status(status, 10.0)
     health = ServiceHealth()
-    health.note(Note(0.0, True, "", {name: DeviceHealth(status, 1.0, 0.0, 0, needs_person(status.state, info))}))
+    health.note(Note(0.0, True, "", {name: DeviceHealth(status, 1.0, 0.0, 0, needs_person(status, info))}))
     metric = next(family for family in health.families() if family.name == "needs_person")
     (row,), (tile,) = known.rows(10.0), ward_page(known, 10.0, 1, EN).tiles
     return {

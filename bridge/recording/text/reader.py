@@ -31,49 +31,79 @@ _EVEN, _EVENLY = 0.5, 0.8
 _SAME_STEP = 1.1
 
 
-def read_text(path: Path, reading: Reading) -> Table:
+def read(path: Path, reading: Reading, layout: Layout | None = None) -> Table:
     """Read the columns of a recording from a text table.
 
-    Raises RecordingError, which names the options for what is missing.
+    layout: of a file that another file describes; by default it is recognised. Raises RecordingError, which names the
+    options for what is missing.
     """
-    tags = tags_of(next(blocks(path), []))
+    tags = tags_of(next(blocks(path), [])) if layout is None else None
     if tags is None:
-        table = _read(path, blocks(path), reading)
-    else:
-        table = _read(path, tags.rows_of(tags.gyro, blocks(path)), reading, tag=tags.gyro)
-    if reading.accel_file is not None:
-        other = Path(reading.accel_file)
-        _join(path, table, other, _read(other, blocks(other), reading, only_accel=True))
-    elif tags is not None and tags.accel and "accel_m_s2" not in table.columns:
+        return _read(path, blocks(path), reading, layout)
+    table = _read(path, tags.rows_of(tags.gyro, blocks(path)), reading, tag=tags.gyro)
+    if reading.accel_file is None and tags.accel and "accel_m_s2" not in table.columns:
         accel = _read(path, tags.rows_of(tags.accel, blocks(path)), reading, only_accel=True, tag=tags.accel)
         _join(path, table, path, accel)
     return table
 
 
+def read_columns(
+    path: Path, names: list[str], numbers: Floats, reading: Reading, *, rate_hz: float = 0.0, sensor: str = ""
+) -> Table:
+    """Understand named columns of numbers (n, c) as those of a text table. Raises RecordingError.
+
+    rate_hz: as the file states it, else 0. sensor: words that tell which sensor columns named x, y, z belong to.
+    """
+    layout = Layout(None, ".", names, len(names), 0, rate_hz)
+    columns, wanted = _columns(path, layout, reading, ["0"] * len(names), tag=sensor)
+    read = Read({}, numbers[:, wanted], lines=[range(1, len(numbers) + 1)])
+    return _table(reading, layout, columns, Values(read, wanted), path)
+
+
+def join_accel(path: Path, table: Table, reading: Reading) -> None:
+    """Add the accelerometer of the text table that `reading` names, if it names one. Raises RecordingError."""
+    if reading.accel_file is not None:
+        other = Path(reading.accel_file)
+        _join(path, table, other, _read(other, blocks(other), reading, only_accel=True))
+
+
 def _read(
-    path: Path, source: Iterator[list[str]], reading: Reading, *, only_accel: bool = False, tag: str = ""
+    path: Path,
+    source: Iterator[list[str]],
+    reading: Reading,
+    layout: Layout | None = None,
+    *,
+    only_accel: bool = False,
+    tag: str = "",
 ) -> Table:
     start = next(source, [])
     if not any(line.strip() for line in start):
         raise RecordingError(f"{path}: the file is empty: give a header row with column names, then one row per sample")
-    layout = layout_of(start)
+    layout = layout or layout_of(start)
     if layout is None:
         raise RecordingError(
             f"{path}: no rows of numbers; the file begins with {start[0][:60]!r}. Give a header row with column names, "
             "then one row per sample"
         )
     cells = [*split(start[layout.first], layout.separator), *[""] * layout.width][: layout.width]
-    columns = find(path, layout, reading, cells, only_accel=only_accel, tag=tag)
-    if asked := _asked(reading, layout, columns, only_accel=only_accel):
-        raise RecordingError(f"{path}: {asked}")
-    triples = [*columns.gyro, *columns.accel]
-    singles = [at for at in (columns.counter, columns.temperature, columns.rate) if at is not None]
-    wanted = sorted({*chain(*(t.at for t in triples)), *singles, *(c.at for c in columns.clocks if not c.text)})
+    columns, wanted = _columns(path, layout, reading, cells, only_accel=only_accel, tag=tag)
     try:
         read = read_rows(chain([start], source), layout, wanted, [c.at for c in columns.clocks if c.text])
     except TooLong as error:
         raise RecordingError(f"{path}: {error} and more; split the file") from None
     return _table(reading, layout, columns, Values(read, wanted), path)
+
+
+def _columns(
+    path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False, tag: str = ""
+) -> tuple[Columns, list[int]]:
+    """Return the meaning of the columns, and the indices of those to read as numbers. Raises RecordingError."""
+    columns = find(path, layout, reading, cells, only_accel=only_accel, tag=tag)
+    if asked := _asked(reading, layout, columns, only_accel=only_accel):
+        raise RecordingError(f"{path}: {asked}")
+    triples = [*columns.gyro, *columns.accel]
+    singles = [at for at in (columns.counter, columns.temperature, columns.rate) if at is not None]
+    return columns, sorted({*chain(*(t.at for t in triples)), *singles, *(c.at for c in columns.clocks if not c.text)})
 
 
 def _table(reading: Reading, layout: Layout, columns: Columns, values: "Values", path: Path) -> Table:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import isfinite
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta, Struct
@@ -11,7 +11,9 @@ from msgspec import Meta, Struct
 from bridge.reasons.catalogue import sentences_as_json
 from bridge.reasons.codes import Sentences
 from bridge.wire.keys import boot_id
-from bridge.wire.messages import Calibration
+from bridge.wire.messages import SEGMENTS, Calibration, Placement
+from bridge.wire.placement import MAX_WEARER
+from estimator.alerts.outbox import sentence
 from estimator.geometry.gyro_model import AXES
 from estimator.offline import calibration_file
 from estimator.overview.ward import TRACKING, DeviceRow, chosen
@@ -37,6 +39,16 @@ def said(sentences: Sentences) -> list[Said]:
     return msgspec.convert(sentences_as_json(sentences), list[Said])
 
 
+class Worn(Struct, frozen=True):
+    """Placement of a device. `since` is null for the ward file's; empty segment and wearer: nobody wears the device."""
+
+    segment: str
+    side: str
+    wearer: str
+    since: str | None
+    who: str
+
+
 class Device(Struct, frozen=True):
     """A device. null means unknown; `gaps` and `missing_samples` count since the estimator first saw the device."""
 
@@ -45,6 +57,7 @@ class Device(Struct, frozen=True):
     needs_person: bool
     reason: list[Said]
     notices: list[Said]
+    placement: Worn | None
     quality: str | None
     boot: str | None
     bias_rad_s: Vector | None
@@ -69,6 +82,24 @@ class Device(Struct, frozen=True):
     samples_out: int
     dropped: dict[str, int]
     events: dict[str, int]
+
+
+class Standing(Struct, frozen=True):
+    """A standing alert of a device or an estimator; docs/alerts.md lists the kinds."""
+
+    subject: str
+    kind: str
+    since: str
+    raised: str
+    acknowledged: str | None
+    who: str
+    message: list[Said]
+
+
+class Standings(Struct, frozen=True):
+    """Standing alerts of a ward, those not acknowledged first."""
+
+    alerts: list[Standing]
 
 
 class Devices(Struct, frozen=True):
@@ -135,6 +166,15 @@ class Words(Struct, frozen=True, forbid_unknown_fields=True):
     words: Annotated[str, Meta(max_length=500)] = ""
 
 
+class Placing(Struct, frozen=True, forbid_unknown_fields=True):
+    """Where and by whom a device is worn from now on; all empty: nobody wears the device."""
+
+    segment: Literal["", *SEGMENTS] = ""  # type: ignore[valid-type] # the list has one place
+    side: Literal["", "left", "right"] = ""
+    #: a bed or a pseudonym, never a person's name
+    wearer: Annotated[str, Meta(max_length=MAX_WEARER)] = ""
+
+
 class Reply(Struct, frozen=True):
     """The estimator's reply to a command."""
 
@@ -168,6 +208,19 @@ def devices(known: Known, rows: list[DeviceRow], only: list[str]) -> Devices:
     )
 
 
+def alerts(known: Known, now: float) -> Standings:
+    """Response with the ward's standing alerts."""
+    return Standings(
+        [
+            Standing(
+                subject, one.kind, iso(one.since_ns), iso(one.raised_ns),
+                iso(one.acknowledged_ns) if one.acknowledged_ns else None, one.who, said((sentence(one.kind, subject),)),
+            )
+            for subject, _, one in known.alerts(now)
+        ]
+    )  # fmt: skip
+
+
 def device(row: DeviceRow, story: Story) -> Device:
     """Response for one device."""
     status, info = story.status, story.info
@@ -177,6 +230,7 @@ def device(row: DeviceRow, story: Story) -> Device:
         needs_person=row.needs_person,
         reason=said(row.reason),
         notices=said(row.notices),
+        placement=_worn(row.placement),
         quality=row.quality or None,
         boot=boot_id(story.boot) if story.boot else None,
         bias_rad_s=list(status.bias) if status else None,
@@ -202,6 +256,12 @@ def device(row: DeviceRow, story: Story) -> Device:
         dropped=status.dropped if status else {},
         events=status.events if status else {},
     )
+
+
+def _worn(one: Placement | None) -> Worn | None:
+    if one is None:
+        return None
+    return Worn(one.segment, one.side, one.wearer, iso(one.since_ns) if one.since_ns else None, one.who)
 
 
 def calibrations(name: str, story: Story, found: Sequence[Calibration], limit: int) -> Calibrations:

@@ -3,27 +3,29 @@
 import json
 import time
 from http import HTTPStatus
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 from starlette.datastructures import QueryParams
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from bridge.wire.keys import check_id
+from bridge.wire.messages import Placement
 from bridge.wire.refusal import Refusal
 from estimator.overview.ward import URGENCY, DeviceRow, chosen, listed
 from estimator.web import request_form
 from estimator.web.api import answers, openapi
 from estimator.web.commanding import commands
 from estimator.web.http_error import Fault
-from estimator.web.site import CHALLENGE, Desk
+from estimator.web.site import CHALLENGE, Desk, placed
 
 ROOT = "/api/v1"
 #: most words in ?only=, and most characters in a word; an id has at most 32
 MOST_WORDS, LONGEST = 16, 64
 _JSON = "application/json"
+T = TypeVar("T", answers.Words, answers.Placing)
 
 
 def routes() -> list[BaseRoute]:
@@ -33,6 +35,8 @@ def routes() -> list[BaseRoute]:
         Route(f"{ROOT}/devices", devices),
         Route(f"{ROOT}/devices/{{device}}", device),
         Route(f"{ROOT}/devices/{{device}}/calibrations", calibrations),
+        Route(f"{ROOT}/alerts", standing),
+        Route(f"{ROOT}/alerts/{{device}}/acknowledge", acknowledge, methods=["POST"]),
         *commands(f"{ROOT}/devices/{{device}}", command),
     ]
 
@@ -53,14 +57,14 @@ def refused(fault: Fault) -> Response:
 
 async def document(request: Request) -> Response:
     """Serve the OpenAPI document."""
-    _asked(request)
+    known_parameters(request)
     return answer(openapi.document())
 
 
 async def devices(request: Request) -> Response:
     """Serve all devices; with ?only= those in a state or with a matching id."""
     desk = Desk.of(request)
-    only = _asked(request, "only").getlist("only")
+    only = known_parameters(request, "only").getlist("only")
     if len(only) > MOST_WORDS:
         words = f"'only' is there {len(only)} times; at most {MOST_WORDS} are taken."
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", words)
@@ -72,14 +76,14 @@ async def devices(request: Request) -> Response:
 
 async def device(request: Request) -> Response:
     """Serve one device."""
-    _asked(request)
+    known_parameters(request)
     desk, name = Desk.of(request), _named(request)
     return answer(answers.device(desk.known.row(name, time.monotonic()), desk.story(name)))
 
 
 async def calibrations(request: Request) -> Response:
     """Serve a device's latest calibrations, or with ?before= those older than that id; at most ?limit= of them."""
-    asked = _asked(request, "before", "limit")
+    asked = known_parameters(request, "before", "limit")
     desk, name = Desk.of(request), _named(request)
     found = await desk.calibrations(request, name)
     before = asked.get("before")
@@ -91,7 +95,7 @@ async def calibrations(request: Request) -> Response:
     return answer(answers.calibrations(name, desk.story(name), found, _limit(asked.get("limit", f"{answers.PAGE}"))))
 
 
-def _asked(request: Request, *names: str) -> QueryParams:
+def known_parameters(request: HTTPConnection, *names: str) -> QueryParams:
     """Query parameters of the request; raises Fault if any name is not in `names`."""
     unknown = set(request.query_params) - set(names)
     if unknown:
@@ -124,22 +128,42 @@ def _limit(text: str) -> int:
 
 def _named(request: Request) -> str:
     """Device id in the path; raises Fault if the id is malformed or unknown."""
-    name = request.path_params["device"]
+    name = _checked(request)
+    Desk.of(request).story(name)
+    return name
+
+
+def _checked(request: Request) -> str:
     try:
-        check_id(name, "device")
+        return check_id(request.path_params["device"], "device")
     except Refusal as refusal:
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_id", refusal.detail) from None
-    Desk.of(request).story(name)
-    return str(name)
+
+
+async def standing(request: Request) -> Response:
+    """Serve the standing alerts."""
+    known_parameters(request)
+    return answer(answers.alerts(Desk.of(request).known, time.monotonic()))
+
+
+async def acknowledge(request: Request) -> Response:
+    """Acknowledge an alert of a device or an estimator."""
+    return await command(request, "acknowledge")
 
 
 async def command(request: Request, verb: str) -> Response:
     """Send a command to the estimator; 409 when the estimator refuses."""
     desk = Desk.of(request)
-    _asked(request)
+    known_parameters(request)
     who = await _who(desk, request)
-    words = await _words(request)
-    reply = await desk.ask(_named(request), verb, who, words)
+    words: str | Placement
+    if verb == "place":
+        worn = await _body(request, answers.Placing)
+        words = placed(worn.segment, worn.side, worn.wearer)
+    else:
+        words = (await _body(request, answers.Words)).words
+    name = _checked(request) if verb == "acknowledge" else _named(request)
+    reply = await desk.ask(name, verb, who, words)
     if not reply.accepted:
         raise Fault(HTTPStatus.CONFLICT, "not_accepted", reason=reply.message)
     return answer(answers.Reply(accepted=True, message=answers.said(reply.message)))
@@ -157,17 +181,17 @@ async def _who(desk: Desk, request: Request) -> str:
     return name
 
 
-async def _words(request: Request) -> str:
+async def _body(request: Request, kind: type[T]) -> T:
     body = await request_form.body(request)
     if not body:
-        return ""
-    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if kind != _JSON:
+        return kind()
+    told = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if told != _JSON:
         raise Fault(
-            HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "not_json", f"{kind[:40] or 'Nothing'} is not taken; {_JSON} is."
+            HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "not_json", f"{told[:40] or 'Nothing'} is not taken; {_JSON} is."
         )
     try:
-        return msgspec.json.decode(body.decode(), type=answers.Words).words
+        return msgspec.json.decode(body.decode(), type=kind)
     except UnicodeDecodeError:
         raise Fault(HTTPStatus.BAD_REQUEST, "not_json", "The body is not UTF-8.") from None
     except msgspec.ValidationError as error:

@@ -1,5 +1,6 @@
 // The ward page: tiles kept true, those that need a person first, or as the reader has chosen.
 
+import { alerts } from "./alerts.js";
 import { chosen, keep, showNumbers } from "./choice.js";
 import { fill, shape, tone } from "./fields.js";
 import { say, spoken, trouble, unwatch, watch } from "./live.js";
@@ -97,6 +98,7 @@ function head(now) {
   say(document.querySelector('[data-f="needs"]'), String(needs));
   document.title = now.title;
   trouble(now.troubles);
+  alerts(now);
   document.getElementById("none").hidden = now.of > 0;
   if (wall) wide(now.of);
   chips(now.counts);

@@ -20,6 +20,8 @@ from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice, demo_device
 from estimator.cli.main import main
 from tests.bridge.diagnose.protocol import KINDS, Talker, lines, only_at
+from tests.bridge.drivers.mtdata2_device import item, message, reals
+from tests.bridge.drivers.witmotion_device import motion
 
 TRIED = candidates(KINDS)
 
@@ -115,6 +117,24 @@ def test_a_capture_is_examined_to_its_end(tmp_path: Path) -> None:
     assert what(scan(f"file://{tmp_path}/capture?bytes_per_s=1e6", 5.0)) == ("signed #", 0)
     (tmp_path / "capture").write_bytes(bytes(range(256)))
     assert "bytes that no driver understands, such as 00 01 02" in scan(f"file://{tmp_path}/capture").words
+
+
+@pytest.mark.parametrize(
+    ("driver", "frame", "said"),
+    [
+        ("witmotion", motion(0x53, (1, 2, 3)), "sends no rate of turn"),
+        ("mtdata2", message(0x36, reals(0x8030, (1, 0, 0, 0))), "sends no rate of turn"),
+        ("mtdata2", message(0x36, item(0xA010, bytes(20))), "sends its gyro as raw counts"),
+        ("mtdata2", message(0x32, bytes(30)), "sends legacy MTData"),
+    ],
+)
+def test_known_frames_without_a_rate_are_named(tmp_path: Path, driver: str, frame: bytes, said: str) -> None:
+    (tmp_path / "capture").write_bytes(200 * frame)
+    tried = candidates(registry.kinds().values())
+    verdict = examine(Found(f"file://{tmp_path}/capture?bytes_per_s=1e6"), tried, bauds(tried), 5.0, lambda _: None)
+    assert verdict.guess is None
+    assert f"data of {driver}, without a rate" in verdict.words
+    assert said in verdict.words
 
 
 def run(*arguments: str) -> int:

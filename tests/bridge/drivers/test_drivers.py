@@ -29,7 +29,7 @@ from bridge.ingest.device_thread import DeviceThread
 from bridge.ingest.intake import Intake
 from bridge.toml.loader import options
 from bridge.transport.errors import DeviceLost
-from tests.bridge.drivers import mtdata2_device, witmotion_device
+from tests.bridge.drivers import dot_device, mtdata2_device, shimmer3_device, witmotion_device
 from tests.bridge.drivers.test_mavlink import Sender
 
 NOW_NS, STEP_NS = 10**18, 10_000_000
@@ -85,16 +85,32 @@ def mavlink(i: int) -> bytes:
     return Sender().highres(1_000_000 + 10_000 * i, (i * 1e-3, -0.2, 0.3))
 
 
+def movella_dot(i: int) -> bytes:
+    return dot_device.value(dot_device.MEDIUM, dot_device.rates(1_000_000 + 10_000 * i, (0.1 * i, 1.0, -2.0)))
+
+
+def shimmer3(i: int) -> bytes:
+    return shimmer3_device.summed(shimmer3_device.packet(1000 + 320 * i, (0, i, 7)))
+
+
 def text(i: int) -> bytes:
     return f"{1000 + 10 * i},{i / 100:.2f},2,3,4,5,6\r\n".encode()
 
 
+SHIMMER3_HEAD = b"".join(
+    map(
+        shimmer3_device.summed,
+        (b"\xff", b"\xff\x4a\x01", shimmer3_device.calibrations(shimmer3_device.EVEN), shimmer3_device.inquiry()),
+    )
+)
 PROTOCOLS = {
     "native": Protocol(native, head=frame(encode_hello(Hello(1, 1e-6, 100.0, 4.0, True, True, "m", "f")))),
     "ximu3": Protocol(ximu3),
     "witmotion": Protocol(witmotion, radians(2000) / 32768, options={"keep_settings": True}),
     "mtdata2": Protocol(mtdata2),
     "mavlink": Protocol(mavlink),
+    "movella_dot": Protocol(movella_dot, radians(0.1)),
+    "shimmer3": Protocol(shimmer3, radians(-1 / 100), SHIMMER3_HEAD),
     "text_profile": Protocol(text, radians(0.01), b"\n", {"profile": "p.toml"}),
 }
 UNCHECKED = ("ximu3", "text_profile")  # a damaged number that is still a number is not seen

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
-from bridge.drivers.driver import Event, Identity, Notice, Readings
+from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
 from bridge.drivers.mavlink import MavlinkDecoder
 from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause
@@ -177,3 +177,25 @@ assert "pymavlink" not in sys.modules
     listed, refused = ran.stdout.splitlines()
     assert listed.endswith("needs pip install 'truerate[mavlink]' None")
     assert refused == "the driver 'mavlink' needs pip install 'truerate[mavlink]'"
+
+
+def test_the_battery_of_the_system_that_is_read_is_told() -> None:
+    decoder, sender, other = MavlinkDecoder(), Sender(1, component=180), Sender(2)
+
+    def battery(of: Sender, percent: int, state: int = 1, number: int = 0) -> bytes:
+        message = common.MAVLink_battery_status_message(number, 0, 0, 30, [3700] * 10, 0, 0, 0, percent, 0, state)
+        return of.pack(message)
+
+    def status(of: Sender, percent: int) -> bytes:
+        return of.pack(common.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, percent, 0, 0, 0, 0, 0, 0))
+
+    def told(data: bytes, at_us: int) -> list[Event]:
+        events = decoder.feed(data + highres(Sender(), at_us, 40), 0)
+        return [event for event in events if isinstance(event, Battery)]
+
+    assert told(highres(Sender(), 10**6, 40) + status(sender, -1) + battery(other, 9), 2 * 10**6) == []
+    assert told(status(sender, 81), 3 * 10**6) == [Battery(81.0)]
+    assert told(battery(sender, 80, state=7) + battery(sender, 5, number=1), 4 * 10**6) == [
+        Battery(80.0, charging=True)
+    ]
+    assert told(status(sender, 12), 5 * 10**6) == [], "BATTERY_STATUS knows better"

@@ -10,16 +10,25 @@ import numpy as np
 import pytest
 
 from bridge.drivers.byte_stream import StreamDriver
-from bridge.drivers.driver import Event, Identity, Readings
+from bridge.drivers.driver import Battery, Event, Identity, Readings
 from bridge.drivers.native import ASK, NativeDecoder
 from bridge.drivers.replay_segments import ReplaySegment
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.drivers.simulated import SimulatedDriver, SimulatedOptions
 from bridge.framing.cobs_frames import frame
-from bridge.framing.packets import Data, Hello, encode_data, encode_hello, encode_own, encode_rate
+from bridge.framing.packets import (
+    Charge,
+    Data,
+    Hello,
+    encode_battery,
+    encode_data,
+    encode_hello,
+    encode_own,
+    encode_rate,
+)
 from bridge.recording import Recording
 from bridge.sim.pty_port import PtyPort
-from bridge.sim.virtual_device import demo_device
+from bridge.sim.virtual_device import DeviceSpec, demo_device
 from bridge.transport import serial_errors
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.serial_port import SerialPort
@@ -242,3 +251,22 @@ def test_one_that_is_cut_short_is_counted() -> None:
     decoder = NativeDecoder()
     assert decoder.feed(hello() + frame(encode_own(OWN)[:-1]), 1)[1:] == []
     assert decoder.faults.as_dict() == {"packet_length": 1}
+
+
+def test_a_virtual_device_tells_its_battery_until_it_is_empty() -> None:
+    device, decoder = demo_device("one", 1, spec=DeviceSpec(battery_s=100.0)), NativeDecoder()
+    told = [e for s in range(1, 121) for e in decoder.feed(device.advance(float(s)), 0) if isinstance(e, Battery)]
+    percents = [one.percent for one in told]
+    assert percents == sorted(percents, reverse=True)
+    assert (percents[0], percents[-1]) == (99.0, 0.0)
+    device.reboot()
+    again = [e for e in decoder.feed(device.advance(122.0), 0) if isinstance(e, Battery)]
+    assert again[0].percent >= 98.0, "charged while it was off"
+    assert decoder.faults.as_dict() == {}
+
+
+@pytest.mark.parametrize("packet", [b"\x04\0\0", encode_battery(Charge(101.0, charging=False)), b"\x04\0\0\xc0\x7f\0"])
+def test_a_battery_that_is_none_is_counted(packet: bytes) -> None:
+    decoder = NativeDecoder()
+    assert decoder.feed(hello() + frame(packet), 0)[1:] == []
+    assert sum(decoder.faults.as_dict().values()) == 1

@@ -39,7 +39,7 @@ def test_nothing_is_overwritten_and_an_ending_must_be_known(session: Path, capsy
     assert main(["recording", "convert", str(session), str(session)]) == 1
     assert "is not overwritten" in capsys.readouterr().err
     assert main(["recording", "convert", str(session), str(session.with_suffix(".wav"))]) == 2
-    assert "use .npz, .csv, .mcap" in capsys.readouterr().err
+    assert "use .npz, .csv, .h5, .parquet, .mcap" in capsys.readouterr().err
 
 
 def test_a_driver_that_decodes_no_bytes_is_named(session: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
-from bridge.recording import load
+from bridge.recording import load, opensim
 from bridge.recording.bids import Session, channels, export_bids
 from bridge.recording.error import RecordingError
 from bridge.recording.export import export
 from bridge.recording.stretches import Recorded, read
 from bridge.wire import keys
-from bridge.wire.codec import decode_samples, encode_orientation
-from bridge.wire.messages import OrientationBatch, Quality
-from tests.bridge.recording.crowd import STEP, TICK_S
+from bridge.wire.codec import decode_samples, encode_orientation, encode_status
+from bridge.wire.messages import OrientationBatch, Placement, Quality
+from tests.bridge.recording.crowd import STEP, TICK_S, status
 from tests.bridge.recording.test_contents import S, about, marked, recorded, run
 
 VALIDATOR = shutil.which("bids-validator-deno")
@@ -91,6 +91,13 @@ def test_orientation_is_beside_the_readings(tmp_path: Path) -> None:
         assert np.isnan(file["quat_wxyz"][n:]).all()
         assert (file["tilt_std"][:n] == 2).all()
         assert (file["heading_std"][:n] == 3).all()
+    opensim.convert(written, tmp_path / "one.sto", ["one"], None, {"one": "pelvis"})
+    head, *rows = (tmp_path / "one.sto").read_text().partition("endheader\n")[2].splitlines()
+    assert head == "time\tpelvis_imu"
+    assert len(rows) == n
+    np.testing.assert_allclose(
+        [float(part) for part in rows[-1].split("\t")[1].split(",")], turned.quat_wxyz[-1], rtol=1e-6
+    )
     row = table_of(next((tmp_path / "csv").glob("one*.csv")))[0]
     assert [row[f"quat_{axis}"] for axis in "wxyz"] == ["0.600000024", "0", "0.800000012", "0"]
     assert [one.name for one in channels(read(written).stretches["one"][0]) if one.type == "ORNT"] == [
@@ -109,6 +116,26 @@ def test_events_have_boots_calibrations_and_notes(some: Recorded, tmp_path: Path
         ("one", "boot", ""),
     ]
     assert [float(row["t_s"]) for row in rows] == [0, 0, 2, 3, 30]
+
+
+def test_a_placement_is_in_the_events_and_in_bids(tmp_path: Path) -> None:
+    (tmp_path / "rec").mkdir()
+    part = run("one", 0, 200)
+    first = next(decode_samples(message.key, message.payload) for message in part if "raw" in message.key)
+    at = first.start_time_ns + S
+    key = keys.build(keys.parse(part[0].key).ward, "status", device="one")
+    worn = [Placement("torso", "", "bed-1", 5, "bo"), Placement("humerus", "left", "bed-3", at, "anna")]
+    worn.append(Placement("hand", "left", "later", first.start_time_ns + 10**6 * S))
+    said = [Message(key, encode_status(replace(status("one", at), placement=one))) for one in worn]
+    written = read(recorded(tmp_path / "rec", [about("one"), *part, *said]))
+    assert written.stretches["one"][0].placements == (worn[0], worn[1])
+    assert opensim._body(written.stretches["one"][0]) == "humerus_l"
+    *_, path = export(written, tmp_path / "out", ".csv")
+    rows = [(row["t_s"], row["text"]) for row in table_of(path) if row["event"] == "placement by anna"]
+    assert [(float(t_s), text) for t_s, text in rows] == [(1.0, "humerus left, bed-3")]
+    export_bids(written, tmp_path / "set", Session("07", "ward"))
+    (channels_tsv,) = (tmp_path / "set").rglob("*_channels.tsv")
+    assert {row["placement"] for row in table_of(channels_tsv)} == {"humerus left, bed-3"}
 
 
 def test_what_somebody_wrote_is_no_formula_of_a_spreadsheet(some: Recorded, tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "z.wav").write_bytes(b"")
     assert "not a readable" in refusal(tmp_path / "x.npz")
     assert "not a readable" in refusal(tmp_path / "y.npz")
-    assert "give a recording in .npz, .mcap or .csv" in refusal(tmp_path / "z.wav")
+    assert "give a recording in .npz, .mcap, .bag" in refusal(tmp_path / "z.wav")
     assert "cannot be read: missing" in refusal(tmp_path / "none.npz")
 
 
@@ -127,7 +127,7 @@ def test_what_is_no_file_is_named_and_never_waited_for(tmp_path: Path, ending: s
     (tmp_path / f"folder.{ending}").mkdir()
     os.mkfifo(tmp_path / f"pipe.{ending}")
     (tmp_path / f"empty.{ending}").touch()
-    assert "cannot be read: a folder, but a file is expected" in refusal(tmp_path / f"folder.{ending}")
+    assert "a folder, but neither a ROS 2 bag" in refusal(tmp_path / f"folder.{ending}")
     assert "cannot be read: not a file" in refusal(tmp_path / f"pipe.{ending}")
     assert "the file is empty" in refusal(tmp_path / f"empty.{ending}")
     with pytest.raises(RecordingError, match="cannot be read: not a file"):

@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import os
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -268,3 +269,57 @@ def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
     assert recorder.account.not_recorded == MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE
     assert [record.levelname for record in caplog.records] == ["ERROR"]
     assert len(recorder._latest) == MOST_OF_A_BRIDGE + 4
+
+
+def test_other_devices_and_limits_are_taken_while_it_records(disk: Disk, recorder: WardRecorder) -> None:
+    recorder.take([raw("chest", 0), raw("wrist", 0)], NOW, 0.0)
+    recorder.use(["wrist"], replace(KNOBS, rotate_s=1000.0))
+    recorder.take([raw("chest", 1), raw("wrist", 1)], NOW + 20 * S, 20.0)
+    recorder.tick(NOW + 20 * S, 20.0)
+    assert len(disk.outputs) == 1, "20 s are not long any more"
+    recorder.close()
+    assert [topic.rpartition("/")[2] for topic in disk.last.topics()] == ["chest", "wrist", "wrist"]
+
+
+def old_files(folder: Path, *names: str) -> None:
+    """Files of 1 MB, each an hour younger than the one before, the last an hour old at NOW."""
+    for number, name in enumerate(names):
+        path = folder / name
+        path.write_bytes(bytes(1_000_000))
+        ended_ns = NOW - (len(names) - number) * 3600 * S
+        os.utime(path, ns=(ended_ns, ended_ns))
+
+
+OLD = [f"{WARD}-20260920T{hour:02d}0000Z.mcap" for hour in range(4)]
+
+
+@pytest.mark.parametrize(
+    ("limits", "left", "why"),
+    [({"keep_s": 9000.0}, OLD[2:], "keep_days"), ({"keep_bytes": 3_200_000.0}, OLD[1:], "keep_gb"), ({}, OLD, "")],
+)
+def test_the_oldest_finished_recordings_are_deleted_and_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, limits: dict[str, float], left: list[str], why: str
+) -> None:
+    others = [f"{WARD}-20260101T000000Z.mcap.part", f"{WARD}-2-20260101T000000Z.mcap", f"{WARD}-notes.mcap"]
+    old_files(tmp_path, *others, *OLD)
+    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, knobs=replace(KNOBS, **limits))
+    recorder.begin(NOW, 0.0)
+    recorder.tick(NOW, 0.0)
+    there = {path.name for path in tmp_path.iterdir()}
+    assert there >= set(others), "neither an unfinished file nor one of another ward or name"
+    assert there & set(OLD) == set(left)
+    said = [record.getMessage() for record in caplog.records if "is deleted" in record.getMessage()]
+    assert len(said) == recorder.account.expired == len(OLD) - len(left)
+    assert all(f"as {why} says" in words for words in said)
+    recorder.close()
+
+
+def test_the_file_under_way_counts_and_stays(tmp_path: Path) -> None:
+    old_files(tmp_path, *OLD)
+    recorder = WardRecorder(files.Folder(tmp_path, WARD), WARD, knobs=replace(KNOBS, keep_bytes=1.0))
+    recorder.begin(NOW, 0.0)
+    recorder.take([raw("chest", 0)], NOW, 0.0)
+    recorder.tick(NOW, 0.0)
+    (left,) = tmp_path.iterdir()
+    assert left.suffix == files.PART
+    recorder.close()

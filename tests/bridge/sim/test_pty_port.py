@@ -8,7 +8,7 @@ import pytest
 import serial
 
 from bridge.framing.cobs_frames import Deframer, frame
-from bridge.framing.packets import Data, Hello, decode, encode_identify
+from bridge.framing.packets import Charge, Data, Hello, decode, encode_identify
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
 from bridge.wire.messages import DeviceCalibration
@@ -21,7 +21,7 @@ class Reader:
     def __init__(self, link: Path, baudrate: int = 115200) -> None:
         self.port = serial.Serial(str(link), baudrate, exclusive=True, timeout=0.05)
         self.deframer = Deframer()
-        self.said: list[Hello | Data | DeviceCalibration] = []
+        self.said: list[Hello | Data | DeviceCalibration | Charge] = []
 
     def __enter__(self) -> Self:
         return self
@@ -39,7 +39,7 @@ class Reader:
             self.said += [decode(one) for one in self.deframer.feed(self.port.read(self.port.in_waiting or 1))]
 
     def boots(self) -> list[int]:
-        return list(dict.fromkeys(one.boot for one in self.said))
+        return list(dict.fromkeys(one.boot for one in self.said if not isinstance(one, Charge)))
 
     def data(self) -> list[Data]:
         return [one for one in self.said if isinstance(one, Data)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bridge.framing.cobs_frames import Deframer, frame
-from bridge.framing.packets import Data, Hello, decode, encode_identify, encode_rate
+from bridge.framing.packets import Charge, Data, Hello, decode, encode_identify, encode_rate
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
 from bridge.wire.messages import DeviceCalibration
 from tests.sim.recorded_source import RecordedSource
@@ -17,12 +17,12 @@ class Host:
 
     def __init__(self, device: VirtualDevice, step_s: float = 0.02) -> None:
         self.device = device
-        self.said: list[Hello | Data | DeviceCalibration] = []
+        self.said: list[Hello | Data | DeviceCalibration | Charge] = []
         self._deframer = Deframer()
         self._step_s = step_s
         self._steps = 0
 
-    def hear(self, duration_s: float) -> list[Hello | Data | DeviceCalibration]:
+    def hear(self, duration_s: float) -> list[Hello | Data | DeviceCalibration | Charge]:
         new = []
         for _ in range(round(duration_s / self._step_s)):
             self._steps += 1
@@ -115,7 +115,7 @@ def test_truth_corrects_what_was_sent() -> None:
     imu = replace(demo_device("a", 1)._source.spec, noise_dps=0.0, step_dps=0.0)  # type: ignore[attr-defined]
     host = Host(demo_device("a", 1, imu=imu))
     host.hear(40.0)
-    boot = host.said[0].boot
+    boot = host.data()[0].boot
     gyro = np.concatenate([one.gyro for one in host.data()])[1000:2000]
     truth = host.device.truth_between(boot, 1000, 1999)
     corrected = (gyro - truth.bias) @ host.device.truth_of(boot).matrix.T

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.drivers.driver import Identity, Readings
+from bridge.drivers.driver import Battery, Identity, Readings
 from bridge.drivers.text_profile import KIND, TextDecoder, TextOptions
 from bridge.text.profile import Profile, load_profile
 from bridge.toml.loader import ConfigError, options
@@ -181,6 +181,22 @@ def test_blanks_may_separate(tmp_path: Path) -> None:
     assert samples(of, "  0  1 2\t 3 0 0 0 0")[0][0].gyro == pytest.approx(np.radians([[1, 2, 3]]))
 
 
+def test_numbers_with_a_decimal_comma_and_a_time_in_nanoseconds_are_read(tmp_path: Path) -> None:
+    text = 'decimal = ","\n' + GOOD.replace("[csv]", '[csv]\nseparator = ";"') + '[time]\ncolumn = "t"\nunit = "ns"'
+    rows = [f"{1_764_300_000_000_000_000 + 20_000_000 * i};1,5;-2,25;,5;0;0;0;0" for i in range(60)]
+    decoder = TextDecoder(profile(tmp_path, text), captured=True)
+    events = decoder.feed("\n".join([*rows, rows[0].replace("1,5", "1.5"), ""]).encode(), 0) + decoder.finish()
+    readings = [event for event in events if isinstance(event, Readings)]
+    assert np.degrees(np.concatenate([run.gyro for run in readings])) == pytest.approx(
+        np.tile([1.5, -2.25, 0.5], (60, 1))
+    )
+    [identity] = [event for event in events if isinstance(event, Identity)]
+    assert identity.rate_hz == pytest.approx(50)
+    assert decoder.faults.as_dict() == {"not_a_number": 1}
+    with pytest.raises(ConfigError, match="decimal and separator are both ','"):
+        profile(tmp_path, 'decimal = ","\n' + GOOD)
+
+
 def test_the_ward_s_file_says_what_the_profile_leaves_open(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="rate_hz is missing: devices of profile 'icm-20948-sparkfun' send no time"):
         options({"port": "/dev/x", "profile": "icm-20948-sparkfun"}, TextOptions)
@@ -190,3 +206,12 @@ def test_the_ward_s_file_says_what_the_profile_leaves_open(tmp_path: Path) -> No
     assert given.baud == 9600
     assert options({"port": "/dev/x", "profile": "nano-33-ble", "baud": 115200}, TextOptions).baud == 115200
     assert KIND.make(given).place == "/dev/x"
+
+
+def test_a_battery_column_is_told_when_it_changes(tmp_path: Path) -> None:
+    text = GOOD.replace('["t"', '["bat"') + '[battery]\ncolumn = "bat"\nscale = 0.1\n'
+    decoder = TextDecoder(profile(tmp_path, text))
+    lines = [f"{bat},1,2,3,0,0,0,0" for bat in ("815", "815", "", "810", "1020")]
+    events = decoder.feed(("\n" + "\n".join(lines) + "\n").encode(), 0) + decoder.finish()
+    assert [event.percent for event in events if isinstance(event, Battery)] == [81.5, 81.0, 100.0]
+    assert sum(len(event.ticks) for event in events if isinstance(event, Readings)) == 5, "no sample is lost by it"

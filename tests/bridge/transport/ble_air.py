@@ -73,6 +73,7 @@ class Air:
         connection = await self._central.connect(Address(address))
         connection.on(connection.EVENT_DISCONNECTION, lambda _: lost())
         peer = Peer(connection)
+        await peer.request_mtu(247)  # as BlueZ does by itself
         await peer.discover_services()
         await peer.discover_characteristics()
         return _Connected(connection, peer)
@@ -96,6 +97,9 @@ class _Connected:
 
     async def write(self, characteristic: str, data: bytes) -> None:
         await self._find(characteristic).write_value(data, with_response=False)
+
+    async def read(self, characteristic: str) -> bytes:
+        return bytes(await self._find(characteristic).read_value())
 
     async def close(self) -> None:
         if self._connection.handle in self._connection.device.connections:

@@ -10,7 +10,10 @@ import threading
 import time
 from pathlib import Path
 
+import bleak_retry_connector
 import pytest
+from bleak import BleakScanner
+from bleak.backends.device import BLEDevice
 from bleak.exc import (
     BleakBluetoothNotAvailableError,
     BleakBluetoothNotAvailableReason,
@@ -153,8 +156,38 @@ def test_faults_of_bleak_say_what_to_do() -> None:
     assert "no adapter" in english(fault(none).at("p"))
     assert fault(BleakDeviceNotFoundError("C4")).code == Code.BLE_NOT_HEARD
     assert fault(TimeoutError()).code == Code.BLE_NOT_HEARD
+    assert fault(bleak_retry_connector.BleakNotFoundError("D4")).code == Code.BLE_NOT_HEARD
     assert fault(FileNotFoundError()).code == Code.BLE_SERVICE_SILENT
     assert fault(BleakError("some words")).at("p") == Code.PLACE_FAILED(place="p", error="some words")
+
+
+def test_a_connection_that_bluez_aborts_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """bleak's client and its search are replaced; what tries again is bleak-retry-connector itself."""
+    attempts: list[object] = []
+
+    class Client:
+        def __init__(self, device: BLEDevice, **options: object) -> None:
+            self.address = device.address
+
+        async def connect(self, **options: object) -> None:
+            attempts.append(self.address)
+            if len(attempts) < 3:
+                raise BleakError("[org.bluez.Error.Failed] le-connection-abort-by-local")
+
+        async def disconnect(self) -> None:
+            attempts.append("disconnected")
+
+    async def find(address: str, **options: object) -> BLEDevice | None:
+        return BLEDevice(address, "DOT", None) if address.startswith("D4") else None
+
+    monkeypatch.setattr(bleak_retry_connector, "BleakClientWithServiceCache", Client)
+    monkeypatch.setattr(BleakScanner, "find_device_by_address", find)
+    connection = ble_loop.run(BleakRadio().connect("D4:22:CD:00:12:34", lambda: None)).result(30)
+    assert attempts == ["D4:22:CD:00:12:34"] * 3
+    ble_loop.run(connection.close()).result(5)
+    assert attempts[-1] == "disconnected"
+    with pytest.raises(RadioFault, match=Code.BLE_NOT_HEARD):
+        ble_loop.run(BleakRadio().connect("C4:22:CD:00:12:34", lambda: None)).result(30)
 
 
 @pytest.mark.skipif(Path("/run/dbus/system_bus_socket").exists(), reason="this machine may have Bluetooth")
@@ -168,7 +201,7 @@ def test_without_the_package_the_address_says_what_it_needs() -> None:
     code = """
 import importlib.util, sys
 found = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *rest: None if name == "bleak" else found(name, *rest)
+importlib.util.find_spec = lambda name, *rest: None if name == "bleak_retry_connector" else found(name, *rest)
 from bridge.config.schema import Device
 try:
     Device.from_table({"id": "d", "driver": "native", "port": "ble://C4:64:E3:12:34:56/ffe4"})

@@ -10,6 +10,7 @@ import pytest
 from bridge.reasons.codes import Code
 from bridge.wire import codec
 from bridge.wire.messages import (
+    Alert,
     BiasRevision,
     BootCause,
     Calibration,
@@ -24,6 +25,7 @@ from bridge.wire.messages import (
     Note,
     OrientationBatch,
     Owned,
+    Placement,
     Quality,
     SampleBatch,
     State,
@@ -62,7 +64,8 @@ def plain(n: int = 4, **changes: Any) -> SampleBatch:
 
 STILL = Status(
     "d1", 7, 1, State.TRACKING, Quality.GOOD, free("fine"), 1.0, (0, 1, 2), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0),
-    "c1", 1, 0.0, float("nan"), 100.0, 1, 1, {"a": 1}, {}, "b1", ("b2",),
+    "c1", 1, 0.0, float("nan"), 100.0, 1, 1, {"a": 1}, {}, "b1", ("b2",), 3, Placement("humerus", "left", "bed-3", 9, "anna"),
+    (Alert("lost", 5, 6, 7, "anna"), Alert("degraded", 5, 6)),
 )  # fmt: skip
 CAL = Calibration(
     "d1", 7, "c1", 1, "closure", Verdict.ACCEPTED, (), np.eye(3), np.zeros(3), PARAMETERS, np.eye(6),
@@ -91,6 +94,9 @@ SEEN = WindowBatch(
     "d1", 7, 0.1, np.array([3, 13], np.uint64), np.array([10**18, 10**18 + 9], np.int64), np.array([4, 10], np.uint32),
     np.array([0, 2], np.uint32), HALF, HALF, HALF, HALF, HALF, HALF, HALF, HALF, Quality.GOOD, ONE, ONE, ONE, ONE, ONE, "c1", ONE,
 )  # fmt: skip
+KEPT = Checkpoint(
+    "d1", 7, 1, 9, "b1", CAL, state=b"state", placement=STILL.placement, alerts=STILL.alerts,
+)  # fmt: skip
 DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     "samples": (lambda payload: codec.decode_samples(RAW, payload), codec.encode_samples(plain())),
     "corrected": (lambda payload: codec.decode_corrected(CORRECTED, payload), codec.encode_corrected(FIXED)),
@@ -110,13 +116,14 @@ DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     ),
     "checkpoint": (
         lambda payload: codec.decode_checkpoint(CHECKPOINT, payload),
-        codec.encode_checkpoint(Checkpoint("d1", 7, 1, 9, "b1", CAL, state=b"state")),
+        codec.encode_checkpoint(KEPT),
     ),
-    "command": (lambda payload: codec.decode_command(RPC, payload), codec.encode_command(Command("r1", "anna", "why"))),
+    "command": (
+        lambda payload: codec.decode_command(RPC, payload),
+        codec.encode_command(Command("r1", "anna", "why", STILL.placement)),
+    ),
     "reply": (codec.decode_reply, codec.encode_reply(CommandReply("r1", True, free("done")))),
 }
-
-KEPT = Checkpoint("d1", 7, 1, 9, "b1", CAL, state=b"state")
 
 
 def refused(payload: bytes, key: str = RAW, decode: Callable[[str, bytes], Any] = codec.decode_samples) -> Reason:

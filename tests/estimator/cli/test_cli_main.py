@@ -50,6 +50,14 @@ def test_shipped_configurations_are_right(name: str, capsys: pytest.CaptureFixtu
     assert "valid" in capsys.readouterr().out
 
 
+def test_a_store_in_a_folder_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "ward.toml"
+    for folder, named in ((tmp_path, False), (tmp_path / "none", True)):
+        path.write_text(f'ward = "w"\n[estimator]\nid = "e"\nstore = "{folder}/a.sqlite3"\n', "utf-8")
+        assert main(["config", "check", str(path)]) == 0, "the estimator makes the folder"
+        assert (f"there is no folder {folder}" in capsys.readouterr().out) == named
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

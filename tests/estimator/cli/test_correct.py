@@ -182,7 +182,7 @@ def test_a_recording_without_rests_says_that_nothing_is_corrected(
     [
         (["IN", "IN"], 1, "never overwritten"),
         (["IN", "./sub/../day.npz"], 1, "never overwritten"),
-        (["IN", "out.txt"], 1, "ends in .npz or .csv, not in '.txt'"),
+        (["IN", "out.txt"], 1, "ends in .npz, .csv, .h5, .parquet, not in '.txt'"),
         (["IN", "out"], 1, "not in ''"),
         (["IN", "nowhere/out.npz"], 1, "there is no folder"),
         (["IN", "folder.npz"], 1, "is a folder"),

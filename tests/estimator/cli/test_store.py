@@ -137,6 +137,49 @@ def test_a_backup_of_a_store_in_use_has_everything(
         assert f"there is no folder {tmp_path / 'stick'}; make it with mkdir -p" in capsys.readouterr().err
 
 
+def test_a_backup_of_an_empty_store_is_no_success(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = Store(tmp_path / "a.sqlite3")
+    store.database.back_up_if_due()
+    assert not list((tmp_path / "backups").iterdir()), "nor does the estimator make one"
+    assert main(["store", "backup", str(tmp_path / "copy"), "--store", store.path]) == 1
+    assert "has no entries, so there is nothing to back up: is it the right store?" in capsys.readouterr().err
+    assert not (tmp_path / "copy").exists()
+    fill(store)
+    store.database.back_up_if_due()
+    assert len(list((tmp_path / "backups").iterdir())) == 1
+    store.close()
+
+
+def test_the_newest_backups_in_a_folder_are_kept(
+    store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder := tmp_path / "stick").mkdir()
+    names = ["a-20260101T000000.sqlite3", "a-20260102T000000.sqlite3", "a.sqlite3", "ab-20260101T000000.sqlite3"]
+    for name in names:
+        (folder / name).touch()
+    assert main(["store", "backup", str(folder), "--keep", "2", "--store", store.path]) == 0
+    assert f"removed {folder / names[0]}: the newest 2 backups are kept" in capsys.readouterr().out
+    left = sorted(one.name for one in folder.iterdir())
+    assert len(left) == 4
+    assert set(names[1:]) < set(left), "a file of another name is never removed"
+    for words in ([str(folder), "--keep", "0"], [str(tmp_path / "one"), "--keep", "2"]):
+        assert main(["store", "backup", *words, "--store", store.path]) == 2
+
+
+def test_verify_tries_a_restore(store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["store", "verify", "--store", store.path]) == 1
+    assert "there is no backup of store" in capsys.readouterr().err
+    store.database.back_up_if_due()
+    (backup,) = (tmp_path / "backups").iterdir()
+    before = backup.read_bytes()
+    assert main(["store", "verify", "--store", store.path]) == 0
+    assert f"{backup} (0 h old) can be restored: 1 device, 3 calibrations" in capsys.readouterr().out
+    assert backup.read_bytes() == before
+    backup.write_bytes(before.replace(b"nothing to cancel", b"Nothing to cancel", 1))
+    assert main(["store", "verify", "--store", store.path]) == 1
+    assert "is damaged" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("running", [True, False])
 def test_check_says_whether_it_is_sound(store: Store, capsys: pytest.CaptureFixture[str], *, running: bool) -> None:
     path = Path(store.path)

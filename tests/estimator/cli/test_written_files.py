@@ -44,7 +44,9 @@ def backup(path: Path) -> None:
 
     store = path.with_name("store.sqlite3")
     if not store.exists():
-        Store(store).close()
+        kept = Store(store)
+        kept.add_calibration(CALIBRATION)
+        kept.close()
     back_up(store, path)
 
 

@@ -69,7 +69,9 @@ def other_process(path: Path) -> subprocess.Popen[str]:
 @pytest.mark.parametrize("link", [os.symlink, os.link])
 def test_a_link_is_no_way_around_the_lock(tmp_path: Path, link: Callable[[Path, Path], None]) -> None:
     path, alias = tmp_path / "a.sqlite3", tmp_path / "alias.sqlite3"
-    Store(path).close()
+    store = Store(path)
+    store.add_calibration(CALIBRATIONS[0])
+    store.close()
     link(path, alias)
     with other_process(path) as other:
         assert other.stdout is not None
@@ -122,6 +124,7 @@ def test_backups_and_new_stores_are_not_written_through_a_link(tmp_path: Path) -
     (precious := tmp_path / "precious").write_text("of somebody else")
     (tmp_path / "a.sqlite3.part").symlink_to(precious)
     store = Store(tmp_path / "a.sqlite3")
+    store.add_calibration(CALIBRATIONS[0])
     (tmp_path / "backups").mkdir()
     (tmp_path / "backups" / "a-00001.sqlite3.part").symlink_to(precious)
     store.database.back_up_if_due()

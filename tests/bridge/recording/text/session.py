@@ -36,6 +36,10 @@ def turns(hz: float = 50.0, seed: int = 0) -> tuple[Floats, Floats, Floats]:
     return np.arange(len(true)) / hz, gyro, accel + random.normal(0, 0.003, true.shape)
 
 
+TIME, GYRO_DPS, _ACCEL = turns()
+ACCEL_MS2 = _ACCEL * G
+
+
 def table(columns: Iterable[Floats], separator: str = ",", form: str = "%.6f") -> list[str]:
     """Rows of text."""
     return [separator.join(form % value for value in row) for row in np.column_stack(list(columns))]

@@ -15,7 +15,7 @@ from tests.estimator.stream import NAME, calibration, feed
 from tests.sentences import codes
 
 #: bytes of a device at 100 samples a second
-MOST_BYTES = 12_000
+MOST_BYTES = 12_500
 
 
 @cache

@@ -99,7 +99,8 @@ def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream
     assert stds[-1] > 1.5 * stds[0]
     # Deviations are those of corrected rates: the axis with the largest scale factor.
     walk = knobs.track.bias.rate_random_walk * np.sqrt(99.0) * once.truth.k.max()
-    assert np.sqrt(stds[-1] ** 2 - stds[0] ** 2) == pytest.approx(walk, rel=0.1)
+    # A little faster than the model says, until rests have shown how fast.
+    assert 0.9 * walk < np.sqrt(stds[-1] ** 2 - stds[0] ** 2) < 1.4 * walk
     assert corrected[0].quality is Quality.GOOD
     assert corrected[-1].quality is Quality.DEGRADED
     assert Code.NO_REST_FOR in codes(device.life.reason)

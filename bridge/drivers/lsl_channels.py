@@ -1,0 +1,126 @@
+"""Finds the gyro's, the accelerometer's and the thermometer's channels in an LSL stream's metadata."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.drivers.sample_assembly import Vector
+from bridge.recording.text.names import understood
+from bridge.recording.units import ACCEL, GYRO, unit_in
+
+if TYPE_CHECKING:
+    import pylsl
+
+Row = NDArray[np.floating]
+
+
+class NoChannels(LookupError):
+    """The stream lacks these channels: labels that were given, or `gyro`."""
+
+
+class NoUnit(LookupError):
+    """Channels whose unit is missing or unknown. option: the option that gives it."""
+
+    def __init__(self, channels: str, unit: str, option: str) -> None:
+        super().__init__(channels)
+        self.channels, self.unit, self.option = channels, unit, option
+
+
+class Triple(NamedTuple):
+    """Indices of the x, y, z channels, and the factor from their numbers to SI."""
+
+    at: tuple[int, int, int]
+    factor: float
+
+    def vector(self, row: Row) -> Vector:
+        """The vector of one sample, in SI."""
+        x, y, z = self.at
+        return float(row[x]) * self.factor, float(row[y]) * self.factor, float(row[z]) * self.factor
+
+
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """Channels of a stream that make a reading."""
+
+    gyro: Triple
+    accel: Triple | None
+    temperature: int | None
+
+    def rates(self, row: Row) -> Vector:
+        """Rates of one sample, rad/s."""
+        return self.gyro.vector(row)
+
+    def forces(self, row: Row) -> Vector | None:
+        """Accelerations of one sample, m/s²."""
+        return None if self.accel is None else self.accel.vector(row)
+
+    def celsius(self, row: Row) -> float | None:
+        """Temperature of one sample, °C."""
+        return None if self.temperature is None else float(row[self.temperature])
+
+
+class _Channel(NamedTuple):
+    label: str
+    unit: str
+    kind: str
+    axis: str
+
+
+def find(
+    about: "pylsl.StreamInfo", gyro: Sequence[str], accel: Sequence[str], gyro_unit: str, accel_unit: str
+) -> Channels:
+    """Find the channels with these labels; without labels, by label, type and unit. Raises NoChannels, NoUnit."""
+    channels = _channels(about)
+    rates = _axes(channels, "gyro", gyro)
+    if rates is None:
+        raise NoChannels("gyro")
+    forces = _axes(channels, "accel", accel)
+    temperature = next((at for at, one in enumerate(channels) if one.kind == "temperature"), None)
+    return Channels(
+        _triple(channels, rates, GYRO, gyro_unit, "gyro_unit"),
+        None if forces is None else _triple(channels, forces, ACCEL, accel_unit, "accel_unit"),
+        temperature,
+    )
+
+
+def _channels(about: "pylsl.StreamInfo") -> list[_Channel]:
+    found, channel = list[_Channel](), about.desc().child("channels").child("channel")
+    of_stream = {"gyr": "gyro", "acc": "accel"}.get(about.type()[:3].lower(), "")
+    while not channel.empty() and len(found) < about.channel_count():
+        label, kind, unit = (channel.child_value(name) for name in ("label", "type", "unit"))
+        by_label, by_type = understood(label), understood(kind)
+        name = by_label if by_label.kind not in {"", "axis"} or not by_type.kind else by_type
+        stated = unit or by_label.unit
+        meant = name.kind
+        if meant == "axis":  # x, y, z alone: the unit or the stream's type tells the quantity
+            meant = "gyro" if unit_in(stated, GYRO) else "accel" if unit_in(stated, ACCEL) else of_stream
+        found.append(_Channel(label, stated, meant, name.axis))
+        channel = channel.next_sibling("channel")
+    return found
+
+
+def _axes(channels: Sequence[_Channel], kind: str, labels: Sequence[str]) -> tuple[int, int, int] | None:
+    """Indices of the x, y, z channels; None if an axis is missing. Raises NoChannels for unknown labels."""
+    if labels:
+        known = {one.label: at for at, one in reversed(list(enumerate(channels)))}
+        if missing := [label for label in labels if label not in known]:
+            raise NoChannels(", ".join(missing))
+        x, y, z = (known[label] for label in labels)
+        return x, y, z
+    at = {one.axis: n for n, one in reversed(list(enumerate(channels))) if one.kind == kind}
+    return (at["x"], at["y"], at["z"]) if {"x", "y", "z"} <= at.keys() else None
+
+
+def _triple(
+    channels: Sequence[_Channel], at: tuple[int, int, int], known: dict[str, float], given: str, option: str
+) -> Triple:
+    """Channels with their unit: the given one, else the one that all three state. Raises NoUnit."""
+    stated = {channels[n].unit for n in at}
+    unit = given or (stated.pop() if len(stated) == 1 else "")
+    factor = unit_in(unit, known)
+    if factor is None:
+        raise NoUnit(", ".join(channels[n].label for n in at), unit, option)
+    return Triple(at, factor)

@@ -1,0 +1,37 @@
+"""Values of a BLE device's characteristics in one byte stream, without I/O: one in each COBS frame.
+
+    payload of a frame = number of the characteristic, 16 bits, little-endian; value
+
+To the device, a frame with a value writes it; a frame without a value reads the characteristic. The frames can be captured
+in a file, and decoded from any point on.
+"""
+
+from bridge.framing.cobs_frames import Deframer, frame
+from bridge.wire.refusal import Tally
+
+_NUMBER_BYTES = 2
+
+
+def encode(number: int, value: bytes = b"") -> bytes:
+    """Encode a value; without a value, the request to read the characteristic."""
+    return frame(number.to_bytes(_NUMBER_BYTES, "little") + value)
+
+
+class GattValues:
+    """Decoder of values: any chunking of bytes in, numbers and values out; counts faults, with bounded memory."""
+
+    def __init__(self, faults: Tally) -> None:
+        self._deframer = Deframer()
+        self._deframer.faults = faults
+
+    def feed(self, data: bytes) -> list[tuple[int, bytes]]:
+        """Numbers and values completed by these bytes, in order."""
+        return [
+            (int.from_bytes(payload[:_NUMBER_BYTES], "little"), payload[_NUMBER_BYTES:])
+            for payload in self._deframer.feed(data)
+        ]
+
+
+def decode(data: bytes) -> list[tuple[int, bytes]]:
+    """Numbers and values of whole frames."""
+    return GattValues(Tally()).feed(data)

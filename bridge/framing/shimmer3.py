@@ -1,0 +1,165 @@
+"""Shimmer3's answers and data packets on a byte stream, without I/O.
+
+    FF                     a command was done                   FE    a command was refused
+    FF kind data           the answer to a query
+    FF 8A kind data        an answer between data packets; the device's own news come without FF
+    00 time[3] channels    a data packet: time at 32768 Hz, little-endian; then the channels of the inquiry's answer
+
+Nothing marks a frame. With the CRC turned on, each of these ends with two more bytes, and is accepted only with the right
+ones. Without the CRC, a data packet is accepted only if another follows whose time fits the sampling period. After damage,
+bytes are dropped one at a time until a frame is found.
+Source: Shimmer3 Bluetooth communication protocol, LogAndStream firmware.
+"""
+
+import binascii
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from bridge.wire.refusal import Tally
+
+DATA, ACK, NACK, IN_STREAM = 0x00, 0xFF, 0xFE, 0x8A
+INQUIRY, VERSION, CALIBRATION, FIRMWARE, GYRO_RANGE, STATUS, BATTERY = 0x02, 0x25, 0x2D, 0x2F, 0x4A, 0x71, 0x94
+BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
+TIME_BITS, TICKS_A_S = 24, 32_768
+_SIZES = {VERSION: 1, CALIBRATION: 84, FIRMWARE: 6, GYRO_RANGE: 1}
+_IN_STREAM_SIZES = {STATUS: 1, BATTERY: 3}
+_INQUIRY_HEAD = 8  # bytes, the seventh is the number of channels
+_SEED = 0xB0CA
+_HEAD = 4  # bytes of a data packet before its channels
+_LONGEST_GAP = 2 * TICKS_A_S
+_JITTER = 8  # part of a period
+
+
+def crc(frame: bytes) -> bytes:
+    """CRC-16/CCITT of a frame, little-endian; an odd frame counts with a zero byte at its end."""
+    return binascii.crc_hqx(frame + bytes(len(frame) % 2), _SEED).to_bytes(2, "little")
+
+
+_ACK_AND_CRC = bytes((ACK,)) + crc(bytes((ACK,)))
+
+
+class Frame(NamedTuple):
+    """ACK, NACK, DATA or the kind of an answer; and the data behind it."""
+
+    kind: int
+    data: bytes
+
+
+class _Shape(NamedTuple):
+    kind: int
+    head: int  # bytes before the data
+    size: int  # bytes of data
+
+
+class ShimmerFrames:
+    """Decoder of Shimmer3's frames: any chunking of bytes in, frames out; counts faults, with bounded memory.
+
+    checked: whether the frames carry a CRC; seen by the first acknowledgement with one.
+    packet: bytes of a data packet, 0 while unknown. period: ticks from packet to packet.
+    awaiting_ack: the next FF is an acknowledgement, not the beginning of an answer.
+    """
+
+    def __init__(self, faults: Tally) -> None:
+        self.faults = faults
+        self.packet, self.period = 0, 1
+        self.opened()
+
+    def opened(self) -> None:
+        """Forget any unfinished frame; a new connection begins without CRC."""
+        self.checked = self.awaiting_ack = False
+        self._bytes = bytearray()
+        self._dropped = 0
+
+    def feed(self, data: bytes) -> Iterator[Frame]:
+        """The frames completed by these bytes, in order; packet, period and awaiting_ack may be set between two of them."""
+        self._bytes += data
+        while self._bytes and (found := self._next()) is not None:
+            frame, size = found
+            if frame is None:
+                if not self._dropped and self.checked and self._bytes[0] == DATA:
+                    self.faults.add(BAD_SUM)
+                self._dropped += 1
+            elif self._dropped:
+                self.faults.add(GARBAGE, self._dropped)
+                self._dropped = 0
+            del self._bytes[:size]
+            if frame is not None:
+                yield frame
+
+    def _next(self) -> tuple[Frame | None, int] | None:
+        """The frame at the beginning and its size; (None, 1) if there is no frame; None if more bytes are needed."""
+        held = self._bytes
+        if not self.checked and held[0] == ACK:
+            if len(held) < len(_ACK_AND_CRC) and _ACK_AND_CRC.startswith(held):
+                if not self.awaiting_ack or len(held) > 1:
+                    return None
+            elif held.startswith(_ACK_AND_CRC):
+                self.checked = True
+        wait = False
+        for shape in self._shapes():
+            if shape is None:
+                wait = True
+                continue
+            end = shape.head + shape.size
+            fits = self._sum_fits(end) if self.checked else self._looks_right(shape, end)
+            if fits:
+                return Frame(shape.kind, bytes(held[shape.head : end])), end + 2 * self.checked
+            wait |= fits is None
+        return None if wait else (None, 1)
+
+    def _shapes(self) -> Iterator[_Shape | None]:
+        """The frames that may begin here; None where the next bytes have to tell."""
+        held = self._bytes
+        match held[0]:
+            case 0x00:
+                if self.packet:
+                    yield _Shape(DATA, 1, self.packet - 1)
+            case 0xFE:
+                yield _Shape(NACK, 1, 0)
+            case 0xFF:
+                if self.checked or self.awaiting_ack or (len(held) > 1 and held[1] in (DATA, ACK, NACK)):
+                    yield _Shape(ACK, 1, 0)
+                yield from self._answers(1)
+            case 0x8A:
+                yield from self._answers(0)
+
+    def _answers(self, at: int) -> Iterator[_Shape | None]:
+        held = self._bytes
+        if len(held) <= at:
+            yield None
+        elif held[at] == IN_STREAM:
+            if len(held) == at + 1:
+                yield None
+            elif held[at + 1] in _IN_STREAM_SIZES:
+                yield _Shape(held[at + 1], at + 2, _IN_STREAM_SIZES[held[at + 1]])
+        elif held[at] == INQUIRY and at:
+            channels = at + _INQUIRY_HEAD - 1
+            yield _Shape(INQUIRY, at + 1, _INQUIRY_HEAD + held[channels]) if len(held) > channels else None
+        elif held[at] in _SIZES and at:
+            yield _Shape(held[at], at + 1, _SIZES[held[at]])
+
+    def _sum_fits(self, end: int) -> bool | None:
+        """Whether the CRC of the first `end` bytes follows; None if it is not complete yet."""
+        held = self._bytes
+        return None if len(held) < end + 2 else crc(bytes(held[:end])) == held[end : end + 2]
+
+    def _looks_right(self, shape: _Shape, end: int) -> bool | None:
+        """Whether a frame without CRC is complete and, if it is a data packet, followed by one in time; None if unknown."""
+        held = self._bytes
+        if shape.kind != DATA:
+            if self._dropped and not (self.awaiting_ack and shape.kind == ACK):
+                return False  # among garbage anything may look like an answer
+            return True if len(held) >= end else None
+        if len(held) <= end:
+            return None
+        if held[end] != DATA:  # perhaps an answer between two data packets
+            news = held[end + (held[end] == ACK) :][:2]
+            if len(news) < 2:
+                return None
+            return not self._dropped and news[0] == IN_STREAM and news[1] in _IN_STREAM_SIZES
+        if len(held) < end + _HEAD:
+            return None
+        first, second = (int.from_bytes(held[at + 1 : at + _HEAD], "little") for at in (0, end))
+        step = (second - first) % (1 << TIME_BITS)
+        periods = round(step / self.period)
+        return 0 < step <= _LONGEST_GAP and periods > 0 and abs(step - periods * self.period) * _JITTER <= self.period

@@ -1,0 +1,108 @@
+"""Reads and writes HDF5 by h5py (the extra `hdf5`): truerate's own layout, and that of APDM's Opal.
+
+Own layout: datasets at the root, named and shaped as the arrays of an .npz file.
+APDM, version 5: /Sensors/ID with Gyroscope (n, 3) rad/s, Accelerometer (n, 3) m/s², Temperature (n,) °C, Time (n,) µs, and
+the label in the attribute `Label 0` of Configuration. Versions 2 to 4: /ID with Time and Calibrated/Gyroscopes,
+Accelerometers and Temperature, and the labels in the root's attributes CaseIdList and MonitorLabelList.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording.error import MAX_BYTES, RecordingError
+from bridge.recording.formats.arrays import WANTED, table_of
+from bridge.recording.formats.npz import origin
+from bridge.recording.formats.streams import choose
+from bridge.recording.reading import Reading
+from bridge.recording.table import Table
+
+Array = NDArray[np.generic]
+#: names of an Opal's datasets in both layouts
+_OPAL = (
+    {"gyro_rad_s": "Gyroscope", "accel_m_s2": "Accelerometer", "temperature_c": "Temperature", "t_s": "Time"},
+    {
+        "gyro_rad_s": "Calibrated/Gyroscopes",
+        "accel_m_s2": "Calibrated/Accelerometers",
+        "temperature_c": "Calibrated/Temperature",
+        "t_s": "Time",
+    },
+)
+
+
+def read(path: Path, reading: Reading) -> Table:
+    """Read truerate's own arrays, or one sensor of an Opal's file. Raises RecordingError."""
+    with h5py.File(path, "r") as file:
+        if opals := _opals(file):
+            return _opal(path, choose(path, opals, reading.device, "sensors"), reading)
+        arrays = {name: _array(path, file[name]) for name in WANTED if name in file}
+        table = table_of(path, arrays, reading, list(file))
+        table.device, table.boot = origin(
+            *(_text(file[name][()]) if name in file else "" for name in ("device", "boot"))
+        )
+    return choose(path, {table.device: table}, reading.device, "devices") if table.device else table
+
+
+def write(file: IO[bytes], arrays: Mapping[str, Array]) -> None:
+    """Write arrays as datasets at the root."""
+    with h5py.File(file, "w") as out:
+        for name, array in arrays.items():
+            if array.dtype.kind == "U":
+                out.create_dataset(name, data=array.astype(object), dtype=h5py.string_dtype())
+            else:
+                out.create_dataset(name, data=array, compression="gzip" if array.ndim else None)
+
+
+def holds(path: Path, name: str) -> bool:
+    """Whether a file has a dataset of this name; False if the file is not HDF5."""
+    try:
+        with h5py.File(path, "r") as file:
+            return name in file
+    except OSError:
+        return False
+
+
+def _opals(file: Any) -> dict[str, Any]:
+    """Return the sensors of an Opal's file by label; sensors of one label by label and id."""
+    if "Sensors" in file:
+        sensors = {name: group for name, group in file["Sensors"].items() if "Gyroscope" in group}
+        labels = {name: _text(group["Configuration"].attrs.get("Label 0", "")) for name, group in sensors.items()}
+    else:
+        groups = {name: group for name, group in file.items() if isinstance(group, h5py.Group)}
+        sensors = {name: group for name, group in groups.items() if _OPAL[1]["gyro_rad_s"] in group}
+        ids, known = ([_text(one) for one in file.attrs.get(key, ())] for key in ("CaseIdList", "MonitorLabelList"))
+        labels = dict(zip(ids, known, strict=False))
+    said = [labels.get(name) or name for name in sensors]
+    return {
+        label if said.count(label) == 1 else f"{label} {name}": group
+        for label, (name, group) in zip(said, sensors.items(), strict=True)
+    }
+
+
+def _opal(path: Path, sensor: Any, reading: Reading) -> Table:
+    names = next(one for one in _OPAL if one["gyro_rad_s"] in sensor)
+    arrays = {ours: _array(path, sensor[theirs]) for ours, theirs in names.items() if theirs in sensor}
+    if "t_s" in arrays:
+        time_us = arrays["t_s"].astype(np.int64)
+        arrays["t_s"] = (time_us - time_us[0]) * 1e-6
+    for name, array in arrays.items():
+        if array.ndim == 2 and array.shape[0] in {1, 3} and array.shape[1] != 3:
+            arrays[name] = array.T
+    if "temperature_c" in arrays:
+        arrays["temperature_c"] = arrays["temperature_c"].reshape(-1)
+    return table_of(path, arrays, reading, tick_s=1e-6, notes=["read as APDM's Opal"])
+
+
+def _array(path: Path, dataset: Any) -> Array:
+    if dataset.size * dataset.dtype.itemsize > MAX_BYTES:
+        raise RecordingError(f"{path}: {dataset.name!r} has {dataset.size} values: split the file")
+    array: Array = dataset[()]
+    return np.asarray(array)
+
+
+def _text(value: object) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -1,0 +1,52 @@
+"""Reads and writes Parquet by pyarrow (the extra `parquet`), with a column per axis, named as in a .csv file.
+
+Columns of other tools are understood by their names, as those of a text table.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from bridge.recording.error import RecordingError
+from bridge.recording.reading import Reading
+from bridge.recording.table import Table
+from bridge.recording.text import reader
+
+
+def read(path: Path, reading: Reading) -> Table:
+    """Read the columns of numbers and of times. Raises RecordingError."""
+    table = pq.read_table(path)
+    names, columns = list[str](), list[NDArray[np.float64]]()
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if pa.types.is_timestamp(column.type):
+            since = pc.subtract(
+                column.cast(pa.timestamp("ns")).cast(pa.int64()),
+                pc.min(column).cast(pa.timestamp("ns")).cast(pa.int64()),
+            )
+            names.append(f"{name} (ns)")
+            columns.append(since.to_numpy().astype(np.float64))
+        elif pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
+            names.append(name)
+            columns.append(column.to_numpy().astype(np.float64))
+    if not columns:
+        raise RecordingError(f"{path}: no columns of numbers: give a column per axis, named as gyro_x_rad_s")
+    return reader.read_columns(path, names, np.column_stack(columns), reading)
+
+
+def write(file: IO[bytes], columns: Mapping[str, NDArray[np.generic]]) -> None:
+    """Write columns (n,)."""
+    pq.write_table(pa.table(dict(columns)), file)
+
+
+def holds(path: Path, name: str) -> bool:
+    """Whether a file has a column of this name; False if the file is not Parquet."""
+    try:
+        return name in pq.read_schema(path).names
+    except (OSError, pa.ArrowInvalid):
+        return False

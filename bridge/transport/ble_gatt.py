@@ -1,0 +1,41 @@
+"""BLE transport of several characteristics of one device: each value is a frame, so that bytes stay bytes."""
+
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
+
+from bridge.transport.ble_port import BleLink, Inbox, device_address
+from bridge.transport.ble_radio import Connection
+
+
+class Codec(NamedTuple):
+    """encode: frame of a characteristic's number and value. decode: numbers and values of frames; an empty value is a read."""
+
+    encode: Callable[[int, bytes], bytes]
+    decode: Callable[[bytes], Sequence[tuple[int, bytes]]]
+
+
+class GattPort(BleLink):
+    """A device's characteristics. port: `ble://address`. uuid: full identifier of a number. notify: numbers to listen to."""
+
+    def __init__(
+        self, port: str, example: str, uuid: Callable[[int], str], notify: Sequence[int], codec: Codec
+    ) -> None:
+        super().__init__(port, device_address(port.removeprefix("ble://"), example))
+        self._uuid, self._notify, self._codec = uuid, notify, codec
+
+    def _listeners(self, inbox: Inbox) -> Mapping[str, Callable[[bytes], None]]:
+        return {self._uuid(number): partial(self._put, inbox, number) for number in self._notify}
+
+    def _send(self, connection: Connection, inbox: Inbox, data: bytes) -> Coroutine[None, None, None]:
+        return self._exchange(connection, inbox, self._codec.decode(data))
+
+    async def _exchange(self, connection: Connection, inbox: Inbox, values: Sequence[tuple[int, bytes]]) -> None:
+        for number, value in values:
+            if value:
+                await connection.write(self._uuid(number), value)
+            else:
+                self._put(inbox, number, await connection.read(self._uuid(number)))
+
+    def _put(self, inbox: Inbox, number: int, value: bytes) -> None:
+        inbox.put(self._codec.encode(number, value))

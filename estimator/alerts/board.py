@@ -1,0 +1,69 @@
+"""Alert board of a device or an estimator: raises an alert that has held, and clears one that has ended. Pure."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from bridge.wire.messages import Alert
+from estimator.config.alerts import Alerts
+
+
+class Change(NamedTuple):
+    """An alert that was raised or acknowledged, or that is cleared."""
+
+    alert: Alert
+    cleared: bool = False
+
+
+@dataclass(slots=True)
+class _Trouble:
+    """Trouble of one kind: when it began and was last seen, monotonic s; its alert once raised."""
+
+    since_s: float
+    since_ns: int
+    seen_s: float
+    alert: Alert | None = None
+
+
+class Board:
+    """Troubles and standing alerts of one subject.
+
+    An alert is raised while its trouble is there, once the trouble began at least its hold time ago. A trouble ends, and
+    its alert is cleared, when it was absent for `clear_s`: a trouble that comes and goes is one trouble. standing: alerts
+    raised before a restart or a takeover.
+    """
+
+    def __init__(self, settings: Alerts, standing: Iterable[Alert] = (), now_s: float = 0.0) -> None:
+        self._settings = settings
+        self._troubles = {one.kind: _Trouble(now_s, one.since_ns, now_s, one) for one in standing}
+
+    @property
+    def standing(self) -> tuple[Alert, ...]:
+        """Standing alerts, oldest first."""
+        found = (trouble.alert for trouble in self._troubles.values() if trouble.alert is not None)
+        return tuple(sorted(found, key=lambda one: one.raised_ns))
+
+    def look(self, kinds: Collection[str], now_s: float, now_ns: int) -> list[Change]:
+        """Take the troubles that are there now; returns the alerts raised and cleared by that."""
+        changes = list[Change]()
+        for kind in kinds:
+            trouble = self._troubles.setdefault(kind, _Trouble(now_s, now_ns, now_s))
+            trouble.seen_s = now_s
+            if trouble.alert is None and now_s - trouble.since_s >= self._settings.hold(kind):
+                trouble.alert = Alert(kind, trouble.since_ns, now_ns)
+                changes.append(Change(trouble.alert))
+        for kind, trouble in list(self._troubles.items()):
+            if now_s - trouble.seen_s >= self._settings.clear_s and kind not in kinds:
+                del self._troubles[kind]
+                if trouble.alert is not None:
+                    changes.append(Change(trouble.alert, cleared=True))
+        return changes
+
+    def acknowledge(self, kind: str, who: str, now_ns: int) -> list[Change]:
+        """Note that a person has seen the alert of a kind, or with "" all alerts; returns those not seen before."""
+        changes = list[Change]()
+        for trouble in self._troubles.values():
+            if (alert := trouble.alert) is not None and not alert.acknowledged_ns and kind in ("", alert.kind):
+                trouble.alert = replace(alert, acknowledged_ns=now_ns, who=who)
+                changes.append(Change(trouble.alert))
+        return changes

@@ -1,0 +1,97 @@
+"""Sends alerts to people by apprise (mail, ntfy, webhook …), on a thread of its own. The only file that imports apprise."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from datetime import datetime
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from bridge.reasons.catalogue import explain
+from bridge.toml.loader import ConfigError
+from bridge.wire.messages import Placement
+from estimator.alerts.board import Change
+from estimator.alerts.outbox import News, Outbox, sentence
+from estimator.config.alerts import Alerts
+
+log = logging.getLogger(__name__)
+
+#: interval of looking at the outbox, s; longest wait for the last message at the end, s
+_LOOK_S, _END_S = 0.5, 5.0
+#: message title and body; returns whether every address took it
+Notify = Callable[[str, str], bool]
+
+
+class Sender:
+    """Thread that sends the news of an outbox. What an address refuses is logged and not sent again."""
+
+    def __init__(self, ward: str, settings: Alerts, notify: Notify) -> None:
+        self._ward, self._settings, self._notify = ward, settings, notify
+        self._outbox, self._came = Outbox(settings), SimpleQueue[tuple[str, Placement | None, Change]]()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="alerts", daemon=True)
+        self._thread.start()
+
+    def put(self, subject: str, placement: Placement | None, change: Change) -> None:
+        """Queue an alert or all-clear; never waits."""
+        self._came.put((subject, placement, change))
+
+    def close(self) -> None:
+        """Stop; news that wait are not sent, since another estimator or the next start has the alert."""
+        self._stop.set()
+        self._thread.join(_END_S)
+
+    def _run(self) -> None:
+        while not self._stop.wait(_LOOK_S):
+            now = time.monotonic()
+            with suppress(Empty):
+                while True:
+                    self._outbox.put(*self._came.get_nowait(), now)
+            if news := self._outbox.take(now, datetime.now().astimezone()):
+                title, body = message(self._ward, news, self._settings.language)
+                try:
+                    sent = self._notify(title, body)
+                except Exception:
+                    log.exception("alerts were not sent")
+                    continue
+                if not sent:
+                    log.error("alerts were not sent to every address: %s", title)
+
+
+def message(ward: str, news: Sequence[News], language: str) -> tuple[str, str]:
+    """Title and body of a message: alerts first, then all-clears."""
+    lines = list[str]()
+    for one in sorted(news, key=lambda one: (one.cleared, one.subject)):
+        worn = f" ({one.placement})" if one.placement else ""
+        words = explain((sentence(one.alert.kind, f"{one.subject}{worn}"),), language)
+        since = datetime.fromtimestamp(one.alert.since_ns / 1e9).astimezone().strftime("%Y-%m-%d %H:%M")
+        lines.append(f"{'✓' if one.cleared else '!'} {since} {words}")
+    raised = sum(not one.cleared for one in news)
+    title = f"{ward}: {'!' if raised else '✓'} {raised or len(news)}"
+    return title, "\n".join(lines)
+
+
+def by_apprise(urls: Sequence[str]) -> Notify:
+    """Notify function for addresses of apprise. Raises ConfigError for a missing package or a wrong address."""
+    try:
+        import apprise  # noqa: PLC0415 - optional, and slow to import
+    except ImportError:
+        raise ConfigError(
+            "[alerts] sends by apprise, which is not installed: run pip install 'truerate[alerts]', or remove the addresses"
+        ) from None
+    made: Any = apprise.Apprise()
+    for url in urls:
+        if not made.add(url):
+            scheme = url.partition("://")[0][:20]  # the rest may be a password
+            raise ConfigError(
+                f"[alerts]: apprise does not take an address that begins with {scheme}://: see its documentation"
+            )
+    return lambda title, body: bool(made.notify(title=title, body=body))
+
+
+def sender(ward: str, settings: Alerts) -> Sender | None:
+    """Start a sender for the addresses in the settings; None without an address. Raises ConfigError."""
+    urls = settings.urls()
+    return Sender(ward, settings, by_apprise(urls)) if urls else None

@@ -1,0 +1,92 @@
+"""The verb `truerate reload`: checks a changed ward file, and shows what the running programs have taken from it."""
+
+import argparse
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from bridge.bus.contract import Bus, BusError
+from bridge.bus.routers import Routers
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.cli.parser import Verbs, add_verb
+from bridge.config.schema import load
+from bridge.config.ward_file import digest_of, member_of
+from bridge.pki.member import Member, Role
+from bridge.reasons.catalogue import english
+from bridge.wire import keys
+from bridge.wire.codec import decode_reply
+from bridge.wire.messages import CommandReply
+from estimator.client import Client
+from estimator.config.schema import Ward
+
+RELOAD = """Programs look at their ward file once a second. A valid change takes effect without a restart: devices, models,
+enrolled devices, people, limits of the recorder. Boots and calibrations of other devices go on. An invalid file is refused
+as a whole (exit code 2), and the earlier settings stay in force. This command checks the file, waits for the programs, and
+shows what each has taken; exit code 1 if a program has not taken every change.
+
+example:
+  truerate reload --config configs/ward.toml"""
+#: time for programs to notice a change, s, and time for one answer
+_PATIENCE_S, _ANSWER_S = 4.0, 1.0
+#: names of the programs that have no name of their own without a certificate
+_UNNAMED = (Member(Role.COMMANDER, "dashboard"), Member(Role.RECORDER, "recorder"))
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `reload`."""
+    verb = add_verb(verbs, "reload", _reload, "check a changed ward file, and show what running programs took from it")
+    verb.epilog, verb.formatter_class = RELOAD, argparse.RawDescriptionHelpFormatter
+    verb.add_argument("--config", type=Path, required=True, help="the ward file")
+
+
+def _reload(given: argparse.Namespace) -> int:
+    ward, digest = load(given.config, Ward), digest_of(given.config)
+    replies = dict[Member, CommandReply]()
+    for routers in ward.bus.every():
+        with ZenohBus(routers) as bus:
+            replies |= dict(asked(bus, routers, ward, digest))
+    for member, reply in replies.items():
+        kind = "dashboard" if member.role in (Role.VIEWER, Role.COMMANDER) else member.role.value
+        print(f"{' '.join(dict.fromkeys((kind, member.name)))}: {said(reply, digest)}")
+    if not replies:
+        print(f"{given.config} is valid. No running program of ward {ward.ward} answers")
+    return 0 if replies and all(one.accepted and one.request_id == digest for one in replies.values()) else 1
+
+
+def asked(
+    bus: Bus, routers: Routers, ward: Ward, digest: str, patience_s: float = _PATIENCE_S
+) -> Iterator[tuple[Member, CommandReply]]:
+    """Ask the running programs of a ward what they took from their files. Yields the answers, by program.
+
+    A program is given patience_s to read a content of this digest. With a certificate that is not a commander's, only
+    the program of the same certificate may be asked.
+    """
+    deadline = time.monotonic() + patience_s
+    for member in _members(bus, routers, ward):
+        key = keys.build(ward.ward, "config", role=member.role.value, name=member.name)
+        while (reply := _answer(bus, key)) is not None and reply.request_id != digest and time.monotonic() < deadline:
+            time.sleep(0.2)
+        if reply is not None:
+            yield member, reply
+
+
+def said(reply: CommandReply, digest: str) -> str:
+    """Return an answer in words. digest: of the file that was asked about."""
+    other = "" if reply.request_id == digest else "it has not read this file but another one. Of that: "
+    return f"{other}{english(*reply.message)}"
+
+
+def _members(bus: Bus, routers: Routers, ward: Ward) -> list[Member]:
+    own = member_of(routers)
+    if own is not None and own.role is not Role.COMMANDER:
+        return [own]
+    client = Client(ward=ward.ward, bus=bus)
+    there = [Member(role, name) for role in (Role.BRIDGE, Role.ESTIMATOR) for name in client.alive(role.value)]
+    return [*there, *((own,) if own else _UNNAMED)]
+
+
+def _answer(bus: Bus, key: str) -> CommandReply | None:
+    try:
+        return decode_reply(bus.ask(key, b"", _ANSWER_S))
+    except BusError:
+        return None  # there is no such program

@@ -1,0 +1,65 @@
+"""Calibration that gravity taught the tracker while the device was worn: its matrix, bias and covariance. Pure."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.reasons.codes import Code
+from bridge.wire.messages import Calibration, Turn, Verdict
+from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW
+from estimator.calibration.result import Result
+from estimator.tracking.bias_filter import BIAS
+from estimator.tracking.evidence import GATES
+from estimator.tracking.gravity import MATRIX
+from estimator.tracking.tracker import Tracker
+
+Floats = NDArray[np.float64]
+#: method name of such a calibration
+METHOD = "worn"
+_SCALE = slice(3, 6)
+
+
+def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) -> Result:
+    """The tracker's bias and matrix as a calibration; its state must have a matrix.
+
+    noise_std (3,) rad/s: of a reading. turns: of a calibration by hand that it continues.
+    """
+    state, before = tracker.state, tracker.matrix
+    change = state.x[MATRIX].reshape(3, 3)
+    # An element of change times matrix, by the elements of change.
+    slopes = np.zeros((12, len(state.x)))
+    slopes[:3, BIAS] = np.eye(3)
+    slopes[3:, MATRIX] = np.kron(np.eye(3), before.T)[3 * ROW + COLUMN]
+    covariance = slopes @ state.P @ slopes.T
+    return Result(
+        METHOD,
+        Verdict.ACCEPTED,
+        (Code.LEARNT_WORN(),),
+        before + change @ before,
+        tracker.bias,
+        (covariance + covariance.T) / 2,
+        noise_std,
+        turns,
+        bias_time=tracker.time,
+        parameters=MATRIX_PARAMETERS,
+    )
+
+
+def combined(by_hand: Result, worn: Calibration) -> Result:
+    """A calibration by hand that starts from a worn one of the same boot; the one by hand alone where the two disagree.
+
+    A method that determines the whole matrix needs no start.
+    """
+    if len(by_hand.parameters) > 6 or len(worn.parameters) != len(MATRIX_PARAMETERS):
+        return by_hand
+    matrix, P = worn.matrix[ROW, COLUMN], worn.covariance[3:, 3:]
+    R = by_hand.covariance[_SCALE, _SCALE]
+    innovation, S = by_hand.scale - matrix[:3], P[:3, :3] + R
+    gain = np.linalg.solve(S, P[:3]).T
+    if innovation @ np.linalg.solve(S, innovation) > GATES[3]:
+        return by_hand
+    full, covariance = np.empty((3, 3)), np.zeros((12, 12))
+    full[ROW, COLUMN] = matrix + gain @ innovation
+    covariance[:3, :3], covariance[3:, 3:] = by_hand.covariance[:3, :3], P - gain @ P[:3]
+    return replace(by_hand, matrix=full, covariance=covariance, parameters=MATRIX_PARAMETERS)

@@ -1,0 +1,50 @@
+"""Outlet to the Lab Streaming Layer (LSL): streams of each device, and one stream of markers (docs/lsl.md).
+
+Begin at `add_arguments` and `serve`. `service` moves data; `streams` makes streams with their metadata; `clock` maps
+sample times to LSL's clock; `markers` words what happens to a device.
+"""
+
+import argparse
+import logging
+import threading
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from bridge.pki.member import Role
+from bridge.toml.loader import ConfigError
+
+if TYPE_CHECKING:
+    from estimator.client import Client
+
+KINDS = ("orientation", "quality", "raw")
+_log = logging.getLogger(__name__)
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the options of `truerate outlet lsl`."""
+    verb.add_argument(
+        "--with",
+        dest="kinds",
+        action="append",
+        choices=KINDS,
+        metavar="STREAM",
+        help=f"another stream of each device beside its corrected rates: {', '.join(KINDS)}; repeatable",
+    )
+
+
+def roles(given: argparse.Namespace) -> tuple[Role, ...]:
+    """Roles that may receive all that is asked for; none for those that may look."""
+    return (Role.COMMANDER, Role.RECORDER) if "raw" in (given.kinds or ()) else ()
+
+
+def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
+    """Copy corrected rates, and the streams asked for, to LSL until `stop` is set. Raises ConfigError without liblsl."""
+    try:
+        from estimator.outlets.lsl.service import LslOutlet  # noqa: PLC0415 - optional extra
+    except (RuntimeError, OSError) as error:  # pylsl is there, but its wheel for this platform has no liblsl
+        raise ConfigError(
+            "pylsl finds no liblsl on this machine: install it from https://github.com/sccn/liblsl/releases"
+        ) from error
+    _log.warning("LSL neither encrypts nor asks who reads: its streams are open to this machine's network")
+    LslOutlet(client, devices, frozenset(given.kinds or ())).run(stop)
+    return 0

@@ -1,0 +1,32 @@
+"""Maps host times to LSL's clock: seconds on a clock of this machine that is never set."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.transport import host_time
+
+
+class LslClock:
+    """Mapping from host time to LSL's clock. local_clock: the present time of LSL's clock, s.
+
+    The host's clock may be set while the program runs. Sample times follow it, LSL's clock does not.
+    """
+
+    def __init__(self, local_clock: Callable[[], float]) -> None:
+        # A delay between the two readings lowers the result, so the highest is the best.
+        self._ahead_ns = max(host_time.now_ns() - round(local_clock() * 1e9) for _ in range(10))
+        self._set_ns = host_time.set_ns()
+
+    def follow(self) -> None:
+        """Note how far the host's clock has been set by now."""
+        self._set_ns = host_time.set_ns(self._set_ns)
+
+    def stamp(self, time_ns: int) -> float:
+        """LSL time, s, of a host time in nanoseconds since the Unix epoch."""
+        return (time_ns - self._set_ns - self._ahead_ns) * 1e-9
+
+    def stamps(self, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(n,) LSL times, s, of host times (n,)."""
+        return np.asarray((times_ns - (self._set_ns + self._ahead_ns)) * 1e-9, np.float64)

@@ -1,0 +1,35 @@
+"""Markers: what happens to a device, in one line `<device> <event> <details>`, each with its time. Pure."""
+
+from bridge.reasons.catalogue import english
+from bridge.wire.messages import Calibration, CorrectedBatch, Note
+from estimator.client import Miss
+
+
+class Boots:
+    """Markers of a device's batches: reboots and missing samples. `missed` precedes the batch after the hole."""
+
+    def __init__(self) -> None:
+        self._boots: dict[str, int] = {}
+        self._missing: dict[str, int] = {}
+
+    def missed(self, miss: Miss) -> None:
+        """Count samples that did not arrive."""
+        self._missing[miss.device] = self._missing.get(miss.device, 0) + miss.count
+
+    def before(self, batch: CorrectedBatch) -> list[str]:
+        """Markers at the first sample of a batch."""
+        missing = self._missing.pop(batch.device, 0)
+        known = self._boots.get(batch.device)
+        self._boots[batch.device] = batch.boot
+        found = [f"{batch.device} reboot {batch.boot:016x}"] if known not in (None, batch.boot) else []
+        return [*found, f"{batch.device} missing {missing}"] if missing else found
+
+
+def of_calibration(calibration: Calibration) -> str:
+    """Marker of a calibration, accepted or rejected."""
+    return f"{calibration.device} calibration {calibration.verdict.name.lower()} {english(*calibration.reason)}".strip()
+
+
+def of_note(note: Note) -> str:
+    """Marker of a person's note."""
+    return f"{note.device} note {note.who}: {note.text}"

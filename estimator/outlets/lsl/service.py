@@ -1,0 +1,82 @@
+"""Moves a ward's messages to LSL."""
+
+import threading
+import time
+from collections.abc import Collection, Sequence
+
+import pylsl
+
+from bridge.wire.messages import DeviceInfo, Status
+from estimator.client import Client
+from estimator.outlets.lsl.clock import LslClock
+from estimator.outlets.lsl.markers import Boots, of_calibration, of_note
+from estimator.outlets.lsl.streams import Batch, DeviceStream, MarkerStream
+
+#: seconds between looks at messages that are no samples
+_LOOK_S = 0.5
+
+
+class LslOutlet:
+    """LSL streams of a ward: corrected rates of each device, the further `kinds`, and one stream of markers.
+
+    A device's streams begin once its info and its status are known, which hold the metadata.
+    """
+
+    def __init__(self, client: Client, devices: Sequence[str] | None, kinds: Collection[str]) -> None:
+        self._ward, self._quality = client.ward, "quality" in kinds
+        self._boots = Boots()
+        self._clock = LslClock(pylsl.local_clock)
+        self._began_ns = time.time_ns()
+        self._corrected = client.corrected(devices, on_miss=self._boots.missed)
+        self._orientation = client.orientation(devices) if "orientation" in kinds else None
+        self._raw = client.raw(devices) if "raw" in kinds else None
+        self._heard_infos, self._heard_statuses = client.follow_infos(devices), client.follow(devices)
+        self._notes, self._calibrations = client.follow_notes(devices), client.follow_calibrations(devices)
+        self._infos: dict[str, DeviceInfo] = {}
+        self._statuses: dict[str, Status] = {}
+        self._streams: dict[tuple[str, str], DeviceStream] = {}
+        self._told: set[str] = set()  # ids of calibrations
+        self._markers = MarkerStream(client.ward)
+
+    def run(self, stop: threading.Event) -> None:
+        """Move messages until `stop` is set."""
+        looked_s = 0.0
+        while not stop.is_set():
+            if time.monotonic() - looked_s >= _LOOK_S:
+                looked_s = time.monotonic()
+                self._look()
+            for batch in self._corrected.drain(0.1):
+                for words in self._boots.before(batch):
+                    self._markers.push(words, self._clock.stamp(batch.start_time_ns))
+                self._push("rates", batch)
+                if self._quality:
+                    self._push("quality", batch)
+            if self._orientation is not None:
+                for attitudes in self._orientation.drain():
+                    self._push("orientation", attitudes)
+            if self._raw is not None:
+                for readings in self._raw.drain():
+                    self._push("raw", readings)
+
+    def _look(self) -> None:
+        """Take infos and statuses, and send markers of notes and calibrations; past ones are left out."""
+        self._clock.follow()
+        self._infos |= {info.device: info for info in self._heard_infos.drain() if info.boot}
+        self._statuses |= {status.device: status for status in self._heard_statuses.drain()}
+        for note in self._notes.drain():
+            if note.time_ns >= self._began_ns:
+                self._markers.push(of_note(note), self._clock.stamp(note.time_ns))
+        for calibration in self._calibrations.drain():
+            # An estimator that takes a device over publishes its calibration again.
+            if calibration.time_ns >= self._began_ns and calibration.id not in self._told:
+                self._told.add(calibration.id)
+                self._markers.push(of_calibration(calibration), self._clock.stamp(calibration.time_ns))
+
+    def _push(self, kind: str, batch: Batch) -> None:
+        stream = self._streams.get((batch.device, kind))
+        if stream is None:
+            info, status = self._infos.get(batch.device), self._statuses.get(batch.device)
+            if info is None or status is None:
+                return  # the stream does not exist yet, so nobody can read it
+            stream = self._streams[batch.device, kind] = DeviceStream(self._ward, kind, info, status)
+        stream.push(batch, self._clock.stamps(batch.sample_time_ns))

@@ -1,0 +1,78 @@
+"""Forgetting of devices: those that ended long ago, and those that a person wants removed."""
+
+from bridge.reasons.codes import Code, Sentence
+from bridge.wire import keys
+from estimator.service.device import Device
+from estimator.service.device_start import DeviceStarts
+from estimator.service.enrolment_gate import EnrolmentGate
+from estimator.service.intake import Intake
+from estimator.service.parts import Parts
+from estimator.service.periodic_checks import PeriodicChecks
+from estimator.service.presence import Presence
+
+#: commands that remove a device: from memory and pages, and from the store as well
+FORGET, ERASE = "forget", "erase"
+
+
+class Forgetting:
+    """Removes devices from this estimator's memory, from the pages, and from the store if asked to."""
+
+    def __init__(
+        self,
+        parts: Parts,
+        gate: EnrolmentGate,
+        presence: Presence,
+        intake: Intake,
+        checks: PeriodicChecks,
+        starts: DeviceStarts,
+    ) -> None:
+        self._parts, self._gate, self._presence = parts, gate, presence
+        self._intake, self._checks, self._starts = intake, checks, starts
+
+    def look(self, now: float) -> None:
+        """Once a second: forget the devices that ended long ago; the store keeps what it knows of them."""
+        for device in self._parts.devices.over(now):
+            self._drop(device)
+
+    def obey(self, name: str, verb: str, who: str) -> tuple[bool, Sentence]:
+        """Remove a device as a person asked; returns whether it was done, and what to say."""
+        device = self._parts.devices.get(name)
+        if (refusal := self._refusal(name, device)) is not None:
+            return False, refusal
+        if device is not None:
+            device.session.silence((Code.FORGOTTEN(who=who),))
+            device.say_status(self._parts.now_ns())  # the pages drop a device with this reason
+            self._drop(device)
+        self._clear(name, verb)
+        return True, Code.ERASED(who=who) if verb == ERASE else Code.FORGOTTEN(who=who)
+
+    def overhear(self, key: keys.Key) -> None:
+        """Follow a command to another estimator, so that no copy of what it forgets comes back from here."""
+        verb = key.ids["verb"]
+        if verb in (FORGET, ERASE) and self._refusal(key.device, self._parts.devices.get(key.device)) is None:
+            self._clear(key.device, verb)
+
+    def _refusal(self, name: str, device: Device | None) -> Sentence | None:
+        if self._gate.lists(name):
+            return Code.STILL_LISTED(device=name, place="[devices]")
+        if bridge := self._parts.devices.listed_by(name, self._presence.alive):
+            return Code.STILL_LISTED(device=name, place=bridge)
+        if device is not None and not device.session.life.away:
+            return Code.STILL_SENDING(device=name)
+        return None
+
+    def _drop(self, device: Device) -> None:
+        self._checks.check()  # while the device still counts
+        self._intake.leave(device)
+        self._checks.leave(device.name)
+        self._starts.leave(device.name)
+        del self._parts.devices[device.name]
+        device.close()
+        self._clear(device.name, FORGET)
+
+    def _clear(self, name: str, verb: str) -> None:
+        """Drop copies of a device's state, from which it would be continued; and its entries in the store, if asked to."""
+        self._parts.cluster.replicas.forget(name)
+        self._parts.cluster.replay.forget(name)
+        if verb == ERASE:
+            self._parts.record.erase(name)

@@ -1,0 +1,72 @@
+"""Alerts of the estimator itself: disk, clock, certificate and backup of its machine."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from bridge.bus.routers import Routers
+from bridge.diagnose import machine
+from bridge.diagnose.finding import Level
+from bridge.wire.messages import Alert
+from estimator.alerts.board import Board, Change
+from estimator.config.alerts import Alerts
+from estimator.database import Database
+from estimator.device.attention import Kind
+
+#: interval of looking at the machine, s
+LOOK_S = 30.0
+
+
+class OwnAlerts:
+    """Alert board of an estimator. standing: alerts raised before a restart. told: takes each change."""
+
+    def __init__(
+        self,
+        own: str,
+        settings: Alerts,
+        database: Database,
+        routers: Routers,
+        told: Callable[[Change], None],
+        standing: Iterable[Alert],
+        now_s: float,
+    ) -> None:
+        self.id, self._database, self._routers, self._told = own, database, routers, told
+        self.board = Board(settings, standing, now_s)
+        self._next_s = 0.0
+        self._machine = frozenset[Kind]()
+
+    def due(self, now: float) -> bool:
+        """Whether to call `look_at_machine`, on a thread that may wait for a disk."""
+        due = now >= self._next_s
+        if due:
+            self._next_s = now + LOOK_S
+        return due
+
+    def look_at_machine(self) -> None:
+        """Look at disk, clock and certificate."""
+        found = set[Kind]()
+        if self._database.path != ":memory:":
+            room = machine.disk({"store": Path(self._database.path).absolute().parent})
+            found |= {Kind.DISK} if any(one.level is not Level.OK for one in room) else set()
+        status = machine.clock_status()
+        if status is not None and machine.clock(status)[0].level is not Level.OK:
+            found.add(Kind.CLOCK)
+        if self._routers.soon() or self._routers.faults():
+            found.add(Kind.CERTIFICATE)
+        self._machine = frozenset(found)
+
+    def look(self, now: float, time_ns: int) -> None:
+        """Raise and clear alerts, once a second."""
+        found = set(self._machine)
+        if self._database.trouble:
+            found.add(Kind.DISK)
+        if self._database.backup_fault:
+            found.add(Kind.BACKUP)
+        for change in self.board.look(found, now, time_ns):
+            self._told(change)
+
+    def acknowledge(self, kind: str, who: str, time_ns: int) -> list[Change]:
+        """Acknowledge an alert, or with "" all; returns those not seen before."""
+        seen = self.board.acknowledge(kind, who, time_ns)
+        for change in seen:
+            self._told(change)
+        return seen

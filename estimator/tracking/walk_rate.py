@@ -1,0 +1,123 @@
+"""Learns how fast the bias of this boot walks, from its own rests.
+
+A bank of random walks runs beside the bias filter, one scalar filter a hypothesis and axis: the model's rate random walk times
+a factor, and the walk of a device that warms up while no temperature explains it. The rests' means give each its likelihood.
+The walk in use is the mean of their variances on a logarithmic scale, weighted by probability.
+Source: multiple-model estimation, D. T. Magill, "Optimal adaptive estimation of sampled stochastic processes",
+IEEE Trans. Automatic Control 10 (1965).
+"""
+
+from dataclasses import dataclass
+from math import isnan, radians
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.state import StateStruct, shaped
+from estimator.tracking.bias_filter import BiasKnobs, Pace
+from estimator.tracking.seconds import Second
+
+Floats = NDArray[np.float64]
+
+#: s, tolerance when the end of a second is compared with the start of the next
+_SAME_S = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class WalkKnobs:
+    """Hypotheses about the walk, and what of a rest tells between them."""
+
+    #: factors of the model's rate random walk, and their prior weights
+    factors: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
+    weights: tuple[float, ...] = (3.0, 8.0, 4.0, 1.5, 0.5)
+    #: prior weight of a warming device as a multiple of all the others, where no temperature is known
+    warming: float = 9.0
+    #: seconds of rest in a row whose mean is one measurement
+    block: int = 5
+    #: rad/s, error of such a mean beside its noise
+    floor: float = radians(0.001)
+    #: largest squared innovation in units of its variance: a jump is no walk
+    most: float = 12.0
+    #: share of what was learnt that each measurement leaves
+    kept: float = 0.99
+
+
+class WalkState(StateStruct):
+    """State of the bank: told (h,) log-likelihoods; x, P (h, 3) means and variances.
+
+    time, s, and celsius, °C: of the last measurement. block: seconds of the next one so far, as (end, mean, variance, °C).
+    """
+
+    told: Floats
+    x: Floats
+    P: Floats
+    time: float = float("nan")
+    celsius: float = float("nan")
+    block: list[tuple[float, Floats, Floats, float]] = msgspec.field(default_factory=list)
+
+
+class WalkRate:
+    """Bank of walks of one boot: rests in, pace of the bias out.
+
+    powered: device time of the power-up, s; -inf when unknown, and then nothing warms up.
+    """
+
+    def __init__(self, bias: BiasKnobs, powered: float, knobs: WalkKnobs | None = None) -> None:
+        self.knobs, self._bias, self._powered = knobs or WalkKnobs(), bias, powered
+        weights = np.array([*self.knobs.weights, self.knobs.warming * sum(self.knobs.weights)])
+        self._prior, self._factors = np.log(weights), np.array([*self.knobs.factors, 1.0]) ** 2
+        n = len(weights)
+        self.state = WalkState(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)))
+        self.pace = self._weighed()
+
+    def restore(self, state: WalkState) -> None:
+        """Restore a state. Raises ValueError when it is damaged."""
+        n = len(self._factors)
+        shaped(state.told, n, finite=True)
+        shaped(state.x, n, 3, finite=True)
+        shaped(state.P, n, 3, finite=True)
+        for _, mean, var, _ in state.block:
+            shaped(mean, 3, finite=True)
+            shaped(var, 3, finite=True)
+        self.state = state
+        self.pace = self._weighed()
+
+    def take(self, second: Second, celsius: float, slope: Floats, slope_var: Floats) -> None:
+        """Add a second of rest. celsius: NaN if unknown; slope, slope_var (3,): of the bias by temperature, rad/s/K."""
+        block = self.state.block
+        if block and second.start - block[-1][0] > _SAME_S:
+            block.clear()
+        block.append((second.end, second.mean, second.mean_var, celsius))
+        n = len(block)
+        if n < self.knobs.block:
+            return
+        means, variances = (np.array(column) for column in list(zip(*block, strict=True))[1:3])
+        # What breathing moves shows in the scatter.
+        R = np.maximum(variances.mean(axis=0), means.var(axis=0, ddof=1)) / n + self.knobs.floor**2
+        self._measured(block[n // 2][0], means.mean(axis=0), R, celsius, slope, slope_var)
+        block.clear()
+
+    def _measured(self, time: float, z: Floats, R: Floats, celsius: float, slope: Floats, slope_var: Floats) -> None:
+        state = self.state
+        dt, warmer = time - state.time, celsius - state.celsius
+        if dt > 0:
+            walked = self._bias.rate_random_walk**2 * dt * self._factors
+            if isnan(warmer):
+                warmer = 0.0
+                walked[-1] += self._bias.warmed(state.time - self._powered, dt)
+            P = state.P + walked[:, None] + warmer**2 * slope_var
+            S, off = P + R, z - state.x - warmer * slope
+            told = -0.5 * (np.log(S) + np.minimum(off**2 / S, self.knobs.most)).sum(axis=1)
+            state.told = self.knobs.kept * state.told + (told - told.max())
+            state.x, state.P = z - (1 - P / S) * off, P * (1 - P / S)
+            self.pace = self._weighed()
+        else:  # the first one
+            state.x, state.P = np.tile(z, (len(state.x), 1)), np.tile(R, (len(state.x), 1))
+        state.time, state.celsius = time, celsius
+
+    def _weighed(self) -> Pace:
+        logs = self._prior + self.state.told
+        likely = np.exp(logs - logs.max())
+        steady = likely[:-1] / likely[:-1].sum()
+        return Pace(float(np.exp(steady @ np.log(self._factors[:-1]))), float(likely[-1] / likely.sum()))

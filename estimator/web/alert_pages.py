@@ -1,0 +1,37 @@
+"""Alerts of the ward: their content for pages and programs, and their acknowledgement."""
+
+from collections.abc import Iterator
+from http import HTTPStatus
+
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from bridge.wire.keys import check_id
+from bridge.wire.refusal import Refusal
+from estimator.web.http_error import Fault
+from estimator.web.pages import own
+from estimator.web.request_form import fields
+from estimator.web.site import Desk
+
+
+def routes() -> Iterator[BaseRoute]:
+    """Route of the ward page's button."""
+    yield Route("/alerts/acknowledge", acknowledge, methods=["POST"])
+
+
+async def acknowledge(request: Request) -> Response:
+    """Acknowledge an alert, then redirect to the page, which shows the reply once."""
+    desk, given = Desk.of(request), await fields(request)
+    session = desk.checked(request, given.get("csrf", ""))
+    subject, _, kind = given.get("id", "").partition("/")
+    try:
+        check_id(subject, "device")
+    except Refusal:
+        raise Fault(HTTPStatus.BAD_REQUEST, "bad_form") from None
+    try:
+        reply = await desk.ask(subject, "acknowledge", session.name, kind)
+        session.said = reply.accepted, subject, lambda t: t.text(reply.message)
+    except Fault as fault:
+        session.said = False, subject, fault.text
+    return RedirectResponse(own(given.get("to", "/")), HTTPStatus.SEE_OTHER)

@@ -1,0 +1,86 @@
+"""The stream's documents: corrected samples and reports of missed samples, as JSON or as the wire's payload. Pure."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct
+
+from bridge.wire import codec
+from bridge.wire.keys import boot_id
+from bridge.wire.messages import CorrectedBatch
+from estimator.web.api.answers import Vector
+from estimator.web.stream.cursor import Missed, Place
+
+
+class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
+    """Consecutive samples of one boot, or with `hz` one mean; sample i has the number `sequence` + i.
+
+    `time_s` is host time since 1970, `device_time_s` the device's own clock: integrate rates with it. `flags` are those of
+    docs/wire.md. `after` resumes behind these samples.
+    """
+
+    device: str
+    boot: str
+    sequence: int
+    time_s: list[float]
+    device_time_s: list[float]
+    rate_rad_s: list[Vector]
+    rate_std_rad_s: list[Vector]
+    bias_rad_s: Vector
+    bias_std_rad_s: Vector
+    quality: str
+    calibration: str | None
+    flags: list[int]
+    after: str
+
+
+class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
+    """Samples that did not come: `count` from number `first` on; null: up to the end of that boot, nobody knows how many."""
+
+    device: str
+    boot: str
+    first: int
+    count: int | None
+
+
+class Answer(Struct, frozen=True):
+    """Documents in order, possibly none. `after` is for the next request: give each of its texts as a parameter `after`."""
+
+    documents: list[Samples | MissedSamples]
+    after: Annotated[list[str], Meta(min_length=1)]
+
+
+def document(one: CorrectedBatch | Missed) -> Samples | MissedSamples:
+    """The JSON document of samples or of a hole."""
+    if isinstance(one, Missed):
+        return MissedSamples(one.device, boot_id(one.boot), one.first, one.count)
+    return Samples(
+        device=one.device,
+        boot=boot_id(one.boot),
+        sequence=one.sequence,
+        time_s=(one.sample_time_ns / 1e9).tolist(),
+        device_time_s=one.device_time.tolist(),
+        rate_rad_s=one.rate.tolist(),
+        rate_std_rad_s=one.rate_std.tolist(),
+        bias_rad_s=one.bias.tolist(),
+        bias_std_rad_s=one.bias_std.tolist(),
+        quality=one.quality.name,
+        calibration=one.calibration or None,
+        flags=one.flags.tolist(),
+        after=said(one.device, Place(one.boot, one.sequence + len(one))),
+    )
+
+
+def message(one: CorrectedBatch | Missed, *, protobuf: bool) -> str | bytes:
+    """One message of the WebSocket: JSON as text; with `protobuf`, samples as the bytes of a CorrectedBatch."""
+    if protobuf and isinstance(one, CorrectedBatch):
+        return codec.encode_corrected(one)
+    return msgspec.json.encode(document(one)).decode()
+
+
+def said(device: str, place: Place) -> str:
+    """A place as a parameter `after`: device, boot and number of the last sample, as in chest.0000000000000005.1239.
+
+    The number is -1 before the first sample of a boot.
+    """
+    return f"{device}.{boot_id(place.boot)}.{place.next - 1}"

@@ -1,0 +1,91 @@
+"""The two ways to read the stream, at one address: a WebSocket, and requests that wait for the next samples."""
+
+import asyncio
+import contextlib
+from http import HTTPStatus
+
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from estimator.web.api.routes import ROOT, answer, known_parameters
+from estimator.web.client_address import neighbourhood
+from estimator.web.http_error import Fault
+from estimator.web.site import Desk
+from estimator.web.stream.documents import Answer, document, message, said
+from estimator.web.stream.feeds import Reader
+from estimator.web.stream.request import Asked, asked_of
+
+PATH = f"{ROOT}/stream"
+#: a WebSocket that is refused is closed with this plus the HTTP status, and the reason in words
+REFUSED = 4000
+#: most bytes of the reason of a close
+_REASON = 123
+_PARAMETERS = ("device", "after", "hz")
+#: most batches in one answer
+MOST = 256
+
+
+def routes() -> list[BaseRoute]:
+    """Routes of the stream."""
+    return [Route(PATH, poll), WebSocketRoute(PATH, stream)]
+
+
+async def poll(request: Request) -> Response:
+    """Answer the next samples, at the latest after ?wait_s= seconds; possibly none."""
+    asked = _asked(request, "wait_s")
+    documents = []
+    with Desk.of(request).feeds.reader(asked, _address(request)) as reader:
+        await reader.begin()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(asked.wait_s):
+                documents = [document(one) for one in await reader.read(MOST)]
+        after = [said(device, place) for device, place in reader.places.items()]
+    return answer(Answer(documents, after or [""]))
+
+
+async def stream(socket: WebSocket) -> None:
+    """Send samples until the program disconnects."""
+    await socket.accept()
+    try:
+        asked = _asked(socket, "format")
+        with Desk.of(socket).feeds.reader(asked, _address(socket)) as reader:
+            sending = asyncio.create_task(_send(socket, reader, protobuf=asked.protobuf))
+            try:
+                while (await socket.receive())["type"] != "websocket.disconnect":
+                    pass
+            finally:
+                sending.cancel()
+                await asyncio.wait({sending})
+    except Fault as fault:
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+            reason = fault.message.encode()[:_REASON].decode(errors="ignore")
+            await socket.close(REFUSED + fault.status, reason)
+
+
+async def _send(socket: WebSocket, reader: Reader, *, protobuf: bool) -> None:
+    """Send what follows; waits while the program is slow, and then skips what is no longer kept."""
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
+        await reader.begin()
+        while True:
+            for one in await reader.read():
+                said = message(one, protobuf=protobuf)
+                await (socket.send_text(said) if isinstance(said, str) else socket.send_bytes(said))
+            await asyncio.sleep(0)  # sending does not wait while the network takes it; others have their turn here
+
+
+def _asked(connection: HTTPConnection, own: str) -> Asked:
+    asked = asked_of(known_parameters(connection, *_PARAMETERS, own))
+    known = Desk.of(connection).known
+    absent = [device for device in asked.devices if device not in known.stories]
+    if not known.stories or (absent and not known.looked):
+        words = "This device was not heard yet: the dashboard has just started, or no bridge runs. Try again."
+        raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_device", words, {"Retry-After": "1"})
+    for device in absent:
+        Desk.of(connection).story(device)
+    return asked
+
+
+def _address(connection: HTTPConnection) -> str:
+    return neighbourhood(connection.client.host if connection.client else "")

@@ -1,0 +1,244 @@
+"""The LSL driver, on streams that pylsl sends on loopback: units, labels, boots by uid, loss and return, time, refusals."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import pylsl
+import pytest
+
+from bridge.drivers.driver import Event, Identity, Notice, Readings
+from bridge.drivers.lsl import LslDriver, LslOptions
+from bridge.drivers.lsl_channels import NoChannels, NoUnit, find
+from bridge.reasons.codes import Code
+from bridge.transport import host_time
+from bridge.transport.errors import DeviceLost, DeviceUnavailable
+from tests import lsl as on_this_machine
+
+assert on_this_machine.CONFIG.is_file()
+NOT_UNITS = ("", "", "", "")
+GYRO, ALL = ("GX", "GY", "GZ"), ("gyro_x", "gyro_y", "gyro_z", "temperature", "acc_x", "acc_y", "acc_z")
+
+
+def described(labels: Sequence[str], units: Sequence[str], kind: str, source: str = "s") -> pylsl.StreamInfo:
+    """A stream's metadata."""
+    info = pylsl.StreamInfo("sensor", kind, len(labels), 100.0, "float32", source)
+    info.set_channel_labels(list(labels))
+    if any(units):
+        info.set_channel_units(list(units))
+    return info
+
+
+class Sender:
+    """A program that sends a stream of 100 Hz."""
+
+    def __init__(self, source: str, labels: Sequence[str], units: Sequence[str], *, kind: str = "IMU") -> None:
+        info = described(labels, units, kind, source)
+        acquisition = info.desc().append_child("acquisition")
+        acquisition.append_child_value("manufacturer", "Maker")
+        acquisition.append_child_value("model", "M1")
+        self._outlet: pylsl.StreamOutlet | None = pylsl.StreamOutlet(info)
+        self.stamps = np.empty(0)
+
+    def send(self, row: Sequence[float], numbers: Sequence[int], jitter_s: float = 0.0) -> None:
+        """Send samples of these numbers, the last of them now, each with the values of `row`."""
+        assert self._outlet is not None
+        self.stamps = pylsl.local_clock() + (np.array(numbers) - numbers[-1]) / 100.0
+        if jitter_s:  # they come in bursts
+            self.stamps = np.floor(self.stamps / jitter_s) * jitter_s + np.array(numbers) * 1e-5
+        self._outlet.push_chunk(np.tile(np.array(row, np.float32), (len(numbers), 1)), self.stamps.tolist())
+
+    def close(self) -> None:
+        self._outlet = None
+
+
+def opened(source: str, **given: object) -> LslDriver:
+    driver = LslDriver(LslOptions(source_id=source, **given))  # type: ignore[arg-type]
+    driver.open()
+    return driver
+
+
+def read(driver: LslDriver, samples: int) -> list[Event]:
+    """The events of so many samples."""
+    found: list[Event] = []
+    deadline = time.monotonic() + 10.0
+    while sum(len(event.ticks) for event in found if isinstance(event, Readings)) < samples:
+        assert time.monotonic() < deadline, found
+        found += driver.read(0.2)
+    return found
+
+
+def parts(events: list[Event]) -> tuple[list[Identity], list[Readings]]:
+    return [e for e in events if isinstance(e, Identity)], [e for e in events if isinstance(e, Readings)]
+
+
+def test_labels_and_units_make_readings_in_si() -> None:
+    sender = Sender("all", ALL, ["deg/s"] * 3 + ["celsius"] + ["g"] * 3)
+    driver = opened("all")
+    sender.send((180.0, 0.0, -90.0, 36.5, 0.0, 0.0, 1.0), range(60))
+    (who,), came = parts(read(driver, 60))
+    assert (who.model, who.rate_hz, who.has_accel, who.has_temperature, who.has_clock) == (
+        "Maker M1",
+        100.0,
+        True,
+        True,
+        True,
+    )
+    assert came[0].gyro[0] == pytest.approx([np.pi, 0.0, -np.pi / 2])
+    assert came[0].accel is not None
+    assert came[0].accel[0] == pytest.approx([0.0, 0.0, 9.80665])
+    assert came[0].temperature_c is not None
+    assert came[0].temperature_c[0] == pytest.approx(36.5)
+    assert np.diff(came[0].ticks.astype(np.int64)) == pytest.approx(10_000, abs=1)
+    sample_ns = (sender.stamps[-1] + on_this_machine.ahead_s()) * 1e9  # LSL's time on the host's clock
+    assert came[-1].receive_time_ns == pytest.approx(sample_ns, abs=2e6)
+    assert came[-1].receive_time_ns < host_time.now_ns()
+    driver.close()
+
+
+def test_missing_stamps_are_missing_samples() -> None:
+    sender = Sender("holes", GYRO, ["rad/s"] * 3)
+    driver = opened("holes")
+    sender.send((1.0, 2.0, 3.0), [*range(50), *range(53, 60)])
+    assert [one.sequence for one in parts(read(driver, 57))[1]] == [0, 53]
+    driver.close()
+
+
+def test_another_outlet_is_another_boot_and_the_same_one_is_not() -> None:
+    sender = Sender("boots", GYRO, ["rad/s"] * 3)
+    driver = opened("boots")
+    sender.send((1.0, 2.0, 3.0), range(60))
+    (first,), _ = parts(read(driver, 60))
+    driver.close()
+    driver.open()
+    sender.send((1.0, 2.0, 3.0), range(60, 90))
+    again, came = parts(read(driver, 30))
+    assert (again, came[0].boot) == ([], first.boot)
+    sender.close()
+    with pytest.raises(DeviceLost, match="source_id boots is lost"):
+        read(driver, 1)
+    driver.close()
+    with pytest.raises(DeviceUnavailable, match="is not heard"):
+        driver.open()
+    sender = Sender("boots", GYRO, ["rad/s"] * 3)
+    driver.open()
+    sender.send((1.0, 2.0, 3.0), range(60))
+    (second,), came = parts(read(driver, 60))
+    assert second.boot == came[0].boot != first.boot
+    assert came[0].sequence == 0
+    driver.close()
+
+
+def test_uneven_stamps_are_noticed_and_may_be_counted_instead() -> None:
+    sender = Sender("bursts", GYRO, ["rad/s"] * 3)
+    driver = opened("bursts")
+    sender.send((1.0, 2.0, 3.0), range(600), jitter_s=0.08)
+    events: list[Event] = []
+    for _ in range(20):
+        events += driver.read(0.1)
+    assert Notice("stamps", Code.LSL_UNEVEN()) in events
+    driver.close()
+    driver = opened("bursts", time="count")
+    sender.send((1.0, 2.0, 3.0), range(600, 700), jitter_s=0.08)
+    (who,), came = parts(read(driver, 100))
+    assert not who.has_clock
+    assert np.concatenate([one.ticks for one in came]).tolist() == list(range(100))
+    driver.close()
+
+
+@pytest.mark.parametrize(
+    ("labels", "units", "given", "told"),
+    [
+        (
+            GYRO,
+            NOT_UNITS,
+            {},
+            "states no known unit of GX, GY, GZ (it states: –). Give the unit with the option `gyro_unit`",
+        ),
+        (
+            ("EEG1", "EEG2", "EEG3"),
+            ["uV"] * 3,
+            {},
+            "has no channels gyro of axes x, y and z. It has: EEG1, EEG2, EEG3.",
+        ),
+        (("a", "b", "c"), ["rad/s"] * 3, {"gyro": ("a", "b", "d")}, "has no channels d of axes"),
+    ],
+)
+def test_a_stream_that_does_not_say_enough(
+    labels: Sequence[str], units: Sequence[str], given: dict[str, object], told: str
+) -> None:
+    sender = Sender("bad", labels, units)
+    with pytest.raises(DeviceUnavailable) as refused:
+        opened("bad", **given)
+    assert told in str(refused.value)
+    sender.close()
+
+
+def test_eeg_is_no_imu_and_volts_are_no_rate() -> None:
+    with pytest.raises(NoChannels, match="gyro"):
+        find(described(("EEG1", "EEG2", "EEG3"), ["uV"] * 3, "EEG"), (), (), "", "")
+    with pytest.raises(NoUnit):
+        find(described(GYRO, ["volt"] * 3, "IMU"), (), (), "", "")
+
+
+@pytest.mark.parametrize(
+    ("labels", "units", "kind", "given"),
+    [
+        (GYRO, NOT_UNITS, "IMU", {"gyro_unit": "dps"}),
+        (("a", "b", "c"), ["°/s"] * 3, "IMU", {"gyro": ("a", "b", "c")}),
+        (("X", "Y", "Z"), ["degrees per second"] * 3, "Gyroscope", {}),
+        (("X", "Y", "Z"), ["°/s"] * 3, "IMU", {}),
+    ],
+)
+def test_what_is_missing_may_be_given(
+    labels: Sequence[str], units: Sequence[str], kind: str, given: dict[str, object]
+) -> None:
+    options = LslOptions(name="n", **given)  # type: ignore[arg-type]
+    found = find(described(labels, units, kind), options.gyro, options.accel, options.gyro_unit, options.accel_unit)
+    assert found.rates(np.array([180.0, 0.0, 90.0])) == pytest.approx((np.pi, 0.0, np.pi / 2))
+    assert found.forces(np.zeros(3)) is None
+
+
+def test_several_streams_ask_for_a_choice() -> None:
+    senders = [Sender(source, GYRO, ["rad/s"] * 3, kind="Twin") for source in ("one", "two")]
+    driver = LslDriver(LslOptions(type="Twin"))
+    with pytest.raises(DeviceUnavailable, match=r"several streams fit: sensor \(one\), sensor \(two\)"):
+        driver.open()
+    assert senders
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({}, "name, type and source_id are empty"),
+        ({"name": "it's"}, "choose a stream by another property"),
+        ({"name": "a", "gyro": ("x",)}, "gyro has 1 labels"),
+        ({"name": "a", "gyro_unit": "volt"}, "gyro_unit is 'volt': use one of rad/s"),
+    ],
+)
+def test_wrong_options(given: dict[str, object], told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        LslOptions(**given)  # type: ignore[arg-type]
+
+
+def test_without_the_package_the_driver_says_what_it_needs() -> None:
+    """In a Python of its own, where pylsl cannot be found."""
+    code = """
+import importlib.util, sys
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name == "pylsl" else found(name, *rest)
+from bridge.config.schema import Device
+from bridge.drivers import registry
+print(registry.kinds()["lsl"].summary)
+try:
+    Device.from_table({"id": "d", "driver": "lsl", "name": "x"})
+except ValueError as error:
+    print(error)
+assert "pylsl" not in sys.modules
+"""
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    listed, refused = ran.stdout.splitlines()
+    assert listed.endswith("needs pip install 'truerate[lsl]'")
+    assert refused == "the driver 'lsl' needs pip install 'truerate[lsl]'"

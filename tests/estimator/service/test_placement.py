@@ -1,0 +1,118 @@
+"""Who wears a device: said by a person, kept over restarts and takeovers, told in every status, with its history."""
+
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from bridge.reasons.codes import Code
+from bridge.toml.loader import ConfigError, load
+from bridge.wire import codec, keys
+from bridge.wire.messages import Checkpoint, Placement
+from estimator.config.schema import Ward as WardFile
+from estimator.database import SCHEMA_VERSION, Backups, schema
+from estimator.service import history
+from estimator.service.store import Store
+from tests.estimator import memory_ward
+from tests.estimator.memory_ward import SETTINGS, WARD, Ward
+from tests.estimator.stream import NAME, Stream, info
+from tests.memory_bus import MemoryBus
+from tests.sentences import codes
+
+ARM = Placement("humerus", "left", "bed-3")
+
+
+def test_a_placement_lasts_until_the_next_over_restarts_and_its_history_is_kept(ward: Ward, once: Stream) -> None:
+    ward.send(once.part(0, 260).batches(), info(1))
+    assert ward.latest().placement is None
+    at = ward.now_ns
+    reply = ward.command(lambda: ward.client.place(NAME, "anna", ARM))
+    assert reply.accepted
+    assert codes(reply.message) == [Code.PLACED]
+    assert reply.message[0].params["placement"] == "humerus left, bed-3"
+    worn = replace(ARM, since_ns=at, who="anna")
+    assert ward.latest().placement == worn
+    ward.kill()
+    ward.start()
+    ward.send(once.part(260, 520).batches())
+    assert ward.latest().placement == worn
+    ward.now_ns += 3600 * 10**9
+    assert codes(ward.command(lambda: ward.client.place(NAME, "bo", Placement())).message) == [Code.NOBODY_WEARS]
+    ended = ward.latest().placement
+    assert ended == Placement(since_ns=ward.now_ns, who="bo")
+    assert not ended
+    assert history.read(ward.store, NAME).placements == [worn, ended]
+    assert history.read(ward.store, NAME, since_ns=at + 1).placements == [worn, ended], "worn was still worn then"
+
+
+def test_another_estimators_placement_is_taken_over_unless_a_later_one_is_stored(ward: Ward, once: Stream) -> None:
+    for since_ns, expected in ((5, "bed-9"), (4, "bed-9")):
+        said = Placement(wearer="bed-9" if since_ns == 5 else "bed-1", since_ns=since_ns, who="bo")
+        payload = codec.encode_checkpoint(Checkpoint(NAME, 1, 1, 1, placement=said))
+        MemoryBus(ward.broker).publisher(keys.build(WARD, "checkpoint", device=NAME), cache=1).put(payload)
+        ward.send(once.part(0, 260).batches(), info(1))
+        worn = ward.latest().placement
+        assert worn is not None
+        assert worn.wearer == expected
+        ward.kill()
+        ward.start()
+    assert [one.wearer for one in ward.store.placements(NAME)] == ["bed-9"]
+
+
+def test_the_wards_file_says_it_until_a_person_does(
+    tmp_path: Path, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "ward.toml"
+    said = f'ward = "w"\n[estimator]\nid = "e1"\n[estimator.placements]\n{NAME} = {{ %s }}\n'
+    for wrong, words in (
+        ('segment = "arm"', "unknown segment 'arm': use head, torso"),
+        ('segment = "torso", side = "left"', "torso has no left side"),
+        ('wearer = "  "', "only spaces"),
+        (f'wearer = "{"x" * 33}"', "at most 32"),
+        ('side = "left"', "no segment has no left side"),
+        ("", "needs a segment or a wearer"),
+    ):
+        file.write_text(said % wrong)
+        with pytest.raises(ConfigError, match=words):
+            load(file, WardFile)
+    file.write_text(said % 'segment = "torso", wearer = " bed-3 "')
+    settings = load(file, WardFile).estimator
+    assert settings is not None
+    monkeypatch.setattr(memory_ward, "SETTINGS", msgspec.structs.replace(settings, silence_s=SETTINGS.silence_s))
+    ward = Ward(tmp_path)
+    ward.send(once.part(0, 260).batches(), info(1))
+    assert ward.latest().placement == Placement("torso", "", "bed-3")
+    ward.command(lambda: ward.client.place(NAME, "anna", Placement()))
+    assert not ward.latest().placement
+    ward.kill()
+    ward.start()
+    ward.send(once.part(260, 520).batches())
+    assert not ward.latest().placement, "the ward's file does not come back"
+    ward.kill()
+
+
+def test_a_store_of_the_last_version_is_backed_up_and_upgraded(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite3"
+    with sqlite3.connect(path) as db:
+        db.executescript(
+            f"{schema.STEPS[4]} PRAGMA application_id = {schema.APPLICATION_ID}; PRAGMA user_version = 4;"
+            "INSERT INTO audit VALUES (1, 5, 'one', 'note', 'r', 'anna', 'sat up', 1, '[]');"
+        )
+    db.close()
+    before = Store.reading(path)
+    assert before.placements("one") == []
+    before.close()
+    store = Store(path)
+    store.add_placement("one", replace(ARM, since_ns=7, who="anna"))
+    assert store.answer("one", "note", "r") == (True, ())
+    assert [one.wearer for one in store.placements("one")] == ["bed-3"]
+    store.close()
+    with sqlite3.connect(path) as db:
+        assert db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
+    db.close()
+    (backup,) = Backups.of(path).newest_first()
+    with sqlite3.connect(backup) as db:
+        assert db.execute("PRAGMA user_version").fetchone() == (4,)
+    db.close()

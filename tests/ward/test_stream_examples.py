@@ -1,0 +1,143 @@
+"""The programs of docs/examples read a virtual ward: every sample once, also while the dashboard is restarted.
+
+A program is skipped where its tool is not installed, unless TRUERATE_NODE=required (as in .ci/run).
+"""
+
+import os
+import shutil
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, expect
+
+from estimator.demo.subscribers import Subscriber
+from estimator.demo.ward import WARD, Ward, free_port
+from tests.ward.parts import add_simulated
+
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(240)]
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+NAMES = ["chest", "wrist-left"]
+#: how many samples a program reads; at four times real time, while the dashboard is away and back
+SAMPLES = 2000
+PAGE = free_port()
+
+
+@pytest.fixture(scope="module")
+def ward(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ward]:
+    with Ward(tmp_path_factory.mktemp("ward"), ()) as made:
+        add_simulated(made, NAMES, speed=4.0)
+        with made.config.open("a", encoding="utf-8") as file:
+            file.write(f'origins = ["http://localhost:{PAGE}"]\n')
+        made.start("router", "bridge", "estimator", "dashboard")
+        made.wait_for_router()
+        yield made
+
+
+@pytest.fixture
+def heard(ward: Ward) -> Iterator[Subscriber]:
+    """What Python's client gets meanwhile."""
+    subscriber = Subscriber(ward.endpoint, WARD, keep=True)
+    while "chest" not in {device for device, _ in subscriber.received.copy()}:
+        time.sleep(0.05)
+    yield subscriber
+    subscriber.close(0.1)
+
+
+def absent(why: str) -> None:
+    if os.environ.get("TRUERATE_NODE") == "required":
+        pytest.fail(why)
+    pytest.skip(why)
+
+
+def program(name: str, folder: Path) -> list[str]:
+    """Command line of an example, compiled if need be."""
+    if name == "stream.mjs":
+        if shutil.which("node") is None:
+            absent("node is not installed (Debian: apt-get install nodejs)")
+        return ["node", str(EXAMPLES / name)]
+    if name == "stream.m":
+        if shutil.which("octave-cli") is None:
+            absent("octave-cli is not installed (Debian: apt-get install octave)")
+        return ["octave-cli", str(EXAMPLES / name)]
+    built = folder / "stream"
+    if built.exists():
+        return [str(built)]
+    if shutil.which("g++") is None:
+        absent("g++ is not installed (Debian: apt-get install g++)")
+    words = ["g++", "-O1", str(EXAMPLES / name), "-o", str(built), "-lcurl"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if "No such file" in done.stderr or "cannot find -lcurl" in done.stderr:
+        absent(
+            "libcurl or nlohmann/json is not installed (Debian: apt-get install libcurl4-openssl-dev nlohmann-json3-dev)"
+        )
+    assert done.returncode == 0, done.stderr
+    return [str(built)]
+
+
+@pytest.mark.parametrize("name", ["stream.mjs", "stream.cpp", "stream.m"])
+def test_a_program_has_every_sample_once(name: str, ward: Ward, heard: Subscriber) -> None:
+    words = program(name, ward.folder)
+    with subprocess.Popen(
+        [*words, f"http://{ward.page}", "chest", f"{SAMPLES}"], stdout=subprocess.PIPE, text=True
+    ) as run:
+        assert run.stdout is not None
+        lines = [run.stdout.readline()]
+        ward.stop("dashboard")
+        ward.start("dashboard")
+        lines += run.stdout.readlines()
+    assert run.returncode == 0
+    number, _, *rates = np.array([line.split(",")[1:] for line in lines], float).T
+    assert {line.split(",")[0] for line in lines} == {"chest"}
+    np.testing.assert_array_equal(np.diff(number), 1)
+    assert len(number) >= SAMPLES
+    known: dict[int, Any] = {}
+    for batch in (
+        batch for (device, _), batches in heard.batches.copy().items() if device == "chest" for batch in batches
+    ):
+        known |= dict(zip(range(batch.sequence, batch.sequence + len(batch)), batch.rate, strict=True))
+    mine = [row for row, n in enumerate(number.astype(int)) if n in known]
+    assert len(mine) > SAMPLES // 2
+    np.testing.assert_allclose(np.transpose(rates)[mine], [known[int(number[row])] for row in mine], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["stream.mjs", "stream.cpp"])
+def test_a_program_says_what_is_wrong(name: str, ward: Ward) -> None:
+    words = program(name, ward.folder)
+    ran = subprocess.run(
+        [*words, f"http://{ward.page}", "nobody"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ran.returncode == 1
+    assert ran.stderr.startswith("No device nobody was heard. Devices there are: chest")
+
+
+def test_a_page_elsewhere_shows_the_ward(ward: Ward, heard: Subscriber, browser: Browser) -> None:
+    class Quiet(SimpleHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("localhost", PAGE), partial(Quiet, directory=str(EXAMPLES)))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    page = browser.new_page()
+    expect.set_options(timeout=30_000)
+    page.goto(f"http://localhost:{PAGE}/stream.html?url=http://{ward.page}&hz=50")
+    for name in NAMES:
+        expect(page.locator(f"#of-{name}")).to_be_visible()
+    ward.stop("dashboard")
+    expect(page.locator("#said")).to_contain_text("not connected")
+    before = int(page.locator("#of-chest td").nth(6).inner_text())
+    ward.start("dashboard")
+    expect(page.locator("#said")).to_have_text("connected")
+    page.wait_for_function(f"Number(document.querySelector('#of-chest').cells[6].textContent) > {before + 50}")
+    page.goto(f"http://localhost:{PAGE}/stream.html?url=http://{ward.page}&device=nobody")
+    expect(page.locator("#said")).to_contain_text("No device nobody was heard")
+    page.close()
+    server.shutdown()
+    server.server_close()
