@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 BENCHES := bench-calibration bench-tracking bench-broad bench-orientation bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-outlets bench-storage bench-viewers
 
-.PHONY: setup setup-dev demo test check lint types contracts prose proto study bench $(BENCHES) pins supply fuzz soak nemesis docs release test-lowest clean
+.PHONY: setup setup-dev demo test check lint types contracts prose proto study bench $(BENCHES) pins supply fuzz soak nemesis docs release release-check test-lowest clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -45,6 +45,10 @@ docs: setup-dev
 release: setup-dev
 	$(BIN)/python -m pip install --quiet --group docs --group release
 	$(BIN)/python packaging/release.py $(ARGS)
+
+# The release in dist/ on a new Debian with its own systemd, as root: installed, used, upgraded, removed; the bundle; lintian.
+release-check: setup-dev
+	$(BIN)/python packaging/check.py
 
 check: lint types contracts prose
 

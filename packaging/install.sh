@@ -9,6 +9,10 @@ python=${PYTHON:-python3}
     echo "this bundle is for Python 3.11; this machine's $python is $("$python" -V 2>&1). Set PYTHON=/path/to/python3.11" >&2
     exit 1
 }
+"$python" -c 'import ensurepip' 2>/dev/null || {
+    echo "$python lacks the venv module; on Debian: apt install python3-venv" >&2
+    exit 1
+}
 sha256sum --quiet -c SHA256SUMS
 echo "installing into $prefix; this takes about a minute"
 "$python" -m venv "$prefix"

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+from email.utils import formatdate
 from pathlib import Path
 
 import shtab
@@ -24,6 +25,8 @@ DIST = ROOT / "dist"
 PYTHON, PYTHON_VERSION = "/usr/bin/python3.11", "3.11"
 #: Debian's names of the platforms
 PLATFORMS = {"x86_64": "amd64", "aarch64": "arm64"}
+#: as in nfpm.yaml
+MAINTAINER = "truerate maintainers <maintainers@localhost>"
 #: published as source alone; without a compiler they are pure Python, for any platform
 SOURCES = ("cobs",)
 
@@ -135,10 +138,22 @@ def _debian(work: Path, wheels: Path, platform: str, version: str) -> None:
         *("--python-platform", f"{platform}-manylinux_2_28"),
         *(str(one) for one in sorted(wheels.iterdir())),
     )
+    # A dependency without a pin would be missing in every installation.
+    _run(
+        "uv",
+        "pip",
+        "check",
+        "-q",
+        "--python",
+        f"{environment}/bin/python",
+        "--python-platform",
+        f"{platform}-manylinux_2_28",
+    )
+    for path in (environment / "bin").iterdir():
+        if path.name != "truerate" and not path.name.startswith("python"):
+            path.unlink()
     for path in environment.rglob("*"):
-        if path.name in {"direct_url.json", "uv_cache.json", "REQUESTED", ".gitignore", ".lock"} or path.match(
-            "bin/activate*"
-        ):
+        if path.name in {"direct_url.json", "uv_cache.json", "REQUESTED", ".gitignore", ".lock"}:
             path.unlink()
     _run(
         PYTHON,
@@ -167,7 +182,10 @@ def _documents(share: Path, version: str) -> None:
     docs = share / "doc/truerate"
     docs.mkdir(parents=True)
     shutil.copy(ROOT / "LICENSE", docs / "copyright")
-    (docs / "changelog.gz").write_bytes(gzip.compress((ROOT / "CHANGELOG.md").read_bytes(), 9, mtime=0))
+    shutil.copy(ROOT / "CHANGELOG.md", docs)
+    when = formatdate(int(os.environ["SOURCE_DATE_EPOCH"]))
+    entry = f"truerate ({version}) stable; urgency=medium\n\n  * See CHANGELOG.md.\n\n -- {MAINTAINER}  {when}\n"
+    (docs / "changelog.gz").write_bytes(gzip.compress(entry.encode(), 9, mtime=0))
     shutil.copytree(ROOT / "configs", docs / "examples")
     shutil.copy(ROOT / "docs/install.md", docs)
     parser = build()

@@ -32,6 +32,15 @@ def test_a_service_runs_a_command_that_exists(unit: Path) -> None:
     build().parse_args([word.replace("${ROUTER_CONFIG}", "/etc/truerate/ward.toml") for word in words[1:]])
 
 
+def test_the_containers_run_commands_that_exist() -> None:
+    commands = re.findall(
+        r"^  (\w+):\n    <<: \*program\n    command: \[(.*)\]$", (PACKAGING / "compose.yaml").read_text(), re.MULTILINE
+    )
+    assert {f"truerate-{name}" for name, _ in commands} == {unit.stem for unit in UNITS} - {"truerate-backup"}
+    for _, words in commands:
+        build().parse_args(words.split(", "))
+
+
 def test_the_package_names_files_that_are_there() -> None:
     text = (PACKAGING / "nfpm.yaml").read_text()
     named = re.findall(r"(?:src|postinstall|preremove|postremove): ((?:packaging|configs)/\S*)", text)

@@ -96,9 +96,9 @@ def log_in(port: int) -> tuple[int, bytes]:
 # ---- the attacks -----------------------------------------------------------------------------------------------------
 
 
-def nobody(_: Place) -> None:
-    """What the ward does by itself, and the machine to it."""
-    time.sleep(BURST_S)
+def nobody(at: Place) -> None:
+    """No attack: what the ward does by itself in the time of `routes`, and the machine to it."""
+    time.sleep(at.seconds)
 
 
 def invented(at: Place) -> None:
@@ -215,11 +215,6 @@ def nasty(rng: random.Random) -> str:
     return unit * rng.choice((1, 2, 30, 64, 300, 1000, 10_000 // len(unit)))
 
 
-def nothing(place: Place) -> None:
-    """No attack: how a ward grows by itself in the time of `routes`."""
-    time.sleep(place.seconds)
-
-
 PARAMETERS = ("only", "before", "limit", "to", "lang", "words", "x")
 ATTACKS: dict[str, Callable[[Place], None]] = {
     "nobody": nobody,
@@ -228,7 +223,6 @@ ATTACKS: dict[str, Callable[[Place], None]] = {
     "brackets": brackets,
     "pictures": pictures,
     "routes": routes,
-    "nothing": nothing,
 }
 
 
@@ -381,7 +375,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=ATTACKS, default=list(ATTACKS))
     parser.add_argument("--after", type=float, default=130.0, help="seconds the ward is watched for after each attack")
-    parser.add_argument("--fuzz", type=float, default=600.0, help="seconds of `routes` and `nothing`")
+    parser.add_argument("--fuzz", type=float, default=600.0, help="seconds of `routes` and `nobody`")
     given: Any = parser.parse_args()
     missed = {which: found for which in given.only if (found := run(which, given.after, given.fuzz))}
     for which, found in missed.items():

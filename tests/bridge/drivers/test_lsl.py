@@ -1,5 +1,6 @@
 """The LSL driver, on streams that pylsl sends on loopback: units, labels, boots by uid, loss and return, time, refusals."""
 
+import os
 import subprocess
 import sys
 import time
@@ -18,6 +19,8 @@ from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from tests import lsl as on_this_machine
 
 assert on_this_machine.CONFIG.is_file()
+#: streams are seen by every process of the machine: ours have names of their own
+OWN = f"-{os.getpid()}"
 NOT_UNITS = ("", "", "", "")
 GYRO, ALL = ("GX", "GY", "GZ"), ("gyro_x", "gyro_y", "gyro_z", "temperature", "acc_x", "acc_y", "acc_z")
 
@@ -35,7 +38,7 @@ class Sender:
     """A program that sends a stream of 100 Hz."""
 
     def __init__(self, source: str, labels: Sequence[str], units: Sequence[str], *, kind: str = "IMU") -> None:
-        info = described(labels, units, kind, source)
+        info = described(labels, units, kind, source + OWN)
         acquisition = info.desc().append_child("acquisition")
         acquisition.append_child_value("manufacturer", "Maker")
         acquisition.append_child_value("model", "M1")
@@ -55,7 +58,7 @@ class Sender:
 
 
 def opened(source: str, **given: object) -> LslDriver:
-    driver = LslDriver(LslOptions(source_id=source, **given))  # type: ignore[arg-type]
+    driver = LslDriver(LslOptions(source_id=source + OWN, **given))  # type: ignore[arg-type]
     driver.open()
     return driver
 
@@ -117,7 +120,7 @@ def test_another_outlet_is_another_boot_and_the_same_one_is_not() -> None:
     again, came = parts(read(driver, 30))
     assert (again, came[0].boot) == ([], first.boot)
     sender.close()
-    with pytest.raises(DeviceLost, match="source_id boots is lost"):
+    with pytest.raises(DeviceLost, match=f"source_id boots{OWN} is lost"):
         read(driver, 1)
     driver.close()
     with pytest.raises(DeviceUnavailable, match="is not heard"):
@@ -202,9 +205,9 @@ def test_what_is_missing_may_be_given(
 
 
 def test_several_streams_ask_for_a_choice() -> None:
-    senders = [Sender(source, GYRO, ["rad/s"] * 3, kind="Twin") for source in ("one", "two")]
-    driver = LslDriver(LslOptions(type="Twin"))
-    with pytest.raises(DeviceUnavailable, match=r"several streams fit: sensor \(one\), sensor \(two\)"):
+    senders = [Sender(source, GYRO, ["rad/s"] * 3, kind=f"Twin{OWN}") for source in ("one", "two")]
+    driver = LslDriver(LslOptions(type=f"Twin{OWN}"))
+    with pytest.raises(DeviceUnavailable, match=rf"several streams fit: sensor \(one{OWN}\), sensor \(two{OWN}\)"):
         driver.open()
     assert senders
 

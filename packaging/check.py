@@ -1,0 +1,191 @@
+"""Installs the release in dist/ on a new Debian 12, uses, upgrades, downgrades and removes it, and prints a table.
+
+`make release-check`, as root, after `make release ARGS=x86_64`. Needs Debian's packages debootstrap, systemd-container and
+lintian. The machine has its own systemd and no network; kernel, clock and processors are this machine's.
+Exit code 1 if a check failed.
+"""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from machine import Machine, debootstrap, wait
+from rich.console import Console
+from rich.table import Table
+
+ROOT = Path(__file__).parent.parent
+DIST = ROOT / "dist"
+SERVICES = ("router", "bridge", "estimator", "dashboard", "recorder")
+#: a subscriber, started before there is a ward: ends with the first sample that is corrected by an accepted calibration
+SUBSCRIBER = """
+from truerate import Client
+with Client(ward="ward-3") as ward:
+    for batch in ward.corrected("virtual-1"):
+        if batch.quality.name == "GOOD":
+            print("first corrected sample", batch.rate[-1], "+/-", batch.rate_std[-1])
+            break
+"""
+PAGE = """
+import ssl, urllib.request
+trusted = ssl.create_default_context(cafile="/etc/truerate/pki/ca.pem")
+print(urllib.request.urlopen("https://localhost:8443/", context=trusted).status)
+"""
+Row = tuple[str, str, bool]
+
+
+def main() -> int:
+    """Run all checks; returns the exit code."""
+    package, bundle = next(DIST.glob("*_amd64.deb")), next(DIST.glob("*-x86_64.tar.gz"))
+    debootstrap(ROOT / "out/bookworm")
+    rows = list[Row]()
+    with tempfile.TemporaryDirectory(dir=ROOT / "out") as folder:
+        work = Path(folder)
+        for name, checks in (("package", _package), ("bundle", _bundle)):
+            root = work / name
+            subprocess.run(["cp", "-a", "--reflink=auto", str(ROOT / "out/bookworm"), str(root)], check=True)
+            (root / "etc/hosts").write_text("127.0.0.1 localhost ward\n")
+            (root / "etc/hostname").write_text("ward\n")
+            with Machine(root) as machine:
+                for row in checks(machine, package if name == "package" else bundle, work):
+                    print(*row, flush=True)
+                    rows.append(row)
+            shutil.rmtree(root)
+        rows.append(_lintian(package))
+    table = Table("check", "measured", "")
+    for what, measured, passed in rows:
+        table.add_row(what, measured, "pass" if passed else "FAIL")
+    Console().print(table)
+    return 0 if all(passed for *_, passed in rows) else 1
+
+
+def _package(machine: Machine, package: Path, work: Path) -> Iterator[Row]:
+    """Follow docs/install.md, then upgrade, go back, remove and purge."""
+    newer = _renamed(package, work)
+    for path in (package, newer):
+        shutil.copy(path, machine.root / "root")
+    begun = time.monotonic()
+    done = machine.run(f"apt-get install -y ./{package.name}")
+    yield "apt install", f"{time.monotonic() - begun:.0f} s{_why(done)}", done.returncode == 0
+    done = machine.run("truerate init ward-3 --host localhost --virtual 3 --person nurse")
+    yield "truerate init", f"{time.monotonic() - begun:.0f} s from the start{_why(done)}", done.returncode == 0
+    (machine.root / "root/subscriber.py").write_text(SUBSCRIBER)
+    done = machine.run("timeout 300 /opt/truerate/bin/python3 subscriber.py")
+    seconds = time.monotonic() - begun
+    yield (
+        "first corrected sample, from apt install",
+        f"{seconds:.0f} s{_why(done)}",
+        done.returncode == 0 and seconds <= 300,
+    )
+    yield _running(machine, "services run, under systemd's restrictions")
+    done = machine.run("sudo -u truerate truerate doctor /etc/truerate/ward.toml")
+    troubles = re.findall("^✗ .*", done.stdout, re.MULTILINE)
+    yield "truerate doctor", "; ".join(troubles) or "no trouble", done.returncode == 0
+    (machine.root / "root/page.py").write_text(PAGE)
+    done = machine.run("python3 page.py")
+    yield "page over TLS, checked with ca.pem", done.stdout.strip() + _why(done), done.stdout.strip() == "200"
+    done = machine.run("systemctl start truerate-backup && ls /var/lib/truerate/backups")
+    yield "nightly backup", done.stdout.strip() + _why(done), done.returncode == 0 and bool(done.stdout.strip())
+    done = machine.run("systemctl kill -s KILL truerate-estimator; sleep 8; systemctl is-active truerate-estimator")
+    yield "killed estimator is started again", done.stdout.strip(), done.returncode == 0
+    units = "/usr/lib/systemd/system/truerate*.service /usr/lib/systemd/system/truerate*.t*"
+    done = machine.run(f"systemd-analyze verify {units}")
+    said = "\n".join(line for line in done.stderr.splitlines() if "truerate" in line)
+    yield "systemd-analyze verify", said or "clean", done.returncode == 0 and not said
+    levels = [
+        re.findall(r"level for \S+: (\S+)", machine.run(f"systemd-analyze security truerate-{name}").stdout)
+        for name in (*SERVICES, "backup")
+    ]
+    exposures = [float(level[0]) for level in levels if level]
+    yield "systemd-analyze security", f"exposure {exposures}", len(exposures) == 6 and max(exposures) < 3
+    before = _data(machine)
+    for what, path in (("upgrade", newer), ("downgrade", package)):
+        done = machine.run(f"apt-get install -y --allow-downgrades ./{path.name}")
+        version = machine.run("dpkg-query -W -f '${Version}' truerate").stdout
+        yield what, f"to {version}{_why(done)}", done.returncode == 0
+        yield _running(machine, f"services run after the {what}")
+        yield _kept(machine, before)
+    for what in ("remove", "purge"):
+        done = machine.run(f"apt-get {what} -y truerate")
+        left = [path for path in ("opt/truerate", "usr/bin/truerate") if (machine.root / path).exists()]
+        left += machine.run("pgrep -u truerate -a").stdout.splitlines()
+        yield what, f"left of the program: {left or 'nothing'}{_why(done)}", done.returncode == 0 and not left
+    done = machine.run(f"apt-get install -y ./{package.name}")
+    yield "installed again", f"exit code {done.returncode}{_why(done)}", done.returncode == 0
+    yield _kept(machine, before)
+
+
+def _bundle(machine: Machine, bundle: Path, _work: Path) -> Iterator[Row]:
+    """Install the bundle without a network and without root, and run the demo."""
+    shutil.copy(bundle, machine.root / "srv")
+    folder = bundle.name.removesuffix(".tar.gz")
+    machine.run("useradd -m someone")
+    begun = time.monotonic()
+    done = machine.run(f"runuser -l someone -c 'tar xzf /srv/{bundle.name} && {folder}/install.sh --prefix ~/truerate'")
+    yield "bundle, without network or root", f"{time.monotonic() - begun:.0f} s{_why(done)}", done.returncode == 0
+    done = machine.run("runuser -l someone -c '~/truerate/bin/truerate demo'")
+    yield "demo of the bundle", f"exit code {done.returncode}{_why(done)}", done.returncode == 0
+
+
+def _running(machine: Machine, what: str) -> Row:
+    """Check that all services are active, and that none was restarted in the meantime."""
+    names = " ".join(f"truerate-{name}" for name in SERVICES)
+    passed = wait(40, lambda: machine.run(f"systemctl is-active {names}").returncode == 0)
+    return what, " ".join(machine.run(f"systemctl is-active {names}").stdout.split()), passed
+
+
+def _data(machine: Machine) -> tuple[str, set[str]]:
+    """Checksums of the configuration, and the calibrations in the store."""
+    sums = machine.run("find /etc/truerate -type f | sort | xargs sha256sum").stdout
+    calibrations = set[str]()
+    for n in (1, 2, 3):
+        words = f"truerate history virtual-{n} --config /etc/truerate/ward.toml --json"
+        history = json.loads(machine.run(f"sudo -u truerate {words}").stdout or "{}")
+        calibrations |= {json.dumps(one, sort_keys=True) for one in history.get("calibrations", [])}
+    return sums, calibrations
+
+
+def _kept(machine: Machine, before: tuple[str, set[str]]) -> Row:
+    """Check that the configuration is the same, and that no calibration is missing."""
+    sums, calibrations = _data(machine)
+    passed = sums == before[0] and before[1] <= calibrations and bool(before[1])
+    files = f"{len(sums.splitlines())} files {'equal' if sums == before[0] else 'CHANGED'}"
+    measured = f"{files}, {len(before[1] & calibrations)} of {len(before[1])} calibrations"
+    return "configuration and store kept", measured, passed
+
+
+def _renamed(package: Path, work: Path) -> Path:
+    """The same package with a higher version."""
+    tree, newer = work / "tree", work / "truerate_newer.deb"
+    subprocess.run(["dpkg-deb", "-R", str(package), str(tree)], check=True)
+    control = tree / "DEBIAN/control"
+    control.write_text(re.sub(r"^Version: (.*)$", r"Version: \1+check", control.read_text(), flags=re.MULTILINE))
+    subprocess.run(
+        ["dpkg-deb", "-b", "-Zzstd", "-z1", "--root-owner-group", str(tree), str(newer)],
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+    shutil.rmtree(tree)
+    return newer
+
+
+def _lintian(package: Path) -> Row:
+    done = subprocess.run(
+        ["lintian", "--no-cfg", "--allow-root", str(package)], capture_output=True, text=True, check=False
+    )
+    tags = sorted(set(re.findall(r"^[EW]: \S+: (\S+)", done.stdout, re.MULTILINE)))
+    return "lintian", ", ".join(tags) or "no error, no warning", not tags and done.returncode == 0
+
+
+def _why(done: "subprocess.CompletedProcess[str]") -> str:
+    """The last lines of a command that failed."""
+    return "" if done.returncode == 0 else "\n" + "\n".join((done.stdout + done.stderr).strip().splitlines()[-6:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
