@@ -57,13 +57,6 @@ class BiasKnobs:
         return self.warm_up_walk**2 * fading * -expm1(-dt / self.warm_up_s) * self.warm_up_s
 
 
-class Pace(NamedTuple):
-    """How fast the bias of this boot walks: factor of the random walk's variance, and probability that the device warms up."""
-
-    steady: float = 1.0
-    warming: float = 1.0
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasState:
     """State of the bias filter: x (n,), P (n, n), device time, s, temperature, °C, and power-up time, s.
@@ -141,7 +134,8 @@ class BiasFilter:
         self.law = law
         #: (6,) change of the state by the law's curvature in the last step; None without a law
         self.bent: Floats | None = None
-        self.pace = Pace()
+        #: factor of the random walk's variance in this boot
+        self.pace = 1.0
         self.restart(state)
 
     def _take(self, state: BiasState) -> None:
@@ -286,10 +280,9 @@ class BiasFilter:
     def walked(self, dt: float, *, known: bool | None = None) -> float:
         """Variance the walk adds to the bias in dt seconds; known: whether a temperature explains warming (default: if read)."""
         known, knobs = isfinite(self.temperature_c) if known is None else known, self.knobs
-        var = knobs.rate_random_walk**2 * self.pace.steady * dt
-        if not known and isfinite(self._powered) and var > 0.0:
-            # Between the walks with and without warming, on a logarithmic scale.
-            var *= (1 + knobs.warmed(self.time - self._powered, dt) / var) ** self.pace.warming
+        var = knobs.rate_random_walk**2 * self.pace * dt
+        if not known and isfinite(self._powered):
+            var += knobs.warmed(self.time - self._powered, dt)
         return var
 
     def widen(self, cov: Floats) -> None:

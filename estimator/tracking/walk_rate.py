@@ -1,8 +1,8 @@
 """Learns how fast the bias of this boot walks, from its own rests.
 
 A bank of random walks runs beside the bias filter, one scalar filter a hypothesis and axis: the model's rate random walk times
-a factor, and the walk of a device that warms up while no temperature explains it. The rests' means give each its likelihood.
-The walk in use is the mean of their variances on a logarithmic scale, weighted by probability.
+a factor. The rests' means give each its likelihood. The factor in use is the mean of theirs on a logarithmic scale, weighted
+by probability. Warming up is expected by all of them alike: rests of minutes do not show that it has ended.
 Source: multiple-model estimation, D. T. Magill, "Optimal adaptive estimation of sampled stochastic processes",
 IEEE Trans. Automatic Control 10 (1965).
 """
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.state import StateStruct, shaped
-from estimator.tracking.bias_filter import BiasKnobs, Pace
+from estimator.tracking.bias_filter import BiasKnobs
 from estimator.tracking.seconds import Second
 
 Floats = NDArray[np.float64]
@@ -31,8 +31,6 @@ class WalkKnobs:
     #: factors of the model's rate random walk, and their prior weights
     factors: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
     weights: tuple[float, ...] = (3.0, 8.0, 4.0, 1.5, 0.5)
-    #: prior weight of a warming device as a multiple of all the others, where no temperature is known
-    warming: float = 9.0
     #: seconds of rest in a row whose mean is one measurement
     block: int = 5
     #: rad/s, error of such a mean beside its noise
@@ -58,16 +56,15 @@ class WalkState(StateStruct):
 
 
 class WalkRate:
-    """Bank of walks of one boot: rests in, pace of the bias out.
+    """Bank of walks of one boot: rests in, `pace` out, the factor of the walk's variance.
 
     powered: device time of the power-up, s; -inf when unknown, and then nothing warms up.
     """
 
     def __init__(self, bias: BiasKnobs, powered: float, knobs: WalkKnobs | None = None) -> None:
         self.knobs, self._bias, self._powered = knobs or WalkKnobs(), bias, powered
-        weights = np.array([*self.knobs.weights, self.knobs.warming * sum(self.knobs.weights)])
-        self._prior, self._factors = np.log(weights), np.array([*self.knobs.factors, 1.0]) ** 2
-        n = len(weights)
+        self._prior, self._factors = np.log(self.knobs.weights), np.array(self.knobs.factors) ** 2
+        n = len(self._factors)
         self.state = WalkState(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)))
         self.pace = self._weighed()
 
@@ -105,7 +102,7 @@ class WalkRate:
             walked = self._bias.rate_random_walk**2 * dt * self._factors
             if isnan(warmer):
                 warmer = 0.0
-                walked[-1] += self._bias.warmed(state.time - self._powered, dt)
+                walked += self._bias.warmed(state.time - self._powered, dt)
             P = state.P + walked[:, None] + warmer**2 * slope_var
             S, off = P + R, z - state.x - warmer * slope
             told = -0.5 * (np.log(S) + np.minimum(off**2 / S, self.knobs.most)).sum(axis=1)
@@ -116,8 +113,7 @@ class WalkRate:
             state.x, state.P = np.tile(z, (len(state.x), 1)), np.tile(R, (len(state.x), 1))
         state.time, state.celsius = time, celsius
 
-    def _weighed(self) -> Pace:
+    def _weighed(self) -> float:
         logs = self._prior + self.state.told
         likely = np.exp(logs - logs.max())
-        steady = likely[:-1] / likely[:-1].sum()
-        return Pace(float(np.exp(steady @ np.log(self._factors[:-1]))), float(likely[-1] / likely.sum()))
+        return float(np.exp(likely @ np.log(self._factors) / likely.sum()))
