@@ -20,7 +20,7 @@ from bridge.config.schema import Root
 from bridge.pki.member import Member, Role
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence
-from bridge.toml.loader import ConfigError, load
+from bridge.toml.loader import ConfigError, content, load
 from bridge.wire import keys
 from bridge.wire.codec import encode_reply
 from bridge.wire.messages import CommandReply
@@ -116,7 +116,7 @@ def member_of(routers: Routers) -> Member | None:
 def digest_of(path: Path) -> str:
     """Return a short digest of a file's content; empty if it cannot be read."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
+        return hashlib.sha256(content(path)).hexdigest()[:32]
     except OSError:
         return ""
 

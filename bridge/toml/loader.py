@@ -5,7 +5,10 @@ The type is a msgspec Struct of Structs that forbid unknown fields. A class that
 """
 
 import difflib
+import errno
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,6 +20,9 @@ import msgspec.inspect as inspection
 from bridge.runtime import os_errors
 
 T = TypeVar("T")
+
+#: longest file that is read, bytes; a ward of 1000 devices has about 200,000
+MAX_BYTES = 1 << 20
 
 _PATH = re.compile(r"(?P<text>.*?)(?: - at `(?P<path>\$[^`]*)`)?\Z", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]|\[\.\.\.\]")
@@ -40,8 +46,7 @@ class ConfigError(Exception):
 def load(path: Path | str, kind: type[T]) -> T:
     """Read a TOML file as an object of type `kind`. Raises ConfigError with one line for a person."""
     try:
-        with Path(path).open("rb") as file:
-            tables = tomllib.loads(file.read().decode("utf-8-sig"))  # some editors write a byte order mark
+        tables = tomllib.loads(content(Path(path)).decode("utf-8-sig"))  # some editors write a byte order mark
     except FileNotFoundError:
         raise ConfigError(
             f"{path}: there is no such file; give the path of a TOML file, such as configs/ward.toml"
@@ -57,6 +62,24 @@ def load(path: Path | str, kind: type[T]) -> T:
         return msgspec.convert(tables, kind, dec_hook=_from_table)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {_sentence(error, kind)}") from None
+
+
+def content(path: Path) -> bytes:
+    """Return the bytes of a regular file of at most MAX_BYTES. Raises OSError; never waits, as it would for a pipe."""
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if not stat.S_ISREG(mode):
+            raise OSError("a pipe or a device, but a file is expected")
+        with os.fdopen(descriptor, "rb", closefd=False) as file:
+            found = file.read(MAX_BYTES + 1)
+    finally:
+        os.close(descriptor)
+    if len(found) > MAX_BYTES:
+        raise OSError(f"larger than {MAX_BYTES} bytes: give a TOML file")
+    return found
 
 
 def options(table: dict[str, Any], kind: type[T]) -> T:

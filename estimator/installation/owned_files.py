@@ -3,6 +3,7 @@
 import os
 import pwd
 import shutil
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,8 +24,10 @@ class OwnedFiles:
         self._say(f"{f'would {would}' if self.dry else did} {what}")
 
     def folder(self, path: Path, *, data: bool = False) -> None:
-        """Make a folder that others cannot read. data: the services write to it."""
+        """Make a folder that others cannot read. data: the services write to it. Raises ValueError if others may write to one."""
         if path.is_dir():
+            if path.stat().st_mode & stat.S_IWOTH:  # whoever may place links there chooses where keys are written
+                raise ValueError(f"every user may write to {path}: run chmod o-w {path}, and look at what is in it")
             return
         if not self.dry:
             path.mkdir(_FOLDER, parents=True, exist_ok=True)

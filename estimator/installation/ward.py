@@ -10,6 +10,7 @@ from typing import Any
 from bridge.config.schema import ConfigError, load
 from bridge.diagnose.port_probe import Verdict
 from bridge.diagnose.scan_report import snippet
+from bridge.toml.loader import content
 from estimator.config.schema import Ward
 from estimator.installation.certificates import certify
 from estimator.installation.owned_files import OwnedFiles
@@ -25,7 +26,7 @@ def install(
     Raises ConfigError if the ward file that is there is not valid, ValueError and OSError for what cannot be made.
     """
     files, path = OwnedFiles(say, dry=dry), plan.folder / "ward.toml"
-    there = path.read_text("utf-8") if path.exists() else ""
+    there = content(path).decode() if path.exists() else ""
     if there:
         plan = _continued(plan, load(path, Ward), path)
     text = _text(plan, there, found, (lambda _: "$argon2id$") if dry else hashed)

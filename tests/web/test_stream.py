@@ -1,5 +1,6 @@
 """The stream at /api/v1/stream: each sample once, also over cuts, and what a reader is told that cannot follow."""
 
+import asyncio
 import json
 import threading
 import time
@@ -18,7 +19,10 @@ from websockets.typing import Origin
 
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Quality
+from estimator.web.http_error import Fault
 from estimator.web.stream import feeds
+from estimator.web.stream.documents import document
+from estimator.web.stream.request import Asked
 from tests.web.conftest import Site, served
 from tests.web.talk import WARD, about, said
 
@@ -291,3 +295,61 @@ def test_a_slow_program_is_told_what_it_missed_and_harms_nobody(site: Site, monk
     covered = numbers([one for one in found if one["type"] == "samples"])
     covered += range(missed["first"], missed["first"] + missed["count"])
     assert sorted(covered) == list(range(FIRST, FIRST + many * n))
+
+
+def test_readers_of_many_devices_take_turns_with_everything_else() -> None:
+    names = [f"d{i}" for i in range(32)]
+
+    async def scene() -> tuple[list[int], int]:
+        kept = {name: feeds.Feed(Empty(), 640) for name in names}  # type: ignore[arg-type]
+        for name, feed in kept.items():
+            feed.settled.set()
+            feed.kept.add(batch(name, k) for k in range(300))
+        turn, asked = asyncio.Lock(), Asked(tuple(names), {}, None, protobuf=False, wait_s=0.0)
+        readers = [feeds.Reader(kept, asked, "here", turn) for _ in range(20)]
+        rounds = 0
+
+        async def page() -> None:
+            nonlocal rounds
+            while True:
+                rounds += 1
+                await asyncio.sleep(0)
+
+        other = asyncio.create_task(page())
+        for reader in readers:
+            await reader.begin()
+        rounds = 0
+        found = await asyncio.gather(*(reader.read(document, 256, 0.0) for reader in readers))
+        other.cancel()
+        return [len(one) for one in found], rounds
+
+    sizes, rounds = asyncio.run(scene())
+    assert sizes == [256] * 20
+    assert rounds >= 20
+
+
+def test_a_reader_is_told_when_no_router_gives_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(feeds, "BEGIN_S", 0.05)
+
+    async def scene() -> None:
+        asked = Asked(("chest",), None, None, protobuf=False, wait_s=0.0)
+        await feeds.Reader({"chest": feeds.Feed(Empty(), 640)}, asked, "here", asyncio.Lock()).begin()  # type: ignore[arg-type]
+
+    with pytest.raises(Fault, match="router is not there"):
+        asyncio.run(scene())
+
+
+def test_a_poll_that_does_not_wait_gets_what_is_kept(site: Site) -> None:
+    poll(site, device="chest", wait_s=0)
+    site.talk(*(batch("chest", k) for k in range(20)))
+    time.sleep(0.5)
+    assert numbers(poll(site, device="chest", after="", wait_s=0)["documents"]) == list(range(FIRST, FIRST + 20 * N))
+
+
+class Empty:
+    """A subscription that gets nothing."""
+
+    caught_up = False
+
+    def drain(self) -> list[CorrectedBatch]:
+        return []

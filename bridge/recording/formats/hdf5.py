@@ -42,7 +42,7 @@ def read(path: Path, reading: Reading) -> Table:
         arrays = {name: _array(path, file[name]) for name in WANTED if name in file}
         table = table_of(path, arrays, reading, list(file))
         table.device, table.boot = origin(
-            *(_text(file[name][()]) if name in file else "" for name in ("device", "boot"))
+            *(_text(_array(path, file[name])[()]) if name in file else "" for name in ("device", "boot"))
         )
     return choose(path, {table.device: table}, reading.device, "devices") if table.device else table
 
@@ -98,6 +98,9 @@ def _opal(path: Path, sensor: Any, reading: Reading) -> Table:
 
 
 def _array(path: Path, dataset: Any) -> Array:
+    elsewhere = dataset.file.filename != str(path) or dataset.external or dataset.is_virtual
+    if elsewhere:  # a file from others could otherwise copy any file that its reader may read
+        raise RecordingError(f"{path}: {dataset.name!r} refers to another file: copy the values into this file")
     if dataset.size * dataset.dtype.itemsize > MAX_BYTES:
         raise RecordingError(f"{path}: {dataset.name!r} has {dataset.size} values: split the file")
     array: Array = dataset[()]

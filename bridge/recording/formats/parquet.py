@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bridge.recording.error import RecordingError
+from bridge.recording.error import MAX_BYTES, RecordingError
 from bridge.recording.reading import Reading
 from bridge.recording.table import Table
 from bridge.recording.text import reader
@@ -21,7 +21,15 @@ from bridge.recording.text import reader
 
 def read(path: Path, reading: Reading) -> Table:
     """Read the columns of numbers and of times. Raises RecordingError."""
-    table = pq.read_table(path)
+    with pq.ParquetFile(path) as file:
+        wanted = [
+            one.name
+            for one in file.schema_arrow
+            if pa.types.is_timestamp(one.type) or pa.types.is_integer(one.type) or pa.types.is_floating(one.type)
+        ]
+        if (size := file.metadata.num_rows * len(wanted) * 8) > MAX_BYTES:
+            raise RecordingError(f"{path}: it unpacks to {size} bytes; at most {MAX_BYTES} are allowed")
+        table = file.read(wanted)
     names, columns = list[str](), list[NDArray[np.float64]]()
     for name, column in zip(table.column_names, table.columns, strict=True):
         if pa.types.is_timestamp(column.type):
@@ -31,7 +39,7 @@ def read(path: Path, reading: Reading) -> Table:
             )
             names.append(f"{name} (ns)")
             columns.append(since.to_numpy().astype(np.float64))
-        elif pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
+        else:
             names.append(name)
             columns.append(column.to_numpy().astype(np.float64))
     if not columns:

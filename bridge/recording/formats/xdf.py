@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from pyxdf import load_xdf
 
+from bridge.recording.error import MAX_BYTES, RecordingError
 from bridge.recording.formats.streams import choose
 from bridge.recording.reading import Reading
 from bridge.recording.table import Table
@@ -20,7 +21,10 @@ from bridge.recording.text.names import understood
 
 def read(path: Path, reading: Reading) -> Table:
     """Read one stream. Raises RecordingError."""
-    with path.open("rb") if path.suffix.lower() == ".xdf" else gzip.open(path) as file:
+    packed = path.suffix.lower() != ".xdf"
+    if packed:
+        _check_unpacked(path)
+    with gzip.open(path) if packed else path.open("rb") as file:
         streams, _ = load_xdf(file, verbose=False)
     numeric = [one for one in streams if _first(one["info"], "channel_format") != "string" and _channels(one) > 2]
     whole = [one for one in numeric if len(one["time_stamps"])]
@@ -37,6 +41,16 @@ def read(path: Path, reading: Reading) -> Table:
             0, f"read is the stream {_first(info, 'name')}, whose channels are named as those of a gyroscope"
         )
     return table
+
+
+def _check_unpacked(path: Path) -> None:
+    """Raise RecordingError if a compressed file is too large unpacked."""
+    size = 0
+    with gzip.open(path) as file:
+        while more := len(file.read(1 << 20)):
+            size += more
+            if size > MAX_BYTES:
+                raise RecordingError(f"{path}: it unpacks to more than {MAX_BYTES} bytes; that is not allowed")
 
 
 def _named(streams: list[Any]) -> dict[str, Any]:

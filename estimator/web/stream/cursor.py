@@ -80,6 +80,11 @@ class Cursor:
         }
         self.places = dict(after)
 
+    @property
+    def behind(self) -> bool:
+        """Whether kept batches are still to be read."""
+        return self._position < self._kept.end
+
     def read(self, most: int) -> list[CorrectedBatch | Missed]:
         """Take what follows, from at most `most` batches."""
         if self._position < self._kept.begin:

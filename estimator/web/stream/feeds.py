@@ -3,9 +3,11 @@
 import asyncio
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
+from math import inf
+from typing import TypeVar
 
 from bridge.wire.messages import CorrectedBatch
 from estimator.client import Client, Corrected
@@ -13,6 +15,7 @@ from estimator.web.http_error import Fault
 from estimator.web.stream.cursor import Cursor, Kept, Missed, Place
 from estimator.web.stream.request import Asked
 
+T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 #: interval of taking received messages, s
@@ -25,8 +28,10 @@ LINGER_S = 30.0
 SETTLE_S = 0.25
 #: most readers and subscriptions at a time, and of each from one address
 READERS, OF_ONE_ADDRESS = 128, 64
-#: most batches handed on at a time; others run in between
+#: most batches handed on at a time, of all feeds of a reader; others run in between
 AT_ONCE = 64
+#: longest wait for what publishers kept, s; without a router it never comes
+BEGIN_S = 15.0
 
 
 class Feed:
@@ -57,28 +62,44 @@ class Feed:
 class Reader:
     """One program that reads: a cursor in each of its feeds."""
 
-    def __init__(self, feeds: dict[str, Feed], asked: Asked, address: str) -> None:
-        self.address, self.news = address, asyncio.Event()
+    def __init__(self, feeds: dict[str, Feed], asked: Asked, address: str, turn: asyncio.Lock) -> None:
+        self.address, self.news, self._turn = address, asyncio.Event(), turn
         self._feeds, self._asked = feeds, asked
         self._cursors: list[Cursor] = []
 
     async def begin(self) -> None:
-        """Wait until everything kept is here; the cursors begin there."""
-        for feed in self._feeds.values():
-            await feed.settled.wait()
+        """Wait until everything kept is here; the cursors begin there. Raises Fault if it does not come."""
+        try:
+            async with asyncio.timeout(BEGIN_S):
+                for feed in self._feeds.values():
+                    await feed.settled.wait()
+        except TimeoutError:
+            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_router", headers={"Retry-After": "5"}) from None
         for name, feed in self._feeds.items():
             after = self._asked.after
             if after is not None and name:
                 after = {name: after[name]} if name in after else {}
             self._cursors.append(Cursor(feed.kept, after, self._asked.hz))
 
-    async def read(self, most: int = AT_ONCE) -> list[CorrectedBatch | Missed]:
-        """Wait for the next samples and take them, from at most `most` batches of each feed."""
+    async def read(
+        self, make: Callable[[CorrectedBatch | Missed], T], most: int = AT_ONCE, wait_s: float = inf
+    ) -> list[T]:
+        """What `make` makes of the next samples, from about `most` batches; empty if none came within wait_s."""
+        each = max(1, most // len(self._cursors))
+        deadline_s = time.monotonic() + wait_s
         while True:
             self.news.clear()
-            if found := [one for cursor in self._cursors for one in cursor.read(most)]:
+            async with self._turn:
+                found = [make(one) for cursor in self._cursors for one in cursor.read(each)]
+                await asyncio.sleep(0)  # one reader in a round of the event loop, however many there are: pages run on
+            if found:
                 return found
-            await self.news.wait()
+            if any(cursor.behind for cursor in self._cursors):
+                continue
+            try:
+                await asyncio.wait_for(self.news.wait(), None if wait_s == inf else deadline_s - time.monotonic())
+            except TimeoutError:
+                return []
 
     @property
     def places(self) -> dict[str, Place]:
@@ -96,6 +117,7 @@ class Feeds:
         #: None until a router is first connected
         self.client: Client | None = None
         self._feeds: dict[str, Feed] = {}
+        self._turn = asyncio.Lock()
         self._taking: asyncio.Task[None] | None = None
 
     @contextmanager
@@ -106,7 +128,7 @@ class Feeds:
         names = asked.devices or ("",)
         self._check_room(names, address)
         feeds = {name: self._feeds.get(name) or self._open(self.client, name) for name in names}
-        reader = Reader(feeds, asked, address)
+        reader = Reader(feeds, asked, address, self._turn)
         for feed in feeds.values():
             feed.readers.add(reader)
         if self._taking is None or self._taking.done():

@@ -35,12 +35,9 @@ def routes() -> list[BaseRoute]:
 async def poll(request: Request) -> Response:
     """Answer the next samples, at the latest after ?wait_s= seconds; possibly none."""
     asked = _asked(request, "wait_s")
-    documents = []
     with Desk.of(request).feeds.reader(asked, _address(request)) as reader:
         await reader.begin()
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(asked.wait_s):
-                documents = [document(one) for one in await reader.read(MOST)]
+        documents = await reader.read(document, MOST, asked.wait_s)
         after = [said(device, place) for device, place in reader.places.items()]
     return answer(Answer(documents, after or [""]))
 
@@ -69,10 +66,8 @@ async def _send(socket: WebSocket, reader: Reader, *, protobuf: bool) -> None:
     with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
         await reader.begin()
         while True:
-            for one in await reader.read():
-                said = message(one, protobuf=protobuf)
+            for said in await reader.read(lambda one: message(one, protobuf=protobuf)):
                 await (socket.send_text(said) if isinstance(said, str) else socket.send_bytes(said))
-            await asyncio.sleep(0)  # sending does not wait while the network takes it; others have their turn here
 
 
 def _asked(connection: HTTPConnection, own: str) -> Asked:

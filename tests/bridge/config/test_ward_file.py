@@ -1,6 +1,7 @@
 """A ward file that changes while a program runs: what takes effect, what waits for a restart, and what is refused."""
 
 import logging
+import os
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from bridge.config.ward_file import SETTLED_S, WardFile, digest_of
 from bridge.pki.member import Role
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
+from bridge.toml.loader import MAX_BYTES
 from bridge.wire import keys
 from bridge.wire.codec import decode_reply
 from estimator.config.schema import Ward
@@ -125,3 +127,23 @@ def test_no_hash_of_a_password_is_shown(tmp_path: Path) -> None:
 def test_a_program_does_not_start_with_an_invalid_file(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="there is no such file"):
         WardFile(tmp_path / "none.toml", Root, (), ())
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "huge"])
+def test_what_is_no_file_of_a_ward_is_refused_without_reading_on(change: Change, kind: str) -> None:
+    change.path.unlink()
+    if kind == "pipe":
+        os.mkfifo(change.path)  # opening it would wait for a writer
+    elif kind == "device":
+        change.path.symlink_to("/dev/zero")  # reading it would never end
+    elif kind == "folder":
+        change.path.mkdir()
+    else:
+        with change.path.open("wb") as file:
+            file.truncate(MAX_BYTES + 1)
+    assert change.after_a_while() is None
+    said = {"pipe": "a pipe or a device", "device": "a pipe or a device", "folder": "a folder", "huge": "larger than"}
+    assert said[kind] in change.said
+    assert digest_of(change.path) == ""
+    change.path.rmdir() if kind == "folder" else change.path.unlink()
+    assert change.to(TEXT + A) is not None

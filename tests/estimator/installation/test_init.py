@@ -1,6 +1,7 @@
 """`truerate init`: what it writes is valid, a second run adds what is missing, and one ward file serves all programs."""
 
 import io
+import os
 import sys
 import time
 from contextlib import ExitStack
@@ -57,6 +58,26 @@ def test_a_ward_on_one_machine_is_valid_and_a_dry_run_writes_nothing(
     assert [person.name for person in ward.dashboard.people] == ["nurse"]
     assert (init.data / "recordings").is_dir()
     assert init.path.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_folder_that_every_user_may_write_to_gets_no_keys(
+    init: Installed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    elsewhere.chmod(0o777)
+    init.folder.mkdir()
+    (init.folder / "pki").symlink_to(elsewhere)
+    assert init("--host", "localhost", "--virtual", "1") != 0
+    assert "chmod o-w" in capsys.readouterr().err
+    assert not list(elsewhere.iterdir())
+
+
+def test_a_pipe_in_place_of_the_ward_file_is_refused(init: Installed, capsys: pytest.CaptureFixture[str]) -> None:
+    init.folder.mkdir()
+    os.mkfifo(init.path)
+    assert init("--virtual", "1") != 0
+    assert "a pipe or a device" in capsys.readouterr().err
 
 
 def test_a_second_run_keeps_everything(init: Installed) -> None:

@@ -1,16 +1,21 @@
 """Recordings in other tools' formats: each gives the session's k and bias, and refusals say what to do."""
 
+import gzip
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
 from bridge.recording import Reading, RecordingError, load
+from bridge.recording.error import MAX_BYTES
 from estimator.cli.main import main
 from tests.bridge.recording.formats import written
 from tests.bridge.recording.text.session import ACCEL_MS2, GYRO_DPS, TIME, refusal, right
@@ -169,3 +174,35 @@ def test_an_output_whose_package_is_missing_is_refused_before_reading(
     monkeypatch.delitem(sys.modules, "bridge.recording.formats.hdf5", raising=False)
     assert main(["recording", "convert", str(tmp_path / "none.csv"), str(tmp_path / "out.h5")]) == 2
     assert main(["correct", str(tmp_path / "none.csv"), str(tmp_path / "out.h5")]) == 1
+
+
+def test_a_dataset_that_is_kept_in_another_file_is_not_read(tmp_path: Path) -> None:
+    private, path = tmp_path / "private", tmp_path / "a.h5"
+    private.write_bytes(bytes(range(30)))
+    with h5py.File(path, "w") as file:
+        file.create_dataset("gyro_rad_s", shape=(10, 3), dtype="u1", external=[(str(private), 0, 30)])
+    assert "refers to another file" in refusal(path)
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file["gyro_rad_s"] = np.ones((10, 3))
+    with h5py.File(path, "w") as file:
+        file["gyro_rad_s"] = h5py.ExternalLink("b.h5", "/gyro_rad_s")
+    assert "refers to another file" in refusal(path)
+
+
+@pytest.mark.parametrize("form", ["npz", "h5", "parquet", "xdfz"])
+def test_a_small_file_that_unpacks_to_much_is_refused_before_it_does(form: str, tmp_path: Path) -> None:
+    path, rows = tmp_path / f"a.{form}", MAX_BYTES // 16
+    if form == "npz":
+        np.savez_compressed(path, gyro_rad_s=np.zeros((rows, 3), np.int8))  # 1.5 times the limit as float64
+    elif form == "h5":
+        with h5py.File(path, "w") as file:
+            file.create_dataset("gyro_rad_s", shape=(rows, 3), dtype="i1", chunks=(1 << 20, 3))
+    elif form == "parquet":
+        pq.write_table(pa.table(dict.fromkeys(("gyro_x", "gyro_y", "gyro_z"), np.zeros(rows, np.int8))), path)
+    else:
+        with gzip.open(path, "wb", 1) as packed:
+            packed.write(b"XDF:")
+            for _ in range(MAX_BYTES >> 20):
+                packed.write(bytes(1 << 20))
+    assert path.stat().st_size < 8 << 20
+    assert f"{MAX_BYTES} " in refusal(path)
