@@ -13,16 +13,16 @@ from rich.console import Console
 from bridge.terminal.tables import Column, Columns
 
 GROUPS = {
-    "calibration": ("closure_honesty", "gravity_methods", "machines", "clipping"),
+    "calibration": ("closure_honesty",),
     "tracking": ("tracking", "cost", "temperature", "warming", "honesty"),
     "broad": ("real_movement",),
     "orientation": ("orientation",),
     "load": ("load",),
-    "bridge": ("hotplug", "reload"),
+    "bridge": ("reload",),
     "cluster": ("cluster",),
     "network": ("network",),
     "faults": ("suffering", "estimator_kills", "store_faults", "router_kills"),
-    "hostile": ("forged", "access", "attacks"),
+    "hostile": ("access", "attacks"),
     "outlets": ("lsl", "stream", "foxglove", "per_sample"),
     "storage": ("storage",),
     "viewers": ("subscribing", "dashboard", "kills"),

@@ -15,6 +15,7 @@ import random
 import re
 import signal
 import socket
+import subprocess
 import sys
 import tempfile
 import threading
@@ -34,7 +35,6 @@ from bridge.wire import codec, keys
 from estimator.demo.ward import free_port, listens
 from estimator.web.app import routes as application_routes
 from estimator.web.passwords import hashed
-from tests.bench.forged import rss_mb
 from tests.bench.load.stream import WARD, Fleet, name
 from tests.bench.suffering import Healthy, process
 from tests.estimator.stream import calibration
@@ -65,6 +65,12 @@ class Seen:
         self.worst[what] = max(self.worst[what], time.monotonic() - began)
         if status not in good:
             self.failed.append(f"{what}: {status} {body[:80]!r}")
+
+
+def rss_mb(process: subprocess.Popen[bytes]) -> float:
+    """Resident memory of a process."""
+    fields = Path(f"/proc/{process.pid}/status").read_text(encoding="utf-8").split()
+    return int(fields[fields.index("VmRSS:") + 1]) / 1024
 
 
 @dataclass(slots=True)

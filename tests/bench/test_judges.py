@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
-from bridge.sim.body import Activity
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch
-from tests.bench import access, cluster, forged, suffering
+from tests.bench import access, cluster, suffering
 from tests.bench.load.__main__ import CROWD, QUICKEST, ratios
 from tests.bench.load.__main__ import unreached as unreached_by_load
 from tests.bench.load.run import Middle, Took
-from tests.bench.load.stream import BRIDGE, WARD, Fleet, lives
+from tests.bench.load.stream import WARD
 from tests.bridge.wire.examples import FIXED
 from tests.ward.killed import KEPT_S, Holes, discontinued
 
@@ -67,11 +66,6 @@ def message(device: str, sequence: int) -> Message:
     return Message(keys.build(WARD, "corrected", device=device), payload)
 
 
-def test_a_sample_is_missing_however_many_messages_came() -> None:
-    fleet, twice = Fleet(2, 104.0, 5, seed=1), [(0, "", message("d0001", sequence).payload) for sequence in (0, 0, 6)]
-    assert forged.missing(twice, fleet, range(9)) == 3
-
-
 @pytest.mark.parametrize(
     ("trouble", "hole_s", "p99_s", "lost", "says"),
     [
@@ -111,19 +105,6 @@ def test_what_a_load_takes_is_held_against_its_goals() -> None:
 def test_messages_a_second_are_compared_within_a_turn() -> None:
     slow_and_fast = [[took(1.0), took(2.0)], [took(0.1), took(0.2)], [took(0.2), took(0.2)]]
     assert ratios(slow_and_fast) == [0.5]
-
-
-def test_devices_under_load_are_worn_and_tell_their_temperature() -> None:
-    doing = set()
-    for life in lives(104.0):
-        worn = life.activity[-60 * 104 :]
-        assert all(Activity(one).worn for one in np.unique(worn))
-        doing |= set(worn.tolist())
-    assert {Activity.LYING, Activity.SITTING, Activity.WALKING, Activity.ASLEEP} <= doing
-    [(_, payload)] = Fleet(1, 104.0, 10, seed=1).round(0, 1)
-    raw = codec.decode_samples(keys.build(WARD, "raw", bridge=BRIDGE, device="d0000"), payload)
-    assert raw.temperature_c is not None
-    assert 20 < raw.temperature_c.min() < 30
 
 
 def test_a_surplus_in_one_cell_hides_no_lack_in_another() -> None:

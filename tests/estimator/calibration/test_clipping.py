@@ -1,4 +1,4 @@
-"""Readings cut off at the end of a gyro's range, told or not; tests/bench/clipping.py tries hundreds of sessions."""
+"""Readings cut off at the end of a gyro's range, told or not."""
 
 import numpy as np
 import pytest
@@ -13,12 +13,12 @@ from estimator.config.device_settings import knobs_of
 from estimator.device.session import DeviceSession
 from estimator.noise.device_model import load_model
 from estimator.offline import recordings
-from tests.bench.clipping import SHAPES, Case, session
+from tests.estimator.calibration.pushed_turns import SHAPES, Case, session
 from tests.estimator.stream import NAME, calibration, feed
 from tests.sentences import codes
 
 RANGE, NOISE, STEP = np.radians(250.0), np.radians(0.05), np.radians(250.0) / 32768
-CUT, GOOD = Case(250.0, told=False, cut=True, noise_dps=0.05), Case(2000.0, told=False, cut=False, noise_dps=0.01)
+CUT, GOOD = Case(250.0, cut=True, noise_dps=0.05), Case(2000.0, cut=False, noise_dps=0.01)
 
 
 def push(peak_dps: float, *, cut: bool = True, after: float = 0.0) -> Samples:
