@@ -81,21 +81,16 @@ def test_a_router_that_was_away_leaves_every_device_with_one_estimator(ward: Sha
         ward.start(name)
     ward.until(lambda: ward.settled() and min(ward.split()) > 0 and ward.reached > 100)
     ward.listen(1.0)
-    epochs = {name: dict(one.service._cluster.membership.held) for name, one in ward.running.items()}
+    epochs = {d: e for one in ward.running.values() for d, e in one.service._cluster.membership.held.items()}
     place.stop()
     ward.listen(1.5)
     # A router that ends takes the line of one before that of the other, who takes its devices, and may still be heard.
-    now = {name: dict(one.service._cluster.membership.held) for name, one in ward.running.items()}
-    for name, other in (("e1", "e2"), ("e2", "e1")):
-        for device, epoch in epochs[name].items():
-            assert now[name].get(device) == epoch or now[other].get(device, 0) > epoch, (
-                "nobody gives up what nobody took"
-            )
+    now = [one.service._cluster.membership.held for one in ward.running.values()]
+    for device, epoch in epochs.items():
+        assert max(held.get(device, 0) for held in now) >= epoch, "nobody gives up what nobody took"
     place.start()
     away = ward.bridge.sent
-    ward.until(lambda: ward.reached >= away + 300)
+    # Who is back first may take the others' for a while; in the end each has one owner.
+    ward.until(lambda: ward.reached >= away + 300 and ward.settled())
     ward.finish()
-    # Who is back first may take the others' for a while; nobody's are nobody's, or two's.
-    held = [device for one in ward.running.values() for device in one.service._cluster.membership.held]
-    assert sorted(held) == sorted({device for of in epochs.values() for device in of})
     assert_each_sample_once(ward)

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -43,7 +42,7 @@ class Broker:
     def start(self) -> None:
         assert MOSQUITTO is not None
         self._process = subprocess.Popen([MOSQUITTO, "-c", str(self._file)], stderr=subprocess.DEVNULL)
-        assert listens(f"tcp/127.0.0.1:{self.port}", 10.0)
+        assert listens(f"tcp/127.0.0.1:{self.port}", 60.0)
 
     def stop(self) -> None:
         self._process.kill()
@@ -148,28 +147,23 @@ def endpoint() -> Iterator[str]:
         yield one
 
 
-def refused(endpoint: str, *words: str) -> tuple[int, str]:
-    """Exit code and the last line on standard error."""
-    command = [
-        sys.executable,
-        "-m",
-        "estimator.cli.main",
-        "outlet",
-        "mqtt",
-        *words,
-        "--ward",
-        "w",
-        "--connect",
-        endpoint,
-    ]
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
-    *_, line = ran.stderr.splitlines()  # before: no device is heard yet
-    return ran.returncode, line
+Refused = Callable[..., tuple[int, str]]
 
 
-def test_a_broker_that_refuses(tmp_path: Path, endpoint: str, broker_with: Callable[..., Broker]) -> None:
+@pytest.fixture
+def refused(endpoint: str, capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Exit code and the last line on standard error of an outlet with these words."""
+
+    def told(*words: str) -> tuple[int, str]:
+        code = main(["outlet", "mqtt", *words, "--ward", "w", "--connect", endpoint])
+        return code, capsys.readouterr().err.splitlines()[-1]
+
+    return told
+
+
+def test_a_broker_that_refuses(tmp_path: Path, refused: Refused, broker_with: Callable[..., Broker]) -> None:
     free = free_port()
-    assert refused(endpoint, f"mqtt://127.0.0.1:{free}") == (
+    assert refused(f"mqtt://127.0.0.1:{free}") == (
         1, f"truerate: broker 127.0.0.1:{free}: connection refused; check the address, and that the broker is running",
     )  # fmt: skip
     passwords, wrong = tmp_path / "passwords", tmp_path / "wrong"
@@ -177,16 +171,18 @@ def test_a_broker_that_refuses(tmp_path: Path, endpoint: str, broker_with: Calla
     wrong.write_text("wrong\n")
     subprocess.run(["mosquitto_passwd", "-b", passwords, "ward", "right"], check=False)
     broker = broker_with(f"password_file {passwords}")
-    code, said = refused(endpoint, f"mqtt://ward@127.0.0.1:{broker.port}", "--password-file", str(wrong))
+    code, said = refused(f"mqtt://ward@127.0.0.1:{broker.port}", "--password-file", str(wrong))
     assert (code, said) == (
         1, f"truerate: broker 127.0.0.1:{broker.port} refuses user ward: check USER in the URL and --password-file",
     )  # fmt: skip
-    code, said = refused(endpoint, f"mqtts://127.0.0.1:{broker.port}")
+    code, said = refused(f"mqtts://127.0.0.1:{broker.port}")
     assert code == 1
     assert "does not speak TLS on this port: use mqtt://" in said
 
 
-def test_tls_trusts_the_named_authority_only(tmp_path: Path, endpoint: str, broker_with: Callable[..., Broker]) -> None:
+def test_tls_trusts_the_named_authority_only(
+    tmp_path: Path, refused: Refused, broker_with: Callable[..., Broker]
+) -> None:
     made = [
         "openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2",
         "-subj", "/CN=127.0.0.1",
@@ -197,7 +193,7 @@ def test_tls_trusts_the_named_authority_only(tmp_path: Path, endpoint: str, brok
     subprocess.run(made, check=True, capture_output=True)
     broker = broker_with("allow_anonymous true", f"certfile {tmp_path / 'ca.pem'}", f"keyfile {tmp_path / 'key.pem'}")
     url = f"mqtts://127.0.0.1:{broker.port}"
-    code, said = refused(endpoint, url)
+    code, said = refused(url)
     assert code == 1
     assert "shows a certificate that is not trusted" in said
     assert "?ca=FILE" in said
@@ -222,8 +218,8 @@ def test_tls_trusts_the_named_authority_only(tmp_path: Path, endpoint: str, brok
         (["mqtt://host", "--topic", "a/#"], "--topic is 'a/#'"),
     ],
 )
-def test_wrong_words(words: list[str], told: str, endpoint: str) -> None:
-    code, said = refused(endpoint, *words)
+def test_wrong_words(words: list[str], told: str, refused: Refused) -> None:
+    code, said = refused(*words)
     assert (code, told in said) == (2, True), said
 
 
