@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 BENCHES := bench-calibration bench-tracking bench-broad bench-orientation bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-outlets bench-storage bench-viewers
 
-.PHONY: setup setup-dev demo test check lint types contracts prose proto study bench $(BENCHES) pins supply fuzz soak nemesis docs release release-check test-lowest clean
+.PHONY: setup setup-dev demo test check lint types contracts prose proto study bench $(BENCHES) pins supply fuzz soak nemesis docs release release-check test-lowest lowest clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -30,11 +30,13 @@ test: setup-dev
 	$(BIN)/python -m pytest
 
 # The tests with the lowest allowed version of each dependency; `make test` installs the newest. ARGS='tests/laws' for some.
-test-lowest: setup-dev
+test-lowest: lowest
+	out/lowest/bin/python -m pytest $(ARGS)
+
+lowest: setup-dev
 	$(BIN)/uv venv -q --clear --python $(PYTHON) out/lowest
 	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,cwa,foxglove,hdf5,lsl,mavlink,mqtt,parquet,ros,ros2,xdf]' --group dev
 	out/lowest/bin/python -m estimator.kernels
-	out/lowest/bin/python -m pytest $(ARGS)
 
 # The documentation site, in out/docs; a warning is an error.
 docs: setup-dev

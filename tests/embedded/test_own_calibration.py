@@ -18,7 +18,7 @@ from tests.estimator.stream import Stream, calibration
 from tests.sentences import codes
 from tests.ward.parts import recorded, subscribers, wait
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(180)]
 SPEED = 10.0
 
 

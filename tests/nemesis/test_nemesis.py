@@ -14,7 +14,7 @@ NAMES = ("d0", "d1")
 
 
 @pytest.mark.ward
-@pytest.mark.xdist_group("ward")
+@pytest.mark.xdist_group("ward 2")
 @pytest.mark.timeout(180)
 def test_a_ward_keeps_its_promises() -> None:
     result = run(seed=2, devices=2, lasts_s=8.0)

@@ -3,7 +3,7 @@
 import re
 import subprocess
 import sys
-import time
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from estimator.demo.ward import WARD, Ward
 from tests.estimator.stream import calibration
 from tests.ward.parts import add_simulated
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(240)]
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLES = [
     pytest.param(code, id=f"{page}-{number}")
@@ -38,35 +38,28 @@ def ward(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ward]:
         add_simulated(ward, ["wrist-left"], speed=4.0)
         ward.start("router", "bridge", "estimator")
         ward.wait_for_router()
+        over = threading.Event()
+        player = threading.Thread(target=_play, args=(ward, over))
+        player.start()
         yield ward
+        over.set()
+        player.join()
+
+
+def _play(ward: Ward, over: threading.Event) -> None:
+    """Replay the recording again and again."""
+    words = ["bridge", "replay", str(ward.folder / "chest.npz"), "--device", "chest", "--config", str(ward.config)]
+    while not over.is_set():
+        with subprocess.Popen([sys.executable, "-m", "estimator.cli.main", *words, "--speed", "10"]) as played:
+            while played.poll() is None and not over.wait(0.1):
+                pass
+            played.terminate()
 
 
 @pytest.mark.parametrize("code", EXAMPLES)
 def test_an_example_runs_as_printed(code: str, ward: Ward) -> None:
     """Only the address differs: the tests' router has a port of its own."""
     here = code.replace('Client(ward="demo")', f'Client({ward.endpoint!r}, ward="{WARD}")')
-    replay = [
-        "bridge",
-        "replay",
-        str(ward.folder / "chest.npz"),
-        "--device",
-        "chest",
-        "--config",
-        str(ward.config),
-        "--speed",
-        "10",
-    ]
-    ran = subprocess.Popen([sys.executable, "-c", here], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    played, deadline = None, time.monotonic() + 200.0
-    while ran.poll() is None and time.monotonic() < deadline:
-        if played is None or played.poll() is not None:  # an example that was slow to begin needs it once more
-            played = subprocess.Popen([sys.executable, "-m", "estimator.cli.main", *replay])
-        time.sleep(0.1)
-    for one in (ran, played):
-        if one is not None:
-            one.kill()
-            one.wait()
-    assert ran.stdout is not None
-    assert ran.stderr is not None
-    assert ran.returncode == 0, ran.stderr.read()
-    assert ran.stdout.read().strip()
+    ran = subprocess.run([sys.executable, "-c", here], capture_output=True, text=True, timeout=200, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.strip()

@@ -18,8 +18,8 @@ from tests.web.conftest import OUT, PASSWORD, PEOPLE
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(300)]
 NAME = "wrist"
-#: how much faster than life the device lives, where it is timed and where it is not
-SPEED, FAST = 2.0, 4.0
+#: how much faster than life the device lives
+SPEED = 4.0
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def test_a_newcomer_from_the_ward_page_to_the_verdict(
 
 def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None:
     table = Table(NAME, 5)
-    ward.plug(NAME, table.device, speed=FAST, lossless=True)
+    ward.plug(NAME, table.device, speed=SPEED, lossless=True)
     hand, do = Hand(page, table), page.locator("#do")
     hand.from_the_ward_page(NAME)
     # Half a turn does not count: it is said why, and only that one is asked for again.

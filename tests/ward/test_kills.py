@@ -7,7 +7,7 @@ import pytest
 from tests.conftest import Effort
 from tests.ward.killed import killed
 
-pytestmark = [pytest.mark.ward, pytest.mark.soak, pytest.mark.xdist_group("ward"), pytest.mark.timeout(7200)]
+pytestmark = [pytest.mark.ward, pytest.mark.soak, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(7200)]
 
 
 def test_whenever_it_is_killed_nothing_that_was_said_is_lost(tmp_path: Path, effort: Effort) -> None:

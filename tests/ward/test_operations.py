@@ -81,9 +81,15 @@ def running(tmp_path: Path) -> Iterator[Running]:
             watcher.close()
 
 
-def test_health_and_status_of_a_ward_that_runs_and_of_one_that_does_not(
+def test_a_wards_health_its_graceful_stop_a_damaged_store_and_what_is_missing(
     running: Running, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    it_is_well(running, capsys)
+    it_is_stopped_and_begun_again_with_a_damaged_store(running)
+    it_says_what_is_missing(running, capsys)
+
+
+def it_is_well(running: Running, capsys: pytest.CaptureFixture[str]) -> None:
     ports = running.bridge_port, running.estimator_port
     assert [get(port, "/healthz") for port in ports] == [(200, "ok\n")] * 2
     ready = [(200, "ok\n")] * 2
@@ -105,19 +111,8 @@ def test_health_and_status_of_a_ward_that_runs_and_of_one_that_does_not(
     assert main(["history", NAME, "--config", str(running.ward.config)]) == 0, "while the estimator writes"
     assert "accepted (closure)" in capsys.readouterr().out.replace("\n", " ")
 
-    running.ward.ports[NAME].unplug()
-    wait("the loss", lambda: running.watcher.statuses[NAME].state is State.LOST, running.watcher, running.ward)
-    # What the bridge says of it, for a person.
-    code, seen = running.until_said(
-        capsys, "is missing", lambda _, seen: "is missing. Plug the device in" in str(seen["needs"])
-    )
-    assert (code, seen["tracking"]) == (1, 0)
-    running.ward.stop("bridge")
-    code, _ = running.until_said(capsys, "no bridge", lambda _, seen: "no_bridge" in str(seen["troubles"]))
-    assert code == 1
 
-
-def test_a_graceful_stop_loses_nothing_and_a_damaged_store_is_gone_on_with(running: Running) -> None:
+def it_is_stopped_and_begun_again_with_a_damaged_store(running: Running) -> None:
     calibration = running.watcher.statuses[NAME].calibration
     subscriber = Subscriber(running.ward.endpoint, WARD, keep=True)
     with ZenohBus((running.ward.endpoint,)) as bus:
@@ -165,3 +160,16 @@ def test_a_graceful_stop_loses_nothing_and_a_damaged_store_is_gone_on_with(runni
     assert list(running.store.parent.glob("truerate.sqlite3.aside-*"))
     damage = 'truerate_ward_events_total{event="damage in the store"}'
     wait("the metric", lambda: damage in get(running.estimator_port, "/metrics")[1], running.watcher, running.ward)
+
+
+def it_says_what_is_missing(running: Running, capsys: pytest.CaptureFixture[str]) -> None:
+    running.ward.ports[NAME].unplug()
+    wait("the loss", lambda: running.watcher.statuses[NAME].state is State.LOST, running.watcher, running.ward)
+    # What the bridge says of it, for a person.
+    code, seen = running.until_said(
+        capsys, "is missing", lambda _, seen: "is missing. Plug the device in" in str(seen["needs"])
+    )
+    assert (code, seen["tracking"]) == (1, 0)
+    running.ward.stop("bridge")
+    code, _ = running.until_said(capsys, "no bridge", lambda _, seen: "no_bridge" in str(seen["troubles"]))
+    assert code == 1

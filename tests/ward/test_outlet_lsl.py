@@ -18,7 +18,7 @@ from estimator.demo.ward import WARD, Ward, free_port
 from tests.lsl import ahead_s, heard, inlet
 from tests.ward.parts import add_simulated
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(120)]
 PICTURE = Path(__file__).parents[2] / "docs/lsl_picture.py"
 NAMES = ["chest", "wrist"]
 #: a device that reads what the outlet sends

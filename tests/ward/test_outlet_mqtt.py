@@ -20,7 +20,7 @@ from estimator.demo.subscribers import Subscriber
 from estimator.demo.ward import WARD, Ward, free_port, listens
 from tests.ward.parts import add_simulated
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(120)]
 NAMES = ["chest", "wrist"]
 #: Debian puts it where only administrators look
 MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin")

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bridge.wire.messages import Quality, State
+from estimator.client import Client
 from estimator.demo.subscribers import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
 from tests.ward.parts import good_calibrations, living, numbers, wait
@@ -38,6 +40,10 @@ class Running:
         before = self.good_samples()
         return self.wait(f"more good samples after {what}", lambda: self.good_samples() > before + 50)
 
+    def steps(self) -> NDArray[np.int64]:
+        """From number to number of the first boot's samples, as received."""
+        return np.diff(numbers(next(iter(self.subscriber.batches.values()))))
+
     def calibrations(self) -> list[str]:
         return [name for batches in self.subscriber.batches.values() for name in good_calibrations(batches)]
 
@@ -58,40 +64,37 @@ def running(tmp_path: Path) -> Iterator[Running]:
             watcher.close()
 
 
-def test_a_device_pulled_and_replugged_goes_on(running: Running) -> None:
-    port = running.ward.ports[NAME]
-    port.unplug()
-    running.wait("the loss", lambda: running.watcher.statuses[NAME].state is State.LOST)
-    port.plug()
-    running.more_good("replugging")
-    assert running.calibrations() == [running.calibration]
-    assert len(running.subscriber.batches) == 1, "the same boot"
-
-
-@pytest.mark.parametrize("part", ["bridge", "estimator"])
-def test_a_killed_part_goes_on_with_the_calibration(running: Running, part: str) -> None:
-    running.ward.stop(part, signal.SIGKILL)
-    running.ward.start(part)
-    running.more_good(f"a restart of the {part}")
-    assert running.calibrations() == [running.calibration]
-    [batches] = running.subscriber.batches.values()
-    steps = np.diff(numbers(batches))
-    assert np.all(steps > 0), "in order, nothing twice"
-    # What a device sends while no bridge reads its port is gone; what an estimator misses bridges keep.
-    assert (steps > 1).sum() <= (part == "bridge"), "nothing lost, but while the bridge was away"
-
-
-def test_a_killed_router_loses_nothing(running: Running) -> None:
-    running.ward.stop("router", signal.SIGKILL)
-    running.ward.start("router")
-    running.more_good("a restart of the router")
-    assert running.calibrations() == [running.calibration]
-    [batches] = running.subscriber.batches.values()
-    assert np.all(np.diff(numbers(batches)) == 1)
+def test_whatever_is_killed_pulled_or_asked_for_it_goes_on_and_after_a_reboot_anew(running: Running) -> None:
+    for part in ("router", "estimator"):
+        running.ward.stop(part, signal.SIGKILL)
+        running.ward.start(part)
+        running.more_good(f"a restart of the {part}")
+    assert set(running.steps()) == {1}, "nothing lost, nothing twice"
     assert running.subscriber.troubles == ""
 
+    running.ward.stop("bridge", signal.SIGKILL)
+    running.ward.start("bridge")
+    running.more_good("a restart of the bridge")
+    running.ward.ports[NAME].unplug()
+    running.wait("the loss", lambda: running.watcher.statuses[NAME].state is State.LOST)
+    running.ward.ports[NAME].plug()
+    running.more_good("replugging")
+    steps = running.steps()
+    assert np.all(steps > 0), "in order, nothing twice"
+    assert (steps > 1).sum() <= 2, "what a device sends while no bridge reads its port is gone, and no more"
 
-def test_a_reboot_is_never_good_before_it_is_calibrated_again(running: Running) -> None:
+    with Client((running.ward.endpoint,), ward=WARD) as client:
+        reply = client.recalibrate(NAME, "a nurse", "fell down")
+        assert reply.accepted, reply.message
+        running.wait("the request", lambda: running.watcher.statuses[NAME].state is not State.TRACKING)
+        running.more_good("asking for a recalibration")
+        reply = client.cancel(NAME, "a nurse")
+        assert reply.accepted, reply.message
+        assert not client.recalibrate("nobody", "a nurse").accepted
+    running.wait("the cancel", lambda: running.watcher.statuses[NAME].state is State.TRACKING)
+    assert running.calibrations() == [running.calibration], "the same all the time"
+    assert len(running.subscriber.batches) == 1, "the same boot"
+
     running.ward.ports[NAME].device.reboot()
     running.wait("the reboot", lambda: len(running.subscriber.batches) == 2)
     running.wait(
@@ -105,18 +108,3 @@ def test_a_reboot_is_never_good_before_it_is_calibrated_again(running: Running) 
     first_good = qualities.index(Quality.GOOD)
     assert all(batch.calibration != running.calibration for batch in new[first_good:])
     assert Quality.BIAS_ONLY in qualities[:first_good]
-
-
-def test_a_recalibration_on_command_keeps_the_old_one_until_the_new_one_is_there(running: Running) -> None:
-    from estimator.client import Client
-
-    with Client((running.ward.endpoint,), ward=WARD) as client:
-        reply = client.recalibrate(NAME, "a nurse", "fell down")
-        assert reply.accepted, reply.message
-        running.wait("the request", lambda: running.watcher.statuses[NAME].state is not State.TRACKING)
-        running.more_good("asking for a recalibration")
-        reply = client.cancel(NAME, "a nurse")
-        assert reply.accepted, reply.message
-        assert not client.recalibrate("nobody", "a nurse").accepted
-    running.wait("the cancel", lambda: running.watcher.statuses[NAME].state is State.TRACKING)
-    assert running.calibrations() == [running.calibration]

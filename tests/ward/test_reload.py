@@ -8,7 +8,7 @@ from estimator.cli.main import main
 from estimator.demo.ward import Ward
 from tests.bench.reload import ADDED, RENAMED, measure
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(240)]
 
 
 def test_devices_come_and_leave_and_the_others_notice_nothing(tmp_path: Path) -> None:

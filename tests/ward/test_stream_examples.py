@@ -22,7 +22,7 @@ from estimator.demo.subscribers import Subscriber
 from estimator.demo.ward import WARD, Ward, free_port
 from tests.ward.parts import add_simulated
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward 2"), pytest.mark.timeout(240)]
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 NAMES = ["chest", "wrist-left"]
 #: how many samples a program reads; at four times real time, while the dashboard is away and back

@@ -176,7 +176,7 @@ def test_a_program_takes_the_newest_certificate_of_its_role(init: Installed) -> 
 
 
 @pytest.mark.ward
-@pytest.mark.xdist_group("ward")
+@pytest.mark.xdist_group("ward 2")
 def test_the_programs_of_an_installed_ward_work_with_one_file(init: Installed, tmp_path: Path) -> None:
     init("--host", "localhost", "--bridge", "bridge-2", "--virtual", "1")
     ports = {"7447": free_port(), "9464": free_port(), "9465": free_port()}
