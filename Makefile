@@ -4,6 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
+LOWEST := out/lowest/.installed
 BENCHES := bench-calibration bench-tracking bench-broad bench-orientation bench-load bench-bridge bench-cluster bench-network bench-faults bench-hostile bench-outlets bench-storage bench-viewers
 
 .PHONY: setup setup-dev demo test check lint types contracts prose proto study bench $(BENCHES) pins supply fuzz soak nemesis docs release release-check test-lowest lowest clean
@@ -33,10 +34,13 @@ test: setup-dev
 test-lowest: lowest
 	out/lowest/bin/python -m pytest $(ARGS)
 
-lowest: setup-dev
+lowest: $(LOWEST)
+lowest test-lowest: export NUMBA_CACHE_DIR = $(CURDIR)/out/lowest/numba
+$(LOWEST): $(DEV)
 	$(BIN)/uv venv -q --clear --python $(PYTHON) out/lowest
 	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,cwa,foxglove,hdf5,lsl,mavlink,mqtt,parquet,ros,ros2,xdf]' --group dev
 	out/lowest/bin/python -m estimator.kernels
+	@touch $@
 
 # The documentation site, in out/docs; a warning is an error.
 docs: setup-dev
