@@ -82,20 +82,6 @@ def test_a_frame_is_made_once_for_all_and_a_slow_one_loses_its_own(counted: type
     assert taken(slow) == [f"frame {i}" for i in range(6, 10)]
 
 
-def test_a_topic_ends_when_nobody_looks_for_a_while(counted: type[Counted]) -> None:
-    hub = Hub()
-    broadcast = Broadcast(hub, Sources(Known(WARD)))
-    viewer = hub.add()
-    hub.watch(viewer, ["counted"])
-    broadcast.step(0.0, 0)
-    hub.remove(viewer)
-    broadcast.step(LINGER_S - 1, 0)
-    assert (counted.begun, counted.ended) == (1, 0)
-    broadcast.step(LINGER_S + 1, 0)
-    assert counted.ended == 1
-    assert not broadcast._topics
-
-
 def test_nothing_is_begun_for_a_device_that_was_never_heard_and_nothing_is_kept_of_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -152,21 +138,6 @@ def test_a_topic_that_fails_is_told_begun_anew_and_harms_no_other(
     broadcast.step(1.0 + AGAIN_S, 0)
     assert counted.begun == 2
     assert any('"topic":"ward"' in str(frame) for frame in taken(viewer))
-
-
-def test_a_router_that_is_found_later(counted: type[Counted]) -> None:
-    hub, sources = Hub(), Sources(Known(WARD))
-    broadcast = Broadcast(hub, sources)
-    broadcast.step(0.0, 0)
-    broker = MemoryBroker()
-    talk = Talk(broker)
-    talk(said("chest", time_ns=1))
-    broadcast.connect(Client(ward=WARD, bus=MemoryBus(broker)), Client(ward=WARD, bus=MemoryBus(broker)))
-    broadcast.step(1.0, 0)
-    assert list(sources.known.stories) == ["chest"]
-    assert sources.known.connected
-    talk.close()
-    broadcast.close()
 
 
 def test_what_a_page_is_told_can_be_read_as_it_is_described() -> None:

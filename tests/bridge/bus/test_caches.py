@@ -8,7 +8,6 @@ import zenoh
 
 from bridge.bus import gap_repair
 from bridge.bus.contract import Bus
-from bridge.bus.zenoh_bus import ZenohBus
 from tests.bridge.bus.worlds import ZenohWorld, collect, eventually, meet, numbers, settled
 
 
@@ -164,13 +163,3 @@ def test_a_closed_publisher_is_not_answered_for(a: Bus, b: Bus) -> None:
     settled(a, b)  # what is still under way would come as news
     subscription = b.subscribe("t/*", history=True)
     assert numbers(collect(subscription, 1)) == [2]
-
-
-def test_threads_do_not_grow_with_publishers_and_patterns(world: ZenohWorld) -> None:
-    with world.bus() as bus:
-        assert isinstance(bus, ZenohBus)
-        kept = [bus.publisher(f"t/{n}", cache=5) for n in range(100)]
-        bus.subscribe([f"t/{n}" for n in range(100)], history=True)
-        bus.watch_alive("alive/*", lambda key, alive: None)
-        assert len(bus._threads) == 2
-        assert len(kept) == 100

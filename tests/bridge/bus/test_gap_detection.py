@@ -14,35 +14,8 @@ from bridge.bus.publisher_cache import Source
 A = Source("t/a", b"a")
 
 
-def by_number(*numbers: int) -> dict[int, int]:
-    return {n: n for n in numbers}
-
-
 def live(sequences: GapDetector[int], *numbers: int, now_s: float = 0.0) -> list[int]:
     return [m for n in numbers for m in sequences.take(A, n, n, now_s)]
-
-
-def asked(sequences: GapDetector[int], now_s: float = 0.0) -> list[int]:
-    return [gap.start for gap in sequences.due(now_s)]
-
-
-def test_a_gap_is_asked_about_once_and_filled() -> None:
-    sequences: GapDetector[int] = GapDetector()
-    assert live(sequences, 0, 3, 4) == [0]
-    assert asked(sequences) == [1]
-    assert asked(sequences) == [], "it has been asked"
-    assert live(sequences, 5) == []
-    assert list(sequences.answered(A, by_number(1, 2, 3, 4), 0.1)) == [1, 2, 3, 4, 5]
-    assert live(sequences, 4, 6) == [6]
-    assert (asked(sequences, 9.0), sequences.missed) == ([], {})
-
-
-def test_the_past_of_a_publisher_heard_late_comes_first_and_what_lies_before_is_not_missed() -> None:
-    sequences: GapDetector[int] = GapDetector()
-    assert live(sequences, 40) == []
-    assert asked(sequences) == [0]
-    assert list(sequences.answered(A, by_number(31, 32, 39, 40), 0.1)) == [31, 32, 39, 40]
-    assert sequences.missed == {A.key: 6}, "between two that came"
 
 
 def test_more_messages_than_may_be_held_are_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,6 @@ from mcap.writer import Writer
 
 from bridge.bus.contract import Message
 from bridge.config.schema import Bridge
-from bridge.recording.stretches import read
 from bridge.sim.calibration_session import Session, simulate_session
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Verdict
@@ -70,13 +69,6 @@ def test_a_torn_file_is_told_recovered_and_then_whole(path: Path, capsys: Captur
     assert main(["recording", "recover", str(torn)]) == 0
     assert "torn record" in capsys.readouterr().out
     assert main(["recording", "info", str(path)]) == 0
-
-
-def test_export_of_one_device(path: Path, tmp_path: Path, capsys: Capture) -> None:
-    assert main(["recording", "export", str(path), "--csv", str(tmp_path / "out"), "--device", "two"]) == 0
-    assert capsys.readouterr().out.split() == [str(tmp_path / "out" / name) for name in ("two.csv", "events.csv")]
-    assert main(["recording", "export", str(path), "--npz", str(tmp_path / "out"), "--device", "three"]) == 1
-    assert "no samples of --device 'three'; choose from one, two" in capsys.readouterr().err
 
 
 def sent(session: Session, first: int = 0) -> list[Message]:
@@ -175,19 +167,6 @@ def test_calibrate_shows_what_was_made_live_unless_a_method_is_named(tmp_path: P
     assert np.diag(json.loads(capsys.readouterr().out)["matrix"]) == pytest.approx(session.truth.k, abs=5e-4)
 
 
-def test_of_a_boot_whose_numbers_began_anew_each_stretch_has_its_own_calibrations(tmp_path: Path) -> None:
-    session = simulate_session(4)
-    part = [
-        *run("one", 0, 200),
-        calibrated(session, 1.0),
-        *run("one", 0, 200, later_ns=20 * S),
-        calibrated(session, 21.0),
-    ]
-    (path,) = recorded(tmp_path, part)
-    found = read([path])
-    assert [[c.id for c in found.calibrations_of(one)] for one in found.stretches["one"]] == [["live-1"], ["live-21"]]
-
-
 COMMANDS = [
     ["recording", "info", "FILE"],
     ["recording", "info", "FILE", "--json"],
@@ -238,34 +217,6 @@ def test_a_bad_file_is_one_line_and_an_exit_code(
         (line,) = said.err.splitlines()
         assert line.startswith(f"truerate: {file}: "), name
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("command", COMMANDS[:6], ids=" ".join)
-@pytest.mark.parametrize("part", [0.3, 0.7, 0.97])
-def test_a_torn_or_flipped_file_gives_what_it_has(
-    path: Path, tmp_path: Path, command: list[str], part: float, capsys: Capture
-) -> None:
-    data = path.read_bytes()
-    flipped = bytearray(data)
-    flipped[int(part * len(data))] ^= 0x55
-    for number, content in enumerate((data[: int(part * len(data))], bytes(flipped))):
-        file = tmp_path / f"bad{number}.mcap"
-        file.write_bytes(content)
-        out = str(tmp_path / f"out{number}")
-        code = main([word.replace("FILE", str(file)).replace("OUT", out) for word in command])
-        said = capsys.readouterr()
-        assert code in (0, 1)
-        assert said.out or said.err.startswith("truerate: ")
-        assert "Traceback" not in said.err
-
-
-def test_help_has_the_verbs_in_the_order_of_use(capsys: Capture) -> None:
-    with pytest.raises(SystemExit):
-        main(["recording", "--help"])
-    said = capsys.readouterr().out
-    places = [said.index(f"\n    {verb} ") for verb in ("info", "export", "recover")]
-    assert places == sorted(places)
-    assert "truerate bridge replay" in said
 
 
 @pytest.mark.parametrize(

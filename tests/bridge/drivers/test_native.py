@@ -247,12 +247,6 @@ def test_one_that_is_no_number_is_counted(wrong: DeviceCalibration) -> None:
     assert decoder.faults.as_dict() == {"packet_content": 1}
 
 
-def test_one_that_is_cut_short_is_counted() -> None:
-    decoder = NativeDecoder()
-    assert decoder.feed(hello() + frame(encode_own(OWN)[:-1]), 1)[1:] == []
-    assert decoder.faults.as_dict() == {"packet_length": 1}
-
-
 def test_a_virtual_device_tells_its_battery_until_it_is_empty() -> None:
     device, decoder = demo_device("one", 1, spec=DeviceSpec(battery_s=100.0)), NativeDecoder()
     told = [e for s in range(1, 121) for e in decoder.feed(device.advance(float(s)), 0) if isinstance(e, Battery)]

@@ -198,14 +198,6 @@ def test_clipping_is_flagged_and_the_implausible_dropped() -> None:
     account(intake)
 
 
-def test_a_bad_temperature_costs_its_column_only() -> None:
-    intake = made()
-    intake.take(HELLO)
-    (batch,) = intake.take(readings(0, temperature_c=np.array([30, np.nan, 30, 30, 30])))
-    assert batch.temperature_c is None
-    assert intake.events.as_dict() == {"temperature_missing": 5}
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -273,13 +265,6 @@ def test_a_batch_that_could_not_be_kept_is_counted_as_dropped() -> None:
     intake.overflowed(batch)
     assert (intake.samples, intake.dropped.as_dict()) == (0, {"overflow": 5})
     account(intake)
-
-
-def test_a_long_run_is_cut_where_a_batch_ends() -> None:
-    intake = made()
-    intake.take(HELLO)
-    assert spans(intake.take(readings(0, 2500))) == [(0, 1024), (1024, 1024), (2048, 452)]
-    assert intake.events.as_dict() == {}
 
 
 FAULTS = st.sampled_from(["good", "good", "good", "lose", "repeat", "nan", "huge", "boot", "hello", "old", "ragged"])

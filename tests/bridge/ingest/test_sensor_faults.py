@@ -148,13 +148,3 @@ def test_after_a_silence_another_temperature_is_no_leap() -> None:
     gyro = np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
     flags = SensorFaults(Tally()).flags(np.array([0.0, 0.1, 60.0, 60.1]), gyro, warm, 0.0)
     assert not flags.any()
-
-
-def test_flags_are_counted_by_samples() -> None:
-    gyro = at_rest(70)
-    gyro[6500:6600] = gyro[6500]
-    gyro[6000, 1] = -3.99
-    events = Tally()
-    flags = SensorFaults(events).flags(times(len(gyro)), gyro, None, 4.0)
-    assert flags[6000] == SampleFlag.CLIPPED
-    assert events.as_dict() == {"clipped": 1, "stuck": 95}

@@ -6,11 +6,11 @@ import pytest
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 
-from bridge.pki.authority import issue, new_authority, new_issuer
+from bridge.pki.authority import new_authority
 from bridge.pki.certificate_checks import Identity, certificates, common_name, faults
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.member import Member, Role
-from tests.bridge.pki.office import B1, DAY
+from tests.bridge.pki.office import B1
 
 
 def other_key(pki: Path) -> Identity:
@@ -64,20 +64,3 @@ def for_a_viewer(pki: Path) -> Identity:
 def test_files_from_elsewhere_are_looked_through(make: object, words: str, pki: Path) -> None:
     assert callable(make)
     assert [fault for fault in faults(make(pki), utc_now(), (Role.BRIDGE,)) if words in fault]
-
-
-def test_what_is_right_has_no_fault_and_a_chain_may_lie_between(pki: Path, tmp_path: Path) -> None:
-    assert faults(Folder(pki).identity(B1), utc_now(), (Role.BRIDGE,)) == []
-    for name, days in (("expired", 91), ("early", -1)):
-        assert len(faults(Folder(pki).identity(B1), utc_now() + days * DAY)) >= 1, name
-    root = new_authority("root", utc_now())
-    middle = new_issuer(root, B1)
-    own = issue(middle, B1, utc_now() - DAY, utc_now() + DAY)
-    for name, content in (("ca.pem", root.certificate), ("own.key", own.key)):
-        (tmp_path / name).write_bytes(content)
-        (tmp_path / name).chmod(0o600)
-    files = Identity(*(str(tmp_path / name) for name in ("ca.pem", "own.pem", "own.key")))
-    (tmp_path / "own.pem").write_bytes(own.certificate.removesuffix(middle.certificate))
-    assert [fault for fault in faults(files, utc_now()) if "append the" in fault]
-    (tmp_path / "own.pem").write_bytes(own.certificate)
-    assert faults(files, utc_now()) == []

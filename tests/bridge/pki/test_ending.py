@@ -51,16 +51,6 @@ def test_an_end_within_days_is_said_by_who_looks_through_files(
     assert finding.level is (Level.WARNING if soon else Level.OK)
 
 
-@pytest.mark.parametrize(("days", "said"), [(3, 2), (30, 0)])
-def test_a_program_that_runs_says_it_twice_a_day(
-    days: float, said: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    watched = RouterWatch(logging.getLogger("here"), 1.0, Holder(tmp_path, days).routers)
-    for now in range(0, 24 * 3600, 600):
-        watched.look(now, connected=True)
-    assert sum(SOON in words for words in caplog.messages) == said
-
-
 @pytest.mark.parametrize(("days", "why"), [(0, "expired on"), (30, "may have been revoked")])
 def test_who_is_not_let_in_any_more_says_why_that_may_be(
     days: float, why: str, tmp_path: Path, caplog: pytest.LogCaptureFixture

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from bridge.bus import router_file
-from bridge.config.schema import Bus, ConfigError
+from bridge.config.schema import Bus
 from bridge.pki.authority import issue
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.member import Member, Role
+from bridge.pki.member import Member
 from estimator.cli.main import main
 
 TEXT = """
@@ -204,14 +204,6 @@ def test_a_role_that_would_be_denied_silently_says_so_itself(
         assert main(arguments) == 2
         assert needed in capsys.readouterr().err
     assert not (tmp_path / "truerate.sqlite3").exists(), "who may not serve leaves no store behind"
-
-
-def test_another_name_of_the_role_is_no_better(files: Files) -> None:
-    identity = files.pki.identity(Member.parse("bridge:b2"))
-    bus = Bus(connect=("tls/127.0.0.1:1",), ca=identity.ca, certificate=identity.certificate, key=identity.key)
-    assert bus.routers_as(Role.BRIDGE, name="b2").identity == identity
-    with pytest.raises(ConfigError, match="is for bridge:b2"):
-        bus.routers_as(Role.BRIDGE, name="b1")
 
 
 def test_the_second_of_two_routers_is_to_know_everybody_too(

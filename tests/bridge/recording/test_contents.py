@@ -94,14 +94,6 @@ def only(what: str, messages: list[Message]) -> list[Message]:
     return [message for message in messages if what in message.key]
 
 
-def test_corrected_rates_of_a_boot_that_was_over_are_told_apart(tmp_path: Path) -> None:
-    part = [*only("corrected", run("one", 0, 40)), *run("one", 0, 100, boot=8, later_ns=9 * S)]
-    found = survey(recorded(tmp_path, part))
-    over, boot = found.devices["one"].boots.values()
-    assert (over.samples, over.corrected, boot.corrected) == (0, {}, {"GOOD": 100})
-    assert found.first_ns == NOW + 9 * S
-
-
 def test_stretches_are_the_samples_as_they_were(tmp_path: Path) -> None:
     part = [about("one"), *run("one", 0, 200), *run("one", 230, 400), *run("one", 0, 60, boot=8, later_ns=20 * S)]
     first, second = read(recorded(tmp_path, part)).stretches["one"]
@@ -230,24 +222,6 @@ def test_what_is_refused_is_said_by_all_who_read_it(tmp_path: Path, caplog: pyte
     assert "20 messages skipped" in caplog.text
 
 
-def test_a_foreign_schema_costs_its_messages_and_not_the_file(tmp_path: Path) -> None:
-    file = BytesIO()
-    writer = McapWriter(file, "truerate", {"ward": WARD})
-    foreign = writer.channel("camera", "foxglove.Image", b"", {})
-    writer.add(foreign, NOW, NOW, b"?")
-    key = keys.build(WARD, "raw", bridge="bridge-1", device="one")
-    ours = writer.channel("raw/bridge-1/one", "truerate.v1.SampleBatch", message_kinds.DESCRIPTORS, {"key": key})
-    for message in only("raw", run("one", 0, 200)):
-        writer.add(ours, NOW, NOW, message.payload)
-    writer.flush()
-    torn = tmp_path / "torn.mcap"
-    torn.write_bytes(file.getvalue())
-    done = recover(torn, tmp_path / "y.mcap")
-    assert "1 message of 'foxglove.Image' skipped" in done.trouble
-    assert survey([torn]).refused.as_dict() == {"foreign_schema": 1}
-    assert len(read([done.out]).stretches["one"][0]) == 200
-
-
 # ---- as a recording of one device -------------------------------------------------------------------------------------
 
 
@@ -272,21 +246,3 @@ def test_a_wards_recording_is_a_recording(tmp_path: Path) -> None:
         assert words in str(refused.value)
     assert len(load(several, device="two", boot=2)) == 70
     assert len(load(several, device="one")) == 90
-
-
-def test_a_foreign_mcap_is_refused(tmp_path: Path) -> None:
-    from mcap.writer import Writer
-
-    file = BytesIO()
-    writer = Writer(file)
-    writer.start()
-    schema = writer.register_schema("sensor_msgs/Imu", "ros1msg", b"x")
-    writer.add_message(writer.register_channel("/imu", "ros1", schema), 1, b"data", 1)
-    writer.finish()  # type: ignore[no-untyped-call]
-    path = tmp_path / "foreign.mcap"
-    path.write_bytes(file.getvalue())
-    for refused in (survey, read):
-        with pytest.raises(RecordingError, match="not a recording by truerate: it holds '/imu'"):
-            refused([path])
-    with pytest.raises(RecordingError, match="not a recording by truerate: it holds 'sensor_msgs/Imu'"):
-        recover(path)

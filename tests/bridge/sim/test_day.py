@@ -5,11 +5,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.sim.body import Activity, Body, Lived
+from bridge.sim.body import Body, Lived
 from bridge.sim.motion import GRAVITY
 from bridge.sim.wearer import Wearer
 from tests.sim.day import Day, anyhow, simulate_day, worn_spec
-from tests.sim.scenes import rests_and_motion, slow_turn
 from tests.sim.warmth import ROOM_C
 
 RATE_HZ = 52.0
@@ -76,30 +75,3 @@ def test_bias_walks_about_its_temperature_law() -> None:
         ends.append(walk[-1])
     assert np.max(law_errors) < 2e-3
     assert np.std(ends) == pytest.approx(7e-4 * np.sqrt(360), rel=0.25)
-
-
-@pytest.mark.parametrize("breath", [0.0, 1.0])
-@pytest.mark.parametrize("rate_dps", [0.1, -2.0])
-def test_a_slow_turn_turns_about_the_vertical_and_nothing_else(rate_dps: float, breath: float) -> None:
-    day = slow_turn(rate_dps, 60.0, breath=breath, seed=4)
-    attitude = Rotation.from_quat(day.attitude.astype(float), scalar_first=True)
-    turned = np.degrees((attitude[-1] * attitude[0].inv()).as_rotvec())
-    np.testing.assert_allclose(turned, [0, 0, rate_dps * 59], atol=0.01)
-    turning = day.activity == Activity.SLOW_TURN
-    assert turning.sum() == pytest.approx(60 * 104, abs=1)
-    vertical = attitude.apply(day.rate)[:, 2][turning]
-    assert np.degrees(vertical.mean()) == pytest.approx(rate_dps * 59 / 60, abs=0.005)
-
-
-def test_rests_and_motion_are_as_a_filter_models_them() -> None:
-    days = [rests_and_motion(seed, 300.0, rrw_dps_per_sqrt_s=5e-3, noise_dps=0.1) for seed in range(20)]
-    steps = np.degrees([day.bias[-1] - day.bias[0] for day in days])
-    assert np.std(steps) == pytest.approx(5e-3 * np.sqrt(300), rel=0.3)
-    for day in days[:5]:
-        rest = day.activity == Activity.TABLE
-        rest[1:] &= rest[:-1]  # the last of a movement is in the first sample of the rest
-        assert 0.05 < rest.mean() < 0.8
-        assert np.abs(day.rate[rest]).max() < 1e-9
-        assert np.degrees(day.rate[~rest]).std() > 10
-        noise = np.degrees(day.gyro[rest] - day.bias[rest])
-        assert noise.std() == pytest.approx(0.1, rel=0.05)

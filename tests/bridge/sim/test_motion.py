@@ -3,9 +3,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.sim.motion import GRAVITY, Motion, Piece, Still, TrueMotion
-from bridge.sim.motion_scripts import SessionPlan, TurnPlan, demo_script, session, worn
-from tests.sim.attitude import integrate
+from bridge.sim.motion import Motion, Piece, TrueMotion
+from bridge.sim.motion_scripts import SessionPlan, TurnPlan, demo_script, session
 
 START = np.array([0.5, -0.5, 0.5, 0.5])
 
@@ -50,15 +49,6 @@ def test_full_turns_close_when_the_true_rate_is_integrated(plan: SessionPlan, ra
     assert angle_between(rotation(START), rotation(motion.attitude[-1])) < 1e-9
 
 
-def test_integrated_rate_is_the_attitude_while_worn() -> None:
-    motion = Motion(worn(np.random.default_rng(4)), START).advance(times(30.0))
-    assert angle_between(rotation(motion.attitude[-1]), integrated(motion, rotation(START))) < 1e-9
-    dt = np.diff(motion.time_s, prepend=0.0)
-    # The simulator's own integration agrees; q and -q are the same attitude.
-    same = np.abs(np.sum(integrate(motion.rate, dt, START) * motion.attitude, axis=1))
-    np.testing.assert_allclose(same, 1, atol=1e-12)
-
-
 @pytest.mark.parametrize(("angle_deg", "left_deg"), [(330.0, 30.0), (180.0, 180.0), (-350.0, 10.0)])
 def test_a_turn_of_a_wrong_angle_does_not_close(angle_deg: float, left_deg: float) -> None:
     motion = play(session(np.random.default_rng(0), SessionPlan(turns=(TurnPlan(2, angle_deg),))))
@@ -72,23 +62,6 @@ def test_replacement_error_is_as_asked() -> None:
         for seed in range(300)
     ]
     assert np.sqrt(np.mean(np.square(missed)) / 3) == pytest.approx(np.radians(0.2), rel=0.1)
-
-
-def test_at_rest_the_accelerometer_reads_gravity_and_nothing_turns() -> None:
-    motion = Motion([Still(1.0)], START).advance(times(2.0))
-    up = rotation(START).inv().apply([0.0, 0.0, GRAVITY])
-    np.testing.assert_allclose(motion.force, np.tile(up, (208, 1)), atol=1e-12)
-    assert not motion.rate.any()
-
-
-def test_in_motion_the_accelerometer_differs_from_gravity_by_the_lever_arm_only() -> None:
-    motion = Motion(worn(np.random.default_rng(7)), START).advance(times(60.0))
-    extra = motion.force - rotation(motion.attitude).inv().apply([0.0, 0.0, GRAVITY])
-    size = np.linalg.norm(extra, axis=1)
-    still = np.linalg.norm(motion.rate, axis=1) == 0
-    assert 0.2 < size.max() < 20
-    # The first sample of a rest still feels the end of the braking.
-    assert size[1:][still[1:] & still[:-1]].max() < 1e-9
 
 
 def test_however_it_is_cut_it_is_the_same_motion() -> None:

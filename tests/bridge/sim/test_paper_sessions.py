@@ -34,15 +34,6 @@ def test_readings_are_the_gyros() -> None:
     assert np.degrees(np.abs(gyro.bias)).max() <= 5
 
 
-def test_noise_is_white_and_of_the_size_asked_for() -> None:
-    rng = np.random.default_rng(3)
-    gyro = draw_gyro(rng)
-    found = simulate(gyro, PaperPlan(0.15), 20, rng)
-    noise = np.degrees(found.rests - gyro.bias)
-    assert noise.std() == pytest.approx(0.15, rel=0.02)
-    assert abs(np.mean(noise[:, :, 1:] * noise[:, :, :-1])) < 0.03 * 0.15**2
-
-
 def test_points_are_the_rate_itself_and_means_its_mean() -> None:
     """Means over short intervals, taken at their middles, are points."""
     point = PaperPlan(0.0, wobble_deg=3.0, rate_hz=100.0, sampling="point", turn_s=(4.0, 4.0))

@@ -4,20 +4,16 @@ import contextlib
 import json
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 import ximu3
 
-from bridge.drivers.byte_stream import StreamDriver
-from bridge.drivers.driver import Event, Identity, Readings
-from bridge.drivers.ximu3 import KIND, Ximu3Options
-from bridge.framing.ximu3 import Inertial, Said, decode
+from bridge.framing.ximu3 import Inertial, decode
 from bridge.virtual_ximu3.device import VirtualXimu3
 from bridge.virtual_ximu3.ports import ANNOUNCED_AT, REPLY_PORT, Address
-from bridge.virtual_ximu3.show import Show, Wanted, show
+from bridge.virtual_ximu3.show import Show, Wanted
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, Quality, SampleBatch
 from estimator.cli.main import main
@@ -116,21 +112,6 @@ def test_corrected_rates_go_with_the_accelerations_of_their_samples() -> None:
     assert np.all(np.array([m.accel_g for m in unknown]) == 0)
     other_boot = numbers(device.took_corrected(corrected(raw(0, boot=2))))
     assert np.all(np.array([m.accel_g for m in other_boot]) == 0)
-
-
-def test_what_an_estimator_repeats_is_left_out() -> None:
-    device = VirtualXimu3("w", "chest", corrected=True)
-    batches = raw(0), raw(10), raw(0), raw(15), raw(0, boot=2)
-    assert [len(numbers(device.took_corrected(corrected(batch)))) for batch in batches] == [10, 10, 0, 5, 10]
-
-
-def test_a_change_of_quality_is_told() -> None:
-    device = VirtualXimu3("w", "chest", corrected=True)
-    said = []
-    for i, quality in enumerate([Quality.NONE, Quality.NONE, Quality.BIAS_ONLY]):
-        messages = map(decode_line, device.took_corrected(corrected(raw(10 * i), quality)))
-        said.append([message.text for message in messages if isinstance(message, Said)])
-    assert said == [["quality none"], [], ["quality bias only"]]
 
 
 def test_settings_are_read_only_and_noise_is_not_answered() -> None:
@@ -270,28 +251,6 @@ def test_a_device_has_a_port_of_its_own_and_is_announced(ward: Callable[[Wanted]
             assert (response.device_name, response.serial_number) == (message.device_name, message.serial_number)
 
 
-def test_our_own_driver_reads_it(ward: Callable[[Wanted], Ward]) -> None:
-    at = free_address()
-    driver = KIND.make(Ximu3Options(port=f"udp://127.0.0.1:{at.port}"))
-    assert isinstance(driver, StreamDriver)
-    driver.open()
-    running = ward(Wanted("w", at, devices=("chest",)))
-    running.introduce()
-    events: list[Event] = []
-    end = time.monotonic() + 60
-    first = 0
-    while sum(len(event.ticks) for event in events if isinstance(event, Readings)) < 300:
-        assert time.monotonic() < end
-        running.publish(raw(first))
-        first += N
-        events += driver.read(0.05)
-    driver.close()
-    gyro = np.concatenate([event.gyro for event in events if isinstance(event, Readings)])
-    assert np.allclose(gyro, raw(0, n=len(gyro)).gyro - BIAS, atol=1e-6)
-    assert {event.model.split()[0] for event in events if isinstance(event, Identity)} == {"chest"}
-    assert driver.faults.as_dict() == {}
-
-
 def test_one_bridge_a_device_and_no_strangers() -> None:
     broker = MemoryBroker()
     with MemoryBus(broker) as bus, MemoryBus(broker) as other:
@@ -309,17 +268,6 @@ def test_one_bridge_a_device_and_no_strangers() -> None:
 
 def put_raw(bus: MemoryBus, batch: SampleBatch, bridge: str) -> None:
     bus.publisher(keys.build("w", "raw", bridge=bridge, device=batch.device)).put(codec.encode_samples(batch))
-
-
-def test_rates_that_do_not_come_are_told_of_once_and_a_stop_ends_it(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr("bridge.virtual_ximu3.show._PATIENCE_S", 0.0)
-    stop = threading.Event()
-    threading.Timer(0.2, stop.set).start()
-    with MemoryBus(MemoryBroker()) as bus:
-        show(bus, Wanted("w", free_address(), devices=("nobody",)), stop)
-    assert caplog.text.count("no corrected rates of nobody in ward w yet") == 1
 
 
 def test_a_port_in_use_is_said() -> None:

@@ -40,11 +40,6 @@ def test_what_it_needs_is_said() -> None:
     assert Code.SERVO_NO_REST in codes(nothing.reason)
 
 
-def test_a_wrong_rate_is_refused() -> None:
-    result = by_servomotor(samples(on_a_servo(4)), (2.0 * RATE[0],))
-    assert result.verdict is not Verdict.ACCEPTED
-
-
 def test_spins_that_contradict_one_rate_are_refused() -> None:
     result = by_servomotor(samples(turned(np.eye(3), (*SERVO_DPS, 32.0), 5, ImuSpec())), RATE)
     assert result.verdict is Verdict.REFUSED

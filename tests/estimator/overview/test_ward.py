@@ -104,17 +104,6 @@ def test_it_fits_a_terminal_and_says_what_does_not(width: int, height: int) -> N
         assert shown[-1].startswith("ok")
 
 
-def test_of_two_bridges_the_one_whose_samples_are_taken_has_the_word() -> None:
-    seen = view(
-        status("a", bridge="b1", refused_bridges=("b2",)),
-        about("a", bridge="b1", battery_percent=50.0),
-        about("a", bridge="b2", battery_percent=70.0),
-    )
-    (row,) = seen.rows(10.0)
-    assert row.battery_percent == 50.0
-    assert Code.TWO_BRIDGES in codes(row.notices)
-
-
 class Speaking:
     """Time that passes only while somebody sleeps; meanwhile devices are spoken of, each once."""
 

@@ -7,7 +7,6 @@ import pytest
 from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply
-from estimator.service import commands
 from estimator.service.commands import Commands
 from tests.sentences import codes, free
 
@@ -133,13 +132,3 @@ def test_too_many_at_once_are_turned_away() -> None:
     assert all(Code.TOO_MANY_COMMANDS in codes(replies[0].message) for replies in asked[64:])
     desk.work()
     assert all(replies[0].accepted for replies in asked[:64])
-
-
-def test_answers_are_forgotten_oldest_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "_REMEMBERED", 3)
-    desk = Desk()
-    for n in range(5):
-        desk.answer(f"r{n}")
-    assert desk.answer("r4").message == free("number 5")
-    assert desk.answer("r0").message == free("number 6")
-    assert len(desk.done) == 6

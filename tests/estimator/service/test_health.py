@@ -63,18 +63,6 @@ def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> Non
     )
 
 
-def test_a_device_that_was_forgotten_has_none(ward: Ward, once: Stream) -> None:
-    vitals = watched(ward)
-    ward.send(once.batches()[:25], info(1))
-    a_second(ward)
-    assert vitals._note is not None
-    assert list(vitals._note.devices) == [NAME]
-    assert ward.service._devices.forget(ward.service._devices[NAME].heard + 2.0, 1.0)
-    a_second(ward)
-    assert not vitals._note.devices
-    assert not ward.service._stock._seen
-
-
 def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     vitals = watched(ward)
     assert vitals.unready() == ["no router yet"]

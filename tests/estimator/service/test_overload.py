@@ -10,33 +10,9 @@ from estimator.overview import summary
 from estimator.samples.sample_buffer import Samples
 from estimator.service import overload
 from estimator.service.health import ServiceHealth
-from estimator.service.overload import BUSY, OVER_S, OVERLOADED, PERSISTS_S, Overload
+from estimator.service.overload import BUSY, OVER_S, OVERLOADED, PERSISTS_S
 from tests.estimator.served import Before, Served
 from tests.estimator.stream import NAME, calibration
-
-
-def looked(seconds: int, *, idle: float = 0.0, waited_s: float = 0.0) -> tuple[Overload, int]:
-    made, over_s = Overload(0.0), 0
-    for now in range(1, seconds + 1):
-        made.idle(idle)
-        over_s = made.look(float(now), waited_s=waited_s)
-    return made, over_s
-
-
-@pytest.mark.parametrize(
-    ("seconds", "how", "over"),
-    [
-        (4, {}, False),
-        (5, {}, True),
-        (60, {"idle": 1.1 - BUSY}, False),
-        (9, {"idle": 0.5, "waited_s": 1.2}, True),
-        (60, {"idle": 0.5, "waited_s": 0.9}, False),
-    ],
-)
-def test_busy_or_with_messages_that_wait_for_five_seconds(seconds: int, how: dict[str, float], *, over: bool) -> None:
-    made, over_s = looked(seconds, **how)
-    assert bool(over_s) is over
-    assert made.busy == pytest.approx(1.0 - how.get("idle", 0.0))
 
 
 class Waiting(Before):

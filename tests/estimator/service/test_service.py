@@ -1,6 +1,5 @@
 """The service over the bus in memory, fed with a simulated device; its rounds are made by the test itself."""
 
-import threading
 import time
 from dataclasses import replace
 
@@ -209,26 +208,3 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     ward.service._devices[NAME].heard -= 1200.0 - SILENCE_S
     later = ward.latest()
     assert (later.state, later.reason[0]) == (State.LOST, Code.NO_SAMPLES(duration="20 min"))
-
-
-def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> None:
-    alive: dict[str, bool] = {}
-    watcher = MemoryBus(ward.broker)
-    watcher.watch_alive(keys.pattern(WARD, "alive/estimator"), alive.__setitem__)
-    stop = threading.Event()
-    thread = threading.Thread(target=ward.service.run, args=(stop,))
-    thread.start()
-    for batch in once.batches():
-        ward._raw.put(codec.encode_samples(batch))
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and sum(map(len, ward.subscriber)) == 0:
-        time.sleep(0.01)
-    stop.set()
-    thread.join(60)
-    assert not thread.is_alive()
-    key = keys.build(WARD, "alive/estimator", estimator="e1")
-    while time.monotonic() < deadline and alive.get(key, True):
-        time.sleep(0.01)
-    assert alive == {key: False}
-    assert ward.store.recall(NAME, 1, 0) is not None
-    watcher.close()

@@ -7,7 +7,6 @@ from dataclasses import replace
 from math import inf
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from bridge.bus import startup
@@ -102,18 +101,6 @@ def test_a_second_bridge_silences_nobody(
     clock[0] += SILENCE_S + 3.0  # the second is silent
     ward.service.step(0.0)
     assert ward.latest().refused_bridges == ()
-
-
-def test_one_leap_silences_nobody(ward: Ward, once: Stream) -> None:
-    batches = once.batches()
-    ward.send(batches[:100], info(1))
-    put(ward, replace(batches[100], sequence=2**61, ticks=batches[100].ticks + np.uint64(2**61)))
-    ward.send(batches[100:])
-    assert list(ward.subscriber)[-1].quality is Quality.GOOD
-    status = ward.latest()
-    assert status.dropped == {"range": 10}
-    assert status.samples_in == status.samples_out + 10
-    assert status.events["refused leap"] == 1
 
 
 def test_phantoms_are_forgotten_for_a_real_device(

@@ -8,7 +8,6 @@ import pytest
 from msgspec import structs
 from rich.console import Console
 
-from estimator.cli.main import main
 from estimator.study.errors import STUDY, ErrorsScenario
 from estimator.study.runner import Runner
 
@@ -46,22 +45,3 @@ def test_a_study_goes_on_from_the_parts_it_left(tmp_path: Path, scenario: Errors
     assert computed(tmp_path, scenario) == whole
     assert parts(tmp_path) == kept
     assert {path: path.stat().st_mtime_ns for path in kept[1:]} == before
-
-
-def test_each_figure_is_there_in_three_kinds(tmp_path: Path, scenario: ErrorsScenario) -> None:
-    done = Runner(QUIET, tmp_path, 1).run(STUDY, scenario)
-    kinds = {path.suffix: path.read_bytes() for path in (tmp_path / "errors").iterdir()}
-    assert kinds[".png"].startswith(b"\x89PNG")
-    assert kinds[".pdf"].startswith(b"%PDF")
-    assert b"<svg" in kinds[".svg"]
-    assert [path.name for path in done.figures] == ["errors"]
-
-
-def test_the_command_leaves_results_and_figures_and_no_parts(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["study", "typical", "--out", str(tmp_path)]) == 0
-    names = {path.name for path in (tmp_path / "typical").iterdir()}
-    assert names == {"results.json", "typical.svg", "typical.pdf", "typical.png"}
-    assert parts(tmp_path) == []
-    assert "turn about" in capsys.readouterr().out

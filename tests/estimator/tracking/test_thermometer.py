@@ -3,25 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from estimator.tracking.bias_filter import SLOPE, BiasKnobs
-from estimator.tracking.thermometer import Thermometer, ThermometerKnobs
+from estimator.tracking.thermometer import Thermometer
 from tests.estimator.tracking.worn import PLAIN, Worn, rest
-
-KNOBS = ThermometerKnobs()
-
-
-@pytest.mark.parametrize("step_s", [0.125, 1.0])
-def test_noise_is_averaged_and_warmth_followed(step_s: float) -> None:
-    rng, one, off = np.random.default_rng(1), Thermometer(), []
-    for i in range(round(600 / step_s)):
-        true = 25.0 + 0.01 * i * step_s
-        one.read(i * step_s, true + 0.1 * rng.normal())
-        off.append(one.now - true)
-    late = np.array(off[len(off) // 10 :])
-    assert late.std() < 0.1 / 3
-    np.testing.assert_allclose(late.mean(), -0.01 * KNOBS.average_s, rtol=0.2)
 
 
 def test_a_leap_is_believed_when_it_stays_and_then_at_once() -> None:

@@ -88,35 +88,6 @@ def test_the_first_seconds_of_quiet_are_no_proof_of_rest() -> None:
     assert sure.lives(3.0) == [], "who knows better waits for the proof"
 
 
-def test_seconds_that_prove_nothing_hide_no_turn_from_those_that_do() -> None:
-    """In their plain mean four seconds of a slow turn were believed, the fourth to 0.004 °/s."""
-    rest = Rest()
-    rest.lives(20.0)
-    rest.moves(10.0)
-    assert not any(r.accepted for r in rest.lives(60.0, 0.3))
-    assert np.abs(rest.error_dps()).max() < 0.01
-
-
-def test_a_slow_drift_is_followed() -> None:
-    rest = Rest()
-    for step in range(60):
-        assert all(r.accepted for r in rest.lives(5.0, 0.002 * step))
-    np.testing.assert_allclose(rest.error_dps()[2], 0.118, atol=0.03)
-
-
-def test_readings_that_never_differ_are_no_perfect_measurement() -> None:
-    rest = Rest()
-    step = np.radians(0.061)
-    rounding = np.full(3, step**2 / 12)
-    for second in rest.seconds(60.0):
-        held = second._replace(
-            mean=step * np.round(BIAS / step), std=np.zeros(3), mean_var=rounding, common_var=rounding
-        )
-        rest.take(held)
-    score = rest.error_dps() / np.degrees(rest.filter.state.std)
-    assert np.abs(score).max() < 3.5
-
-
 def test_who_breathes_does_not_rest() -> None:
     rest = Rest()
     rest.lives(10.0)
@@ -215,14 +186,6 @@ def test_a_bed_that_turns_evenly_for_nearly_two_minutes_teaches_nothing() -> Non
     assert not any(r.accepted and r.reason != UNPROVEN for r in rest.lives(115.0, 0.5))
     rest.lives(20.0)
     np.testing.assert_allclose(rest.error_dps(), 0.0, atol=0.02)
-
-
-def test_movement_ends_an_insistence() -> None:
-    rest = Rest()
-    rest.lives(10.0)
-    for _ in range(3):
-        assert not any(r.reason == "insisted" for r in rest.lives(ZaruKnobs().insist_s - 5.0, 0.5))
-        rest.moves(0.5)
 
 
 # ---- tilting ------------------------------------------------------------------------------------------------------

@@ -68,22 +68,6 @@ def test_a_command_that_is_sent_again_after_its_device_has_moved_does_nothing(bo
     assert both.client.statuses(0.1)[NAME].state is State.TRACKING
 
 
-def test_an_answer_is_known_to_the_others_before_it_is_given(both: Both) -> None:
-    batches = calibration(seed=1, after=[Still(30.0)]).batches()
-    both.start(FIRST)
-    both.start(SECOND)
-    both.send(batches[:-60])
-    assert both.has() == [SECOND]
-    asked = both.command("recalibrate", "r1")
-    both.kill(SECOND)
-    both.send(batches[-60:])
-    both.pass_(2.0)
-    assert both.has() == [FIRST]
-    assert both.command("cancel", "r2").accepted
-    assert both.command("recalibrate", "r1") == asked
-    assert both.client.statuses(0.1)[NAME].state is State.TRACKING
-
-
 def test_two_of_one_id_are_told_of_each_other(both: Both, caplog: pytest.LogCaptureFixture) -> None:
     both.start(FIRST)
     both.start(SECOND)
