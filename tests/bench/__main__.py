@@ -14,7 +14,7 @@ from bridge.terminal.tables import Column, Columns
 
 GROUPS = {
     "calibration": ("closure_honesty",),
-    "tracking": ("tracking", "cost", "temperature", "warming", "honesty"),
+    "tracking": ("tracking", "cost", "warming", "honesty"),
     "broad": ("real_movement",),
     "orientation": ("orientation",),
     "load": ("load",),
