@@ -1,7 +1,6 @@
 """What a guesser, a flood, a slow client and a mistyped request get, and that nobody else pays for it."""
 
 import logging
-import resource
 import socket
 import time
 from collections.abc import Iterator
@@ -247,26 +246,6 @@ def test_one_address_has_so_many_connections_and_is_told(
     while site.server.uvicorn.server_state.connections:
         time.sleep(0.01)
     assert said_to(site, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").startswith("HTTP/1.1 200")
-
-
-@pytest.mark.parametrize(
-    ("limits", "asked", "taken"),
-    [
-        ((1024, 4096), (1200, 4096), 1000),
-        ((256, -1), (1200, -1), 1000),
-        ((256, 1024), (1024, 1024), 824),
-        ((4096, 4096), None, 1000),
-        ((-1, -1), None, 1000),
-    ],
-)
-def test_files_are_asked_for(
-    limits: tuple[int, int], asked: tuple[int, int] | None, taken: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found: list[tuple[int, int]] = []
-    monkeypatch.setattr(resource, "getrlimit", lambda _: limits)
-    monkeypatch.setattr(resource, "setrlimit", lambda _, both: found.append(both))
-    assert listener.make_room() == taken
-    assert found == ([] if asked is None else [asked])
 
 
 # ---- programs -----------------------------------------------------------------------------------------------------------

@@ -64,16 +64,6 @@ def test_a_hash_is_made_that_lets_in(
     assert not passwords.right("nobody", "a long password")
 
 
-def test_who_gives_no_password_is_told_so(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def ended(_: str) -> str:
-        raise EOFError
-
-    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("estimator.cli.dashboard.getpass.getpass", ended)
-    assert main(["dashboard", "password", "--name", "nurse"]) == 2
-    assert "truerate: no password was given" in capsys.readouterr().err
-
-
 def test_a_token_is_shown_once_beside_its_hash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dashboard", "password", "--name", "script", "--token"]) == 0
     captured = capsys.readouterr()

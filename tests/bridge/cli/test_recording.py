@@ -11,7 +11,6 @@ import pytest
 from mcap.writer import Writer
 
 from bridge.bus.contract import Message
-from bridge.config.schema import Bridge
 from bridge.sim.calibration_session import Session, simulate_session
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Verdict
@@ -245,21 +244,3 @@ def test_what_was_not_finished_is_to_be_made_whole_before_it_is_played(tmp_path:
     (part := tmp_path / "ward.mcap.part").touch()
     assert main(["bridge", "replay", str(part)]) == 1
     assert f"complete it first: truerate recording recover {part}" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("device", ["", "chest"])
-def test_a_recording_of_one_device_is_played_as_that_one_where_it_says_which(
-    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    rest = {"gyro_rad_s": np.zeros((200, 3)), "rate_hz": np.array(100.0), "boot": np.array("0" * 15 + "1")}
-    np.savez(tmp_path / "one.npz", device=np.array(device), **rest)  # type: ignore[arg-type]
-    played = list[str]()
-
-    def serve(_ward: str, bridge: Bridge, *_: object, **__: object) -> int:
-        played.extend(one.id for one in bridge.devices)
-        return 0
-
-    monkeypatch.setattr("bridge.cli.bridge._serve", serve)
-    code = main(["bridge", "replay", str(tmp_path / "one.npz")])
-    assert (code, played) == ((0, ["chest"]) if device else (2, []))
-    assert ("name it with --device ID" in capsys.readouterr().err) == (not device)

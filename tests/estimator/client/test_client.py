@@ -1,4 +1,3 @@
-from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -124,15 +123,3 @@ def test_nobody_there_or_nonsense_is_a_bus_error(broker: MemoryBroker, client: C
     MemoryBus(broker).answer(keys.pattern(WARD, "rpc"), lambda _key, _payload, reply: reply(b"\xff\xff"))
     with pytest.raises(BusError, match="answer to recalibrate is invalid"):
         client.recalibrate(NAME, "nurse")
-
-
-def test_a_router_may_be_given_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Sequence[str]] = []
-
-    def opened(endpoints: Sequence[str]) -> MemoryBus:
-        asked.append(endpoints)
-        return MemoryBus(MemoryBroker())
-
-    monkeypatch.setattr("estimator.client.connection.ZenohBus", opened)
-    Client("tcp/10.0.0.5:7447", ward=WARD)
-    assert asked == [("tcp/10.0.0.5:7447",)]

@@ -2,7 +2,6 @@
 
 import os
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,15 +11,13 @@ from bridge.bus.contract import Message
 from bridge.config.enrolment import Enrolment
 from bridge.reasons.codes import Code
 from bridge.wire import codec, keys
-from bridge.wire.messages import Command, State, Status
+from bridge.wire.messages import Command, State
 from bridge.wire.refusal import Tally
 from estimator.client import Client
 from estimator.config.schema import Estimator
-from estimator.overview import summary
-from estimator.overview.ward import WardView
 from estimator.service import enrolment_gate as rules
 from estimator.service.device_roster import MAX_DEVICES
-from estimator.service.enrolment_gate import FOREIGN, STRANGER, EnrolmentGate, Notices
+from estimator.service.enrolment_gate import FOREIGN, STRANGER, EnrolmentGate
 from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.stream import calibration, info
@@ -90,41 +87,6 @@ def test_the_file_is_read_again_when_it_changes_and_kept_when_it_is_broken(
     file.unlink()
     gate.look(2.0)
     assert gate.admit([sent("b1", "wrist")], 2.0), "a file that is gone for a moment throws nobody out"
-
-
-@pytest.fixture
-def status() -> Iterator[tuple[Notices, EnrolmentGate, list[Status]]]:
-    gate, bus = EnrolmentGate(ENROLLED, Tally()), MemoryBus(MemoryBroker())
-    heard = bus.subscribe(keys.pattern("w", "status"))
-    notices, said = Notices(bus, "w", gate), list[Status]()
-
-    class Said(list[Status]):
-        def __iter__(self) -> Iterator[Status]:
-            return (codec.decode_status(*message) for message in heard.drain(1000, 0.0))
-
-    yield notices, gate, Said()
-    notices.close()
-    bus.close()
-    assert said == []
-
-
-def test_a_stranger_stands_in_every_list_as_not_enrolled(status: tuple[Notices, EnrolmentGate, list[Status]]) -> None:
-    notices, gate, said = status
-    gate.admit([sent("b9", "ghost"), sent("b9", "listed")], 0.0)
-    notices.say(5, {"listed"})
-    (one,) = said
-    assert (one.device, one.bridge, one.events, one.samples_in) == ("ghost", "b9", {STRANGER: 1}, 0)
-    assert one.reason == (Code.NOT_ENROLLED(),)
-    seen = summary.summarise("w", {"ghost": one}, {}, ["b9"], ["e"])
-    assert (seen.needs[0].device, seen.needs[0].reason, seen.well) == ("ghost", one.reason, False)
-    view = WardView()
-    view.take_status(one, 0.0)
-    (row,) = view.rows(0.0)
-    assert (row.state, row.reason) == ("unknown", one.reason)
-    gate.look(rules.LISTED_S + 1.0)
-    notices.say(6, ())
-    assert list(said) == []
-    assert notices._publishers == {}
 
 
 def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_path: Path) -> None:

@@ -13,13 +13,12 @@ import pytest
 
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
-from bridge.wire.messages import Checkpoint, Holding, Owned, SampleBatch
+from bridge.wire.messages import Checkpoint, SampleBatch
 from estimator.device.session_knobs import SessionKnobs
 from estimator.service.checkpoints import checkpoint_of
 from estimator.service.device import Device
 from estimator.service.device_loss import SILENT
 from estimator.service.ownership import BEYOND
-from estimator.service.quota import ROUND
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.served import Kept
 from tests.estimator.stream import NAME, calibration, feed, info
@@ -57,13 +56,6 @@ def said_of(batches: list[SampleBatch]) -> Checkpoint:
 def say(ward: Ward, checkpoint: Checkpoint) -> None:
     key = keys.build(WARD, "checkpoint", device=checkpoint.device)
     MemoryBus(ward.broker).publisher(key, cache=1).put(codec.encode_checkpoint(checkpoint))
-
-
-def claim(ward: Ward, held: dict[str, int]) -> None:
-    """Another estimator says that it holds devices."""
-    holdings = tuple(Holding(device, epoch, 1, 0) for device, epoch in held.items())
-    owned = Owned("other", 0, max(held.values()), 0.0, holdings)
-    MemoryBus(ward.broker).publisher(keys.build(WARD, "owned", estimator="other")).put(codec.encode_owned(owned))
 
 
 def samples(batches: list[SampleBatch]) -> list[int]:
@@ -170,25 +162,3 @@ def test_alone_what_comes_right_after_an_outage_of_the_router_is_not_lost(
     ward.broker.start()
     ward.send(batches[:25])
     assert got(ward) == samples(batches[:25])
-
-
-def test_messages_that_wait_are_not_handled_once_their_device_is_given_away(
-    ward: Ward, batches: list[SampleBatch]
-) -> None:
-    bridge = MemoryBus(ward.broker)
-    ward.service._entrance.newcomers = None  # all of them are admitted at once
-    for n in range(ROUND + 2):
-        name = f"wrist-{n}"
-        key = keys.build(WARD, "raw", bridge="bridge", device=name)
-        bridge.publisher(key).put(codec.encode_samples(replace(batches[0], device=name)))
-    ward.service.step(0.0)
-    membership = ward.service._cluster.membership
-    waiting = set(membership.held) - set(ward.service._devices)
-    assert len(waiting) == 2
-    ward.service._every_second(time.monotonic())
-    assert waiting <= set(membership.held), "they are ours while their messages wait"
-    claim(ward, dict.fromkeys(waiting, membership.highest + 10**6))
-    ward.service.step(0.0)
-    ward.settle()
-    assert not waiting & set(membership.held)
-    assert not waiting & set(ward.service._devices)

@@ -88,16 +88,6 @@ def test_the_first_seconds_of_quiet_are_no_proof_of_rest() -> None:
     assert sure.lives(3.0) == [], "who knows better waits for the proof"
 
 
-def test_who_breathes_does_not_rest() -> None:
-    rest = Rest()
-    rest.lives(10.0)
-    judged = []
-    for i, second in enumerate(rest.seconds(30.0)):
-        breath = np.radians(0.3) * np.sin(2 * np.pi * i / 4.3) * np.array([1.0, 0.0, 0.0])
-        judged.append(rest.zaru.at_rest(second._replace(mean=second.mean + breath)))
-    assert not any(judged[3:])
-
-
 # ---- slow turns ---------------------------------------------------------------------------------------------------
 
 
