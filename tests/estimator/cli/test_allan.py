@@ -114,19 +114,3 @@ def test_a_real_mpu_6050(shared_data: Path, capsys: pytest.CaptureFixture[str]) 
     arw = [np.degrees(axes[axis]["arw"]["value"]) for axis in "xyz"]
     assert all(0.006 < value < 0.014 for value in arw)
     assert not any(axes[axis]["rrw"]["seen"] for axis in "xyz")
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--picture", "allan.xyz"], "unknown file type '.xyz'; use .png, .svg, .pdf"),
-        (["--model", "mpu"], "unknown device model 'mpu'"),
-    ],
-)
-def test_what_cannot_be_used_is_said_before_the_work(
-    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["allan", saved(tmp_path / "rest.npz", lying(70)), *options]) == 2
-    printed = capsys.readouterr()
-    assert said in printed.err
-    assert not printed.out

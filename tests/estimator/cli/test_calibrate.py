@@ -101,11 +101,6 @@ def test_rates_are_numbers(rates: str, capsys: pytest.CaptureFixture[str]) -> No
     assert rates in capsys.readouterr().err
 
 
-def test_calibrate_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4))]) == 0
-    assert "accepted" in capsys.readouterr().out
-
-
 def a_missing_turn() -> tuple[Session, Floats | None]:
     return simulate_session(4, turns=(TurnPlan(0), TurnPlan(2))), None
 

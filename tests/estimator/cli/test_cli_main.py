@@ -30,12 +30,6 @@ def test_a_note_that_says_nothing_or_too_much_is_refused_at_once(
     assert said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("verb", ["watch", "recalibrate", "cancel"])
-def test_a_device_with_a_slash_is_wrong_use(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([verb, "chest/../x"]) == 2
-    assert "not valid" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("words", [["status"], ["recalibrate", "chest"]])
 def test_without_a_router_one_line_says_what_to_do(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*words, "--connect", "tcp/127.0.0.1:1"]) == 1
@@ -133,26 +127,6 @@ def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: py
 
 
 @pytest.mark.parametrize(
-    "words",
-    [[], ["demo"], ["router"], ["bridge"], ["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["estimator", "serve"],
-     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["correct"], ["config", "check"],
-     ["study", "all"], ["study", "errors"], ["allan"], ["status"], ["history"], ["store", "backup"], ["store", "check"]],
-)  # fmt: skip
-def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main([*words, "--help"])
-    assert ended.value.code == 0
-    assert len(capsys.readouterr().out) > 100
-
-
-def test_who_misspells_a_verb_is_told_of_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
-    for words in (["wach", "devices"], ["--log-format", "json", "wach"]):
-        with pytest.raises(SystemExit):
-            main(words)
-        assert "unknown 'wach'; did you mean 'watch'?" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
     ("words", "said"),
     [
         (
@@ -204,21 +178,6 @@ def test_who_reads_no_further_ends_it_without_a_word() -> None:
         assert ended.stdout is not None
         ended.stdout.close()
         assert (ended.wait(60), ended.stderr.read() if ended.stderr else b"") == (1, b"")
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["errors", "--runs", "0"],
-        ["protocols", "--runs", "-1"],
-        ["protocols", "--workers", "0"],
-    ],
-)
-def test_a_study_of_nothing_is_wrong_use(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["study", *words])
-    assert ended.value.code == 2
-    assert "give a whole number from 1 on" in capsys.readouterr().err
 
 
 def test_a_study_of_the_paper_needs_a_scenario_it_can_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,7 +2,6 @@
 
 import pytest
 
-from bridge.drivers.driver import Notice
 from bridge.transport.errors import DeviceUnavailable
 from tests.bridge.ingest.published.scripted import HELLO, Scripted, run, said
 from tests.sentences import free
@@ -15,13 +14,6 @@ def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptu
     taken = run(driver, lambda _: driver.opened == 4 and not driver._script).take()
     assert [record.message for record in caplog.records] == ["d1: script: missing", "d1: back on script"]
     assert sum(map(len, taken.batches)) == 10
-
-
-def test_a_device_is_back_once_it_says_something_and_not_its_driver_of_it(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.ingest.device_thread")
-    driver = Scripted(DeviceUnavailable(*free("script: missing")), [Notice("settings", free("not answered")[0])])
-    run(driver, lambda _: driver.opened == 2 and not driver._script)
-    assert [record.message for record in caplog.records] == ["d1: script: missing"]
 
 
 def test_a_drivers_own_fault_does_not_silence_its_device(caplog: pytest.LogCaptureFixture) -> None:

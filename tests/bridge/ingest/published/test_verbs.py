@@ -57,10 +57,3 @@ def test_wrong_use_is_one_line_and_an_exit_code(
     error = capsys.readouterr().err
     assert error.startswith(said)
     assert error.count("\n") == 1
-
-
-def test_every_verb_teaches_by_an_example(capsys: pytest.CaptureFixture[str]) -> None:
-    for verb in (["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["router"]):
-        with pytest.raises(SystemExit):
-            parsed(*verb, "--help")
-        assert "Example: truerate" in capsys.readouterr().out
