@@ -1,4 +1,4 @@
-"""The pages in a real browser, as a person uses them; pictures of every state are left in out/screenshots."""
+"""The pages in a real browser, as a person uses them; TRUERATE_PICTURES=1 leaves pictures in out/screenshots."""
 
 import re
 import time
