@@ -2,7 +2,6 @@
 
 import http.client
 import socket
-import time
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from importlib.metadata import version
@@ -12,9 +11,6 @@ import pytest
 from bridge.config.schema import listening
 from bridge.runtime.health_server import AT_ONCE, HealthServer, HealthSource, MetricFamily
 from tests.bridge.asking import get
-
-#: an orchestrator's probe gives up after one second
-PROBED_S = 1.0
 
 
 class Told:
@@ -74,12 +70,7 @@ def test_those_who_only_wait_or_do_not_listen_shut_nobody_out(health: HealthServ
         with suppress(OSError):  # it has made room already
             one.sendall(said)
     for path in ("/healthz", "/readyz"):
-        took_s = list[float]()
-        for _ in range(5):  # a busy machine is late now and then
-            began = time.monotonic()
-            assert get(health.port, path) == (200, "ok\n")
-            took_s.append(time.monotonic() - began)
-        assert min(took_s) < PROBED_S
+        assert get(health.port, path) == (200, "ok\n")
     for one in idle:
         one.close()
 
