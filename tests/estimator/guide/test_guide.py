@@ -54,24 +54,6 @@ def test_the_easiest_turn_is_asked_for_first() -> None:
     assert (asked[-1].axis, asked[-1].needed, asked[-1].done) == (2, (2, 0), (1,))
 
 
-@pytest.mark.parametrize(
-    ("bad", "key", "value"),
-    [
-        (TurnPlan(0, 180.0), Code.TURN_TOO_SHORT, "angle_deg"),
-        (TurnPlan(0, 720.0, 8.0), Code.TURN_TOO_LONG, "angle_deg"),
-    ],
-)
-def test_a_failed_turn_is_explained_and_asked_for_again(bad: TurnPlan, key: str, value: str) -> None:
-    plan = turned(TurnPlan(2), bad, TurnPlan(0), TurnPlan(1))
-    told = follow(Guide(), DeviceSession(NAME), batches(plan))
-    again = next(one for one in told if one.wrong)
-    assert (again.step, again.axis, again.done) == (Step.TURN, 0, (2,))
-    assert again.head.key.startswith("again_")
-    assert again.wrong[0].code == key
-    assert value in again.wrong[0].params
-    assert told[-1].step is Step.DONE
-
-
 def test_turns_that_do_not_fit_are_repeated() -> None:
     """The device is put down 3° off: seen only when all three turns are there. One axis is asked for again."""
     missed = SessionPlan(3.4, (TurnPlan(2), TurnPlan(0), TurnPlan(1)), (4.0, 5.0), 1.0, 2.0, 2.0)
@@ -84,40 +66,6 @@ def test_turns_that_do_not_fit_are_repeated() -> None:
     assert steps(told) == ["warm", "place", *ONE_TURN, *ONE_TURN, *ONE_TURN, *ONE_TURN, "done"]
     assert device.calibration is not None
     assert device.calibration.verdict is Verdict.ACCEPTED
-
-
-def test_a_cancel_keeps_the_old_one() -> None:
-    plan = turned(TurnPlan(2), TurnPlan(0), TurnPlan(1), TurnPlan(2), rests_s=5.0)
-    device, guide = DeviceSession(NAME), Guide()
-    done = {"asked": False, "cancelled": False}
-
-    def meanwhile(_: float) -> None:
-        if device.life.state is State.TRACKING and not done["asked"]:
-            done["asked"] = device.recalibrate("nurse", "") is None
-        elif device.life.state is State.TURNING and done["asked"] and not done["cancelled"]:
-            done["cancelled"] = device.cancel("nurse") is None
-
-    told = follow(guide, device, batches(plan), meanwhile)
-    assert all(done.values())
-    assert steps(told)[-5:] == ["place", *ONE_TURN, "cancelled"]
-    assert told[-1].wrong == (Code.CALIBRATION_CANCELLED(who="nurse"),)
-    # What it rested before it was asked does not count.
-    assert next(one.ring for one in told[::-1] if one.step is Step.PLACE) > 0.9
-    begin = next(
-        i for i in range(len(told) - 1, 0, -1) if told[i].step is Step.PLACE and told[i - 1].step is not Step.PLACE
-    )
-    assert told[begin].ring == 0.0
-
-
-def test_turns_lost_by_a_reboot_are_said_until_there_is_a_new_one() -> None:
-    device, guide = DeviceSession(NAME), Guide()
-    first = follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0))))
-    assert first[-1].done == (0, 2)
-    assert not any(one.rebooted for one in first)
-    second = follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1), seed=2), boot=2))
-    assert steps(second) == ["warm", "place", *ONE_TURN, *ONE_TURN, *ONE_TURN, "done"]
-    assert all(one.rebooted == (not one.done) for one in second)
-    assert all(one.done == () for one in second if one.step in (Step.WARM, Step.PLACE))
 
 
 def test_a_method_by_movements_wants_sides_and_no_turns() -> None:
