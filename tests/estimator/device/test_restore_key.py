@@ -2,10 +2,8 @@
 
 import logging
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from bridge.reasons.catalogue import english
@@ -105,18 +103,6 @@ def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_eithe
     assert ward.latest().calibration == made.id
 
 
-def test_after_a_reboot_the_scale_is_a_prior_and_the_bias_as_wide_as_from_power_up_to_power_up(
-    ward: Ward, once: Stream
-) -> None:
-    ward.send(once.batches(), info(1))
-    (before,) = ward.store.calibrations(NAME)
-    ward.send(second(once)[:6], info(2))
-    last = list(ward.subscriber)[-1]
-    wide = ward.service._devices[NAME].session.knobs.prior.bias_std
-    assert (last.boot, last.quality, last.calibration) == (2, Quality.PRIOR, before.id)
-    assert np.all(last.bias_std >= 0.99 * wide * np.diag(before.matrix))
-
-
 def calibrated(batches: list[SampleBatch]) -> tuple[Calibration, DeviceSession]:
     device = DeviceSession(NAME)
     feed(device, batches)
@@ -138,19 +124,3 @@ def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
         assert first.quality is (Quality.DEGRADED if doubted else Quality.GOOD)
         assert status.state is (State.DEGRADED if doubted else State.TRACKING)
         assert (Code.BIAS_WAS_DOUBTED in codes(status.reason)) is doubted
-
-
-def test_an_estimator_that_is_stopped_and_started_goes_on_to_the_bit(tmp_path: Path, once: Stream) -> None:
-    batches, rates = once.batches(), list[bytes]()
-    for cut in (None, 30, len(batches) - 50):  # with turns of a calibration under way they would be taken again
-        ward = Ward(tmp_path / str(cut))
-        ward.send(batches[:cut], info())
-        if cut is not None:
-            ward.stop()
-            ward.start()
-            ward.send(batches[cut:], info())
-        given = list(ward.subscriber.drain())
-        rates.append(np.concatenate([batch.rate for batch in given]).tobytes())
-        assert sum(map(len, given)) == len(once)
-        ward.kill()
-    assert rates[1] == rates[2] == rates[0]

@@ -19,10 +19,6 @@ from bridge.wire.messages import Quality, SampleBatch, State
 from estimator.config import schema
 from estimator.config.schema import Estimator
 from estimator.database import StoreError, owned
-from estimator.device.batch_correction import Cut
-from estimator.device.outcome import Outcome
-from estimator.device.session import DeviceSession
-from estimator.samples.sample_buffer import Samples
 from estimator.service import device_roster, serve
 from estimator.service.overload import OVERLOADED
 from tests.estimator.database.faults import full_disk
@@ -47,37 +43,6 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def put(ward: Ward, batch: SampleBatch, bridge: str = "bridge") -> None:
     ward.put(codec.encode_samples(batch), bridge=bridge, device=batch.device)
-
-
-def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    batches = once.batches()
-    ward.send(batches[:-20], info(1))
-    assert list(ward.subscriber)[-1].quality is Quality.GOOD
-    whole = DeviceSession.take
-
-    def failing(self: DeviceSession, batch: Samples, cuts: list[Cut]) -> Outcome | None:
-        outcome = whole(self, batch, cuts)
-        if batch.sequence in (batches[-20].sequence, batches[-18].sequence):
-            raise FloatingPointError("singular")
-        return outcome
-
-    monkeypatch.setattr(DeviceSession, "take", failing)
-    (other,) = once.part(0, 250).batches([])
-    put(ward, replace(other, device="other"))
-    ward.send(batches[-20:])
-    after = list(ward.subscriber)
-    assert after[-1].quality is Quality.GOOD, "this boot's calibration was restored"
-    assert {b.device for b in after} == {NAME, "other"}
-    status = ward.latest()
-    assert status.device in (NAME, "other")
-    mine = ward.service._devices[NAME].status(1)
-    lost = len(batches[-20]) + len(batches[-18])
-    assert mine.events["session failed"] == 2
-    assert mine.dropped == {"session failed": lost}
-    assert mine.samples_in == len(once) == mine.samples_out + lost
-    assert caplog.text.count("FloatingPointError: singular") == 1, "the first with its trace, the others counted"
 
 
 @pytest.mark.parametrize("boot", [1, 2])

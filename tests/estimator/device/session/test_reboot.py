@@ -12,15 +12,6 @@ from tests.estimator.device.session.lives import calibrated, state
 from tests.estimator.stream import NAME, Stream, calibration, feed, rates
 
 
-def test_after_a_reboot_not_one_sample_is_good(once: Stream) -> None:
-    device = calibrated(once)
-    rebooted = feed(device, calibration(TurnPlan(0), seed=9).batches(boot=2))
-    assert rebooted.corrected[0].boot == 2
-    assert not any(b.quality in (Quality.GOOD, Quality.DEGRADED) for b in rebooted.corrected)
-    assert device.status(1).calibration == ""
-    assert any("recalibration needed" in words for words in rebooted.said)
-
-
 def test_a_reboot_in_the_middle_of_a_turn_forgets_the_turns(once: Stream) -> None:
     device = DeviceSession(NAME)
     feed(device, once.part(0, once.at(17.0)).batches(boot=1))
