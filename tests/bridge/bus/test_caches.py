@@ -1,6 +1,5 @@
 """Caches over zenoh: what is asked of them and how, and hostile questions, answers and messages."""
 
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -72,27 +71,23 @@ def test_another_program_gets_the_past_as_the_wire_document_says(a: Bus, strange
     eventually(lambda: len(asked(stranger, "t/x/*/@adv/*?last=60")) == 2)
 
 
-@pytest.mark.parametrize(
-    "what", ["most=x", "most=-1", "publisher=0", "publisher=zz;from=1", "from=", "last=", "last=nan", "what=ever", ""]
-)
-@pytest.mark.parametrize("pattern", ["t/x/1", "t/**", "**", "t/$*x/1", "t/x/none"])
-def test_a_strange_question_ends_and_harms_nothing(a: Bus, stranger: zenoh.Session, pattern: str, what: str) -> None:
+def test_strange_questions_end_and_harm_nothing(a: Bus, stranger: zenoh.Session) -> None:
     publisher = a.publisher("t/x/1", cache=5)
     for n in range(5):
         publisher.put(b"%d" % n)
-    began = time.monotonic()
-    asked(stranger, f"{pattern}/@adv/*?{what}")
-    assert time.monotonic() - began < 60.0, "it is answered, not timed out"
+    for pattern in ("t/x/1", "t/**", "**", "t/$*x/1", "t/x/none"):
+        for what in ("most=x", "most=-1", "publisher=0", "publisher=zz;from=1", "from=", "last=nan", "what=ever", ""):
+            asked(stranger, f"{pattern}/@adv/*?{what}")
     late = a.subscribe("t/x/*", history=True)
     assert numbers(collect(late, 5)) == list(range(5))
 
 
-@pytest.mark.parametrize("stamp", [b"", b"1", bytes(19), bytes(21), b"\xff" * 20, b"\xff" * 3000])
-def test_a_strange_attachment_harms_nothing(a: Bus, b: Bus, stranger: zenoh.Session, stamp: bytes) -> None:
+def test_strange_attachments_harm_nothing(a: Bus, b: Bus, stranger: zenoh.Session) -> None:
     subscription, publisher = b.subscribe("t/*", history=True), a.publisher("t/one", cache=9)
     meet(publisher, subscription)
-    for key in ("t/one", "t/other", "t/*", "t/**"):
-        stranger.put(key, b"strange", attachment=stamp)
+    for stamp in (b"", b"1", bytes(19), bytes(21), b"\xff" * 20, b"\xff" * 3000):
+        for key in ("t/one", "t/other", "t/*", "t/**"):
+            stranger.put(key, b"strange", attachment=stamp)
     publisher.put(b"1")
     publisher.put(b"2")
     came: list[bytes] = []

@@ -114,6 +114,12 @@ def test_corrected_rates_go_with_the_accelerations_of_their_samples() -> None:
     assert np.all(np.array([m.accel_g for m in other_boot]) == 0)
 
 
+def test_what_an_estimator_repeats_is_left_out() -> None:
+    device = VirtualXimu3("w", "chest", corrected=True)
+    batches = raw(0), raw(10), raw(0), raw(15), raw(0, boot=2)
+    assert [len(numbers(device.took_corrected(corrected(batch)))) for batch in batches] == [10, 10, 0, 5, 10]
+
+
 def test_settings_are_read_only_and_noise_is_not_answered() -> None:
     device = VirtualXimu3("w", "chest", corrected=True)
     device.took_info(info())

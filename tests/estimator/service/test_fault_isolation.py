@@ -34,8 +34,7 @@ PLACES: list[tuple[type[Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize("rounds", [1, 80], ids=["in one round", "in many"])
-@pytest.mark.parametrize("at", [0, 3], ids=["at once", "later"])
+@pytest.mark.parametrize(("rounds", "at"), [(1, 0), (80, 3)], ids=["at once in one round", "later in many"])
 @pytest.mark.parametrize(("owner", "name"), PLACES, ids=[f"{o.__name__}.{n}" for o, n in PLACES])
 def test_a_fault_anywhere_leaves_no_sample_uncounted(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, owner: type[Any], name: str, at: int, rounds: int

@@ -120,7 +120,7 @@ def witnessed(columns: Columns, edges: list[int], *, aided: bool) -> list[Judged
     ]
 
 
-@pytest.mark.parametrize("seed", range(100, 140))
+@pytest.mark.parametrize("seed", range(100, 116))
 def test_it_agrees_with_its_witness(seed: int) -> None:
     rng = np.random.default_rng(seed)
     columns, aided = some_stream(rng), rng.random() < 0.8
