@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from msgspec import Struct
 
-from bridge.config.schema import ConfigError, Device, Root, check_endpoints, load
+from bridge.config.schema import ConfigError, Root, check_endpoints, load
 from bridge.drivers import registry
-from bridge.drivers.byte_stream import StreamDriver, StreamOptions
+from bridge.drivers.byte_stream import StreamDriver
 from bridge.drivers.native import NativeOptions
 
 GOOD = """
@@ -211,14 +211,3 @@ def test_a_file_that_cannot_be_read_says_so(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_every_kind_of_endpoint_is_taken(endpoint: str) -> None:
     assert check_endpoints([endpoint], "connect") == (endpoint,)
-
-
-def test_the_ward_file_we_ship_is_valid() -> None:
-    root = load(Path(__file__).parents[3] / "configs" / "ward.toml", Root)
-    assert root.bridge is not None
-    assert [device.id for device in root.bridge.devices] == ["wrist-01", "wrist-02"]
-
-
-def test_a_device_can_be_made_without_a_file() -> None:
-    device = Device("d", "native", StreamOptions(port="/dev/x"))
-    assert device.make().place == "/dev/x"
