@@ -1,8 +1,6 @@
 """The LSL driver, on streams that pylsl sends on loopback: units, labels, boots by uid, loss and return, time, refusals."""
 
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 
@@ -224,24 +222,3 @@ def test_several_streams_ask_for_a_choice() -> None:
 def test_wrong_options(given: dict[str, object], told: str) -> None:
     with pytest.raises(ValueError, match=told):
         LslOptions(**given)  # type: ignore[arg-type]
-
-
-def test_without_the_package_the_driver_says_what_it_needs() -> None:
-    """In a Python of its own, where pylsl cannot be found."""
-    code = """
-import importlib.util, sys
-found = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *rest: None if name == "pylsl" else found(name, *rest)
-from bridge.config.schema import Device
-from bridge.drivers import registry
-print(registry.kinds()["lsl"].summary)
-try:
-    Device.from_table({"id": "d", "driver": "lsl", "name": "x"})
-except ValueError as error:
-    print(error)
-assert "pylsl" not in sys.modules
-"""
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    listed, refused = ran.stdout.splitlines()
-    assert listed.endswith("needs pip install 'truerate[lsl]'")
-    assert refused == "the driver 'lsl' needs pip install 'truerate[lsl]'"

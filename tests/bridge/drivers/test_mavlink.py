@@ -1,7 +1,5 @@
 """The MAVLink driver, on messages that pymavlink packs: units, boots by the clock, whose messages they are."""
 
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
@@ -149,27 +147,6 @@ def test_a_message_without_news_of_the_gyro_is_no_sample() -> None:
     data = b"".join(sender.highres(5000 * i, new=0 if i % 2 else 0b111) for i in range(80))
     assert sum(len(event.ticks) for event in readings(decoder.feed(data, 0))) == 40
     assert decoder.faults.as_dict() == {"gyro_not_new": 40}
-
-
-def test_without_the_package_the_driver_says_what_it_needs() -> None:
-    """In a Python of its own, where pymavlink cannot be found."""
-    code = """
-import importlib.util, sys
-found = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *rest: None if name == "pymavlink" else found(name, *rest)
-from bridge.config.schema import Device
-from bridge.drivers import registry
-print(registry.kinds()["mavlink"].summary, registry.kinds()["mavlink"].decoder)
-try:
-    Device.from_table({"id": "d", "driver": "mavlink", "port": "/dev/x"})
-except ValueError as error:
-    print(error)
-assert "pymavlink" not in sys.modules
-"""
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    listed, refused = ran.stdout.splitlines()
-    assert listed.endswith("needs pip install 'truerate[mavlink]' None")
-    assert refused == "the driver 'mavlink' needs pip install 'truerate[mavlink]'"
 
 
 def test_the_battery_of_the_system_that_is_read_is_told() -> None:

@@ -4,8 +4,6 @@ bleak itself needs BlueZ and an adapter, so it does not run here: of `BleakRadio
 its failure on a machine without BlueZ. What is around it (inbox, loop, turns, losses) is what runs in a ward.
 """
 
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -194,20 +192,3 @@ def test_a_connection_that_bluez_aborts_is_made_again(monkeypatch: pytest.Monkey
 def test_a_machine_without_bluetooth_says_so() -> None:
     with pytest.raises(RadioFault, match=Code.BLE_SERVICE_SILENT):
         ble_loop.run(BleakRadio().connect("C4:64:E3:12:34:56", lambda: None)).result(30)
-
-
-def test_without_the_package_the_address_says_what_it_needs() -> None:
-    """In a Python of its own, where bleak cannot be found."""
-    code = """
-import importlib.util, sys
-found = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *rest: None if name == "bleak_retry_connector" else found(name, *rest)
-from bridge.config.schema import Device
-try:
-    Device.from_table({"id": "d", "driver": "native", "port": "ble://C4:64:E3:12:34:56/ffe4"})
-except ValueError as error:
-    print(error)
-assert "bleak" not in sys.modules
-"""
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "port 'ble://C4:64:E3:12:34:56/ffe4' needs pip install 'truerate[ble]'"
