@@ -1,4 +1,4 @@
-"""Where an optional package is not installed, a device that needs it says what to install, and its driver is listed all the same."""
+"""Where an optional package is not installed, a device that needs it says what to install; its driver is listed all the same."""
 
 import subprocess
 import sys
