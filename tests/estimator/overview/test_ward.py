@@ -59,21 +59,6 @@ def test_those_that_need_somebody_come_first() -> None:
     ]  # fmt: skip
 
 
-def test_a_device_of_which_no_word_comes_is_not_what_it_was() -> None:
-    seen = view(status("a"))
-    assert [row.state for row in seen.rows(10.0 + SILENT_S)] == ["tracking"]
-    [row] = seen.rows(25.0)
-    assert row.state == "silent"
-    assert row.reason == (Code.SILENT_ESTIMATOR(duration_s="15"),)
-
-
-def test_what_keeps_a_device_from_being_read_is_said() -> None:
-    [row] = view(status("a", State.LOST), about("a", trouble=free("the port is missing"))).rows(10.0)
-    assert row.reason == (*free("the port is missing"), *free("all is well"))
-    [row] = view(about("a")).rows(10.0)
-    assert (row.state, row.reason) == ("unknown", (Code.NO_ESTIMATOR_SPOKE(),))
-
-
 @pytest.mark.parametrize(
     ("only", "found"),
     [
