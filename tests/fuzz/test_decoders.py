@@ -1,4 +1,4 @@
-"""Ten thousand executions of every decoder; `make fuzz` makes ten million each."""
+"""Four thousand executions of every decoder; `make fuzz` makes ten million each."""
 
 import gc
 import tracemalloc
@@ -9,7 +9,7 @@ import pytest
 from tests.fuzz.executions import Target, inputs, names
 from tests.fuzz.seeds import SEEDS
 
-EXECUTIONS = 10_000
+EXECUTIONS = 4_000
 _GROWTH = 300_000  # bytes: a decoder's own bounded buffers, and the interpreter's
 
 
