@@ -23,7 +23,7 @@ WARD = "demo"
 #: below the port range used for outgoing connections
 _LISTENING = range(20_000, 30_000)
 #: s to wait for a process to end
-_PATIENCE_S = 10.0
+_PATIENCE_S = 30.0
 _CONFIG = """ward = "{ward}"
 
 [bus]

@@ -40,6 +40,11 @@ class Running:
         before = self.good_samples()
         return self.wait(f"more good samples after {what}", lambda: self.good_samples() > before + 50)
 
+    def restart(self, part: str) -> None:
+        self.ward.stop(part, signal.SIGKILL)
+        self.ward.start(part)
+        self.more_good(f"a restart of the {part}")
+
     def steps(self) -> NDArray[np.int64]:
         """From number to number of the first boot's samples, as received."""
         return np.diff(numbers(next(iter(self.subscriber.batches.values()))))
@@ -65,16 +70,11 @@ def running(tmp_path: Path) -> Iterator[Running]:
 
 
 def test_whatever_is_killed_pulled_or_asked_for_it_goes_on_and_after_a_reboot_anew(running: Running) -> None:
-    for part in ("router", "estimator"):
-        running.ward.stop(part, signal.SIGKILL)
-        running.ward.start(part)
-        running.more_good(f"a restart of the {part}")
-    assert set(running.steps()) == {1}, "nothing lost, nothing twice"
+    running.restart("router")
     assert running.subscriber.troubles == ""
-
-    running.ward.stop("bridge", signal.SIGKILL)
-    running.ward.start("bridge")
-    running.more_good("a restart of the bridge")
+    running.restart("estimator")
+    assert set(running.steps()) == {1}, "nothing lost, nothing twice"
+    running.restart("bridge")
     running.ward.ports[NAME].unplug()
     running.wait("the loss", lambda: running.watcher.statuses[NAME].state is State.LOST)
     running.ward.ports[NAME].plug()
