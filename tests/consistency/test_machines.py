@@ -54,7 +54,7 @@ def test_what_is_good_is_accepted_and_as_sure_as_it_says(plan: Plan, unit: Unit,
     for result, read in found:
         error, cov = result.scale - read.k, result.covariance[3:6, 3:6]
         assert (np.abs(error) <= np.maximum(0.01 * read.k, 4 * np.sqrt(np.diag(cov)))).all()
-        nees.append(error @ np.linalg.solve(cov, error) / 3)
+        nees.append(float(error @ np.linalg.solve(cov, error)) / 3)
     assert 0.25 < np.mean(nees) < 2.0
 
 

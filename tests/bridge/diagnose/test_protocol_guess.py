@@ -1,12 +1,10 @@
 """Bytes are given to every decoder, and the right one is told from the others."""
 
-import math
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.diagnose.protocol_guess import Guess, booted_by, candidates, guesses
+from bridge.diagnose.protocol_guess import Guess, candidates, guesses
 from bridge.drivers import registry
 from bridge.drivers.driver import DriverKind
 from bridge.sim.virtual_device import demo_device
@@ -48,14 +46,6 @@ def test_a_beginning_anywhere_and_some_noise_do_not_mislead(cut: int, noise: byt
 @given(st.binary(max_size=3000))
 def test_noise_is_nobodys(noise: bytes) -> None:
     assert not any(guess.understood for guess in guesses(candidates(KINDS), chunks(noise)))
-
-
-def test_a_device_that_booted_with_the_opening_is_known_by_its_clock() -> None:
-    young, old = best(lines(first=900_000)), best(lines(first=60_000_000))
-    assert booted_by(young, START_NS - 10**9, START_NS)
-    assert not booted_by(old, START_NS - 10**9, START_NS)
-    assert young.young_s is not None
-    assert math.isclose(young.young_s, 0.9)
 
 
 @pytest.mark.parametrize("name", ["nano-33-ble", "icm-20948-sparkfun", "openlog-artemis", "razor-m0"])

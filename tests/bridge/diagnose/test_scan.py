@@ -1,10 +1,7 @@
 """`truerate bridge scan` on terminals and connections: what is there, and what to do where nothing is."""
 
-import socket
 import subprocess
 import sys
-import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -87,29 +84,6 @@ def test_a_port_that_somebody_has_is_left_alone(tmp_path: Path) -> None:
             holder.stdout.readline()
             assert f"(process {holder.pid})" in scan(port.link).words
             holder.kill()
-
-
-@pytest.fixture
-def server() -> Iterator[Callable[[bytes], str]]:
-    """A device on the network that says something and stays."""
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        done = threading.Event()
-
-        def serve(said: bytes) -> str:
-            def answer() -> None:
-                with listening.accept()[0] as connection:
-                    connection.sendall(said)
-                    done.wait(10)
-
-            threading.Thread(target=answer, daemon=True).start()
-            return f"tcp://127.0.0.1:{listening.getsockname()[1]}"
-
-        yield serve
-        done.set()
-
-
-def test_a_device_on_the_network_has_no_speed(server: Callable[[bytes], str]) -> None:
-    assert what(scan(server(lines()))) == ("line", 0)
 
 
 def test_a_capture_is_examined_to_its_end(tmp_path: Path) -> None:

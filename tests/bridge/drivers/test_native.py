@@ -152,21 +152,6 @@ def test_a_port_without_permission_says_what_to_do(pty: PtyPort) -> None:
         SerialPort(str(pty.link), 115_200).open()
 
 
-def test_the_simulated_driver_speaks_like_a_device() -> None:
-    driver = SimulatedDriver(SimulatedOptions(seed=3, speed=50))
-    driver.open()
-    events = read_until(driver, 5)
-    assert isinstance(events[0], Identity)
-    assert driver.faults.as_dict() == {}
-    driver.close()
-    with pytest.raises(DeviceLost):
-        driver.read(0.1)
-    driver.open()
-    again = read_until(driver, 1)[0]
-    assert isinstance(again, Identity)
-    assert again.boot == events[0].boot
-
-
 def test_a_simulated_device_of_a_new_process_is_a_new_boot_of_the_same_sensor() -> None:
     first, second = (SimulatedDriver(SimulatedOptions(seed=3)) for _ in range(2))
     for driver in (first, second):

@@ -1,7 +1,6 @@
 """Boots and sample numbers of devices that send neither."""
 
 import itertools
-from collections.abc import Callable
 
 import pytest
 
@@ -50,40 +49,12 @@ def test_without_a_clock_samples_are_counted() -> None:
     assert events[1].ticks.tolist() == [0, 1, 2]
 
 
-@pytest.mark.parametrize(
-    ("tick", "away_s", "expected"),
-    [
-        (lambda away_s: 60_000 + int(away_s * 1001), 20.0, "1:2003+3"),  # it went on, 0.1 % fast
-        (lambda _: 1_500, 20.0, "2 POWER_UP 100"),
-        (lambda _: 3_000_000, 20.0, "2 PORT_OPENED 100"),
-    ],
-)
-def test_a_port_opened_again_is_a_boot_unless_the_clock_went_on(
-    tick: Callable[[float], int], away_s: float, expected: str
-) -> None:
-    one = assembly(100.0)
-    send(one, [59_990, 60_000])
-    told(one)
-    one.opened()
-    back = tick(away_s)
-    send(one, [back, back + 10, back + 20], 60_000 * MS + int(away_s * S))
-    assert told(one)[0] == expected
-
-
 def test_without_a_clock_every_opened_port_is_a_boot() -> None:
     one = assembly(100.0, None)
     send(one, [0])
     one.opened()
     send(one, [0])
     assert told(one) == ["1 PORT_OPENED 100", "1:0+1", "2 PORT_OPENED 100", "2:0+1"]
-
-
-def test_the_device_s_own_word_is_a_boot() -> None:
-    one = assembly(100.0)
-    send(one, [0, 10])
-    one.rebooted()
-    send(one, [20, 30])
-    assert told(one) == ["1 PORT_OPENED 100", "1:0+2", "2 POWER_UP 100", "2:0+2"]
 
 
 def test_a_changed_rate_is_told_in_the_same_boot() -> None:

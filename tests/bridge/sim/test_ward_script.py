@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from bridge.sim.motion import TrueMotion
 from bridge.sim.ward_script import ward_script
@@ -22,13 +21,6 @@ def lived(seed: int, seconds: float, cuts: tuple[int, ...] = ()) -> TrueMotion:
     return TrueMotion(
         *(np.concatenate([getattr(p, n) for p in parts]) for n in ("time_s", "rate", "attitude", "force"))
     )
-
-
-def test_rates_integrate_to_the_attitudes_over_the_change_of_lives() -> None:
-    motion = lived(1, 600)
-    attitude = Rotation.from_quat(motion.attitude, scalar_first=True)
-    step = Rotation.from_rotvec(motion.rate[1:] * np.diff(motion.time_s)[:, None])
-    assert ((attitude[:-1] * step).inv() * attitude[1:]).magnitude().max() < 1e-9
 
 
 def test_however_it_is_cut_it_is_the_same_life() -> None:

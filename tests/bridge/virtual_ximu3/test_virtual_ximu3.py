@@ -276,14 +276,6 @@ def put_raw(bus: MemoryBus, batch: SampleBatch, bridge: str) -> None:
     bus.publisher(keys.build("w", "raw", bridge=bridge, device=batch.device)).put(codec.encode_samples(batch))
 
 
-def test_a_port_in_use_is_said() -> None:
-    at = free_address()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken, MemoryBus(MemoryBroker()) as bus:
-        taken.bind((at.host, at.port + REPLY_PORT))
-        with pytest.raises(OSError, match=f"port 127.0.0.1:{at.port + REPLY_PORT}: in use by another program"):
-            Show(bus, Wanted("w", at, devices=("chest",)))
-
-
 @pytest.mark.parametrize("wrong", ["8000x", "127.0.0.1:0", ":70000", "65535"])
 def test_wrong_addresses_are_refused_in_words(wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bridge", "ximu3", "--udp", wrong]) == 2

@@ -5,22 +5,11 @@ import numpy as np
 from bridge.reasons.codes import Code
 from bridge.sim.imu_errors import ImuSpec
 from bridge.wire.messages import Verdict
-from estimator.calibration.result import PARAMETERS
 from estimator.calibration.servomotor import by_servomotor
-from estimator.offline import recordings
 from tests.estimator.calibration.machines import SERVO_DPS, on_a_servo, samples, turned
 from tests.sentences import codes
 
 RATE = tuple(np.radians(SERVO_DPS))
-
-
-def test_without_noise_any_three_mountings_give_the_truth() -> None:
-    of = on_a_servo(1, noise_dps=0.0)
-    result, _ = recordings.calibrate(of.recording(), "servomotor", rates=RATE)
-    assert result.verdict is Verdict.ACCEPTED
-    assert result.parameters == PARAMETERS
-    np.testing.assert_allclose(result.scale, of.truth.k, atol=1e-8)
-    np.testing.assert_allclose(result.bias, of.bias[0], atol=1e-8)
 
 
 def test_an_accelerometer_has_no_say_however_far_off_it_is() -> None:

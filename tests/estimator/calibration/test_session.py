@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from bridge.sim.motion import Still
-from bridge.sim.motion_scripts import SessionPlan, TurnPlan, session
+from bridge.sim.motion_scripts import TurnPlan
 from bridge.wire.messages import Verdict
 from estimator.calibration.capture import Capture, Samples
 from estimator.calibration.methods import METHODS
@@ -51,10 +50,3 @@ def test_only_the_turns_that_are_to_be_repeated_are_forgotten(monkeypatch: pytes
     found = [p for w in Stillness().feed(of.time, of.gyro, of.accel) for p in session.window(w)]
     assert isinstance(found[-1], Finished)
     assert (session.done(), session.missing()) == ((0, 2), (1,))
-
-
-def test_turns_long_ago_are_not_combined() -> None:
-    late = [Still(650.0), *session(np.random.default_rng(0), SessionPlan(3.2, (Z,), (4.0, 5.0)))]
-    assert not any(isinstance(p, Finished) for p in progress(calibration(X, Y, seed=5, after=late)))
-    soon = [Still(60.0), *late[1:]]
-    assert isinstance(progress(calibration(X, Y, seed=5, after=soon))[-1], Finished)

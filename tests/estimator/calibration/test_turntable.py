@@ -5,7 +5,6 @@ from bridge.reasons.codes import Code
 from bridge.sim.imu_errors import ImuSpec
 from bridge.wire.messages import Verdict
 from estimator.calibration.constant_rates import nearest_rates, plateaus
-from estimator.calibration.gravity_propagation import MATRIX_PARAMETERS
 from estimator.calibration.turntable import by_turntable
 from estimator.offline import recordings
 from tests.estimator.calibration.machines import TABLE_DPS, on_a_turntable, samples, turned
@@ -13,15 +12,6 @@ from tests.estimator.calibration.sessions import in_poses
 from tests.sentences import codes
 
 RATES = tuple(np.radians(TABLE_DPS))
-
-
-def test_without_noise_it_is_the_truth() -> None:
-    of = on_a_turntable(1, noise_dps=0.0)
-    result = by_turntable(samples(of), RATES)
-    assert result.verdict is Verdict.ACCEPTED
-    assert result.parameters == MATRIX_PARAMETERS
-    np.testing.assert_allclose(result.matrix, of.truth.matrix, atol=1e-9)
-    np.testing.assert_allclose(result.bias, of.bias[0], atol=1e-9)
 
 
 def test_the_fit_is_the_closed_form_of_two_rates_either_way() -> None:

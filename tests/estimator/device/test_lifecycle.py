@@ -27,20 +27,6 @@ def test_the_table_is_the_law_and_what_it_does_not_name_changes_nothing(state: S
     assert life.state is TABLE.get((state, event), state)
 
 
-def test_the_way_of_a_device() -> None:
-    life = Lifecycle()
-    path = [Event.BOOTED, Event.WARM, Event.RESTED, Event.TURNED, Event.TURNED, Event.NOT_CALIBRATED, Event.TURNED]
-    assert all(life.on(event) for event in [*path, Event.CALIBRATED])
-    assert life.state is State.TRACKING
-
-
-@pytest.mark.parametrize("state", list(State))
-def test_a_boot_starts_over_from_anywhere(state: State) -> None:
-    life = at(state)
-    assert life.on(Event.BOOTED)
-    assert life.state is State.WARMING
-
-
 @pytest.mark.parametrize("state", THERE)
 def test_a_router_that_is_gone_makes_it_unknown_not_lost(state: State) -> None:
     life = at(state)

@@ -47,13 +47,6 @@ def test_a_good_one_needs_no_click() -> None:
     assert told[-1].done == (2, 0, 1)
 
 
-def test_the_easiest_turn_is_asked_for_first() -> None:
-    told = follow(Guide(), DeviceSession(NAME), batches(turned(TurnPlan(1))))
-    asked = [one for one in told if one.step is Step.TURN]
-    assert (asked[0].axis, asked[0].picture, asked[0].needed) == (2, Picture.FLAT, (2, 0, 1))
-    assert (asked[-1].axis, asked[-1].needed, asked[-1].done) == (2, (2, 0), (1,))
-
-
 def test_turns_that_do_not_fit_are_repeated() -> None:
     """The device is put down 3° off: seen only when all three turns are there. One axis is asked for again."""
     missed = SessionPlan(3.4, (TurnPlan(2), TurnPlan(0), TurnPlan(1)), (4.0, 5.0), 1.0, 2.0, 2.0)

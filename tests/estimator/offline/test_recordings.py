@@ -12,15 +12,6 @@ from tests.estimator.stream import NAME, calibration, feed
 from tests.sentences import codes
 
 
-@pytest.mark.parametrize("accel", [True, False])
-def test_a_recording_of_a_session_is_calibrated(accel: bool) -> None:
-    of = calibration(seed=1)
-    result, passed_over = recordings.calibrate(of.recording(accel=accel))
-    assert result.verdict is Verdict.ACCEPTED
-    np.testing.assert_allclose(result.scale, of.truth.k, atol=2e-4)
-    assert passed_over == []
-
-
 def test_live_and_from_a_file_are_one_calibration() -> None:
     of = calibration(seed=2, before_s=40.0)
     live = feed(DeviceSession(NAME), of.batches()).calibration

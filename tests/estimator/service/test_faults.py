@@ -159,16 +159,6 @@ def test_a_spike_in_motion_is_as_if_it_had_not_been(worn: Stream, sign: float, a
         assert spiked.tracker.events == {"spike": 1}
 
 
-@pytest.mark.parametrize(("size", "place"), [(FULL_SCALE, 0), (-FULL_SCALE, 5), (FULL_SCALE / 3, 13)])
-def test_a_spike_at_rest_is_as_if_it_had_not_been(worn: Stream, size: float, place: int) -> None:
-    whole, at = lived(worn), at_rest(worn) + place
-    reading = worn.gyro[at].copy()
-    reading[1] = size
-    spiked = lived(spoilt(worn, slice(at, at + 1), reading))
-    assert apart_dps(spiked, whole) < 1e-4
-    assert spiked.tracker.events == {"spike": 1}
-
-
 def test_a_spike_in_a_turn_and_in_a_rest_leaves_a_calibration_as_it_was(worn: Stream) -> None:
     whole = lived(worn).calibration
     at = [worn.at(3.0), int(np.argmax(np.abs(worn.rate[: at_rest(worn)]).max(axis=1)))]

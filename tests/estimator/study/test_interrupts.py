@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.parametrize("study", ["errors", "protocols"])
+@pytest.mark.parametrize("study", ["protocols"])
 def test_workers_that_are_interrupted_print_no_traceback(study: str, tmp_path: Path) -> None:
     run = "import sys; from estimator.cli.entry import main; sys.exit(main())"
     words = [sys.executable, "-c", run, "study", study, "--runs", "20000", "--workers", "2"]
