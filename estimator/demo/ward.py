@@ -107,11 +107,13 @@ class Ward:
             self._logs[name] = threading.Thread(target=self._keep, args=(name, process.stdout), daemon=True)
             self._logs[name].start()
 
-    def wait_for_router(self, timeout_s: float = 20.0) -> None:
-        """Wait until the router listens. Raises DemoFailed after timeout_s, or when a process has stopped."""
-        if not listens(self.endpoint, timeout_s):
+    def wait_for_router(self, timeout_s: float = 60.0) -> None:
+        """Wait until the router listens. Raises DemoFailed after timeout_s, or as soon as a process has stopped."""
+        deadline = time.monotonic() + timeout_s
+        while not listens(self.endpoint, 1.0):
             self.check()
-            raise DemoFailed(f"the router does not listen on {self.endpoint} after {timeout_s:.0f} s")
+            if time.monotonic() > deadline:
+                raise DemoFailed(f"the router does not listen on {self.endpoint} after {timeout_s:.0f} s")
 
     def stop(self, name: str, number: signal.Signals = signal.SIGTERM) -> None:
         """Stop one process with a signal; it is killed when it does not end, and faults go to `complaints`."""
