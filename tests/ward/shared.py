@@ -17,7 +17,7 @@ from estimator.service.run_loop import Service
 from estimator.service.store import Store
 
 WARD, BRIDGE = "shared", "b1"
-RATE_HZ, SAMPLES = 100.0, 5
+RATE_HZ, SAMPLES = 100.0, 10
 
 
 class Bridge:

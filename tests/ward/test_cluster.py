@@ -12,7 +12,7 @@ from estimator.demo.ward import free_port
 from tests.ward.shared import Shared, shared
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("cluster"), pytest.mark.timeout(180)]
-DEVICES = 12
+DEVICES = 6
 
 
 class Place:

@@ -198,6 +198,14 @@ def test_clipping_is_flagged_and_the_implausible_dropped() -> None:
     account(intake)
 
 
+def test_a_bad_temperature_costs_its_column_only() -> None:
+    intake = made()
+    intake.take(HELLO)
+    (batch,) = intake.take(readings(0, temperature_c=np.array([30, np.nan, 30, 30, 30])))
+    assert batch.temperature_c is None
+    assert intake.events.as_dict() == {"temperature_missing": 5}
+
+
 @pytest.mark.parametrize(
     "changes",
     [
