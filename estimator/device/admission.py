@@ -134,8 +134,8 @@ class Admission:
         for late in self.waiting.drop():
             self.sequence.refuse(late, reason)
 
-    def restart(self, lost: int, uncounted: int, last_ns: int) -> SequenceNumbers:
-        """Counters for a new session after one has failed; see `SequenceNumbers.anew`.
+    def restart(self, came: int, out: int, last_ns: int) -> SequenceNumbers:
+        """Counters for a new session after one has failed; see `SequenceNumbers.anew`. Waiting batches are dropped.
 
         last_ns: receive time of the last samples the failed session took, ns.
         """
@@ -143,7 +143,7 @@ class Admission:
         self.waiting = EarlyBatches(before.next or 0)
         if before.boot is not None:
             self._came_to = before.boot, before.next or 0, last_ns
-        self.sequence = before.anew(lost, uncounted)
+        self.sequence = before.anew(came, out)
         return self.sequence
 
     def _known(self, batch: Samples) -> bool:

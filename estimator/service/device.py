@@ -31,8 +31,6 @@ FIRST_CHECKPOINT_S = 1.0
 SILENT_S = 2.0
 #: s without a subscriber after which the orientation is given up; who comes back earlier finds the same heading
 FORGET_ORIENTATION_S = 10
-#: sample counts before some work on a device: held, taken in, corrected and published
-Counted = tuple[int, int, int, int]
 
 
 class Device:
@@ -83,8 +81,8 @@ class Device:
         self.session = DeviceSession(name, knobs, began, self.admission.sequence)
         #: boot number that another power-up had before, until this power-up is calibrated
         self.repeated: int | None = None
-        #: corrected samples published, or to be published in this round
-        self.told = 0
+        #: samples that came from the device's own bridge; corrected samples published, or to be published in this round
+        self.came = self.told = 0
         self._gone = False
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
@@ -92,12 +90,6 @@ class Device:
         self._unwanted_s = 0  # s for which nobody has subscribed to the orientation
         self._encoder = output.Encoder(name, epoch)
         self._orientation = output.Orientations(name, epoch)
-
-    @property
-    def counted(self) -> Counted:
-        """Sample counts needed by `FaultIsolation.failed`."""
-        sequence = self.session.sequence
-        return self.admission.waiting.samples, sequence.samples_in, sequence.samples_out, self.told
 
     @property
     def announced(self) -> bool:
@@ -247,13 +239,12 @@ class Device:
         """Whether the device is meant to send no more."""
         return self.session.life.away and ended(self.session.life.reason)
 
-    def restart(self, lost: int, uncounted: int) -> None:
+    def restart(self) -> None:
         """Start a new session without a boot; the next batch in sequence, or a later one, begins it.
 
-        lost: samples corrected and not published. uncounted: samples not yet counted as taken in. See
-        SequenceNumbers.anew.
+        Samples that came and were not published are dropped.
         """
-        sequence = self.admission.restart(lost, uncounted, self.session.last_heard_ns)
+        sequence = self.admission.restart(self.came, self.told, self.session.last_heard_ns)
         self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
     def take_over(self, known: Checkpoint) -> None:

@@ -4,7 +4,6 @@ import logging
 import math
 import time
 from collections.abc import Callable, Container, Sequence
-from functools import partial
 
 from bridge.bus.contract import Message
 from bridge.ingest import duplicate_bridges
@@ -50,8 +49,9 @@ class Intake:
         self._say, self._newcomer, self._came = tell, newcomer, stock.came
         self._samples = Decoder("sample", codec.decode_samples, self._refused)
         self._infos = Decoder("info", codec.decode_info, self._refused)
-        #: samples to correct and publish in this round, in order
+        #: samples to correct and publish in this round, in order; devices with samples that could not be published
         self._due: list[tuple[Device, Cut]] = []
+        self._unsaid: list[tuple[Device, Exception]] = []
         #: devices with batches that wait for missing samples before them
         self._holding = dict[str, Device]()
 
@@ -69,7 +69,7 @@ class Intake:
                 continue
             self._on_samples(message.key, samples, now)
         self._came(came)
-        self._publish()
+        self._end_round()
 
     def hear(self, message: Message) -> None:
         """Process a bridge's device info message."""
@@ -97,10 +97,10 @@ class Intake:
         for device in list(self._holding.values()):
             if device.key in waiting:
                 continue
-            self._handle(device, device.admission.waiting.overdue(now))
+            self._guarded(device, self._handle, device, device.admission.waiting.overdue(now))
             if not device.admission.waiting:
                 del self._holding[device.name]
-        self._publish()
+        self._end_round()
 
     def leave(self, device: Device) -> None:
         """Release a device taken by another estimator; batches that wait for their turn are counted as MOVED."""
@@ -129,11 +129,8 @@ class Intake:
             return
         if device.admission.source.owns(samples.bridge, now):
             device.key = key
-            before = device.counted
-            try:
-                self._take(device, samples, now)
-            except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
-                self._guarded.failed(device, error, before, came=samples.n)
+            device.came += samples.n
+            self._guarded(device, self._take, device, samples, now)
             return
         if (
             device.session.sequence.events.add(device.admission.source.label(samples.bridge, now), samples.n)
@@ -159,35 +156,33 @@ class Intake:
         if ruling in BEGINS:
             self._publish()  # publish the samples of the boot before
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
-        ready = admission.in_order(batch, now)
-        if len(ready) == 1:
-            self._handle_one(device, ready[0])
-        else:
-            self._handle(device, ready)
+        self._handle(device, admission.in_order(batch, now))
         if admission.waiting:
             self._holding[device.name] = device
 
-    def _handle(self, device: Device, batches: list[Samples]) -> None:
-        """Process batches in order; a failure in one does not affect the others."""
-        for batch in batches:
-            self._guarded(device, partial(self._handle_one, device, batch), came=batch.n)
-
-    def _handle_one(self, device: Device, batch: Samples) -> None:
+    def _handle(self, device: Device, batches: Sequence[Samples]) -> None:
+        """Process batches in order."""
         session = device.session
-        if session.sequence.next is None and (session.boot is None or session.begins_earlier(batch)):
-            self._boots.begin(device, batch)
-        cuts = list[Cut]()
-        if (outcome := session.take(batch, cuts)) is not None:
-            self._tell(device, outcome)
-        for cut in cuts:
-            device.told += cut.end - cut.first
-            self._due.append((device, cut))
+        for batch in batches:
+            if session.sequence.next is None and (session.boot is None or session.begins_earlier(batch)):
+                self._boots.begin(device, batch)
+            cuts = list[Cut]()
+            if (outcome := session.take(batch, cuts)) is not None:
+                self._tell(device, outcome)
+            for cut in cuts:
+                device.told += cut.n
+                self._due.append((device, cut))
 
     def _tell(self, device: Device, outcome: Outcome) -> None:
         """Report an outcome after the samples that caused it and before the first sample that it affects."""
         if outcome.worded:
             self._publish()
         self._say(device, outcome)
+
+    def _end_round(self) -> None:
+        self._publish()
+        while self._unsaid:  # only now, when no batch is under way
+            self._guarded.failed(*self._unsaid.pop())
 
     def _publish(self) -> None:
         """Correct all due samples together and publish them in order, then the orientations that somebody wants."""
@@ -196,9 +191,8 @@ class Intake:
             try:
                 device.say_corrected(cut, rates)
             except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
-                before = device.counted
                 device.told -= cut.n
-                self._guarded.failed(device, error, before)
+                self._unsaid.append((device, error))
         turning = [(attitude, cut) for device, cut in due if (attitude := device.session.attitude) is not None]
         for one in oriented(turning):
             if (turned := self._devices.get(one.cut.samples.device)) is not None:

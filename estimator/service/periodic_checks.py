@@ -35,10 +35,11 @@ class PeriodicChecks:
         accounts = {name: _account(device) for name, device in self._devices.items()}
         counts = self._counts.as_dict()
         turned_away = counts.get(TOO_MANY, 0) + counts.get(DONE, 0)
-        for name, words in self._law.check(accounts, self._decoded, turned_away).items():
+        for name, n in self._law.check(accounts, self._decoded, turned_away).items():
             self._counts.add(EVENT)
             if self._law.violations[name] == 1:
-                log.error("%s: %s: %s (more are only counted)", name or "the ward", EVENT, words)
+                words = "%s: %s: %d samples came and are neither out nor dropped (more are only counted)"
+                log.error(words, name or "the ward", EVENT, n)
             for device in [self._devices[name]] if name else self._devices.values():
                 device.session.count_event(EVENT)
 
@@ -61,15 +62,12 @@ class PeriodicChecks:
         devices = {name: seen for name, seen in self._seen.items() if name in self._devices}
         self._seen = dict(devices)
         violations = sum(self._law.violations.values())
-        self._vitals.note(Note(now, connected, store, devices, self._law.total, violations, counts, busy, alerts))
+        self._vitals.note(Note(now, connected, store, devices, violations, counts, busy, alerts))
 
 
 def _account(device: Device) -> SampleAccount:
-    sequence = device.session.sequence
-    dropped, refused = sequence.dropped.total(), sequence.events.total(ELSEWHERE)
-    return SampleAccount(
-        sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.admission.waiting.samples
-    )
+    sequence, held = device.session.sequence, device.admission.waiting.samples
+    return SampleAccount(device.came, device.told, sequence.dropped.total(), held, sequence.events.total(ELSEWHERE))
 
 
 class Totals:
