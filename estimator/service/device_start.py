@@ -71,7 +71,8 @@ class DeviceStarts:
             device.heard = now - max(0.0, (self._parts.now_ns() - known.time_ns) / 1e9)
             if known.bridge:
                 device.admission.source.owns(known.bridge, device.heard)
-            devices[name] = device
+            devices[name], session = device, device.session
+            self._resumed.taken(name, session.boot or 0, session.sequence.next or 0, session.last_heard_ns, now)
             self._parts.guarded(device, self._resume, device)
         return devices.get(name)
 
