@@ -1,10 +1,9 @@
-"""Entrance of sample messages: which are decoded, by enrolment, number of new devices, and ownership of the device."""
+"""Entrance of messages: which are decoded, by enrolment, number of new devices, and ownership of the device."""
 
 from collections.abc import Sequence
 
 from bridge.bus.contract import Message
 from bridge.wire import keys
-from bridge.wire.refusal import Refusal
 from estimator.service.cluster import Cluster
 from estimator.service.device_roster import DeviceRoster
 from estimator.service.enrolment_gate import EnrolmentGate
@@ -25,16 +24,20 @@ class Entrance:
         #: device by admitted key; empty for a malformed key, which the decoder refuses and counts
         self._admitted: dict[str, str] = {}
 
+    def enrolled(self, messages: Sequence[Message], now: float) -> list[Message]:
+        """Messages of enrolled devices, and those with malformed keys; the gate counts the others. now: monotonic s."""
+        return [one for one in messages if not all(ids := _ids(one.key)) or self._gate.admits(*ids, now)]
+
     def sort(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
         """Messages of our devices, and messages of admitted devices that we do not hold, by device. now: monotonic s.
 
-        Beside other estimators all of them are kept for replay. Messages of refused devices are counted by the gate.
+        Beside other estimators all of them are kept for replay. Messages of refused devices are counted.
         """
         held, replay = self._cluster.membership.held, self._cluster.replay if self._cluster.company else None
         ours, others = list[Message](), dict[str, list[Message]]()
         for message in messages:
             device = self._admitted.get(message.key)
-            if device is None and (device := self._judge(message, now)) is None:
+            if device is None and (device := self._judge(message.key, now)) is None:
                 continue
             if not device or device in held:
                 ours.append(message)
@@ -52,17 +55,20 @@ class Entrance:
             self.newcomers.look(now, kept=devices.__contains__, proven=devices.proven)
         self._admitted.clear()
 
-    def _judge(self, message: Message, now: float) -> str | None:
-        """The device of a message, empty where its key is malformed; None where the device is not admitted."""
-        if not self._gate.admits(message.key, now):
+    def _judge(self, key: str, now: float) -> str | None:
+        """The device of a key, empty where the key is malformed; None where the device is not admitted."""
+        bridge, device = _ids(key)
+        if device and not self._gate.admits(bridge, device, now):
             return None
-        if self.newcomers is not None and not self.newcomers.admit([message], now):
+        if device and self.newcomers is not None and not self.newcomers.admits(bridge, device, now):
             return None
-        try:
-            device = keys.parse(message.key).device
-        except Refusal:
-            device = ""
         if len(self._admitted) >= _KEYS:
             self._admitted.clear()
-        self._admitted[message.key] = device
+        self._admitted[key] = device
         return device
+
+
+def _ids(key: str) -> tuple[str, str]:
+    """Bridge and device of a key; both empty where it is malformed."""
+    _, bridge, device = ("", "", *key.rsplit("/", 2))[-3:]
+    return (bridge, device) if keys.ID.match(device) and keys.ID.match(bridge) else ("", "")

@@ -23,8 +23,6 @@ _OTHERS = "others"
 
 def status(said: Status) -> Status:
     """Status with every number in the wire's range; NaN becomes the worst value of the range."""
-    if _status_fits(said):
-        return said
     return replace(
         said,
         bias=tuple([_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias]),
@@ -36,23 +34,6 @@ def status(said: Status) -> Status:
         rate_hz=_within(said.rate_hz, 0.0, MAX_HZ, 0.0),
         dropped=_counts(said.dropped),
         events=_counts(said.events),
-    )
-
-
-def _status_fits(said: Status) -> bool:
-    """Whether every number of the status is in the wire's range already."""
-    numbers = (
-        0.0 <= said.progress <= 1.0
-        and 0.0 <= said.evidence_age_s <= MAX_AGE_S
-        and (isnan(said.temperature_c) or abs(said.temperature_c) <= MAX_CELSIUS)
-        and 0.0 <= said.rate_hz <= MAX_HZ
-    )
-    vectors = (said.bias, -MAX_RATE, MAX_RATE), (said.bias_std, 0.0, MAX_STD), (said.scale, -MAX_SCALE, MAX_SCALE)
-    return (
-        numbers
-        and all(low <= value <= high for values, low, high in vectors for value in values)
-        and all(len(counts) <= validation.MAX_COUNTS for counts in (said.dropped, said.events))
-        and all(n <= MAX_COUNT for counts in (said.dropped, said.events) for n in counts.values())
     )
 
 

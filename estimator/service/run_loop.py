@@ -186,7 +186,7 @@ class Service:
         messages = self._raw.drain(QUEUE, 0.0 if hurry else timeout_s)
         began = time.monotonic()
         self._overload.idle(began - waits)
-        for message in self._gate.admit(self._info.drain(512, 0.0), began):
+        for message in self._entrance.enrolled(self._info.drain(512, 0.0), began):
             self._intake.hear(message)
         self._takeover.look(began, heard=bool(messages))
         ours, others = self._entrance.sort(messages, began)
