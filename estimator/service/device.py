@@ -5,14 +5,19 @@ import time
 from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
+from bridge.wire.batches import CorrectedEncoder
 from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Note, Placement, State, Status, WindowBatch
+from bridge.wire.orientation import OrientationEncoder
 from estimator.alerts.board import Board, Change
 from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.device.admission import Admission
 from estimator.device.attention import attentions, ended
 from estimator.device.batch_correction import Cut, Rates
+from estimator.device.correction import Correction
 from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
@@ -88,8 +93,8 @@ class Device:
         self._windowed: Publisher | None = None
         self._oriented: Publisher | None = None
         self._unwanted_s = 0  # s for which nobody has subscribed to the orientation
-        self._encoder = output.Encoder(name, epoch)
-        self._orientation = output.Orientations(name, epoch)
+        self._encoder, self._orientation = CorrectedEncoder(name, epoch), OrientationEncoder(name, epoch)
+        self._correction: Correction | None = None  # correction of the last encoded samples
 
     @property
     def announced(self) -> bool:
@@ -103,7 +108,10 @@ class Device:
 
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
         """Publish corrected samples, or keep them: of a newcomer, and while their calibration waits to be stored."""
-        self._held.append(self._encoder.encode(cut, rates))
+        if (correction := cut.correction) is not self._correction:
+            self._correction = correction
+            self._encoder.corrected_by(correction.quality, correction.calibration, correction.told._asdict())
+        self._held.append(self._encoder.encode(*cut.header, *rates))
         if not self.announced:
             self._first_s = min(self._first_s, cut.samples.first_s)
             if cut.samples.last_s - self._first_s >= self.announced_after_s:
@@ -120,8 +128,12 @@ class Device:
 
     def say_orientation(self, one: OrientedCut) -> None:
         """Publish the orientation of corrected samples."""
-        if self._oriented is not None and not self._unwanted_s:
-            self._oriented.put(self._orientation.encode(one))
+        if self._oriented is None or self._unwanted_s:
+            return
+        cut, (quat_wxyz, accel, cov), zero = one
+        quat, cov_of_last = quat_wxyz.astype(np.float32).tobytes(), cov[-1].astype(np.float32).tobytes()
+        packed = quat, output.linear_accel(accel), cov_of_last
+        self._oriented.put(self._orientation.encode(*cut.header, *packed, zero, cut.correction.quality))
 
     def look_round(self) -> None:
         """Once a second: make window summaries and orientation only while somebody subscribes to them."""

@@ -19,6 +19,7 @@ from estimator.samples.sample_buffer import Samples
 from estimator.service.boot_start import Boots
 from estimator.service.decode import decode
 from estimator.service.device import Device
+from estimator.service.device_start import DeviceStarts
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.replay_log import DONE, Resumed
@@ -30,23 +31,20 @@ MOVED = "moved to another estimator"
 
 
 class Intake:
-    """Pipeline from the messages of the roster's devices to their publishers; other outcomes go to `tell`.
-
-    newcomer(batch, now): makes a device from its first batch; returns None where there is no room.
-    """
+    """Pipeline from the messages of the roster's devices to their publishers; other outcomes go to `tell`."""
 
     def __init__(
         self,
         parts: Parts,
         boots: Boots,
-        stock: PeriodicChecks,
+        checks: PeriodicChecks,
         resumed: Resumed,
         tell: Callable[[Device, Outcome], None],
-        newcomer: Callable[[Samples, float], Device | None],
+        starts: DeviceStarts,
     ) -> None:
         self._devices, self._boots, self._guarded = parts.devices, boots, parts.guarded
         self._resumed, self._counts = resumed, parts.counts
-        self._say, self._newcomer, self._came = tell, newcomer, stock.came
+        self._say, self._starts, self._checks = tell, starts, checks
         self._samples = Decoder("sample", codec.decode_samples, self._refused)
         self._infos = Decoder("info", codec.decode_info, self._refused)
         #: samples to correct and publish in this round, in order; devices with samples that could not be published
@@ -68,7 +66,7 @@ class Intake:
                 self._counts.add(DONE, samples.n)
                 continue
             self._on_samples(message.key, samples, now)
-        self._came(came)
+        self._checks.came(came)
         self._end_round()
 
     def hear(self, message: Message) -> None:
@@ -102,10 +100,16 @@ class Intake:
                 del self._holding[device.name]
         self._end_round()
 
-    def leave(self, device: Device) -> None:
-        """Release a device taken by another estimator; batches that wait for their turn are counted as MOVED."""
-        self._holding.pop(device.name, None)
-        device.admission.leave(MOVED)
+    def remove(self, devices: Sequence[Device]) -> None:
+        """Take devices out of the roster; batches that wait for their turn are counted as MOVED."""
+        for device in devices:
+            self._holding.pop(device.name, None)
+            device.admission.leave(MOVED)
+        self._checks.check()  # while the devices still count
+        for device in devices:
+            self._checks.leave(device.name)
+            self._starts.leave(device.name)
+            del self._devices[device.name]
 
     def refused(self) -> dict[str, int]:
         """Number of messages that could not be decoded, by kind and reason."""
@@ -124,7 +128,7 @@ class Intake:
             device.session.count_event(f"refused {refusal.reason}")
 
     def _on_samples(self, key: str, samples: Samples, now: float) -> None:
-        device = self._devices.get(samples.device) or self._newcomer(samples, now)
+        device = self._devices.get(samples.device) or self._starts.begin(samples, now)
         if device is None:
             return
         if device.admission.source.owns(samples.bridge, now):

@@ -119,20 +119,19 @@ class Service:
         self._views = WindowViews(self.counts)
         self._outcomes = Outcomes(parts, self._views)
         self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell, listed=enrolment is not None)
-        self._intake = Intake(parts, boots, self._stock, resumed, self._outcomes.tell, self._starts.begin)
+        self._intake = Intake(parts, boots, self._stock, resumed, self._outcomes.tell, self._starts)
         self._presence = Presence(self.counts)
         self._gate = EnrolmentGate(enrolment, self.counts)
         self._notices = Notices(bus, ward, self._gate)
         newcomers = None if enrolment is not None else Newcomers(self._is_known, self.counts)
         self._entrance = Entrance(self._gate, newcomers, self._cluster)
         self._quotas = Quotas(self._flooded, time.monotonic)
-        self._takeover = Takeover(parts, self._starts, self._intake, self._quotas, self._stock, self._outcomes.learn)
+        self._takeover = Takeover(parts, self._starts, self._intake, self._quotas, self._outcomes.learn)
         self._overload = Overload(time.monotonic())
         self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
-        forgetting = Forgetting(parts, self._gate, self._presence, self._intake, self._stock, self._starts)
-        self._forgetting = forgetting
+        self._forgetting = forgetting = Forgetting(parts, self._gate, self._presence, self._intake)
         self._orders = CommandHandler(parts, self._gate, self._own_alerts, forgetting)
         self._commands = Commands(
             self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear

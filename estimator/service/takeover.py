@@ -10,7 +10,6 @@ from estimator.service.device_loss import SILENT
 from estimator.service.device_start import DeviceStarts
 from estimator.service.intake import Intake
 from estimator.service.parts import Parts
-from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.quota import Quotas
 
 #: how long publishers of a device lost to another estimator stay open for late queries, s
@@ -26,11 +25,9 @@ class Takeover:
         starts: DeviceStarts,
         intake: Intake,
         quotas: Quotas,
-        checks: PeriodicChecks,
         learn: Callable[[Device], None],
     ) -> None:
-        self._parts, self._starts, self._intake, self._quotas = parts, starts, intake, quotas
-        self._checks, self._learn = checks, learn
+        self._parts, self._starts, self._intake, self._quotas, self._learn = parts, starts, intake, quotas, learn
         self._left = deque[tuple[float, Publisher]]()
 
     def look(self, now: float, *, heard: bool) -> None:
@@ -69,16 +66,10 @@ class Takeover:
 
     def _give_away(self, names: list[str], now: float) -> None:
         """Release devices taken by another estimator, which continues from our checkpoint."""
-        devices = self._parts.devices
         self._quotas.drop(names)  # the new owner has these messages in its replay log
-        leaving = [device for name in names if (device := devices.get(name)) is not None]
+        leaving = [device for name in names if (device := self._parts.devices.get(name)) is not None]
         for device in leaving:
-            self._starts.leave(device.name)
-            self._intake.leave(device)
             self._learn(device)
             self._parts.guarded(device, partial(self._parts.record.checkpoint, device, now, force=True))
-        self._checks.check()  # while the devices still count
-        for device in leaving:
-            self._checks.leave(device.name)
-            del devices[device.name]
-            self._left += [(now + LINGER_S, publisher) for publisher in device.leave()]
+        self._intake.remove(leaving)
+        self._left += [(now + LINGER_S, publisher) for device in leaving for publisher in device.leave()]

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from bridge.wire import codec
+from bridge.wire.batches import CorrectedEncoder
 from estimator.device.boot_estimation import BootEstimation
 from estimator.device.bridge_choice import BridgeChoice
 from estimator.device.sequence_numbers import SequenceNumbers
@@ -13,7 +14,6 @@ from estimator.device.session import DeviceSession
 from estimator.samples.blocks import Blocks
 from estimator.service.conservation import EVENT
 from estimator.service.device import Device
-from estimator.service.output import Encoder
 from estimator.service.store_access import StoreAccess
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
@@ -28,7 +28,7 @@ PLACES: list[tuple[type[Any], str]] = [
     (Blocks, "put"),
     (Blocks, "end_block"),
     (BootEstimation, "learn"),
-    (Encoder, "encode"),
+    (CorrectedEncoder, "encode"),
     (Device, "say_corrected"),
     (Device, "say_status"),
 ]
