@@ -99,7 +99,7 @@ class BootEstimation:
         self._cancelled: Sentences = ()
         self._cancelled_until = float("inf")
         self._slope_learnt = False  # whether the slope of a calibrated bias was learnt under a law
-        self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
+        self._knobs, self._life, self._events, self._as_message = knobs, life, events, as_message
         self._stillness = Stillness(knobs.stillness)
         self._belief = believed(None, None, knobs.prior)
         self.tracker = Tracker(knobs.track, began, self._belief.model, self._belief.bias_std, law)
@@ -139,8 +139,8 @@ class BootEstimation:
                 f"the state goes with calibration {saved.calibration or 'none'}, which is not the one given"
             )
         own = calibration is not None and calibration.boot == boot
-        self.calibration, self.prior = (calibration, None) if own else (None, calibration)
-        self._belief = believed(self.calibration, self.prior, self._knobs.prior, saved.moves)
+        self._moves = saved.moves
+        self._use(calibration if own else None, None if own else calibration)
         who, why = saved.asked or ("", "")
         self.under_way = CalibrationProgress(self._knobs, who, why) if saved.under_way else None
         buffer = saved.taken.buffer()
@@ -149,8 +149,7 @@ class BootEstimation:
         if not first <= end <= buffer.end:
             raise ValueError("damaged state: samples are missing")
         self.tracker.go_on(saved.tracker, self._belief.model, first, buffer.rows(first, end))
-        self._law = saved.tracker.law
-        self.began, self.now, self.scratch, self._moves = saved.began, saved.now, saved.scratch, saved.moves
+        self.began, self.now, self.scratch = saved.began, saved.now, saved.scratch
         self._silent_until, self._silent_c = saved.silent_until, saved.silent_c
         self._cancelled, self._cancelled_until = saved.cancelled, saved.cancelled_until
         self._slope_learnt = saved.slope_learnt
@@ -160,15 +159,19 @@ class BootEstimation:
 
     # ---- earlier knowledge, or another estimator's -----------------------------------------------------------------
 
+    def _use(self, calibration: Calibration | None, prior: Calibration | None = None) -> None:
+        """Use a calibration of this boot, or else one of an earlier boot."""
+        self.calibration, self.prior = calibration, prior
+        self._belief = believed(calibration, prior, self._knobs.prior, self._moves)
+
     def restore(self, remembered: PriorKnowledge, calibration: Calibration, temperature_c: float | None) -> None:
         """Continue with a calibration of this boot, and with the remembered bias."""
-        self.calibration, self.prior, self.under_way = calibration, None, None
-        self._belief = believed(calibration, None, self._knobs.prior)
-        knobs = self._knobs.track
+        self._use(calibration)
+        self.under_way, knobs, law = None, self._knobs.track, self.tracker.law
         kept = remembered.bias_at(self.now, knobs.bias_std)
         if kept is None:  # nor is the power-up time known
-            kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias, self._law), knobs.bias_std)
-        self._slope_learnt = remembered.bias is not None or self._law is not None
+            kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias, law), knobs.bias_std)
+        self._slope_learnt = remembered.bias is not None or law is not None
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
         self._life.on(Event.RESTORED, _GOES_ON)
         if remembered.doubted:
@@ -178,10 +181,10 @@ class BootEstimation:
     def accept(self, calibration: Calibration, reason: Sentences) -> None:
         """Use a calibration that the device made itself in this boot; a bias that rests have shown is kept."""
         if self.tracker.sure and not self.tracker.doubt.stands:
-            self.calibration, self.prior, self.under_way = calibration, None, None
-            self._belief = believed(calibration, None, self._knobs.prior)
+            self._use(calibration)
+            self.under_way = None
             self.tracker.rescaled(self._belief.model)
-            self._slope_learnt = self._law is not None
+            self._slope_learnt = self.tracker.law is not None
             self._life.on(Event.RESTORED)
         else:
             self.restore(PriorKnowledge(calibration, None), calibration, self.tracker.thermometer.reading)
@@ -210,8 +213,7 @@ class BootEstimation:
 
     def believe(self, calibration: Calibration) -> None:
         """Use the scale factors of an earlier boot's calibration until this boot is calibrated."""
-        self.prior = calibration
-        self._belief = believed(None, calibration, self._knobs.prior, self._moves)
+        self._use(None, calibration)
         if self.tracker.sure:
             self.tracker.rescaled(self._belief.model)
         else:
@@ -222,13 +224,12 @@ class BootEstimation:
         self._moves = moves
         if self.prior is None:
             return False
-        self._belief = believed(None, self.prior, self._knobs.prior, moves)
+        self._use(None, self.prior)
         self.tracker.rescaled(self._belief.model)
         return True
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use a temperature law that became available only after the boot had begun."""
-        self._law = law
         if self.calibration is not None and self._slope_learnt:
             self.tracker.follow(law)
         else:
@@ -282,7 +283,11 @@ class BootEstimation:
 
     def _second(self, second: Second, buffer: SampleBuffer, of: tuple[str, int], outcome: Outcome) -> None:
         """Track the bias over a second, and revise the bias of a gap in the evidence that it ends."""
-        self._heard(self.tracker.learn(second), outcome)
+        refuted, receipts = self.tracker.law_refuted, self.tracker.learn(second)
+        if self.tracker.law_refuted and not refuted:
+            self._events.add("temperature law disagrees")
+            outcome.said.append(english(Code.TEMPERATURE_LAW_REFUTED()))
+        self._heard(receipts, outcome)
         sequence, time_ns = buffer.place(second.last)
         self._past.note(second.end, sequence, time_ns)
         buffer.forget(second.last)
@@ -300,10 +305,6 @@ class BootEstimation:
                 self._events.add(f"{receipt.kind}: {receipt.reason}")
             elif self._doubted:
                 self._confirm(outcome)
-        if self.tracker.law_refuted and self._law is not None:
-            self._law = None
-            self._events.add("temperature law disagrees")
-            outcome.said.append(english(Code.TEMPERATURE_LAW_REFUTED()))
         if why := self.tracker.doubts(self.now):
             self._give_up_worn()
             if not self._happens(Event.DOUBTED, why, outcome):
@@ -355,10 +356,10 @@ class BootEstimation:
             under_way.refused = result.reason
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
-        self.calibration, self.prior, self.under_way, self.scratch = made, None, None, ()
-        self._belief = believed(self.calibration, None, self._knobs.prior)
+        self._use(made)
+        self.under_way, self.scratch = None, ()
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
-        self._slope_learnt = self._law is not None
+        self._slope_learnt = self.tracker.law is not None
         self._happens(Event.CALIBRATED, (Code.CALIBRATED(), *result.reason), outcome)
 
     def _learnt_worn(self, outcome: Outcome, now_ns: int) -> None:
@@ -368,16 +369,15 @@ class BootEstimation:
             self._by_hand = before
         made = self._as_message(learnt(self.tracker, self.noise_std, before.turns if before else ()), "", now_ns)
         outcome.calibrations.append(made)
-        self.calibration, self.prior = made, None
-        self._belief = believed(made, None, self._knobs.prior)
+        self._use(made)
         self.tracker.corrected_by(self._belief.model)
         self._say_beside(made.reason, outcome)
 
     def _give_up_worn(self) -> None:
         """Return to the calibration by hand after a doubt of the bias: the matrix learnt since may have caused it."""
         if self._by_hand is not None and self.calibration is not None and self.calibration.method == METHOD:
-            self.calibration, self._by_hand = self._by_hand, None
-            self._belief = believed(self.calibration, None, self._knobs.prior)
+            self._use(self._by_hand)
+            self._by_hand = None
             self.tracker.rescaled(self._belief.model)
 
     def cancel(self, who: str) -> None:

@@ -126,7 +126,7 @@ class Tracker:
         self._evidenced = False  # whether a rest of this boot is known
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # begin and end of the gap in the evidence, s
-        self._law = law
+        self.law = law
         self._walk = WalkRate(knobs.bias, began, knobs.walk)
         #: whether this boot's bias contradicts the temperature law of earlier boots
         self.law_refuted = False
@@ -136,7 +136,7 @@ class Tracker:
         """Begin anew from a bias state, with this model's matrix."""
         self._model = model
         self._gravity = Gravity(self.knobs.gravity)
-        self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self._law)
+        self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self.law)
         self._filter.pace = self._walk.pace
         known = bool((state.std < self.knobs.bias_std).all())
         self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), BoundedMotion(self.knobs.bounded)
@@ -147,7 +147,7 @@ class Tracker:
         """State to save with `encode` at once: its parts are shared with the running tracker."""
         return TrackerState(
             self._filter.saved,
-            self._law,
+            self.law,
             self.law_refuted,
             self._gravity.state,
             self._zaru.saved(),
@@ -169,7 +169,7 @@ class Tracker:
 
         Raises ValueError when the state is damaged; the tracker is then unusable.
         """
-        self._model, self._law, self.law_refuted = model, saved.law, saved.law_refuted
+        self._model, self.law, self.law_refuted = model, saved.law, saved.law_refuted
         self._filter.resume(saved.filter, saved.law)
         self._walk.restore(saved.walk)
         self._filter.pace = self._walk.pace
@@ -322,8 +322,8 @@ class Tracker:
         )
         self._believe(model, begun)
         self._accelerometer.anew()
-        if self._law is not None:
-            self._filter.expect(self._law)
+        if self.law is not None:
+            self._filter.expect(self.law)
         if time < rest.middle:
             # The rest is newer than the calibrated bias.
             self._filter.predict(rest.middle, self.thermometer.at(rest.middle))
@@ -354,12 +354,12 @@ class Tracker:
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use a temperature law from now on; its slope replaces the tracked one."""
-        self._law = law
+        self.law = law
         self._filter.expect(law)
 
     def follow(self, law: TemperatureLaw) -> None:
         """Use a temperature law from now on, for a bias whose slope was learnt under it; the slope is kept."""
-        self._law = law
+        self.law = law
         self._filter.follow(law)
 
     def skip(self, windows: Windows) -> None:
@@ -407,7 +407,7 @@ class Tracker:
             Q = step.Q
             if self._filter.against_law > self.knobs.refuted_sigmas:
                 Q[SLOPE, SLOPE] += self._filter.unlearn()
-                self._law, self.law_refuted = None, True
+                self.law, self.law_refuted = None, True
             if widened is not None:
                 self._supposed = None  # the bias has jumped: that of the turn-on tells nothing of it
                 Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
