@@ -21,7 +21,7 @@ from estimator.stillness.detector import StillnessState, Windows
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.seconds import Second
 from estimator.tracking.temperature_law import TemperatureLaw
-from estimator.tracking.tracker import TrackerState
+from estimator.tracking.tracked_bias import TrackerState
 
 
 class BootEstimationState(StateStruct):
@@ -158,7 +158,7 @@ class BootEstimation(BootCalibration):
             self.now, window = now, windows.part(i, i + 1)
             if self.under_way is not None:
                 self.under_way.add(window)
-            self.tracker.skip(window)
+            self.tracker.seconds.skip(window)
             buffer.forget(last)
             warm = now - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s
             if warm and self._happens(Event.WARM, (Code.HOLD_STILL(),), outcome):

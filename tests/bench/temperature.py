@@ -26,7 +26,8 @@ from estimator.stillness.detector import Stillness
 from estimator.tracking.bias_filter import OWN, BiasFilter, BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.temperature_learning import learn
-from estimator.tracking.tracker import Tracker, TrackKnobs
+from estimator.tracking.track_knobs import TrackKnobs
+from estimator.tracking.tracker import Tracker
 from tests.sim.day import Day, simulate_day, worn_spec
 from tests.sim.warmth import ROOM_C
 

@@ -12,7 +12,7 @@ from estimator.device.session_knobs import SessionKnobs
 from estimator.geometry.gyro_model import PriorKnobs
 from estimator.tracking.bias_filter import OWN, BiasFilter, BiasKnobs, BiasState, start
 from estimator.tracking.evidence import GATES, Evidence
-from estimator.tracking.tracker import TrackKnobs
+from estimator.tracking.track_knobs import TrackKnobs
 from tests.estimator.stream import NAME, calibration, feed, stream
 from tests.estimator.tracking.worn import Worn
 
