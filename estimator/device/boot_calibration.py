@@ -19,7 +19,7 @@ from estimator.device.worn_calibration import METHOD, combined, learnt
 from estimator.geometry.gyro_model import reading_std
 from estimator.samples.sample_buffer import Floats
 from estimator.stillness.detector import Stillness
-from estimator.tracking.bias_filter import BiasState
+from estimator.tracking.bias_state import BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import RestBias, Tracker
 

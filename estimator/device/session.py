@@ -47,7 +47,7 @@ from estimator.samples.finite import runs
 from estimator.samples.sample_buffer import CELSIUS, TIME, Samples, known
 from estimator.state import StateStruct, decode, encode
 from estimator.stillness.detector import too_seldom
-from estimator.tracking.bias_filter import BiasState
+from estimator.tracking.bias_state import BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import Tracker
 

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimator.tracking.accelerometer_check import AccelerometerKnobs
-from estimator.tracking.bias_filter import BiasKnobs
 from estimator.tracking.bias_monitor import BiasMonitorKnobs
+from estimator.tracking.bias_state import BiasKnobs
 from estimator.tracking.bounded_motion import BoundedMotionKnobs
 from estimator.tracking.gravity import GravityKnobs
 from estimator.tracking.seconds import SecondKnobs
 from estimator.tracking.thermometer import ThermometerKnobs
 from estimator.tracking.walk_rate import WalkKnobs
-from estimator.tracking.zaru import ZaruKnobs
+from estimator.tracking.zaru_state import ZaruKnobs
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,9 @@ from bridge.reasons.codes import Sentences
 from estimator.geometry.gyro_model import GyroModel
 from estimator.state import StateStruct, shaped
 from estimator.tracking.accelerometer_check import AccelerometerCheck, AccelerometerState
-from estimator.tracking.bias_filter import BIAS, OWN, BiasFilter, BiasState, FilterState, start
+from estimator.tracking.bias_filter import BiasFilter, FilterState
 from estimator.tracking.bias_monitor import BiasMonitor, BiasMonitorState
+from estimator.tracking.bias_state import BIAS, OWN, BiasState, start
 from estimator.tracking.bounded_motion import BoundedMotion, BoundedMotionState
 from estimator.tracking.gravity import ACCEL_BIAS, MATRIX, SIZE, Gravity, GravityState
 from estimator.tracking.seconds import Seconds, SecondsState
@@ -20,7 +21,8 @@ from estimator.tracking.thermometer import Thermometer, ThermometerState
 from estimator.tracking.track_knobs import TrackKnobs
 from estimator.tracking.usual_bias import nearer
 from estimator.tracking.walk_rate import WalkRate, WalkState
-from estimator.tracking.zaru import Zaru, ZaruState
+from estimator.tracking.zaru import Zaru
+from estimator.tracking.zaru_state import ZaruState
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from estimator.geometry.gyro_model import GyroModel
 from estimator.geometry.strapdown import Span, sum_up
 from estimator.stillness.detector import Windows
-from estimator.tracking.bias_filter import BIAS, OWN, SLOPE, Step, start
+from estimator.tracking.bias_filter import Step
+from estimator.tracking.bias_state import BIAS, OWN, SLOPE, start
 from estimator.tracking.evidence import GATES, Evidence, Receipt
 from estimator.tracking.gravity import ACCEL_BIAS, GRAVITY, MATRIX
 from estimator.tracking.seconds import CLIPPED, Second
