@@ -31,8 +31,6 @@ class DeviceStarts:
         self._listed = listed
         self._parts, self._boots, self._resumed, self._tell = parts, boots, resumed, tell
         self._treatment = treatment(parts.settings)
-        #: calibrations of another estimator, to be adopted once their device is heard again
-        self._missed = dict[str, Checkpoint]()
 
     def use(self, treatment: Treatment) -> None:
         """Use other settings: for new devices at once, for known ones from their next boot or calibration on."""
@@ -84,13 +82,9 @@ class DeviceStarts:
         session, record = device.session, self._parts.record
         if session.boot != calibration.boot or session.calibration is not None:
             return
-        if session.life.away:
-            self._missed[device.name] = known
+        changed_since = session.info is not None and changed(calibration, session.info, within_boot=True)
+        if changed_since or record.of_before(device, calibration):
             return
-        if record.of_before(device, calibration):
-            return
-        if session.info is not None and changed(calibration, session.info, within_boot=True):
-            return  # invalidated since then
 
         def adopted() -> None:
             device.repeated = None
@@ -100,15 +94,6 @@ class DeviceStarts:
             device.say_status(self._parts.now_ns())
 
         self._parts.guarded(device, adopted)
-
-    def adopt_missed(self, device: str) -> None:
-        """Adopt the calibration that came while the device was away, if there is one."""
-        if (missed := self._missed.pop(device, None)) is not None:
-            self.adopt(missed)
-
-    def leave(self, device: str) -> None:
-        """Forget what waits for a device that another estimator has taken."""
-        self._missed.pop(device, None)
 
     def _made(self, name: str, now: float, began: float = 0.0) -> Device:
         """Create a device owned by us. began: device time in s of the start of its boot, if known."""

@@ -108,7 +108,6 @@ class Intake:
         self._checks.check()  # while the devices still count
         for device in devices:
             self._checks.leave(device.name)
-            self._starts.leave(device.name)
             del self._devices[device.name]
 
     def refused(self) -> dict[str, int]:

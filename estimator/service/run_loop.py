@@ -283,7 +283,6 @@ class Service:
         self._guarded(device, self._looked_after, device, time.monotonic())
 
     def _looked_after(self, device: Device, now: float) -> None:
-        self._starts.adopt_missed(device.name)
         self._lost.look(device, now)
         for change in device.look_for_alerts(now, self._now_ns()):
             self._record.alert(device.name, change)
