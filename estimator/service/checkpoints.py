@@ -29,7 +29,7 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
         session.boot,
         device.epoch,
         time_ns,
-        device.admission.source.owner,
+        device.admission.owner,
         used,
         answers,
         device.repeated == session.boot,

@@ -7,7 +7,7 @@ EVENT = "conservation law broken"
 
 
 class SampleAccount(NamedTuple):
-    """Sample counts of one device: `came` in, `out` corrected and published, `dropped`, and `held` until it is their turn.
+    """Sample counts of one device: `came` in, `out` corrected and published, and `dropped`.
 
     `refused` samples came from another bridge and do not count as `came`.
     """
@@ -15,13 +15,12 @@ class SampleAccount(NamedTuple):
     came: int = 0
     out: int = 0
     dropped: int = 0
-    held: int = 0
     refused: int = 0
 
     @property
     def unaccounted(self) -> int:
         """Samples that came in and are nowhere; negative where more went out than came in."""
-        return self.came - self.out - self.dropped - self.held
+        return self.came - self.out - self.dropped
 
 
 class Conservation:

@@ -227,8 +227,8 @@ class Device:
         silent_s = now - self.heard if now - self.heard > SILENT_S else 0.0
         said = self.session.status(
             time_ns,
-            bridge=self.admission.source.owner,
-            refused_bridges=self.admission.source.refused(now),
+            bridge=self.admission.owner,
+            refused_bridges=self.admission.refused(now),
             epoch=self.epoch,
             silent_s=silent_s,
             more=more,
@@ -265,7 +265,7 @@ class Device:
             known.state, known.calibration, self.name, self._knobs, self.admission.sequence
         )
         self.repeated = known.boot if known.boot_repeated else None
-        self.admission.go_on(self.session.sequence.next or 0, self.session.last_heard_ns)
+        self.admission.go_on(self.session.last_heard_ns)
 
     def leave(self) -> list[Publisher]:
         """Withdraw the publishers of a device lost to another estimator; returns those kept for late queries."""

@@ -63,7 +63,7 @@ class DeviceRoster(dict[str, Device]):
 
     def _heard(self, name: tuple[str, str]) -> bool:
         bridge, device = name
-        return device in self and self[device].admission.source.owner == bridge
+        return device in self and self[device].admission.owner == bridge
 
     def proven(self, name: str) -> bool:
         """Whether a device is known and has a calibration or a prior."""

@@ -41,8 +41,8 @@ class DeviceStarts:
     def begin(self, batch: Samples, now: float) -> Device | None:
         """Create a device from its first batch; None where there is no room.
 
-        The bridge known to another estimator, or from before a restart, becomes the owner. Beside other estimators no
-        sample before this batch is waited for. A boot stopped in order is resumed.
+        The bridge known to another estimator, or from before a restart, becomes the owner. A boot stopped in order is
+        resumed.
         """
         devices, cluster = self._parts.devices, self._parts.cluster
         if not devices.room(now, batch.n):
@@ -51,9 +51,7 @@ class DeviceStarts:
         device = self._made(name, now, batch.first_s)
         lately = cluster.replicas.lately_from(name, self._parts.now_ns())
         if known := lately or self._resumed.bridge(name, batch.receive_time_ns):
-            device.admission.source.owns(known, now)
-        if cluster.company:
-            device.admission.begin_at(batch.sequence)
+            device.admission.owns(known, now)
         devices[name] = device
         if (stopped := self._parts.record.stopped(name, batch.boot)) is not None and self._goes_on(device, stopped):
             self._resume(device)
@@ -68,7 +66,7 @@ class DeviceStarts:
         if self._parts.record.holds(device, known) and self._goes_on(device, known):
             device.heard = now - max(0.0, (self._parts.now_ns() - known.time_ns) / 1e9)
             if known.bridge:
-                device.admission.source.owns(known.bridge, device.heard)
+                device.admission.owns(known.bridge, device.heard)
             devices[name], session = device, device.session
             self._resumed.taken(name, session.boot or 0, session.sequence.next or 0, session.last_heard_ns, now)
             self._parts.guarded(device, self._resume, device)

@@ -4,8 +4,8 @@ from bridge.reasons.codes import Code, Sentence
 from bridge.wire import keys
 from estimator.service.device import Device
 from estimator.service.enrolment_gate import EnrolmentGate
-from estimator.service.intake import Intake
 from estimator.service.parts import Parts
+from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.presence import Presence
 
 #: commands that remove a device: from memory and pages, and from the store as well
@@ -15,8 +15,8 @@ FORGET, ERASE = "forget", "erase"
 class Forgetting:
     """Removes devices from this estimator's memory, from the pages, and from the store if asked to."""
 
-    def __init__(self, parts: Parts, gate: EnrolmentGate, presence: Presence, intake: Intake) -> None:
-        self._parts, self._gate, self._presence, self._intake = parts, gate, presence, intake
+    def __init__(self, parts: Parts, gate: EnrolmentGate, presence: Presence, checks: PeriodicChecks) -> None:
+        self._parts, self._gate, self._presence, self._checks = parts, gate, presence, checks
 
     def look(self, now: float) -> None:
         """Once a second: forget the devices that ended long ago; the store keeps what it knows of them."""
@@ -51,7 +51,7 @@ class Forgetting:
         return None
 
     def _drop(self, device: Device) -> None:
-        self._intake.remove([device])
+        self._checks.remove([device])
         device.close()
         self._clear(device.name, FORGET)
 

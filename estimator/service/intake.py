@@ -1,9 +1,8 @@
 """Sample intake: decode a round of messages, admit each batch in turn, correct all together, publish."""
 
 import logging
-import math
 import time
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Sequence
 
 from bridge.bus.contract import Message
 from bridge.ingest import duplicate_bridges
@@ -11,8 +10,8 @@ from bridge.reasons.catalogue import english
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Refusal
 from estimator.client.decoder import Decoder
+from estimator.device.admission import BEGINS, Ruling
 from estimator.device.batch_correction import Cut, correct
-from estimator.device.bridge_choice import BEGINS, Ruling
 from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
 from estimator.samples.sample_buffer import Samples
@@ -25,9 +24,6 @@ from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.replay_log import DONE, Resumed
 
 log = logging.getLogger(__name__)
-
-#: samples that waited for their turn when another estimator took their device are counted under this name
-MOVED = "moved to another estimator"
 
 
 class Intake:
@@ -44,14 +40,12 @@ class Intake:
     ) -> None:
         self._devices, self._boots, self._guarded = parts.devices, boots, parts.guarded
         self._resumed, self._counts = resumed, parts.counts
-        self._say, self._starts, self._checks = tell, starts, checks
+        self._say, self._starts, self._came = tell, starts, checks.came
         self._samples = Decoder("sample", codec.decode_samples, self._refused)
         self._infos = Decoder("info", codec.decode_info, self._refused)
         #: samples to correct and publish in this round, in order; devices with samples that could not be published
         self._due: list[tuple[Device, Cut]] = []
         self._unsaid: list[tuple[Device, Exception]] = []
-        #: devices with batches that wait for missing samples before them
-        self._holding = dict[str, Device]()
 
     def take(self, messages: Sequence[Message]) -> None:
         """Process a round of sample messages."""
@@ -66,8 +60,10 @@ class Intake:
                 self._counts.add(DONE, samples.n)
                 continue
             self._on_samples(message.key, samples, now)
-        self._checks.came(came)
-        self._end_round()
+        self._came(came)
+        self._publish()
+        while self._unsaid:  # only now, when no batch is under way
+            self._guarded.failed(*self._unsaid.pop())
 
     def hear(self, message: Message) -> None:
         """Process a bridge's device info message."""
@@ -76,7 +72,7 @@ class Intake:
         before = self._devices.info(info.bridge, info.device)
         self._devices.note(info)
         device = self._devices.get(info.device)
-        if device is None or device.admission.source.owner != info.bridge or device.session.boot != info.boot:
+        if device is None or device.admission.owner != info.bridge or device.session.boot != info.boot:
             return
 
         def introduced() -> None:
@@ -86,29 +82,6 @@ class Intake:
                 self._tell(device, device.session.offered(info.calibration, time.time_ns()))
 
         self._guarded(device, introduced)
-
-    def give_up(self, now: float = math.inf, waiting: Container[str] = ()) -> None:
-        """Stop waiting for missing samples whose deadline has passed, and process the batches held behind them.
-
-        waiting: keys with unread messages, which may contain the missing samples; their devices are left alone.
-        """
-        for device in list(self._holding.values()):
-            if device.key in waiting:
-                continue
-            self._guarded(device, self._handle, device, device.admission.waiting.overdue(now))
-            if not device.admission.waiting:
-                del self._holding[device.name]
-        self._end_round()
-
-    def remove(self, devices: Sequence[Device]) -> None:
-        """Take devices out of the roster; batches that wait for their turn are counted as MOVED."""
-        for device in devices:
-            self._holding.pop(device.name, None)
-            device.admission.leave(MOVED)
-        self._checks.check()  # while the devices still count
-        for device in devices:
-            self._checks.leave(device.name)
-            del self._devices[device.name]
 
     def refused(self) -> dict[str, int]:
         """Number of messages that could not be decoded, by kind and reason."""
@@ -130,24 +103,20 @@ class Intake:
         device = self._devices.get(samples.device) or self._starts.begin(samples, now)
         if device is None:
             return
-        if device.admission.source.owns(samples.bridge, now):
+        if device.admission.owns(samples.bridge, now):
             device.key = key
             device.came += samples.n
             self._guarded(device, self._take, device, samples, now)
             return
-        if (
-            device.session.sequence.events.add(device.admission.source.label(samples.bridge, now), samples.n)
-            == samples.n
-        ):
+        if device.session.sequence.events.add(device.admission.label(samples.bridge, now), samples.n) == samples.n:
             # The number of such samples stands in the device's status.
             log.warning(
                 "%s (said once)",
-                english(duplicate_bridges.said([samples.device], device.admission.source.owner, (samples.bridge,))),
+                english(duplicate_bridges.said([samples.device], device.admission.owner, (samples.bridge,))),
             )
 
     def _take(self, device: Device, batch: Samples, now: float) -> None:
-        admission = device.admission
-        ruling, released = admission.judge(batch, now)
+        ruling = device.admission.judge(batch, now)
         if ruling is Ruling.LATE:
             return  # a repeat is no sign of life: it may come from a recording
         device.heard = now
@@ -155,37 +124,24 @@ class Intake:
             if device.session.count_event("refused leap") == 1:
                 log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
             return
-        self._handle(device, released)
         if ruling in BEGINS:
             self._publish()  # publish the samples of the boot before
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
-        self._handle(device, admission.in_order(batch, now))
-        if admission.waiting:
-            self._holding[device.name] = device
-
-    def _handle(self, device: Device, batches: Sequence[Samples]) -> None:
-        """Process batches in order."""
         session = device.session
-        for batch in batches:
-            if session.sequence.next is None and (session.boot is None or session.begins_earlier(batch)):
-                self._boots.begin(device, batch)
-            cuts = list[Cut]()
-            if (outcome := session.take(batch, cuts)) is not None:
-                self._tell(device, outcome)
-            for cut in cuts:
-                device.told += cut.n
-                self._due.append((device, cut))
+        if session.sequence.next is None and (session.boot is None or session.begins_earlier(batch)):
+            self._boots.begin(device, batch)
+        cuts = list[Cut]()
+        if (outcome := session.take(batch, cuts)) is not None:
+            self._tell(device, outcome)
+        for cut in cuts:
+            device.told += cut.n
+            self._due.append((device, cut))
 
     def _tell(self, device: Device, outcome: Outcome) -> None:
         """Report an outcome after the samples that caused it and before the first sample that it affects."""
         if outcome.worded:
             self._publish()
         self._say(device, outcome)
-
-    def _end_round(self) -> None:
-        self._publish()
-        while self._unsaid:  # only now, when no batch is under way
-            self._guarded.failed(*self._unsaid.pop())
 
     def _publish(self) -> None:
         """Correct all due samples together and publish them in order, then the orientations that somebody wants."""

@@ -1,10 +1,11 @@
 """Periodic checks, once a second: the conservation law, and the snapshot for health and metrics."""
 
 import logging
+from collections.abc import Sequence
 
 from bridge.wire.refusal import Tally
+from estimator.device.admission import ELSEWHERE
 from estimator.device.attention import needs_person
-from estimator.device.bridge_choice import ELSEWHERE
 from estimator.service.conservation import EVENT, Conservation, SampleAccount
 from estimator.service.device import Device
 from estimator.service.device_roster import TOO_MANY, DeviceRoster
@@ -43,9 +44,12 @@ class PeriodicChecks:
             for device in [self._devices[name]] if name else self._devices.values():
                 device.session.count_event(EVENT)
 
-    def leave(self, device: str) -> None:
-        """Remove a device from the accounts; `check` must have run just before."""
-        self._law.leave(device)
+    def remove(self, devices: Sequence[Device]) -> None:
+        """Take devices out of the roster, and out of the accounts."""
+        self.check()  # while the devices still count
+        for device in devices:
+            self._law.leave(device.name)
+            del self._devices[device.name]
 
     def see(self, device: Device) -> None:
         """Note the health of a device that has a published status."""
@@ -66,8 +70,8 @@ class PeriodicChecks:
 
 
 def _account(device: Device) -> SampleAccount:
-    sequence, held = device.session.sequence, device.admission.waiting.samples
-    return SampleAccount(device.came, device.told, sequence.dropped.total(), held, sequence.events.total(ELSEWHERE))
+    sequence = device.session.sequence
+    return SampleAccount(device.came, device.told, sequence.dropped.total(), sequence.events.total(ELSEWHERE))
 
 
 class Totals:

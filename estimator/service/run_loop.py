@@ -126,12 +126,12 @@ class Service:
         newcomers = None if enrolment is not None else Newcomers(self._is_known, self.counts)
         self._entrance = Entrance(self._gate, newcomers, self._cluster)
         self._quotas = Quotas(self._flooded, time.monotonic)
-        self._takeover = Takeover(parts, self._starts, self._intake, self._quotas, self._outcomes.learn)
+        self._takeover = Takeover(parts, self._starts, self._stock, self._quotas, self._outcomes.learn)
         self._overload = Overload(time.monotonic())
         self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
-        self._forgetting = forgetting = Forgetting(parts, self._gate, self._presence, self._intake)
+        self._forgetting = forgetting = Forgetting(parts, self._gate, self._presence, self._stock)
         self._orders = CommandHandler(parts, self._gate, self._own_alerts, forgetting)
         self._commands = Commands(
             self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
@@ -159,7 +159,6 @@ class Service:
         deadline = time.monotonic() + DRAIN_S
         while self.step(0.0) and time.monotonic() < deadline:
             pass
-        self._intake.give_up()
         self.work()
         now = time.monotonic()
         for device in self._devices.values():
@@ -196,7 +195,6 @@ class Service:
         if self._file and (new := self._file.look(now)):
             self._take_settings(new)
         self._record.collect(now)
-        self._intake.give_up(now, self._quotas)
         self._views.say(now)
         if now - began > SLOW_S:
             for device in self._devices.values():
@@ -275,7 +273,7 @@ class Service:
             # The outage neither ends nor extends the silence of a device that was silent before.
             was_silent = now - device.heard > self.settings.silence_s + STATUS_S
             device.heard = min(now, device.heard + now - self._looked) if was_silent else now
-            device.admission.source.hold(now)
+            device.admission.hold(now)
             if not connected:
                 device.session.silence((Code.ROUTER_GONE(),), Event.UNREACHABLE)
 

@@ -8,8 +8,8 @@ from bridge.bus.contract import Message, Publisher
 from estimator.service.device import Device
 from estimator.service.device_loss import SILENT
 from estimator.service.device_start import DeviceStarts
-from estimator.service.intake import Intake
 from estimator.service.parts import Parts
+from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.quota import Quotas
 
 #: how long publishers of a device lost to another estimator stay open for late queries, s
@@ -23,11 +23,11 @@ class Takeover:
         self,
         parts: Parts,
         starts: DeviceStarts,
-        intake: Intake,
+        checks: PeriodicChecks,
         quotas: Quotas,
         learn: Callable[[Device], None],
     ) -> None:
-        self._parts, self._starts, self._intake, self._quotas, self._learn = parts, starts, intake, quotas, learn
+        self._parts, self._starts, self._checks, self._quotas, self._learn = parts, starts, checks, quotas, learn
         self._left = deque[tuple[float, Publisher]]()
 
     def look(self, now: float, *, heard: bool) -> None:
@@ -71,5 +71,5 @@ class Takeover:
         for device in leaving:
             self._learn(device)
             self._parts.guarded(device, partial(self._parts.record.checkpoint, device, now, force=True))
-        self._intake.remove(leaving)
+        self._checks.remove(leaving)
         self._left += [(now + LINGER_S, publisher) for device in leaving for publisher in device.leave()]

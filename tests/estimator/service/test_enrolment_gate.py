@@ -160,7 +160,6 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     for payload in batches[10:]:
         raw.put(payload)
     service.step(0.0)
-    service._intake.give_up()
     service._every_second(time.monotonic())
     service.work()
     said = client.statuses(0.05)["chest"]
