@@ -125,7 +125,7 @@ class Service:
         self._notices = Notices(bus, ward, self._gate)
         newcomers = None if enrolment is not None else Newcomers(self._is_known, self.counts)
         self._entrance = Entrance(self._gate, newcomers, self._cluster)
-        self._quotas = Quotas(self._flooded, time.monotonic)
+        self._quotas = Quotas(self._flooded)
         self._takeover = Takeover(parts, self._starts, self._stock, self._quotas, self._outcomes.learn)
         self._overload = Overload(time.monotonic())
         self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
@@ -249,8 +249,7 @@ class Service:
         if self._router.look(now, connected=connected):
             self._excuse(now, connected=connected)
         self._looked = now
-        waited_s = self._quotas.typical_wait_s(len(self._devices))
-        over_s = self._overload.look(now, waited_s=waited_s)
+        over_s = self._overload.look(now)
         if over_s:
             self.counts.add(f"{OVERLOADED}, seconds")
         for device in self._devices.values():
