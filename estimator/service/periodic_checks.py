@@ -26,6 +26,8 @@ class PeriodicChecks:
         self._law = Conservation()
         self._decoded = 0
         self._seen: dict[str, DeviceHealth] = {}
+        self._logged: dict[str, int] = {}  # counts in the last log line with totals, and when the next is due
+        self._next_s = float("-inf")
 
     def came(self, samples: int) -> None:
         """Count samples that came in."""
@@ -62,28 +64,21 @@ class PeriodicChecks:
     def note(
         self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float, alerts: tuple[str, ...]
     ) -> None:
-        """Publish the health snapshot, with the last noted health of every device still in the roster."""
+        """Publish the health snapshot, with the last noted health of every device still in the roster; log the totals."""
+        self.log(now, counts)
         devices = {name: seen for name, seen in self._seen.items() if name in self._devices}
         self._seen = dict(devices)
         violations = sum(self._law.violations.values())
         self._vitals.note(Note(now, connected, store, devices, violations, counts, busy, alerts))
 
+    def log(self, now: float, counts: dict[str, int], *, last: bool = False) -> None:
+        """Log the counts if they changed since the last log line, at most every TOLD_S unless `last`."""
+        if counts == self._logged or (now < self._next_s and not last):
+            return
+        self._logged, self._next_s = counts, now + TOLD_S
+        log.warning("so far: %s", ", ".join(f"{label} {n}" for label, n in sorted(counts.items())))
+
 
 def _account(device: Device) -> SampleAccount:
     sequence = device.session.sequence
     return SampleAccount(device.came, device.told, sequence.dropped.total(), sequence.events.total(ELSEWHERE))
-
-
-class Totals:
-    """Log lines with total counts; times are monotonic seconds."""
-
-    def __init__(self) -> None:
-        self._told: dict[str, int] = {}
-        self._next_s = float("-inf")
-
-    def tell(self, now: float, counts: dict[str, int], *, last: bool = False) -> None:
-        """Log the counts if they changed since the last log line, at most every TOLD_S unless `last`."""
-        if counts == self._told or (now < self._next_s and not last):
-            return
-        self._told, self._next_s = counts, now + TOLD_S
-        log.warning("so far: %s", ", ".join(f"{label} {n}" for label, n in sorted(counts.items())))

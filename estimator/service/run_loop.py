@@ -40,7 +40,7 @@ from estimator.service.outcomes import Outcomes
 from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.own_alerts import OwnAlerts
 from estimator.service.parts import Parts
-from estimator.service.periodic_checks import PeriodicChecks, Totals
+from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.presence import Presence
 from estimator.service.quota import FLOODED, Quotas
 from estimator.service.replay_log import Resumed
@@ -57,8 +57,6 @@ STATUS_S = 1.0
 QUEUE = 65536
 #: longest time per round for learning and once-a-second work, s, so that samples do not wait for all devices
 WORK_S = 0.01
-#: a round longer than this is not counted as silence of any device, s
-SLOW_S = 0.5
 #: how long the last samples are still corrected after a stop request, s
 DRAIN_S = 2.0
 #: past messages per device requested from bridges beside other estimators: 10 s of 50 ms, more than a checkpoint's age
@@ -89,9 +87,8 @@ class Service:
     ) -> None:
         self.ward, self.settings, self._file = ward, settings, file
         self.counts = Tally()
-        self._bus, self._now_ns, self._store_path = bus, now_ns, store.path
+        self._bus, self._now_ns, self._store_path, self._send = bus, now_ns, store.path, send
         self._cluster = Cluster(ward, settings.id, bus, now_ns, self.counts, peers)
-        membership = self._cluster.membership
         self._guarded = FaultIsolation(self.counts)
         self._record = StoreAccess(
             store,
@@ -100,11 +97,10 @@ class Service:
             clerk,
             self._cluster.replicas,
             self._cluster.tell,
-            lambda: membership.highest,
+            lambda: self._cluster.membership.highest,
             self._guarded,
         )
-        membership.hear(self._record.epoch())
-        self._send = send
+        self._cluster.membership.hear(self._record.epoch())
         now = time.monotonic()
         standing = self._record.standing(settings.id)
         routers = vitals.routers if vitals else Routers(())
@@ -113,7 +109,7 @@ class Service:
         parts = Parts(
             ward, settings, alerts, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
         )
-        resumed = Resumed(self._record.reached(), time.monotonic())
+        resumed = Resumed(self._record.reached(), now)
         self._stock = PeriodicChecks(self._devices, self.counts, vitals or ServiceHealth())
         boots = Boots(parts)
         self._views = WindowViews(self.counts)
@@ -127,7 +123,7 @@ class Service:
         self._entrance = Entrance(self._gate, newcomers, self._cluster)
         self._quotas = Quotas(self._flooded)
         self._takeover = Takeover(parts, self._starts, self._stock, self._quotas, self._outcomes.learn)
-        self._overload = Overload(time.monotonic())
+        self._overload = Overload(now)
         self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
@@ -136,14 +132,15 @@ class Service:
         self._commands = Commands(
             self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
         )
-        self._next_status, self._looked = 0.0, time.monotonic()
+        #: when the present round began, and when the last once-a-second work did
+        self._began = self._looked = now
+        self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # The full past would delay an estimator beside others, and they have corrected it.
         past = PAST_IN_COMPANY if peers else None
         self._raw = bus.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, most_past=past)
         self._cluster.on_token = self._raw.wake
         self._info = bus.subscribe(keys.pattern(ward, "info"), history=True, prompt=False)
-        self._totals = Totals()
         self._declared = [
             bus.answer(keys.pattern(ward, "rpc"), self._commands.ask),
             bus.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
@@ -164,7 +161,7 @@ class Service:
         for device in self._devices.values():
             self._guarded(device, partial(self._record.checkpoint, device, now, force=True, whole=True))
         self._record.close()
-        self._totals.tell(now, self._count_all(), last=True)
+        self._stock.log(now, self._count_all(), last=True)
         self._takeover.tidy(math.inf)
         for thing in (
             *self._declared,
@@ -182,7 +179,7 @@ class Service:
         waits = time.monotonic()
         hurry = len(self._quotas) > 0 or bool(self._outcomes.to_learn) or bool(self._to_look)
         messages = self._raw.drain(QUEUE, 0.0 if hurry else timeout_s)
-        began = time.monotonic()
+        self._began = began = time.monotonic()
         self._overload.idle(began - waits)
         for message in self._entrance.enrolled(self._info.drain(512, 0.0), began):
             self._intake.hear(message)
@@ -196,10 +193,6 @@ class Service:
             self._take_settings(new)
         self._record.collect(now)
         self._views.say(now)
-        if now - began > SLOW_S:
-            for device in self._devices.values():
-                # Messages that arrived meanwhile still wait, so our own slowness is no silence. Never later than now.
-                device.heard = min(device.heard + now - began, now)
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
@@ -262,7 +255,6 @@ class Service:
         self._own_alerts.look(now, self._now_ns())
         self._cluster.alerts = self._own_alerts.board.standing
         counts = self._count_all()
-        self._totals.tell(now, counts)
         kinds = tuple(one.kind for one in self._cluster.alerts)
         self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._overload.busy, alerts=kinds)
 
@@ -280,7 +272,7 @@ class Service:
         self._guarded(device, self._looked_after, device, time.monotonic())
 
     def _looked_after(self, device: Device, now: float) -> None:
-        self._lost.look(device, now)
+        self._lost.look(device, self._began)  # what came since waits for the next round
         for change in device.look_for_alerts(now, self._now_ns()):
             self._record.alert(device.name, change)
             self._send(device.name, device.placement, change)
