@@ -87,11 +87,6 @@ class Checkpoints:
         """Latest checkpoint of a device, or None."""
         return self._latest.get(device)
 
-    def bridge(self, device: str) -> str:
-        """Bridge the device was last heard from; empty if unknown."""
-        known = self._latest.get(device)
-        return "" if known is None else known.bridge
-
     def lately_from(self, device: str, now_ns: int) -> str:
         """Bridge of a checkpoint no older than LATELY_NS, else empty: a device silent for longer may be anywhere."""
         known = self._latest.get(device)

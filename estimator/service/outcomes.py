@@ -41,7 +41,4 @@ class Outcomes:
     def learn(self, device: Device) -> None:
         """Learn from a device's whole block, if one waits."""
         if device.session.to_learn:
-            self._parts.guarded(device, self._learnt, device)
-
-    def _learnt(self, device: Device) -> None:
-        self.tell(device, device.session.learn())
+            self.tell(device, device.session.learn())

@@ -205,7 +205,7 @@ class Service:
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:
-                    do(device)
+                    self._guarded(device, do, device)
                 waiting.pop(name, None)
                 if time.monotonic() >= until:
                     return
@@ -269,9 +269,7 @@ class Service:
                 device.session.silence((Code.ROUTER_GONE(),), Event.UNREACHABLE)
 
     def _look_after(self, device: Device) -> None:
-        self._guarded(device, self._looked_after, device, time.monotonic())
-
-    def _looked_after(self, device: Device, now: float) -> None:
+        now = time.monotonic()
         self._lost.look(device, self._began)  # what came since waits for the next round
         for change in device.look_for_alerts(now, self._now_ns()):
             self._record.alert(device.name, change)
