@@ -132,9 +132,8 @@ class Service:
         self._commands = Commands(
             self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
         )
-        #: when the present round began, and when the last once-a-second work did
-        self._began = self._looked = now
-        self._next_status = 0.0
+        #: when the present round began, when the last once-a-second work did, and when the next is due
+        self._began, self._looked, self._next_status = now, now, 0.0
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # The full past would delay an estimator beside others, and they have corrected it.
         past = PAST_IN_COMPANY if peers else None
