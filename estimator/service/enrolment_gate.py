@@ -12,6 +12,7 @@ from pathlib import Path
 from bridge.bus.contract import Bus, Publisher
 from bridge.config import enrolment as enrolled
 from bridge.config.enrolment import Enrolment
+from bridge.config.ward_file import stamp_of
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
@@ -121,13 +122,7 @@ class EnrolmentGate:
             self.strangers[device] = Stranger(bridge, 1, now)
 
     def _stamped(self) -> tuple[int, int, int] | None:
-        if self._enrolment is None or not self._enrolment.file:
-            return None
-        try:
-            found = Path(self._enrolment.file).stat()
-        except OSError:
-            return None
-        return found.st_mtime_ns, found.st_size, found.st_ino
+        return stamp_of(Path(self._enrolment.file)) if self._enrolment and self._enrolment.file else None
 
 
 class Notices:
