@@ -26,6 +26,7 @@ from estimator.service.overload import OVERLOADED, UNKEPT
 
 #: messages cached for late and returning subscribers; for corrected, a bridge's cache of 50 ms batches and some more
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
+CACHES |= {"orientation": 0, "@windowed": 0}  # live only, and made only while somebody subscribes
 #: kept open for a time after a takeover: rates, the calibrations they name, and checkpoints for a cut-off estimator
 _ASKED_FOR = "corrected", "calibration", "checkpoint"
 #: a newcomer that no list names is announced once it has lived for so long, device s: its publishers cost much
@@ -90,8 +91,6 @@ class Device:
         self.came = self.told = 0
         self._gone = False
         self._publishers: dict[str, Publisher] = {}
-        self._windowed: Publisher | None = None
-        self._oriented: Publisher | None = None
         self._unwanted_s = 0  # s for which nobody has subscribed to the orientation
         self._encoder, self._orientation = CorrectedEncoder(name, epoch), OrientationEncoder(name, epoch)
         self._correction: Correction | None = None  # correction of the last encoded samples
@@ -123,32 +122,27 @@ class Device:
     def say_windows(self, batch: WindowBatch) -> None:
         """Publish window summaries, if they fit the wire's limits."""
         fit = output.windows(batch)
-        if fit is not None and self._windowed is not None:
-            self._windowed.put(codec.encode_windows(fit))
+        if fit is not None:
+            self._say("@windowed", codec.encode_windows(fit))
 
     def say_orientation(self, one: OrientedCut) -> None:
         """Publish the orientation of corrected samples."""
-        if self._oriented is None or self._unwanted_s:
+        if self._unwanted_s:
             return
         cut, (quat_wxyz, accel, cov), zero = one
         quat, cov_of_last = quat_wxyz.astype(np.float32).tobytes(), cov[-1].astype(np.float32).tobytes()
         packed = quat, output.linear_accel(accel), cov_of_last
-        self._oriented.put(self._orientation.encode(*cut.header, *packed, zero, cut.correction.quality))
+        self._say("orientation", self._orientation.encode(*cut.header, *packed, zero, cut.correction.quality))
 
     def look_round(self) -> None:
         """Once a second: make window summaries and orientation only while somebody subscribes to them."""
-        if self._oriented is None and self.announced:
-            self._oriented = self._bus.publisher(keys.build(self._ward, "orientation", device=self.name))
-        oriented = self._oriented is not None and self._oriented.wanted
+        oriented = self._is_wanted("orientation")
         self._unwanted_s = 0 if oriented else self._unwanted_s + 1
         if oriented and self.session.attitude is None:
             self.session.orient()
         elif self._unwanted_s > FORGET_ORIENTATION_S:
             self.session.attitude = None
-        if self._windowed is None and self.announced:
-            self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
-        wanted = self._windowed is not None and self._windowed.wanted
-        self.session.windowed = wanted
+        self.session.windowed = self._is_wanted("@windowed")
 
     def stands(self, standing: Iterable[Alert], now: float) -> None:
         """Go on with alerts that were raised before. now: monotonic s."""
@@ -278,15 +272,21 @@ class Device:
     def close(self) -> None:
         """Close all publishers."""
         self._say_unsaid()
-        for publisher in (*self._publishers.values(), *filter(None, [self._windowed, self._oriented])):
+        for publisher in self._publishers.values():
             publisher.close()
-        self._publishers, self._windowed, self._oriented = {}, None, None
+        self._publishers = {}
 
     def _say(self, what: str, payload: bytes) -> None:
-        """Publish a message of an announced device; publishers are declared on first use to keep a takeover fast."""
-        if not self.announced:
-            return
+        """Publish a message of an announced device."""
+        if self.announced:
+            self._publisher(what).put(payload)
+
+    def _is_wanted(self, what: str) -> bool:
+        return self.announced and self._publisher(what).wanted
+
+    def _publisher(self, what: str) -> Publisher:
+        """Publisher, declared on first use to keep a takeover fast."""
         if (publisher := self._publishers.get(what)) is None:
             key = keys.build(self._ward, what, device=self.name)
             publisher = self._publishers[what] = self._bus.publisher(key, cache=CACHES[what])
-        publisher.put(payload)
+        return publisher
