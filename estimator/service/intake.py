@@ -43,6 +43,7 @@ class Intake:
         self._say, self._starts, self._came = tell, starts, checks.came
         self._samples = Decoder("sample", codec.decode_samples, self._refused)
         self._infos = Decoder("info", codec.decode_info, self._refused)
+        self.decoders = self._samples, self._infos
         #: samples to correct and publish in this round, in order; devices with samples that could not be published
         self._due: list[tuple[Device, Cut]] = []
         self._unsaid: list[tuple[Device, Exception]] = []
@@ -82,14 +83,6 @@ class Intake:
                 self._tell(device, device.session.offered(info.calibration, time.time_ns()))
 
         self._guarded(device, introduced)
-
-    def refused(self) -> dict[str, int]:
-        """Number of messages that could not be decoded, by kind and reason."""
-        return {
-            f"{door.name} messages refused, {reason}": n
-            for door in (self._samples, self._infos)
-            for reason, n in door.refused.as_dict().items()
-        }
 
     def _refused(self, key: str, refusal: Refusal) -> None:
         try:

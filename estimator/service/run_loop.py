@@ -17,6 +17,7 @@ from bridge.wire import keys
 from bridge.wire.messages import Placement
 from bridge.wire.refusal import Tally
 from estimator.alerts.board import Change
+from estimator.client.decoder import refused
 from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.config.device_settings import treatment
 from estimator.config.schema import Estimator, Ward
@@ -286,5 +287,5 @@ class Service:
 
     def _count_all(self) -> dict[str, int]:
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
-        met = self._intake.refused() | self._cluster.refused() | self.counts.as_dict()
+        met = refused(*self._intake.decoders, *self._cluster.decoders) | self.counts.as_dict()
         return met | {label: n for label, n in missed.items() if n}

@@ -38,10 +38,10 @@ class Takeover:
         cluster = self._parts.cluster
         if lost := cluster.look(now, heard=heard):
             self._give_away(lost, now)
-        if cluster.newcomer():
+        if cluster.came:
             for device in self._parts.devices.values():
                 device.checkpoint_due = now  # the newcomer holds off until it has heard of all devices
-        for known in cluster.calibrated():
+        for known in cluster.calibrated:
             self._starts.adopt(known)
 
     def take(self, others: Mapping[str, Sequence[Message]], now: float) -> list[Message]:
