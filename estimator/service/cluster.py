@@ -14,9 +14,8 @@ from estimator.client.decoder import Decoder
 from estimator.service.checkpoints import Checkpoints, checkpoint_of
 from estimator.service.device import Device
 from estimator.service.device_roster import MAX_DEVICES
-from estimator.service.membership import LEASE_S, Membership
+from estimator.service.membership import BEYOND, LEASE_S, Membership
 from estimator.service.moves import Moves
-from estimator.service.ownership import BEYOND
 from estimator.service.replay_log import ReplayLog
 
 log = logging.getLogger(__name__)

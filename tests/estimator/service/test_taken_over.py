@@ -18,7 +18,7 @@ from estimator.device.session_knobs import SessionKnobs
 from estimator.service.checkpoints import checkpoint_of
 from estimator.service.device import Device
 from estimator.service.device_loss import SILENT
-from estimator.service.ownership import BEYOND
+from estimator.service.membership import BEYOND
 from estimator.service.quota import ROUND
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.served import Kept
