@@ -13,7 +13,7 @@ from estimator.device.admission import ELSEWHERE
 from estimator.device.attention import complaints, ended, needs_person
 from estimator.overview.ward import listed
 from estimator.service import overload
-from estimator.service.conservation import EVENT
+from estimator.service.periodic_checks import EVENT
 from estimator.service.quota import FLOODED
 
 _MOST = 3  # most reasons shown

@@ -31,13 +31,12 @@ from estimator.service.device_loss import DeviceLoss
 from estimator.service.device_roster import DeviceRoster
 from estimator.service.device_start import DeviceStarts
 from estimator.service.enrolment_gate import EnrolmentGate, Notices
-from estimator.service.entrance import Entrance
+from estimator.service.entrance import Entrance, Newcomers
 from estimator.service.fault_isolation import FaultIsolation
 from estimator.service.forgetting import Forgetting
 from estimator.service.health import ServiceHealth
 from estimator.service.intake import Intake
-from estimator.service.newcomers import Newcomers
-from estimator.service.outcomes import Outcomes
+from estimator.service.outcomes import Outcomes, WindowViews
 from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.own_alerts import OwnAlerts
 from estimator.service.parts import Parts
@@ -49,7 +48,6 @@ from estimator.service.store import Store
 from estimator.service.store_access import StoreAccess
 from estimator.service.store_writer import StoreWriter
 from estimator.service.takeover import Takeover
-from estimator.service.window_views import WindowViews
 
 log = logging.getLogger(__name__)
 

@@ -12,8 +12,8 @@ from estimator.device.boot_estimation import BootEstimation
 from estimator.device.sequence_numbers import SequenceNumbers
 from estimator.device.session import DeviceSession
 from estimator.samples.blocks import Blocks
-from estimator.service.conservation import EVENT
 from estimator.service.device import Device
+from estimator.service.periodic_checks import EVENT
 from estimator.service.store_access import StoreAccess
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info

@@ -10,7 +10,7 @@ from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Tally
 from estimator.service.device import NEWCOMER_S
-from estimator.service.newcomers import AT_ONCE, FORGET_S, OF_ALL, OF_ONE_BRIDGE, PER_S, REFUSED, Newcomers
+from estimator.service.entrance import AT_ONCE, FORGET_S, OF_ALL, OF_ONE_BRIDGE, PER_S, REFUSED, Newcomers
 from tests.estimator.served import WARD, Served
 from tests.estimator.stream import calibration
 

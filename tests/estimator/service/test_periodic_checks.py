@@ -7,7 +7,7 @@ from estimator.device.batch_correction import Cut
 from estimator.device.outcome import Outcome
 from estimator.device.session import DeviceSession
 from estimator.samples.sample_buffer import Samples
-from estimator.service.conservation import EVENT, Conservation, SampleAccount
+from estimator.service.periodic_checks import EVENT, Conservation, SampleAccount
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
 
