@@ -71,11 +71,14 @@ def test_a_device_that_is_not_kept_makes_room(newcomers: Newcomers) -> None:
     assert admit(newcomers, [sent("b1", "wrist")], 60.0 + FORGET_S)
 
 
-def test_a_device_that_is_calibrated_makes_room_and_stays(newcomers: Newcomers) -> None:
+def test_a_device_that_is_calibrated_makes_room_and_stays(counts: Tally) -> None:
+    calibrated = set[str]()
+    newcomers = Newcomers(calibrated.__contains__, counts)
     burst = [sent("b1", f"ghost{n}") for n in range(OF_ONE_BRIDGE)]
     for second in range(60):
         admit(newcomers, burst, second)
-    newcomers.look(61.0, kept=lambda _: True, proven=lambda name: name == "ghost0")
+    calibrated.add("ghost0")
+    newcomers.look(61.0, kept=lambda _: True, proven=calibrated.__contains__)
     assert len(admit(newcomers, [*burst, sent("b1", "wrist")], 61.0)) == OF_ONE_BRIDGE + 1
 
 
