@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.tracking.bias_filter import SLOPE, BiasKnobs
+from estimator.tracking.bias_state import SLOPE, BiasKnobs
 from estimator.tracking.thermometer import Thermometer
 from tests.estimator.tracking.worn import PLAIN, Worn, rest
 
