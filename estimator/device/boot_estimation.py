@@ -5,8 +5,9 @@ from collections.abc import Callable
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
-from bridge.wire.messages import Calibration, State, Verdict
+from bridge.wire.messages import AccelerometerCalibration, Calibration, State, Verdict
 from bridge.wire.refusal import Tally
+from estimator.calibration.accelerometer import in_use
 from estimator.calibration.capture import Rest
 from estimator.calibration.result import Result
 from estimator.calibration.session_events import Expired, Finished, Ignored, Progress, RestFound, TurnFound
@@ -15,6 +16,7 @@ from estimator.device.correction import Correction, believed, choose
 from estimator.device.lifecycle import Event, Lifecycle
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge, calibrated_bias, wider
+from estimator.device.resting_poses import PosesState, RestingPoses
 from estimator.device.revision_sequences import RevisionSequences
 from estimator.device.saved_samples import SavedSamples
 from estimator.device.session_knobs import SessionKnobs
@@ -64,6 +66,7 @@ class BootEstimationState(StateStruct):
     cancelled_until: float
     slope_learnt: bool
     reached: tuple[int, int] | None
+    poses: PosesState
 
 
 class BootEstimation:
@@ -104,6 +107,7 @@ class BootEstimation:
         self._belief = believed(None, None, knobs.prior)
         self.tracker = Tracker(knobs.track, began, self._belief.model, self._belief.bias_std, law)
         self._past = RevisionSequences()
+        self._poses = RestingPoses()
 
     def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
         """State to save with `encode` at once; the samples below number `end` of the buffer have been learnt from."""
@@ -126,6 +130,7 @@ class BootEstimation:
             self._cancelled_until,
             self._slope_learnt,
             self.reached,
+            self._poses.state,
         )
 
     def go_on(self, saved: BootEstimationState, calibration: Calibration | None, boot: int) -> SampleBuffer:
@@ -154,6 +159,7 @@ class BootEstimation:
         self._silent_until, self._silent_c = saved.silent_until, saved.silent_c
         self._cancelled, self._cancelled_until = saved.cancelled, saved.cancelled_until
         self._slope_learnt = saved.slope_learnt
+        self._poses.restore(saved.poses)
         if saved.reached is not None:
             self._past.note(self.tracker.time, *saved.reached)
         return buffer
@@ -192,6 +198,13 @@ class BootEstimation:
     def seen(self) -> tuple[Floats, Floats] | None:
         """Bias (3,) that rests of this boot have shown and its standard deviation (3,), rad/s; None while not sure."""
         return (self.tracker.bias, self.tracker.std) if self.tracker.sure else None
+
+    @property
+    def accelerometer(self) -> AccelerometerCalibration | None:
+        """Calibration of the accelerometer by this boot's rests, or an accepted one that came with the calibration in use."""
+        own, given = self._poses.found, None if self.calibration is None else self.calibration.accelerometer
+        accepted = [one for one in (own, given) if one is not None and one.verdict is Verdict.ACCEPTED]
+        return accepted[0] if accepted else own
 
     @property
     def noise_std(self) -> Floats:
@@ -283,6 +296,7 @@ class BootEstimation:
     def _second(self, second: Second, buffer: SampleBuffer, of: tuple[str, int], outcome: Outcome) -> None:
         """Track the bias over a second, and revise the bias of a gap in the evidence that it ends."""
         self._heard(self.tracker.learn(second), outcome)
+        self._poses.take(second)
         sequence, time_ns = buffer.place(second.last)
         self._past.note(second.end, sequence, time_ns)
         buffer.forget(second.last)
@@ -443,7 +457,7 @@ class BootEstimation:
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
         sure = track.sure and not track.doubt.stands and all(axis < self._knobs.track.bias_std for axis in std.tolist())
-        knobs = self._knobs.track.bias
+        knobs, known = self._knobs.track.bias, self.accelerometer
         return choose(
             self._belief,
             bias,
@@ -454,6 +468,7 @@ class BootEstimation:
             away=self._life.away,
             walk=knobs.rate_random_walk,
             unsure=track.unsure,
+            accel=None if known is None or known.verdict is not Verdict.ACCEPTED else in_use(known),
         )
 
 

@@ -35,7 +35,8 @@ class Correction:
 
     bias_std (3,) rad/s, standard deviation of the bias; flicker rad/s, standard deviation of the bias instability;
     calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. unsure (12,): standard deviations of
-    the matrix's elements, relative, and of the accelerometer's bias, m/s², as gravity has taught them; None before.
+    the matrix's elements, relative, and of the accelerometer's bias, m/s², as gravity has taught them; None before. accel (9,): a
+    calibrated accelerometer's bias, scale and standard deviation, see calibration/accelerometer.py; None without.
     """
 
     model: GyroModel
@@ -45,6 +46,7 @@ class Correction:
     flicker: float
     walk: float = 0.0
     unsure: Floats | None = None
+    accel: Floats | None = None
 
     @cached_property
     def told(self) -> PublishedCorrection:
@@ -67,7 +69,10 @@ class Correction:
         if unsure is None:
             unsure = np.repeat([*self.model.cross_std, _ACCEL_STD], 3)
             unsure[:9:4] = self.model.scale_std
-        return known(self.model, self.bias_std, unsure, self.flicker, self.walk)
+        if self.accel is None:
+            return known(self.model, self.bias_std, unsure, self.flicker, self.walk)
+        unsure = np.concatenate([unsure[:9], self.accel[6:]])
+        return known(self.model, self.bias_std, unsure, self.flicker, self.walk, self.accel[:6])
 
     def check(self) -> None:
         """Check shapes and values. Raises ValueError when a reading cannot be corrected with them."""
@@ -78,6 +83,8 @@ class Correction:
             shaped(std, 3)
         if self.unsure is not None:
             shaped(self.unsure, 12, finite=True)
+        if self.accel is not None:
+            shaped(self.accel, 9, finite=True)
 
     def same(self, other: "Correction") -> bool:
         """Whether both corrections are equal, to the last bit."""
@@ -94,6 +101,7 @@ class Correction:
             and _same(mine.cross_std, theirs.cross_std)
             and self.walk == other.walk
             and _same_or_none(self.unsure, other.unsure)
+            and _same_or_none(self.accel, other.accel)
         )
 
 
@@ -147,11 +155,12 @@ def choose(
     away: bool = False,
     walk: float = 0.0,
     unsure: Floats | None = None,
+    accel: Floats | None = None,
 ) -> Correction:
     """Combine a belief with the tracked bias (3,) rad/s, its std (3,) and the flicker, rad/s, to a correction.
 
     noise_std (3,): noise of the present rest, or None for the model's. sure: the bias is known well enough and undoubted.
-    away: the device sends nothing. walk, unsure: see `Correction`.
+    away: the device sends nothing. walk, unsure, accel: see `Correction`.
     """
     quality = belief.quality
     if quality is Quality.GOOD:
@@ -161,7 +170,7 @@ def choose(
     known = belief.model
     noise_std = known.noise_std if noise_std is None else noise_std
     model = GyroModel(known.matrix, bias, known.scale_std, known.cross_std, noise_std)
-    return Correction(model, bias_std, quality, belief.calibration, flicker, walk, unsure)
+    return Correction(model, bias_std, quality, belief.calibration, flicker, walk, unsure, accel)
 
 
 def _cross_std(used: Calibration, knobs: PriorKnobs) -> Floats:

@@ -52,7 +52,7 @@ from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.tracker import Tracker
 
 #: version of the bytes from `state`; any other version is refused
-VERSION = 3
+VERSION = 4
 #: event name for turns of a calibration lost when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
 #: event name for calibrations of the device's own that were not plausible
@@ -585,4 +585,5 @@ def _as_message(session: DeviceSession, result: Result, who: str, now_ns: int) -
         rate_hz=info.rate_hz if info else 0.0,
         temperature_c=session.tracker.thermometer.reading,
         who=who,
+        accelerometer=session.learnt.accelerometer,
     )

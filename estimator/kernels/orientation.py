@@ -22,16 +22,9 @@ TIME, QUAT, VELOCITY, SWING, UNREST, GAIN, NOISE, HEADING = 0, 1, 5, 7, 9, 10, 1
 #: (xx, xy, xz, yy, yz, zz), as of the last sample; number of the next sample, and of that at which the heading was zero
 BY, BIAS_VAR, MATRIX, SINCE, RATE, INTERVAL, COV, NEXT, ZERO, SIZE = 17, 92, 95, 104, 105, 108, 109, 115, 116, 117
 #: parts of what is known of the sensors: matrix and bias; standard deviations of bias, matrix (9), accelerometer bias and noise;
-#: of the bias' flicker, and its random walk, rad/s per root second
-KNOWN_BIAS_STD, KNOWN_MATRIX_STD, KNOWN_ACCEL_STD, KNOWN_NOISE, KNOWN_FLICKER, KNOWN_WALK, KNOWN = (
-    12,
-    15,
-    24,
-    27,
-    30,
-    31,
-    32,
-)
+#: of the bias' flicker, and its random walk, rad/s per root second; bias and scale of the accelerometer
+KNOWN_BIAS_STD, KNOWN_MATRIX_STD, KNOWN_ACCEL_STD, KNOWN_NOISE, KNOWN_FLICKER, KNOWN_WALK = 12, 15, 24, 27, 30, 31
+KNOWN_ACCEL, KNOWN = 32, 38
 #: columns of the result: quaternion; acceleration without gravity, earth axes, m/s²; covariance of phi as in the state
 RESULT_ACCEL, RESULT_COV, WIDTH = 4, 7, 13
 #: columns of the trace for the smoother: tilt and velocity covariance before and after the update; correction of phi x and y,
@@ -57,7 +50,7 @@ def carried(
     """
     g, limit = 9.80665, np.pi**2 / 3  # the variance of an angle of which nothing is known
     J, f, w, turn, C = np.empty((5, 15)), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
-    var = np.empty(15)
+    var, force = np.empty(15), np.empty(3)
     at = 0
     for m in range(len(counts)):
         s, own, knob = states[which[m]], known[m], knobs[which[m]]
@@ -106,7 +99,9 @@ def carried(
             x, y, z = rows[row, 1] - own[9], rows[row, 2] - own[10], rows[row, 3] - own[11]
             for r in range(3):
                 w[r] = own[3 * r] * x + own[3 * r + 1] * y + own[3 * r + 2] * z
-            aided = not np.isnan(rows[row, 4] + rows[row, 5] + rows[row, 6])
+                force[r] = own[KNOWN_ACCEL + 3 + r] * (rows[row, 4 + r] - own[KNOWN_ACCEL + r])
+            a0, a1, a2 = force[0], force[1], force[2]
+            aided = not np.isnan(a0 + a1 + a2)
             fresh, broken = np.isnan(s[TIME]), False
             if fresh:
                 broken = True
@@ -120,7 +115,6 @@ def carried(
                 s[SINCE], s[INTERVAL] = time, 0.0
                 q0, q1, q2, q3 = 1.0, 0.0, 0.0, 0.0
                 if aided:
-                    a0, a1, a2 = rows[row, 4], rows[row, 5], rows[row, 6]
                     norm = np.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
                     if norm + a2 > 1e-6 * norm and norm > 0:
                         q0, q1, q2 = norm + a2, a1, -a0
@@ -183,7 +177,6 @@ def carried(
                     trace[row, j] = 0.0
             if aided and not fresh and not broken:
                 # A reading is the mean over its interval: the force is that in the middle, half a turn ago.
-                a0, a1, a2 = rows[row, 4], rows[row, 5], rows[row, 6]
                 b0 = a0 - (turn[1] * a2 - turn[2] * a1) / 2
                 b1 = a1 - (turn[2] * a0 - turn[0] * a2) / 2
                 b2 = a2 - (turn[0] * a1 - turn[1] * a0) / 2
@@ -259,7 +252,7 @@ def carried(
             to = out[row]
             to[0], to[1], to[2], to[3] = q0, q1, q2, q3
             for i in range(3):
-                to[RESULT_ACCEL + i] = C[i, 0] * rows[row, 4] + C[i, 1] * rows[row, 5] + C[i, 2] * rows[row, 6]
+                to[RESULT_ACCEL + i] = C[i, 0] * a0 + C[i, 1] * a1 + C[i, 2] * a2
             to[RESULT_ACCEL + 2] -= g
             for j in range(6):
                 to[RESULT_COV + j] = s[COV + j]

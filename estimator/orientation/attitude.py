@@ -86,13 +86,20 @@ class Oriented(NamedTuple):
         return Rotation.from_quat(self.quat_wxyz, scalar_first=True)
 
 
-def known(model: GyroModel, bias_std: Floats, unsure: Floats, flicker: float, walk: float) -> Floats:
-    """Pack what is known of the sensors for `Attitude`: (32,).
+#: bias (3), m/s², and scale (3) of an accelerometer that is not calibrated
+_AS_READ = np.repeat([0.0, 1.0], 3)
+
+
+def known(
+    model: GyroModel, bias_std: Floats, unsure: Floats, flicker: float, walk: float, accel: Floats = _AS_READ
+) -> Floats:
+    """Pack what is known of the sensors for `Attitude`: (38,).
 
     bias_std (3,) and flicker, rad/s: of the bias and its instability. unsure (12,): standard deviations of the matrix, relative,
-    row by row, and of the accelerometer's bias, m/s². walk: rate random walk, rad/s per root second.
+    row by row, and of the accelerometer's bias, m/s². walk: rate random walk, rad/s per root second. accel (6,): bias, m/s², and
+    scale of the accelerometer: corrected = scale (reading - bias).
     """
-    return np.concatenate([model.matrix.ravel(), model.bias, bias_std, unsure, model.noise_std, [flicker, walk]])
+    return np.concatenate([model.matrix.ravel(), model.bias, bias_std, unsure, model.noise_std, [flicker, walk], accel])
 
 
 class Attitude:
@@ -137,7 +144,7 @@ class Attitude:
         return cov
 
     def take(self, rows: Floats, known: Floats) -> Oriented:
-        """Carry the attitude over samples: rows (n, 9) of samples/sample_buffer.py; known (32,): see `known`."""
+        """Carry the attitude over samples: rows (n, 9) of samples/sample_buffer.py; known (38,): see `known`."""
         return orient([(self, rows, known)])[0]
 
     def traced(self, rows: Floats, known: Floats) -> tuple[Oriented, Floats]:
@@ -163,7 +170,7 @@ class Attitude:
 
 
 def orient(due: Sequence[tuple[Attitude, Floats, Floats]]) -> list[Oriented]:
-    """Carry attitudes over the samples of a round, in one compiled loop: (attitude, rows (n, 9), known (32,)) each.
+    """Carry attitudes over the samples of a round, in one compiled loop: (attitude, rows (n, 9), known (38,)) each.
 
     A device may come several times, in order. The bits do not depend on how samples are batched.
     """
