@@ -467,7 +467,7 @@ class BootEstimation:
             sure=sure,
             away=self._life.away,
             walk=knobs.rate_random_walk,
-            unsure=track.unsure,
+            taught=track.taught,
             accel=None if known is None or known.verdict is not Verdict.ACCEPTED else in_use(known),
         )
 

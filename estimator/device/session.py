@@ -351,7 +351,7 @@ class DeviceSession:
         outcome = outcome or Outcome()
         outcome.corrected = [batch_of(cut, rates) for cut, rates in zip(cuts, correct(cuts), strict=True)]
         if self.attitude is not None:
-            outcome.oriented = oriented([(self.attitude, cut) for cut in cuts])
+            outcome.oriented = oriented([(self.attitude, cut) for cut in cuts], every=True)
         self._learn(outcome)
         return outcome
 

@@ -234,12 +234,12 @@ class Tracker:
         return nearer(bias, now.cov[BIAS, BIAS], mean, std, self.knobs.usual_bias)
 
     @property
-    def unsure(self) -> Floats | None:
-        """(12,) rms errors of the matrix in use, relative, row by row, and of the accelerometer, m/s²; or None."""
+    def taught(self) -> Floats | None:
+        """(24,) taught by gravity: relative change of the matrix, row by row, accelerometer bias, m/s²; their std. Or None."""
         if len(self._filter.x) == OWN:
             return None
         x, var = self._filter.x, self._filter.cov.diagonal()
-        return np.concatenate([np.sqrt(var[own] + x[own] ** 2) for own in (MATRIX, ACCEL_BIAS)])
+        return np.concatenate([x[MATRIX], x[ACCEL_BIAS], np.sqrt(var[MATRIX]), np.sqrt(var[ACCEL_BIAS])])
 
     @property
     def matrix(self) -> Floats:
