@@ -34,7 +34,7 @@ class Correction:
     """One set of correction parameters: all that a CorrectedBatch carries beside its samples.
 
     bias_std (3,) rad/s, standard deviation of the bias; flicker rad/s, standard deviation of the bias instability;
-    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. taught (24,): matrix and
+    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. taught (21,): matrix and
     accelerometer as gravity has taught them, see tracking/tracker.py; None before. accel (9,): a calibrated accelerometer's bias,
     scale and standard deviation, see calibration/accelerometer.py; None without. Both are for the orientation only.
     """
@@ -68,8 +68,8 @@ class Correction:
         model, accel, std = self.model, np.repeat([0.0, 1.0], 3), np.repeat([*self.model.cross_std, _ACCEL_STD], 3)
         std[:9:4] = model.scale_std
         if self.taught is not None:
-            change, std = self.taught[:9].reshape(3, 3), self.taught[12:]
-            model, accel[:3] = replace(model, matrix=model.matrix + change @ model.matrix), self.taught[9:12]
+            change, std = self.taught[:9].reshape(3, 3), self.taught[9:]
+            model = replace(model, matrix=model.matrix + change @ model.matrix)
         if self.accel is not None:
             accel, std = self.accel[:6], np.concatenate([std[:9], self.accel[6:]])
         return known(model, self.bias_std, std, self.flicker, self.walk, accel)
@@ -82,7 +82,7 @@ class Correction:
         for std in (model.scale_std, model.cross_std, model.noise_std, self.bias_std):
             shaped(std, 3)
         if self.taught is not None:
-            shaped(self.taught, 24, finite=True)
+            shaped(self.taught, 21, finite=True)
         if self.accel is not None:
             shaped(self.accel, 9, finite=True)
 

@@ -531,6 +531,7 @@ class DeviceSession:
             placement=placement,
             alerts=alerts,
             epoch=epoch,
+            accelerometer=learnt.accelerometer,
         )
 
     def count_event(self, name: str) -> int:
