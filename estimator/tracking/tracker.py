@@ -250,7 +250,7 @@ class Tracker:
     @property
     def _scale_known(self) -> bool:
         scale_var = self._filter.cov.diagonal()[MATRIX][::4]
-        return max(scale_var.tolist()) < self.knobs.matrix.scale_std**2
+        return bool(scale_var.max() < self.knobs.matrix.scale_std**2)
 
     @property
     def matrix(self) -> Floats:

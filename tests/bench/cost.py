@@ -114,7 +114,7 @@ class Ward:
         for session in self.sessions:
             session.orient()
         devices = [session.device for session in self.sessions]
-        rates, turned = ({name: kind(name) for name in devices} for kind in (Encoder, Orientations))
+        rates, turned = {name: Encoder(name) for name in devices}, {name: Orientations(name) for name in devices}
         spent = [0.0, 0.0]
         for number in range(self._rounds, self._rounds + round(seconds / self.fleet.period_s)):
             time_ns = 10**18 + round(number * self.fleet.period_s * 1e9)
