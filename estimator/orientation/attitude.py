@@ -175,7 +175,7 @@ def orient(due: Sequence[tuple[Attitude, Floats, Floats]], *, every: bool = Fals
 def _carry(due: Sequence[tuple[Attitude, Floats, Floats]], trace: Floats, *, every: bool) -> list[Oriented]:
     attitudes = list({id(attitude): attitude for attitude, _, _ in due}.values())
     places = {id(attitude): i for i, attitude in enumerate(attitudes)}
-    states = np.array([attitude.state for attitude in attitudes])
+    states = np.concatenate([attitude.state for attitude in attitudes]).reshape(-1, loop.SIZE)
     rows = np.concatenate([rows for _, rows, _ in due])
     counts = np.array([len(rows) for _, rows, _ in due])
     out, cov = np.empty((len(rows), loop.WIDTH)), np.empty((len(rows) if every else len(due), 6))
@@ -184,8 +184,8 @@ def _carry(due: Sequence[tuple[Attitude, Floats, Floats]], trace: Floats, *, eve
         np.array([places[id(attitude)] for attitude, _, _ in due]),
         rows,
         counts,
-        np.array([known for _, _, known in due]),
-        np.array([attitude.knobs for attitude in attitudes]),
+        np.concatenate([known for _, _, known in due]).reshape(-1, loop.KNOWN),
+        np.concatenate([attitude.knobs for attitude in attitudes]).reshape(len(attitudes), -1),
         out,
         cov,
         trace,
