@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from bridge.wire import keys, validation
 from bridge.wire import truerate_pb2 as pb
+from bridge.wire.accelerometers import accelerometer_in, accelerometer_message
 from bridge.wire.alerts import alert_messages, alerts_in
 from bridge.wire.batches import MAX_CELSIUS, MAX_RATE
 from bridge.wire.envelope import parse_key, read, same_id
@@ -135,6 +136,8 @@ def encode_status(status: Status) -> bytes:
     if status.placement is not None:
         said.placement.CopyFrom(placement_message(status.placement))
     said.alerts.extend(alert_messages(status.alerts))
+    if (accelerometer := accelerometer_message(status.accelerometer)) is not None:
+        said.accelerometer.CopyFrom(accelerometer)
     return said.SerializeToString()
 
 
@@ -172,6 +175,7 @@ def decode_status(key: str, payload: bytes) -> Status:
         epoch=validation.whole(raw.epoch, "epoch", validation.MAX_EPOCH),
         placement=placement_in(raw),
         alerts=alerts_in(raw),
+        accelerometer=accelerometer_in(raw),
     )
 
 
@@ -207,6 +211,7 @@ def calibration_message(calibration: Calibration) -> pb.Calibration:
         temperature_c=calibration.temperature_c,
         who=clean(calibration.who, validation.MAX_NAME),
         epoch=calibration.epoch,
+        accelerometer=accelerometer_message(calibration.accelerometer),
     )
 
 
@@ -244,6 +249,7 @@ def calibration_in(raw: pb.Calibration) -> Calibration:
         temperature_c=validation.number_or_nan(raw.temperature_c, "temperature_c", -MAX_CELSIUS, MAX_CELSIUS),
         who=validation.text(raw.who, "who"),
         epoch=validation.whole(raw.epoch, "epoch", validation.MAX_EPOCH),
+        accelerometer=accelerometer_in(raw),
     )
 
 

@@ -187,6 +187,28 @@ class Alert:
 NO_REST_S = 1e12
 
 
+@dataclass(frozen=True, slots=True)
+class AccelerometerCalibration:
+    """Calibration of an accelerometer by rests in different poses: corrected = scale (reading - bias), axis by axis.
+
+    bias (3) m/s²; scale (3), relative to a gravity of 9.80665 m/s²; covariance (36), row by row, of bias and scale; cross_std:
+    standard deviation of what an axis takes from each other one, relative. Without an accepted verdict they are empty and 0.
+    """
+
+    verdict: Verdict
+    reason: Sentences
+    poses: int
+    bias: tuple[float, ...] = ()
+    scale: tuple[float, ...] = ()
+    covariance: tuple[float, ...] = ()
+    cross_std: float = 0.0
+
+    @property
+    def std(self) -> tuple[float, ...]:
+        """Standard deviations (6): bias, m/s², and scale."""
+        return tuple(var**0.5 for var in self.covariance[::7])
+
+
 @frequent(eq=True)
 class Status:
     """Status of a device: life state, quality, reason, bias and counts. Vectors are tuples of three, bias in rad/s."""
@@ -216,6 +238,7 @@ class Status:
     epoch: int = 0  # as in CorrectedBatch
     placement: Placement | None = None  # None: nobody said who wears the device
     alerts: tuple[Alert, ...] = ()
+    accelerometer: AccelerometerCalibration | None = None  # None before the first rest, and without an accelerometer
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,6 +278,7 @@ class Calibration:
     temperature_c: float
     who: str
     epoch: int = 0  # as in CorrectedBatch
+    accelerometer: AccelerometerCalibration | None = None  # by the rests of the boot until then; as in Status
 
 
 class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five times a second

@@ -274,7 +274,7 @@ class OrientationBatch(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., quat_wxyz: _Optional[_Iterable[float]] = ..., linear_accel: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., zero_sequence: _Optional[int] = ..., zero: _Optional[str] = ..., quality: _Optional[_Union[Quality, str]] = ..., epoch: _Optional[int] = ...) -> None: ...
 
 class Status(_message.Message):
-    __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "events", "bridge", "refused_bridges", "epoch", "placement", "alerts")
+    __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "events", "bridge", "refused_bridges", "epoch", "placement", "alerts", "accelerometer")
     class DroppedEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -315,6 +315,7 @@ class Status(_message.Message):
     EPOCH_FIELD_NUMBER: _ClassVar[int]
     PLACEMENT_FIELD_NUMBER: _ClassVar[int]
     ALERTS_FIELD_NUMBER: _ClassVar[int]
+    ACCELEROMETER_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -341,7 +342,26 @@ class Status(_message.Message):
     epoch: int
     placement: Placement
     alerts: _containers.RepeatedCompositeFieldContainer[Alert]
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., state: _Optional[_Union[State, str]] = ..., quality: _Optional[_Union[Quality, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., progress: _Optional[float] = ..., axes_done: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., calibrated_time_ns: _Optional[int] = ..., evidence_age_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., rate_hz: _Optional[float] = ..., samples_in: _Optional[int] = ..., samples_out: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., bridge: _Optional[str] = ..., refused_bridges: _Optional[_Iterable[str]] = ..., epoch: _Optional[int] = ..., placement: _Optional[_Union[Placement, _Mapping]] = ..., alerts: _Optional[_Iterable[_Union[Alert, _Mapping]]] = ...) -> None: ...
+    accelerometer: AccelerometerCalibration
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., state: _Optional[_Union[State, str]] = ..., quality: _Optional[_Union[Quality, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., progress: _Optional[float] = ..., axes_done: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., calibrated_time_ns: _Optional[int] = ..., evidence_age_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., rate_hz: _Optional[float] = ..., samples_in: _Optional[int] = ..., samples_out: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., bridge: _Optional[str] = ..., refused_bridges: _Optional[_Iterable[str]] = ..., epoch: _Optional[int] = ..., placement: _Optional[_Union[Placement, _Mapping]] = ..., alerts: _Optional[_Iterable[_Union[Alert, _Mapping]]] = ..., accelerometer: _Optional[_Union[AccelerometerCalibration, _Mapping]] = ...) -> None: ...
+
+class AccelerometerCalibration(_message.Message):
+    __slots__ = ("verdict", "reason", "poses", "bias", "scale", "covariance", "cross_std")
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    POSES_FIELD_NUMBER: _ClassVar[int]
+    BIAS_FIELD_NUMBER: _ClassVar[int]
+    SCALE_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_FIELD_NUMBER: _ClassVar[int]
+    CROSS_STD_FIELD_NUMBER: _ClassVar[int]
+    verdict: Verdict
+    reason: _containers.RepeatedCompositeFieldContainer[Sentence]
+    poses: int
+    bias: _containers.RepeatedScalarFieldContainer[float]
+    scale: _containers.RepeatedScalarFieldContainer[float]
+    covariance: _containers.RepeatedScalarFieldContainer[float]
+    cross_std: float
+    def __init__(self, verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., poses: _Optional[int] = ..., bias: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., cross_std: _Optional[float] = ...) -> None: ...
 
 class Placement(_message.Message):
     __slots__ = ("segment", "side", "wearer", "since_ns", "who")
@@ -384,7 +404,7 @@ class Turn(_message.Message):
     def __init__(self, axis: _Optional[int] = ..., angle: _Optional[float] = ..., closure_error: _Optional[float] = ..., duration_s: _Optional[float] = ...) -> None: ...
 
 class Calibration(_message.Message):
-    __slots__ = ("version", "device", "boot", "id", "time_ns", "method", "verdict", "reason", "matrix", "bias", "parameters", "covariance", "turns", "noise_std", "model", "firmware", "gyro_range", "rate_hz", "temperature_c", "who", "epoch")
+    __slots__ = ("version", "device", "boot", "id", "time_ns", "method", "verdict", "reason", "matrix", "bias", "parameters", "covariance", "turns", "noise_std", "model", "firmware", "gyro_range", "rate_hz", "temperature_c", "who", "epoch", "accelerometer")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -406,6 +426,7 @@ class Calibration(_message.Message):
     TEMPERATURE_C_FIELD_NUMBER: _ClassVar[int]
     WHO_FIELD_NUMBER: _ClassVar[int]
     EPOCH_FIELD_NUMBER: _ClassVar[int]
+    ACCELEROMETER_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -427,7 +448,8 @@ class Calibration(_message.Message):
     temperature_c: float
     who: str
     epoch: int
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., id: _Optional[str] = ..., time_ns: _Optional[int] = ..., method: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., matrix: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., parameters: _Optional[_Iterable[str]] = ..., covariance: _Optional[_Iterable[float]] = ..., turns: _Optional[_Iterable[_Union[Turn, _Mapping]]] = ..., noise_std: _Optional[_Iterable[float]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., gyro_range: _Optional[float] = ..., rate_hz: _Optional[float] = ..., temperature_c: _Optional[float] = ..., who: _Optional[str] = ..., epoch: _Optional[int] = ...) -> None: ...
+    accelerometer: AccelerometerCalibration
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., id: _Optional[str] = ..., time_ns: _Optional[int] = ..., method: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., matrix: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., parameters: _Optional[_Iterable[str]] = ..., covariance: _Optional[_Iterable[float]] = ..., turns: _Optional[_Iterable[_Union[Turn, _Mapping]]] = ..., noise_std: _Optional[_Iterable[float]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., gyro_range: _Optional[float] = ..., rate_hz: _Optional[float] = ..., temperature_c: _Optional[float] = ..., who: _Optional[str] = ..., epoch: _Optional[int] = ..., accelerometer: _Optional[_Union[AccelerometerCalibration, _Mapping]] = ...) -> None: ...
 
 class BiasRevision(_message.Message):
     __slots__ = ("version", "device", "boot", "calibration", "time_ns", "matrix", "sequences", "times_ns", "bias", "bias_std", "reason")

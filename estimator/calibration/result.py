@@ -7,7 +7,7 @@ from math import degrees, radians
 import numpy as np
 
 from bridge.reasons.codes import Code, Sentence, Sentences
-from bridge.wire.messages import Turn, Verdict
+from bridge.wire.messages import AccelerometerCalibration, Turn, Verdict
 from estimator.calibration.capture import Capture, Floats, TurnCapture
 from estimator.geometry import rotation
 from estimator.geometry.gyro_model import AXES, PriorKnobs, axis_names, reading_std
@@ -32,7 +32,8 @@ class Result:
     """Outcome of a calibration: corrected = matrix (reading - bias).
 
     matrix (3, 3); bias (3,) rad/s; covariance (p, p) of `parameters`; noise_std (3,) rad/s of one reading. bias_time:
-    device time at which the bias held. repeat: axes of the turns to repeat.
+    device time at which the bias held. repeat: axes of the turns to repeat. accelerometer: calibrated by the same
+    recording's rests; None without an accelerometer, and live, where the rests of the whole boot calibrate it.
     The first six parameters are always the bias and the diagonal of the matrix. A full matrix has its off-diagonal
     elements after these. A result without an estimate (repeat or refused before a method could run) has the identity as
     matrix and an infinite covariance.
@@ -49,6 +50,7 @@ class Result:
     repeat: tuple[int, ...] = ()
     bias_time: float = 0.0
     parameters: tuple[str, ...] = PARAMETERS
+    accelerometer: AccelerometerCalibration | None = None
 
     @property
     def scale(self) -> Floats:

@@ -26,6 +26,7 @@ A ward's recording (.mcap) may hold a calibration that the ward made of this boo
 unless you give --method or --model.
 
 result: corrected rate = k x (reading - bias), or matrix x (reading - bias). The bias is the reading at zero rate.
+  An accelerometer is calibrated too, scale x (reading - bias), where the device rests in six poses or more.
 methods:
   closure      (default) three full turns by hand on a table edge, one about each axis, with rests of 3 s. Estimates bias
                and scale by maximum likelihood from all rests and turns, and from gravity if there is an accelerometer.
@@ -103,7 +104,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     from estimator.config.device_settings import knobs_of  # noqa: PLC0415
     from estimator.offline.calibration_file import of_result  # noqa: PLC0415
     from estimator.offline.recordings import calibrate  # noqa: PLC0415
-    from estimator.reports.calibration import as_json, as_notes, first  # noqa: PLC0415
+    from estimator.reports.calibration import accelerometer_as_words, as_json, as_notes, first  # noqa: PLC0415
 
     method = given.method or DEFAULT
     if method not in (names := (*BY_HAND, *BY_RATES)):
@@ -138,21 +139,25 @@ def _calibrate(given: argparse.Namespace) -> int:
             highlight=False,
             soft_wrap=True,
         )
-        for line in as_notes(recording.notes):
+        for line in (*accelerometer_as_words(result.accelerometer), *as_notes(recording.notes)):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
     return 0 if result.verdict is Verdict.ACCEPTED else 1
 
 
 def _show_made(calibration: Calibration, *, as_json: bool) -> int:
     """Show a calibration that was made live, in the recorded boot."""
-    from estimator.reports.calibration import recorded_as_json  # noqa: PLC0415
+    from estimator.reports.calibration import accelerometer_as_words, recorded_as_json  # noqa: PLC0415
 
     if as_json:
         print(json.dumps(recorded_as_json(calibration)))
         return 0
     console = plain_console()
     _show_parameters(console, calibration)
-    console.print(f"accepted ({calibration.method}): {english(*calibration.reason)}", highlight=False, soft_wrap=True)
+    for line in (
+        f"accepted ({calibration.method}): {english(*calibration.reason)}",
+        *accelerometer_as_words(calibration.accelerometer),
+    ):
+        console.print(line, highlight=False, soft_wrap=True)
     console.print(
         f"The ward made this calibration of this boot ({calibration.id}). To calibrate from the samples instead, give "
         "--method or --model NAME.",

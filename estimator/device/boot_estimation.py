@@ -4,13 +4,15 @@ from collections import deque
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
-from bridge.wire.messages import Calibration, State
+from bridge.wire.messages import AccelerometerCalibration, Calibration, State, Verdict
 from bridge.wire.refusal import Tally
+from estimator.calibration.accelerometer import in_use
 from estimator.device.boot_calibration import AsMessage, BootCalibration
 from estimator.device.calibration_progress import CalibrationProgress
 from estimator.device.correction import Correction, choose
 from estimator.device.lifecycle import Event, Lifecycle
 from estimator.device.outcome import Outcome
+from estimator.device.resting_poses import PosesState, RestingPoses
 from estimator.device.revision_sequences import RevisionSequences
 from estimator.device.saved_samples import SavedSamples
 from estimator.device.session_knobs import SessionKnobs
@@ -49,6 +51,7 @@ class BootEstimationState(StateStruct):
     cancelled_until: float
     slope_learnt: bool
     reached: tuple[int, int] | None
+    poses: PosesState
 
 
 class BootEstimation(BootCalibration):
@@ -67,6 +70,7 @@ class BootEstimation(BootCalibration):
         self._silent_until = float("-inf")  # device time of the first sample after the latest silence, s
         self._silent_c: float | None = None  # the temperature then, °C
         self._past = RevisionSequences()
+        self._poses = RestingPoses()
 
     def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
         """State to save with `encode` at once; the samples below number `end` of the buffer have been learnt from."""
@@ -89,6 +93,7 @@ class BootEstimation(BootCalibration):
             self._cancelled_until,
             self._slope_learnt,
             self.reached,
+            self._poses.state,
         )
 
     def go_on(self, saved: BootEstimationState, calibration: Calibration | None, boot: int) -> SampleBuffer:
@@ -116,6 +121,7 @@ class BootEstimation(BootCalibration):
         self._silent_until, self._silent_c = saved.silent_until, saved.silent_c
         self._cancelled, self._cancelled_until = saved.cancelled, saved.cancelled_until
         self._slope_learnt = saved.slope_learnt
+        self._poses.restore(saved.poses)
         if saved.reached is not None:
             self._past.note(self.tracker.time, *saved.reached)
         return buffer
@@ -172,6 +178,7 @@ class BootEstimation(BootCalibration):
             self._events.add("temperature law disagrees")
             outcome.said.append(english(Code.TEMPERATURE_LAW_REFUTED()))
         self._heard(receipts, outcome)
+        self._poses.take(second)
         sequence, time_ns = buffer.place(second.last)
         self._past.note(second.end, sequence, time_ns)
         buffer.forget(second.last)
@@ -213,13 +220,20 @@ class BootEstimation(BootCalibration):
         """Sequence number and host time, ns, of the last sample the bias was estimated from; None before the first."""
         return self._past.reached
 
+    @property
+    def accelerometer(self) -> AccelerometerCalibration | None:
+        """Calibration of the accelerometer by this boot's rests, or an accepted one that came with the calibration in use."""
+        own, given = self._poses.found, None if self.calibration is None else self.calibration.accelerometer
+        accepted = [one for one in (own, given) if one is not None and one.verdict is Verdict.ACCEPTED]
+        return accepted[0] if accepted else own
+
     def correction(self) -> Correction:
         """Choose the correction to apply, from all that is known."""
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
         sure = track.sure and not track.doubt.stands and all(axis < self._knobs.track.bias_std for axis in std.tolist())
-        knobs = self._knobs.track.bias
+        knobs, known = self._knobs.track.bias, self.accelerometer
         return choose(
             self._belief,
             bias,
@@ -229,5 +243,6 @@ class BootEstimation(BootCalibration):
             sure=sure,
             away=self._life.away,
             walk=knobs.rate_random_walk,
-            unsure=track.unsure,
+            taught=track.taught,
+            accel=None if known is None or known.verdict is not Verdict.ACCEPTED else in_use(known),
         )

@@ -121,7 +121,7 @@ class CorrectedStream:
         outcome = outcome or Outcome()
         outcome.corrected = [batch_of(cut, rates) for cut, rates in zip(cuts, correct(cuts), strict=True)]
         if self.attitude is not None:
-            outcome.oriented = oriented([(self.attitude, cut) for cut in cuts])
+            outcome.oriented = oriented([(self.attitude, cut) for cut in cuts], every=True)
         self._learn(outcome)
         return outcome
 
@@ -243,4 +243,5 @@ def as_message(session: CorrectedStream, result: Result, who: str, now_ns: int) 
         rate_hz=info.rate_hz if info else 0.0,
         temperature_c=session.tracker.thermometer.reading,
         who=who,
+        accelerometer=session.learnt.accelerometer,
     )

@@ -1,6 +1,6 @@
 """The correction in force and its uncertainty, chosen from calibration, prior and tracked bias."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -38,8 +38,9 @@ class Correction:
     """One set of correction parameters: all that a CorrectedBatch carries beside its samples.
 
     bias_std (3,) rad/s, standard deviation of the bias; flicker rad/s, standard deviation of the bias instability;
-    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. unsure (12,): standard deviations of
-    the matrix's elements, relative, and of the accelerometer's bias, m/s², as gravity has taught them; None before.
+    calibration: id of the calibration in use. walk: rate random walk, rad/s per root second. For the orientation only, None
+    before they are known: taught (21,), matrix and accelerometer as gravity has taught them, see tracking/tracked_bias.py; accel
+    (9,), bias, scale and standard deviation of a calibrated accelerometer, see calibration/accelerometer.py.
     """
 
     model: GyroModel
@@ -48,7 +49,8 @@ class Correction:
     calibration: str
     flicker: float
     walk: float = 0.0
-    unsure: Floats | None = None
+    taught: Floats | None = None
+    accel: Floats | None = None
 
     @cached_property
     def told(self) -> PublishedCorrection:
@@ -67,11 +69,14 @@ class Correction:
     @cached_property
     def known(self) -> Floats:
         """What the orientation needs to know: see `orientation.attitude.known`."""
-        unsure = self.unsure
-        if unsure is None:
-            unsure = np.repeat([*self.model.cross_std, _ACCEL_STD], 3)
-            unsure[:9:4] = self.model.scale_std
-        return known(self.model, self.bias_std, unsure, self.flicker, self.walk)
+        model, accel, std = self.model, np.repeat([0.0, 1.0], 3), np.repeat([*self.model.cross_std, _ACCEL_STD], 3)
+        std[:9:4] = model.scale_std
+        if self.taught is not None:
+            change, std = self.taught[:9].reshape(3, 3), self.taught[9:]
+            model = replace(model, matrix=model.matrix + change @ model.matrix)
+        if self.accel is not None:
+            accel, std = self.accel[:6], np.concatenate([std[:9], self.accel[6:]])
+        return known(model, self.bias_std, std, self.flicker, self.walk, accel)
 
     def check(self) -> None:
         """Check shapes and values. Raises ValueError when a reading cannot be corrected with them."""
@@ -80,8 +85,10 @@ class Correction:
         shaped(model.bias, 3, finite=True)
         for std in (model.scale_std, model.cross_std, model.noise_std, self.bias_std):
             shaped(std, 3)
-        if self.unsure is not None:
-            shaped(self.unsure, 12, finite=True)
+        if self.taught is not None:
+            shaped(self.taught, 21, finite=True)
+        if self.accel is not None:
+            shaped(self.accel, 9, finite=True)
 
     def same(self, other: "Correction") -> bool:
         """Whether both corrections are equal, to the last bit."""
@@ -97,7 +104,8 @@ class Correction:
             and _same(mine.scale_std, theirs.scale_std)
             and _same(mine.cross_std, theirs.cross_std)
             and self.walk == other.walk
-            and _same_or_none(self.unsure, other.unsure)
+            and _same_or_none(self.taught, other.taught)
+            and _same_or_none(self.accel, other.accel)
         )
 
 
@@ -150,12 +158,13 @@ def choose(
     sure: bool,
     away: bool = False,
     walk: float = 0.0,
-    unsure: Floats | None = None,
+    taught: Floats | None = None,
+    accel: Floats | None = None,
 ) -> Correction:
     """Combine a belief with the tracked bias (3,) rad/s, its std (3,) and the flicker, rad/s, to a correction.
 
     noise_std (3,): noise of the present rest, or None for the model's. sure: the bias is known well enough and undoubted.
-    away: the device sends nothing. walk, unsure: see `Correction`.
+    away: the device sends nothing. walk, taught, accel: see `Correction`.
     """
     quality = belief.quality
     if quality is Quality.GOOD:
@@ -165,7 +174,7 @@ def choose(
     known = belief.model
     noise_std = known.noise_std if noise_std is None else noise_std
     model = GyroModel(known.matrix, bias, known.scale_std, known.cross_std, noise_std)
-    return Correction(model, bias_std, quality, belief.calibration, flicker, walk, unsure)
+    return Correction(model, bias_std, quality, belief.calibration, flicker, walk, taught, accel)
 
 
 def _cross_std(used: Calibration, knobs: PriorKnobs) -> Floats:

@@ -16,10 +16,10 @@ class OrientedCut(NamedTuple):
     zero: tuple[int, str]
 
 
-def oriented(due: Sequence[tuple[Attitude, Cut]]) -> list[OrientedCut]:
+def oriented(due: Sequence[tuple[Attitude, Cut]], *, every: bool = False) -> list[OrientedCut]:
     """Carry attitudes over the cuts of a round, in order; the bits do not depend on how the samples are batched.
 
-    Samples that an attitude restored from a checkpoint has seen already are left out.
+    Samples that an attitude restored from a checkpoint has seen already are left out. every: see `orient`.
     """
     new, begun = list[tuple[Attitude, Cut]](), list[tuple[Attitude, Cut]]()
     for attitude, cut in due:
@@ -28,7 +28,8 @@ def oriented(due: Sequence[tuple[Attitude, Cut]]) -> list[OrientedCut]:
             new.append((attitude, cut._replace(first=cut.first + seen) if seen > 0 else cut))
             if seen == -cut.sequence and not attitude.begun:
                 begun.append(new[-1])
-    found = orient([(attitude, cut.samples.rows[cut.first : cut.end], cut.correction.known) for attitude, cut in new])
+    rows = [(attitude, cut.samples.rows[cut.first : cut.end], cut.correction.known) for attitude, cut in new]
+    found = orient(rows, every=every)
     for attitude, cut in reversed(begun):
         attitude.state[ZERO] = cut.sequence
     for attitude, cut in new:

@@ -40,7 +40,7 @@ from estimator.tracking.bias_state import BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
 
 #: version of the bytes from `state`; any other version is refused
-VERSION = 3
+VERSION = 4
 #: event name for turns of a calibration lost when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
 #: event name for calibrations of the device's own that were not plausible
@@ -347,6 +347,7 @@ class DeviceSession(CorrectedStream):
             placement=placement,
             alerts=alerts,
             epoch=epoch,
+            accelerometer=learnt.accelerometer,
         )
 
     def checkpoint(self) -> BiasState | None:

@@ -18,28 +18,20 @@ Wholes = NDArray[np.int64]
 #: same from noise alone; heading variance that no parameter below explains
 TIME, QUAT, VELOCITY, SWING, UNREST, GAIN, NOISE, HEADING = 0, 1, 5, 7, 9, 10, 13, 16
 #: sensitivity (5, 15) of phi (3) and v (2) to gyro bias (3), relative change of the matrix (9, row by row), accelerometer
-#: bias (3); bias variance and matrix they are meant for, and its time; last rate; usual interval, s; covariance of phi
-#: (xx, xy, xz, yy, yz, zz), as of the last sample; number of the next sample, and of that at which the heading was zero
-BY, BIAS_VAR, MATRIX, SINCE, RATE, INTERVAL, COV, NEXT, ZERO, SIZE = 17, 92, 95, 104, 105, 108, 109, 115, 116, 117
-#: parts of what is known of the sensors: matrix and bias; standard deviations of bias, matrix (9), accelerometer bias and noise;
-#: of the bias' flicker, and its random walk, rad/s per root second
-KNOWN_BIAS_STD, KNOWN_MATRIX_STD, KNOWN_ACCEL_STD, KNOWN_NOISE, KNOWN_FLICKER, KNOWN_WALK, KNOWN = (
-    12,
-    15,
-    24,
-    27,
-    30,
-    31,
-    32,
-)
-#: columns of the result: quaternion; acceleration without gravity, earth axes, m/s²; covariance of phi as in the state
-RESULT_ACCEL, RESULT_COV, WIDTH = 4, 7, 13
+#: bias (3); variances (15) they are meant for; time since which the bias has walked; last rate; usual interval, s; covariance
+#: of phi (xx, xy, xz, yy, yz, zz), as of the last sample; number of the next sample, and of that at which the heading was zero
+BY, VAR, SINCE, RATE, INTERVAL, COV, NEXT, ZERO, SIZE = 17, 92, 107, 108, 111, 112, 118, 119, 120
+#: parts of what is known of the sensors: matrix and bias; standard deviations (15) of bias, matrix and accelerometer bias; noise;
+#: of the bias' flicker, and its random walk, rad/s per root second; bias and scale of the accelerometer
+KNOWN_STD, KNOWN_ACCEL_STD, KNOWN_NOISE, KNOWN_FLICKER, KNOWN_WALK, KNOWN_ACCEL, KNOWN = 12, 24, 27, 30, 31, 32, 38
+#: columns of the result: quaternion; acceleration without gravity, earth axes, m/s²
+RESULT_ACCEL, WIDTH = 4, 7
 #: columns of the trace for the smoother: tilt and velocity covariance before and after the update; correction of phi x and y,
 #: and of v; interval, s, 0 where the chain is broken
 TRACE = 11
 
 
-@compiled("void(f8[:, ::1], i8[:], f8[:, :], i8[:], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])")
+@compiled("void(f8[:, ::1], i8[:], f8[:, :], i8[:], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])")
 def carried(
     states: Floats,
     which: Wholes,
@@ -48,17 +40,20 @@ def carried(
     known: Floats,
     knobs: Floats,
     out: Floats,
+    cov: Floats,
     trace: Floats,
 ) -> None:
     """Carry states (k, SIZE) over rows (n, 9) of estimator/samples/sample_buffer.py, in place; write out (n, WIDTH).
+
+    cov, written: covariance of phi as in the state, (n, 6) of every sample, or (m, 6) of the last of each device's rows.
 
     The first counts[0] rows are of the device which[0], corrected as known[0] says, and so on; known (m, KNOWN).
     knobs (k, 11): numbers of OrientationKnobs, in its order. trace (n, TRACE), or (0, TRACE) where none is wanted.
     """
     g, limit = 9.80665, np.pi**2 / 3  # the variance of an angle of which nothing is known
     J, f, w, turn, C = np.empty((5, 15)), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
-    var = np.empty(15)
-    at = 0
+    force = np.empty(3)
+    at, every = 0, len(cov) == len(rows)
     for m in range(len(counts)):
         s, own, knob = states[which[m]], known[m], knobs[which[m]]
         speed, per_unrest, swing_s, share, drift, push = knob[0], knob[1], knob[2], knob[3], knob[4], knob[5]
@@ -68,13 +63,15 @@ def carried(
                 J[i, j] = s[BY + 15 * i + j]
         # ---- what was learnt since: past errors stay, and cease to move with the present parameters
         if not np.isnan(s[TIME]):
-            passed, changed = s[TIME] - s[SINCE], False
-            for j in range(3):
-                new = own[KNOWN_BIAS_STD + j] ** 2 + own[KNOWN_FLICKER] ** 2
-                old = s[BIAS_VAR + j]
-                if new != old:
-                    changed = True
+            passed = s[TIME] - s[SINCE]
+            for j in range(15):
+                new, old, walked = own[KNOWN_STD + j] ** 2, s[VAR + j], 0.0
+                if j < 3:
+                    new += own[KNOWN_FLICKER] ** 2
                     walked = (own[KNOWN_WALK] ** 2 + 2 * own[KNOWN_FLICKER] ** 2 / flicker_s) * passed
+                if new != old:
+                    if j < 3:
+                        s[SINCE] = s[TIME]
                     then = max(old + walked, new)
                     kept = old / then if then > 0 else 1.0
                     for i in range(3):
@@ -85,28 +82,16 @@ def carried(
                             s[NOISE] += left / 2
                     for i in range(5):
                         J[i, j] *= kept
-                    s[BIAS_VAR + j] = new
-            if changed:
-                s[SINCE] = s[TIME]
-            same = True
-            for j in range(9):
-                same &= s[MATRIX + j] == own[j]
-            if not same:
-                for j in range(9):
-                    std = own[KNOWN_MATRIX_STD + j]
-                    s[NOISE] += (J[0, 3 + j] ** 2 + J[1, 3 + j] ** 2) / 2 * std**2
-                    s[HEADING] += J[2, 3 + j] ** 2 * std**2
-                    for i in range(5):
-                        J[i, 3 + j] = 0.0
-        for j in range(9):
-            s[MATRIX + j] = own[j]
+                    s[VAR + j] = new
         # ---- samples
         for row in range(at, at + counts[m]):
             time, clipped = rows[row, 0], rows[row, 7] > 0
             x, y, z = rows[row, 1] - own[9], rows[row, 2] - own[10], rows[row, 3] - own[11]
             for r in range(3):
                 w[r] = own[3 * r] * x + own[3 * r + 1] * y + own[3 * r + 2] * z
-            aided = not np.isnan(rows[row, 4] + rows[row, 5] + rows[row, 6])
+                force[r] = own[KNOWN_ACCEL + 3 + r] * (rows[row, 4 + r] - own[KNOWN_ACCEL + r])
+            a0, a1, a2 = force[0], force[1], force[2]
+            aided = not np.isnan(a0 + a1 + a2)
             fresh, broken = np.isnan(s[TIME]), False
             if fresh:
                 broken = True
@@ -115,12 +100,13 @@ def carried(
                     J[j // 15, j % 15] = 0.0
                 for j in range(VELOCITY, HEADING + 1):
                     s[j] = 0.0
-                for j in range(3):
-                    s[BIAS_VAR + j] = own[KNOWN_BIAS_STD + j] ** 2 + own[KNOWN_FLICKER] ** 2
+                for j in range(15):
+                    s[VAR + j] = own[KNOWN_STD + j] ** 2
+                    if j < 3:
+                        s[VAR + j] += own[KNOWN_FLICKER] ** 2
                 s[SINCE], s[INTERVAL] = time, 0.0
                 q0, q1, q2, q3 = 1.0, 0.0, 0.0, 0.0
                 if aided:
-                    a0, a1, a2 = rows[row, 4], rows[row, 5], rows[row, 6]
                     norm = np.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
                     if norm + a2 > 1e-6 * norm and norm > 0:
                         q0, q1, q2 = norm + a2, a1, -a0
@@ -183,7 +169,6 @@ def carried(
                     trace[row, j] = 0.0
             if aided and not fresh and not broken:
                 # A reading is the mean over its interval: the force is that in the middle, half a turn ago.
-                a0, a1, a2 = rows[row, 4], rows[row, 5], rows[row, 6]
                 b0 = a0 - (turn[1] * a2 - turn[2] * a1) / 2
                 b1 = a1 - (turn[2] * a0 - turn[0] * a2) / 2
                 b2 = a2 - (turn[0] * a1 - turn[1] * a0) / 2
@@ -238,31 +223,25 @@ def carried(
                     c0 * q2 - c1 * q3 + c2 * q0,
                     c0 * q3 + c1 * q2 - c2 * q1,
                 )
-            for j in range(3):
-                var[j] = s[BIAS_VAR + j]
-                var[12 + j] = own[KNOWN_ACCEL_STD + j] ** 2
-            for j in range(9):
-                var[3 + j] = own[KNOWN_MATRIX_STD + j] ** 2
-            place = COV
-            for i in range(3):
-                for k in range(i, 3):
-                    total = 0.0
-                    for j in range(15):
-                        total += J[i, j] * var[j] * J[k, j]
-                    if i == k:
-                        total = min(total + (s[HEADING] if i == 2 else s[NOISE]), limit)
-                    s[place] = total
-                    place += 1
+            if every or row == at + counts[m] - 1:
+                of, place = row if every else m, 0
+                for i in range(3):
+                    for k in range(i, 3):
+                        total = 0.0
+                        for j in range(15):
+                            total += J[i, j] * s[VAR + j] * J[k, j]
+                        if i == k:
+                            total = min(total + (s[HEADING] if i == 2 else s[NOISE]), limit)
+                        s[COV + place] = cov[of, place] = total
+                        place += 1
             s[TIME] = time
             s[1], s[2], s[3], s[4] = q0, q1, q2, q3
             s[RATE], s[RATE + 1], s[RATE + 2] = w[0], w[1], w[2]
             to = out[row]
             to[0], to[1], to[2], to[3] = q0, q1, q2, q3
             for i in range(3):
-                to[RESULT_ACCEL + i] = C[i, 0] * rows[row, 4] + C[i, 1] * rows[row, 5] + C[i, 2] * rows[row, 6]
+                to[RESULT_ACCEL + i] = C[i, 0] * a0 + C[i, 1] * a1 + C[i, 2] * a2
             to[RESULT_ACCEL + 2] -= g
-            for j in range(6):
-                to[RESULT_COV + j] = s[COV + j]
         at += counts[m]
         for i in range(5):
             for j in range(15):

@@ -18,7 +18,7 @@ from bridge.reasons.codes import Sentence, Sentences
 from bridge.recording import Recording
 from bridge.wire import keys
 from bridge.wire.codec import MAX_CELSIUS, MAX_RATE
-from bridge.wire.messages import Calibration, Turn, Verdict
+from bridge.wire.messages import AccelerometerCalibration, Calibration, Turn, Verdict
 from estimator.calibration.result import PARAMETERS, Result, VerdictKnobs
 from estimator.geometry.gyro_model import AXES, Floats, PriorKnobs
 
@@ -30,6 +30,8 @@ _MOST_ACROSS = 0.3
 _MOST_BIAS, _MOST_NOISE = 1.0, 0.1
 #: least plausible noise, rad/s; a gyro that shows less rounds its noise away, and the step size describes that
 _LEAST_NOISE = 1e-6
+#: largest plausible bias of an accelerometer, m/s²
+_MOST_FORCE = 5.0
 #: least plausible standard deviation of any parameter, in its own unit: rad/s, or relative for the scale
 _LEAST_STD = 1e-9
 _ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in permutations(range(3), 2))
@@ -57,6 +59,18 @@ class _Sentence(msgspec.Struct, frozen=True):
     params: dict[str, str] = {}
 
 
+class _Accelerometer(msgspec.Struct, frozen=True):
+    """Keys that are read of an accelerometer's calibration; None where it was not accepted."""
+
+    verdict: str
+    poses: int = 0
+    bias_m_s2: _Row | None = None
+    scale: _Row | None = None
+    covariance: list[list[float]] | None = None
+    cross_std: float = 0.0
+    reason: list[_Sentence] = []
+
+
 class _File(msgspec.Struct, frozen=True):
     """Keys that are read from a calibration file; other keys are ignored.
 
@@ -82,6 +96,7 @@ class _File(msgspec.Struct, frozen=True):
     gyro_range_rad_s: float = 0.0
     rate_hz: float = 0.0
     temperature_c: float | None = None
+    accelerometer: _Accelerometer | None = None
 
 
 def of_result(result: Result, recording: Recording | None = None, gyro_range: float = 0.0) -> Calibration:
@@ -112,6 +127,7 @@ def of_result(result: Result, recording: Recording | None = None, gyro_range: fl
         rate_hz=recording.rate_hz if recording else 0.0,
         temperature_c=float(celsius),
         who="",
+        accelerometer=result.accelerometer,
     )
 
 
@@ -150,6 +166,20 @@ def as_json(calibration: Calibration) -> dict[str, Any]:
         "gyro_range_rad_s": c.gyro_range,
         "rate_hz": c.rate_hz,
         "temperature_c": c.temperature_c if isfinite(c.temperature_c) else None,
+        "accelerometer": None if c.accelerometer is None else accelerometer_as_json(c.accelerometer),
+    }
+
+
+def accelerometer_as_json(one: AccelerometerCalibration) -> dict[str, Any]:
+    """Return an accelerometer's calibration as JSON-compatible values; bias, scale and covariance are None if not accepted."""
+    return {
+        "verdict": one.verdict.name.lower(),
+        "reason": sentences_as_json(one.reason),
+        "poses": one.poses,
+        "bias_m_s2": list(one.bias) or None,
+        "scale": list(one.scale) or None,
+        "covariance": np.reshape(one.covariance, (6, 6)).tolist() if one.covariance else None,
+        "cross_std": one.cross_std,
     }
 
 
@@ -206,12 +236,31 @@ def load(path: Path | str) -> Calibration:
             rate_hz=float(_within("rate_hz", np.array(file.rate_hz), 0.0, 1e6)),
             temperature_c=_celsius(file.temperature_c),
             who="",
+            accelerometer=_accelerometer(file.accelerometer),
         )
     except ValueError as error:
         raise CalibrationFileError(f"{path}: {error}; {_ADVICE}") from None
 
 
-def _reason(file: _File) -> Sentences:
+def _accelerometer(file: _Accelerometer | None) -> AccelerometerCalibration | None:
+    if file is None:
+        return None
+    if file.verdict != "accepted" or file.bias_m_s2 is None or file.scale is None or file.covariance is None:
+        verdict = Verdict.REFUSED if file.verdict == "refused" else Verdict.REPEAT
+        return AccelerometerCalibration(verdict, _reason(file), file.poses)
+    covariance = _symmetric("'covariance' of the accelerometer", file.covariance, 6)
+    return AccelerometerCalibration(
+        Verdict.ACCEPTED,
+        _reason(file),
+        file.poses,
+        tuple(_within("bias_m_s2", np.array(file.bias_m_s2), -_MOST_FORCE, _MOST_FORCE).tolist()),
+        tuple(_within("scale of the accelerometer", np.array(file.scale), 0.5, 2.0).tolist()),
+        tuple(covariance.ravel().tolist()),
+        float(_within("cross_std", np.array(file.cross_std), 0.0, _MOST_ACROSS)),
+    )
+
+
+def _reason(file: _File | _Accelerometer) -> Sentences:
     return tuple(Sentence(one.code, one.params) for one in file.reason)
 
 
@@ -249,28 +298,34 @@ def _parameters(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _covariance(rows: list[list[float]], n: int) -> Floats:
-    if len(rows) != n or any(len(row) != n for row in rows):
-        raise ValueError(f"'covariance' is not {n} × {n}, a row and a column for each of 'parameters'")
-    covariance = np.array(rows)
-    if not np.isfinite(covariance).all() or np.any(np.diag(covariance) <= 0):
-        raise ValueError("'covariance' has a variance that is not above 0, or not finite")
-    std = np.sqrt(np.diag(covariance))
-    if std.min() < _LEAST_STD:
-        raise ValueError(
-            f"'covariance' says that a parameter is sure to {std.min():.3g}; no calibration is sure to {_LEAST_STD:g}"
-        )
-    prior = PriorKnobs()
+    covariance = _symmetric("'covariance'", rows, n)
+    std, prior = np.sqrt(np.diag(covariance)), PriorKnobs()
     for name, part, most in (("bias", slice(0, 3), prior.bias_std), ("k", slice(3, 6), prior.scale_std)):
         if std[part].max() > most:
             raise ValueError(
                 f"'covariance' leaves {name} uncertain by {std[part].max():.3g}, more than that of any gyro before it is "
                 f"calibrated ({most:.3g})"
             )
+    return covariance
+
+
+def _symmetric(name: str, rows: list[list[float]], n: int) -> Floats:
+    """Check that rows are a covariance matrix (n, n)."""
+    if len(rows) != n or any(len(row) != n for row in rows):
+        raise ValueError(f"{name} is not {n} × {n}, a row and a column for each parameter")
+    covariance = np.array(rows)
+    if not np.isfinite(covariance).all() or np.any(np.diag(covariance) <= 0):
+        raise ValueError(f"{name} has a variance that is not above 0, or not finite")
+    std = np.sqrt(np.diag(covariance))
+    if std.min() < _LEAST_STD:
+        raise ValueError(
+            f"{name} says that a parameter is sure to {std.min():.3g}; no calibration is sure to {_LEAST_STD:g}"
+        )
     correlation = covariance / np.outer(std, std)
     if np.abs(correlation - correlation.T).max() > 1e-6:
-        raise ValueError("'covariance' is not symmetric")
+        raise ValueError(f"{name} is not symmetric")
     if (least := np.linalg.eigvalsh(correlation)[0]) < -1e-6:
-        raise ValueError(f"'covariance' is none: it has an eigenvalue below 0 ({least:.2g} of the correlations)")
+        raise ValueError(f"{name} is none: it has an eigenvalue below 0 ({least:.2g} of the correlations)")
     return covariance
 
 

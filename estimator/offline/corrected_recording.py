@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.wire.messages import CorrectedBatch, Quality
+from bridge.wire.messages import AccelerometerCalibration, CorrectedBatch, Quality
 from estimator.orientation.attitude import Oriented
 
 Floats = NDArray[np.float64]
@@ -24,6 +24,7 @@ class CorrectedRecording:
     bias (n, 3) rad/s: reading at zero rate; bias_std (n, 3): its standard deviation.
     quat_wxyz (n, 4): attitude, sensor to earth (z up), scalar first; see docs/orientation.md. tilt_std, heading_std (n,) rad.
     quality (n,): values of bridge.wire.messages.Quality. matrix (3, 3) and calibration (its id): those of the last row.
+    accelerometer: its calibration at the end, accepted or not, which the attitudes use; None before a rest, and without one.
     events: counts of events on the way. said: messages that the live service would have logged.
 
     Computed in float64, stored in float32 as on the wire.
@@ -39,6 +40,7 @@ class CorrectedRecording:
     tilt_std: Singles
     heading_std: Singles
     matrix: Floats
+    accelerometer: AccelerometerCalibration | None
     calibration: str
     rate_hz: float
     smoothed: bool

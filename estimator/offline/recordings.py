@@ -27,6 +27,7 @@ from estimator.config.device_settings import knobs_of
 from estimator.device.calibration_progress import turn_knobs
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge
+from estimator.device.resting_poses import RestingPoses
 from estimator.device.same_rate import same_rate
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
@@ -35,7 +36,8 @@ from estimator.offline import smoothing
 from estimator.offline.calibration_file import of_result
 from estimator.offline.corrected_recording import CorrectedRecording, Rows
 from estimator.samples.sample_buffer import UNFIT
-from estimator.stillness.detector import Stillness
+from estimator.stillness.detector import Stillness, Windows
+from estimator.tracking.seconds import Seconds
 
 #: length of the batches given to a session; a rest and its surroundings must fit into the session's memory
 BATCH_S = 1.0
@@ -58,7 +60,7 @@ def calibrate(
     """Calibrate from a recording: return a result, and the reasons why movements were not used.
 
     The result is the first accepted calibration, otherwise the last attempt. Methods that work on whole movements use
-    the entire recording at once.
+    the entire recording at once. The accelerometer is calibrated by all rests of the recording.
 
     gyro_range: full-scale range in rad/s, 0 when unknown; readings at 99 % of it count as clipped.
     rates: a machine's known rates in rad/s, for the methods that need them; other methods ignore them.
@@ -66,14 +68,25 @@ def calibrate(
     """
     knobs = knobs or SessionKnobs()
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
+    windows = Stillness(knobs.stillness).feed(samples.time, samples.gyro, samples.accel, samples.clipped)
+    result, passed_over = _calibrated(samples, windows, method, gyro_range, rates, knobs)
+    poses = RestingPoses()
+    for _, second in Seconds().take(windows):
+        poses.take(second)
+    poses.end_rest()
+    return replace(result, accelerometer=poses.found), passed_over
+
+
+def _calibrated(
+    samples: Samples, windows: Windows, method: str, gyro_range: float, rates: tuple[float, ...], knobs: SessionKnobs
+) -> tuple[Result, list[str]]:
     turns = turn_knobs(knobs, gyro_range)
     if method in BY_RATES:
         samples = replace(samples, clipped=at_range(samples, turns.clipping))
         return BY_RATES[method](samples, rates, knobs.wander), []
-    windows = list(Stillness(knobs.stillness).feed(samples.time, samples.gyro, samples.accel, samples.clipped))
     session = CalibrationSession(method, None, None, turns, scale_limit=knobs.scale_limit, whole=method in BY_MOVEMENTS)
-    if windows:
-        session.add(Samples.of(windows))
+    if len(windows):
+        session.add(Samples.of(list(windows)))
     passed_over: list[str] = []
     last: Result | None = None
     for window in windows:
@@ -256,6 +269,7 @@ class _Pass:
             tilt_std=rows.tilt_std,
             heading_std=rows.heading_std,
             matrix=matrix,
+            accelerometer=session.learnt.accelerometer,
             calibration=self._names[last.calibration],
             rate_hz=self._recording.rate_hz,
             smoothed=self._smooth,

@@ -10,7 +10,7 @@ from bridge.recording import Recording, RecordingError
 from bridge.wire.messages import CorrectedBatch, Quality, combined_std
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
-from estimator.kernels.orientation import KNOWN_ACCEL_STD, KNOWN_BIAS_STD, KNOWN_MATRIX_STD, KNOWN_NOISE, TRACE
+from estimator.kernels.orientation import KNOWN_ACCEL_STD, KNOWN_NOISE, KNOWN_STD, TRACE
 from estimator.offline.corrected_recording import Floats, Rows
 from estimator.orientation.attitude import Attitude, Oriented
 from estimator.orientation.smoothing import smooth
@@ -66,8 +66,9 @@ def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
 
 def _smooth_attitudes(rows: Rows, recording: Recording, session: DeviceSession) -> None:
     """Overwrite the attitudes: once more from the smoothed rates, and levelled by later samples too."""
-    known, attitude = session.applied.known.copy(), Attitude(session.knobs.orientation)
-    known[:KNOWN_BIAS_STD] = *np.eye(3).ravel(), *np.zeros(3)
+    applied, attitude = session.applied, Attitude(session.knobs.orientation)
+    known = applied.known.copy()  # the rates are corrected already, but for what gravity has taught of the matrix
+    known[:KNOWN_STD] = *(known[:9].reshape(3, 3) @ np.linalg.inv(applied.model.matrix)).ravel(), *np.zeros(3)
     samples = np.full((len(recording), WIDTH), np.nan)
     samples[:, TIME], samples[:, GYRO], samples[:, CLIPPED] = recording.device_time, rows.rate, 0.0
     if recording.accel is not None:
@@ -75,7 +76,7 @@ def _smooth_attitudes(rows: Rows, recording: Recording, session: DeviceSession) 
     trace, parts = np.empty((len(recording), TRACE)), list[Oriented]()
     seconds = np.flatnonzero(np.diff(np.floor(samples[:, TIME]), prepend=-np.inf)).tolist()
     for start, end in pairwise([*seconds, len(recording)]):
-        known[KNOWN_BIAS_STD:KNOWN_MATRIX_STD] = rows.bias_std[start]
+        known[KNOWN_STD : KNOWN_STD + 3] = rows.bias_std[start]
         found, trace[start:end] = attitude.traced(samples[start:end], known)
         parts.append(found)
     whole = Oriented(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))

@@ -62,8 +62,8 @@ class Oriented(NamedTuple):
     """Attitudes of n samples.
 
     quat_wxyz (n, 4): sensor to earth, scalar first. accel (n, 3): acceleration without gravity, earth axes, m/s², NaN
-    without an accelerometer. cov (n, 6): covariance of the attitude error, a small rotation in earth axes from the estimated to
-    the true attitude, rad²: xx, xy, xz, yy, yz, zz.
+    without an accelerometer. cov (n, 6), or (1, 6) of the last sample: covariance of the attitude error, a small rotation in
+    earth axes from the estimated to the true attitude, rad²: xx, xy, xz, yy, yz, zz.
     """
 
     quat_wxyz: Floats
@@ -86,17 +86,18 @@ class Oriented(NamedTuple):
         return Rotation.from_quat(self.quat_wxyz, scalar_first=True)
 
 
-def known(model: GyroModel, bias_std: Floats, unsure: Floats, flicker: float, walk: float) -> Floats:
-    """Pack what is known of the sensors for `Attitude`: (32,).
+def known(model: GyroModel, bias_std: Floats, std: Floats, flicker: float, walk: float, accel: Floats) -> Floats:
+    """Pack what is known of the sensors for `Attitude`: (38,).
 
-    bias_std (3,) and flicker, rad/s: of the bias and its instability. unsure (12,): standard deviations of the matrix, relative,
-    row by row, and of the accelerometer's bias, m/s². walk: rate random walk, rad/s per root second.
+    bias_std (3,) and flicker, rad/s: of the bias and its instability. std (12,): standard deviations of the matrix, relative, row
+    by row, and of the accelerometer's bias, m/s². walk: rate random walk, rad/s per root second. accel (6,): bias, m/s², and
+    scale of the accelerometer: corrected = scale (reading - bias).
     """
-    return np.concatenate([model.matrix.ravel(), model.bias, bias_std, unsure, model.noise_std, [flicker, walk]])
+    return np.concatenate([model.matrix.ravel(), model.bias, bias_std, std, model.noise_std, [flicker, walk], accel])
 
 
 class Attitude:
-    """Attitude of one device in one boot; `state` (117,) is all that there is, and may be saved and given back.
+    """Attitude of one device in one boot; `state` (120,) is all that there is, and may be saved and given back.
 
     zero: why the heading was zero last: `start`, or who reset it.
     """
@@ -137,13 +138,13 @@ class Attitude:
         return cov
 
     def take(self, rows: Floats, known: Floats) -> Oriented:
-        """Carry the attitude over samples: rows (n, 9) of samples/sample_buffer.py; known (32,): see `known`."""
-        return orient([(self, rows, known)])[0]
+        """Carry the attitude over samples: rows (n, 9) of samples/sample_buffer.py; known (38,): see `known`."""
+        return orient([(self, rows, known)], every=True)[0]
 
     def traced(self, rows: Floats, known: Floats) -> tuple[Oriented, Floats]:
         """As `take`, and the trace (n, 11) that `smoothing.smooth` needs."""
         trace = np.empty((len(rows), loop.TRACE))
-        return _carry([self], [(self, rows, known)], trace)[0], trace
+        return _carry([(self, rows, known)], trace, every=True)[0], trace
 
     def reset_heading(self, zero: str = "") -> None:
         """Make the heading of the last sample zero, and surely so. zero: who does it."""
@@ -153,7 +154,7 @@ class Attitude:
         s[loop.QUAT : loop.VELOCITY] = (turn * self.rotation).as_quat(scalar_first=True)
         for part in (loop.VELOCITY, loop.SWING):
             s[part : part + 2] = matrix[:2, :2] @ s[part : part + 2]
-        by = s[loop.BY : loop.BIAS_VAR].reshape(5, 15)
+        by = s[loop.BY : loop.VAR].reshape(5, 15)
         by[:3] = matrix @ by[:3]
         by[3:] = matrix[:2, :2] @ by[3:]
         by[2], s[loop.HEADING] = 0.0, 0.0
@@ -162,37 +163,36 @@ class Attitude:
         s[loop.COV : loop.COV + 6] = cov[_ROWS, _COLUMNS]
 
 
-def orient(due: Sequence[tuple[Attitude, Floats, Floats]]) -> list[Oriented]:
-    """Carry attitudes over the samples of a round, in one compiled loop: (attitude, rows (n, 9), known (32,)) each.
+def orient(due: Sequence[tuple[Attitude, Floats, Floats]], *, every: bool = False) -> list[Oriented]:
+    """Carry attitudes over the samples of a round, in one compiled loop: (attitude, rows (n, 9), known (38,)) each.
 
-    A device may come several times, in order. The bits do not depend on how samples are batched.
+    A device may come several times, in order. The bits do not depend on how samples are batched. every: whether each sample's
+    covariance is wanted, or only that of the last one of each.
     """
+    return _carry(due, np.empty((0, loop.TRACE)), every=every) if due else []
+
+
+def _carry(due: Sequence[tuple[Attitude, Floats, Floats]], trace: Floats, *, every: bool) -> list[Oriented]:
     attitudes = list({id(attitude): attitude for attitude, _, _ in due}.values())
-    return _carry(attitudes, due, np.empty((0, loop.TRACE))) if due else []
-
-
-def _carry(attitudes: list[Attitude], due: Sequence[tuple[Attitude, Floats, Floats]], trace: Floats) -> list[Oriented]:
     places = {id(attitude): i for i, attitude in enumerate(attitudes)}
-    states = np.array([attitude.state for attitude in attitudes])
+    states = np.concatenate([attitude.state for attitude in attitudes]).reshape(-1, loop.SIZE)
     rows = np.concatenate([rows for _, rows, _ in due])
     counts = np.array([len(rows) for _, rows, _ in due])
-    out = np.empty((len(rows), loop.WIDTH))
+    out, cov = np.empty((len(rows), loop.WIDTH)), np.empty((len(rows) if every else len(due), 6))
     loop.carried(
         states,
         np.array([places[id(attitude)] for attitude, _, _ in due]),
         rows,
         counts,
-        np.array([known for _, _, known in due]),
-        np.array([attitude.knobs for attitude in attitudes]),
+        np.concatenate([known for _, _, known in due]).reshape(-1, loop.KNOWN),
+        np.concatenate([attitude.knobs for attitude in attitudes]).reshape(len(attitudes), -1),
         out,
+        cov,
         trace,
     )
     for attitude, state in zip(attitudes, states, strict=True):
         attitude.state = state
-    quaternions, accel, cov = (
-        out[:, : loop.RESULT_ACCEL],
-        out[:, loop.RESULT_ACCEL : loop.RESULT_COV],
-        out[:, loop.RESULT_COV :],
-    )
+    quaternions, accel = out[:, : loop.RESULT_ACCEL], out[:, loop.RESULT_ACCEL :]
     edges = list(pairwise([0, *np.cumsum(counts).tolist()]))
-    return [Oriented(quaternions[a:b], accel[a:b], cov[a:b]) for a, b in edges]
+    covs = [cov[a:b] if every else cov[i : i + 1] for i, (a, b) in enumerate(edges)]
+    return [Oriented(quaternions[a:b], accel[a:b], one) for (a, b), one in zip(edges, covs, strict=True)]

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from bridge.reasons.catalogue import english
 from bridge.terminal.tables import Column, Columns
-from bridge.wire.messages import Calibration
+from bridge.wire.messages import AccelerometerCalibration, Calibration
 from estimator.calibration.result import Result
 from estimator.geometry.gyro_model import AXES, SIGMAS
 from estimator.offline import calibration_file
@@ -76,6 +77,18 @@ def as_table(result: Result | Calibration) -> Columns:
             ),
         )
     return table
+
+
+def accelerometer_as_words(one: AccelerometerCalibration | None) -> Iterator[str]:
+    """Yield an accelerometer's calibration as lines: its verdict; then, if accepted, scale and bias with 95 % intervals."""
+    if one is None:
+        return
+    yield f"accelerometer {one.verdict.name.lower()}: {english(*one.reason)}"
+    if one.covariance:
+        wide = [SIGMAS * std for std in one.std]
+        scale = ", ".join(f"{AXES[i]} {one.scale[i]:.5f} ± {wide[3 + i]:.5f}" for i in range(3))
+        bias = ", ".join(f"{AXES[i]} {one.bias[i]:+.4f} ± {wide[i]:.4f}" for i in range(3))
+        yield f"  scale {scale}; bias {bias} m/s² (95 %)"
 
 
 def as_notes(notes: Sequence[str]) -> list[str]:

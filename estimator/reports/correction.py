@@ -10,8 +10,9 @@ from bridge.recording import Recording
 from bridge.terminal.plurals import count
 from bridge.wire.messages import Quality
 from estimator.geometry.gyro_model import AXES, SIGMAS
+from estimator.offline.calibration_file import accelerometer_as_json
 from estimator.offline.corrected_recording import CorrectedRecording
-from estimator.reports.calibration import as_notes, first
+from estimator.reports.calibration import accelerometer_as_words, as_notes, first
 
 _NONE = "none; give one with --calibration FILE, from `truerate calibrate RECORDING --json > FILE`"
 _MEANS = {
@@ -38,6 +39,7 @@ def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> d
         "smoothed": corrected.smoothed,
         "calibration": corrected.calibration or None,
         "matrix": corrected.matrix.tolist(),
+        "accelerometer": None if corrected.accelerometer is None else accelerometer_as_json(corrected.accelerometer),
         "seconds_by_quality": corrected.seconds(),
         "bias_rad_s": corrected.bias[-1].tolist(),
         "bias_std_rad_s": corrected.bias_std[-1].tolist(),
@@ -50,7 +52,7 @@ def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> d
 
 
 def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> Iterator[str]:
-    """Yield the report as lines: samples, quality, bias at the end, calibration, temperature, events, output file."""
+    """Yield the report as lines: samples, quality, bias at the end, calibrations, temperature, events, output file."""
     minutes = recording.time_s[-1] / 60
     how = "from the whole recording" if corrected.smoothed else "as in a live ward"
     yield f"{count(len(corrected), 'sample')}, {minutes:.1f} min at {recording.rate_hz:.4g} Hz, corrected {how}"
@@ -66,6 +68,7 @@ def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> 
         yield f"The bias is not corrected: the recording has no rest of 2 s. {scale or 'The scale is not corrected either.'}"
         yield "Record again with the device lying still for 3 s, or give a calibration of this boot with --calibration FILE."
     yield f"calibration: {corrected.calibration or _NONE}"
+    yield from accelerometer_as_words(corrected.accelerometer)
     if (warm := recording.temperature_c) is not None:
         yield f"temperature: {warm.min():.1f} to {warm.max():.1f} °C"
     if corrected.quality[-1] == Quality.DEGRADED:

@@ -62,4 +62,5 @@ def _unpacked(_: type, packed: Any) -> Floats:
         array, upper = np.empty(shape), np.triu_indices(shape[0])
         array[upper] = array.T[upper] = np.frombuffer(data, np.float64)
         return array
-    return np.frombuffer(data, np.float32 if kind == "f" else np.float64).reshape(shape).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # damaged values may be signalling NaNs
+        return np.frombuffer(data, np.float32 if kind == "f" else np.float64).reshape(shape).astype(np.float64)

@@ -173,12 +173,23 @@ class TrackedBias:
         return nearer(bias, now.cov[BIAS, BIAS], mean, std, self.knobs.usual_bias)
 
     @property
-    def unsure(self) -> Floats | None:
-        """(12,) rms errors of the matrix in use, relative, row by row, and of the accelerometer, m/s²; or None."""
+    def taught(self) -> Floats | None:
+        """What gravity has taught, (21,): relative change (9) of the matrix in use, row by row, and rms errors; None before.
+
+        The errors are those of the changed matrix (9), relative, and of the accelerometer (3), m/s². The change is zero until
+        every scale factor is known to `MatrixKnobs.scale_std`.
+        """
         if len(self._filter.x) == OWN:
             return None
         x, var = self._filter.x, self._filter.cov.diagonal()
-        return np.concatenate([np.sqrt(var[own] + x[own] ** 2) for own in (MATRIX, ACCEL_BIAS)])
+        change = x[MATRIX] if self._scale_known else np.zeros(9)
+        errors = [np.sqrt(var[MATRIX] + (x[MATRIX] - change) ** 2), np.sqrt(var[ACCEL_BIAS] + x[ACCEL_BIAS] ** 2)]
+        return np.concatenate([change, *errors])
+
+    @property
+    def _scale_known(self) -> bool:
+        scale_var = self._filter.cov.diagonal()[MATRIX][::4]
+        return bool(scale_var.max() < self.knobs.matrix.scale_std**2)
 
     @property
     def matrix(self) -> Floats:
@@ -191,10 +202,9 @@ class TrackedBias:
         knobs = self.knobs.matrix
         if not knobs.learn or len(self._filter.x) == OWN:
             return False
-        var = self._filter.cov.diagonal()[MATRIX]
-        if not max(var[::4].tolist()) < knobs.scale_std**2:
+        if not self._scale_known:
             return False
-        model = self._model
+        var, model = self._filter.cov.diagonal()[MATRIX], self._model
         known = float(np.square(model.scale_std).sum() + 2 * np.square(model.cross_std).sum())
         if not float(var.sum()) < knobs.left * known:
             return False

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, isfinite, nan
 
-from bridge.wire.messages import Calibration, DeviceInfo, Placement, State, Status
+from bridge.wire.messages import AccelerometerCalibration, Calibration, DeviceInfo, Placement, State, Status
 from estimator.geometry.gyro_model import AXES, SIGMAS
 from estimator.guide.comparison import bias_moves, stds
 from estimator.language.texts import Texts
@@ -169,7 +169,16 @@ def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:
         ("dropped", _counted(status.dropped, t)),
         ("happened", _events(status.events, t)),
         ("scale", " ".join(f"{k:.4f}" for k in status.scale)),
+        ("accelerometer_errors", accelerometer(status.accelerometer, t)),
     ]
+
+
+def accelerometer(one: AccelerometerCalibration | None, t: Texts) -> str:
+    """Scale and bias of a calibrated accelerometer with 95 % intervals, or why it is not calibrated; empty for None."""
+    if one is None or not one.covariance:
+        return t.text(one.reason) if one else ""
+    of = zip(AXES, one.scale, one.bias, one.std[3:], one.std[:3], strict=True)
+    return "; ".join(f"{axis} {interval(k, k_std, 4)}, {interval(b, b_std, 3)} m/s²" for axis, k, b, k_std, b_std in of)
 
 
 def _events(counts: Mapping[str, int], t: Texts) -> str:

@@ -12,6 +12,7 @@ from estimator.guide.comparison import last_before
 from estimator.language.texts import Texts
 from estimator.service.history import Biases, History
 from estimator.web import number_format
+from estimator.web.device_page import accelerometer
 from estimator.web.guide_view import Axis, against, rows
 from estimator.web.tiles import toned, troubles, word, worn
 from estimator.web.ward_state import Known, Story
@@ -108,6 +109,7 @@ def certificate(
         ("temperature", number_format.temperature(c.temperature_c)),
         ("noise", f"{noise} °/s" if np.any(c.noise_std) else ""),
         ("limit", t("report.within", percent=f"{100 * limit:.3g}") if isfinite(limit) else ""),
+        ("accelerometer", accelerometer(c.accelerometer, t)),
         ("boot", f"{c.boot:016x}"),
         ("id", c.id),
     ]

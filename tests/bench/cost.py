@@ -18,14 +18,17 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from bridge.bus.contract import Message
-from estimator.device.batch_correction import Cut
+from estimator.device.batch_correction import Cut, correct
 from estimator.device.boot_estimation import BootEstimation
 from estimator.device.calibration_progress import CalibrationProgress
+from estimator.device.orientation import oriented
 from estimator.device.session import DeviceSession
 from estimator.geometry.gyro_model import PriorKnobs, uncalibrated
 from estimator.kernels.compiled import ready
+from estimator.orientation.attitude import Attitude
 from estimator.samples.sample_buffer import Samples
 from estimator.service.decode import decode
+from estimator.service.output import Encoder, Orientations
 from estimator.stillness.detector import Stillness
 from estimator.tracking.bias_filter import BiasFilter
 from estimator.tracking.seconds import Seconds
@@ -107,6 +110,39 @@ class Ward:
             self._rounds = number + 1
         return took, learnt
 
+    def turns(self, seconds: float) -> tuple[float, float]:
+        """Processor time, s, of all from decoding to encoding but the bus, and of the orientation of all devices beside it."""
+        for session in self.sessions:
+            session.orient()
+        devices = [session.device for session in self.sessions]
+        rates, turned = {name: Encoder(name) for name in devices}, {name: Orientations(name) for name in devices}
+        spent = [0.0, 0.0]
+        for number in range(self._rounds, self._rounds + round(seconds / self.fleet.period_s)):
+            time_ns = 10**18 + round(number * self.fleet.period_s * 1e9)
+            messages = [Message(self.fleet.keys[i], data) for i, data in self.fleet.round(number, time_ns)]
+            begun, cuts, due = process_time(), list[Cut](), list[tuple[Attitude, Cut]]()
+            for session, batch in zip(self.sessions, decode(messages), strict=True):
+                assert isinstance(batch, Samples)
+                session.take(batch, cuts)
+            for cut, one in zip(cuts, correct(cuts), strict=True):
+                rates[cut.samples.device].encode(cut, one)
+            between = process_time()
+            attitudes = {session.device: session.attitude for session in self.sessions}
+            for cut in cuts:
+                attitude = attitudes[cut.samples.device]
+                assert attitude is not None
+                due.append((attitude, cut))
+            for found in oriented(due):
+                turned[found.cut.samples.device].encode(found)
+            after = process_time()
+            for session in self.sessions:
+                if session.to_learn:
+                    session.learn()
+            spent[0] += between - begun + process_time() - after
+            spent[1] += after - between
+            self._rounds = number + 1
+        return spent[0], spent[1]
+
 
 def rows_of(day: Day) -> Floats:
     """(n, 9) of all its samples, as a session has them."""
@@ -145,6 +181,10 @@ def main() -> int:
         console.print(f"{stage:24} {each * spent[stage]:6.1f} µs a device and second")
     console.print(f"taking samples           {each * took:6.1f} µs")
     console.print(f"learning, all of it      {each * learnt:6.1f} µs (goal of the tracker: {_GOAL_US:g})")
+    whole, turned = ward.turns(wanted.seconds)
+    console.print(
+        f"orientation of all       {each * turned:6.1f} µs, {turned / whole:.1%} of all else but the bus (goal 15 %)"
+    )
     console.print(f"memory after half an hour: {memory() / 1e6:.2f} MB a device (goal {_GOAL_BYTES / 1e6:g})")
     return 0
 

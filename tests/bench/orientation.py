@@ -18,6 +18,7 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from bridge.recording import Recording
+from bridge.sim.imu_errors import ImuSpec
 from bridge.wire.messages import Calibration, SampleBatch, Verdict
 from estimator.calibration.result import PARAMETERS
 from estimator.config.device_settings import knobs_of
@@ -52,20 +53,21 @@ class Score:
     heading_inside: float
 
 
-Method = Callable[[Floats, Floats | None, float, Floats | None], Attitudes]
+#: of rad/s, m/s², Hz, °C, and the device's calibration: where none is read, or known, None
+Method = Callable[[Floats, Floats | None, float, Floats | None, Calibration | None], Attitudes]
 
 
-def vqf_real_time(gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Floats | None = None) -> Attitudes:
+def vqf_real_time(gyro: Floats, accel: Floats | None, rate_hz: float, *_: object) -> Attitudes:
     """VQF as it comes."""
     return Attitudes(vqf.VQF(1 / rate_hz).updateBatch(gyro, accel)["quat6D"])
 
 
-def vqf_offline(gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Floats | None = None) -> Attitudes:
+def vqf_offline(gyro: Floats, accel: Floats | None, rate_hz: float, *_: object) -> Attitudes:
     """VQF with the whole recording in hand."""
     return Attitudes(vqf.offlineVQF(gyro, accel, None, 1 / rate_hz)["quat6D"])
 
 
-def fusion(gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Floats | None = None) -> Attitudes:
+def fusion(gyro: Floats, accel: Floats | None, rate_hz: float, *_: object) -> Attitudes:
     """xio Fusion with its bias correction, without a magnetometer."""
     assert accel is not None
     ahrs, bias, found = imufusion.Ahrs(), imufusion.Bias(), np.empty((len(gyro), 4))
@@ -80,9 +82,11 @@ def fusion(gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Fl
 def ours(model: str, *, smooth: bool = False) -> Method:
     """This project's, as `truerate correct --model` gives it; without a temperature the device had been on before."""
 
-    def method(gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Floats | None = None) -> Attitudes:
+    def method(
+        gyro: Floats, accel: Floats | None, rate_hz: float, temperature_c: Floats | None, known: Calibration | None
+    ) -> Attitudes:
         recording = replace(Recording.from_arrays(gyro, accel, rate_hz=rate_hz), temperature_c=temperature_c)
-        c = correct(recording, knobs=knobs_of(load_model(model)), smooth=smooth, warmed_up=temperature_c is None)
+        c = correct(recording, known, knobs_of(load_model(model)), smooth=smooth, warmed_up=temperature_c is None)
         return Attitudes(c.quat_wxyz.astype(float), c.tilt_std.astype(float), c.heading_std.astype(float))
 
     return method
@@ -133,31 +137,40 @@ def on_broad(method: Method) -> Iterator[Score]:
             moving, rate_hz, truth = file["moving"], float(file["rate_hz"]), file["truth_quat_wxyz"].astype(float)
         first = int(np.argmax(moving))
         zero = slice(0, max(first, int(rate_hz)))
-        yield judged(method(gyro, accel, rate_hz, None), truth, moving, zero)
+        yield judged(method(gyro, accel, rate_hz, None, None), truth, moving, zero)
 
 
-def on_days(method: Method, days: int, hours: float) -> Iterator[Score]:
-    """A method on simulated days of calibrated devices, from the second minute on."""
+def bought(model: str) -> ImuSpec:
+    """A device as bought (scale ± 3 %, misalignment ± 1°), whose bias flickers as its model says."""
+    instability_dps = float(np.degrees(load_model(model).bias_instability.max()))
+    return replace(worn_spec(104.0, calibrated=False), bias_instability_dps=instability_dps)
+
+
+def on_days(method: Method, model: str, days: int, hours: float) -> Iterator[Score]:
+    """A method on simulated days of devices calibrated by three turns, from the second minute on.
+
+    Peers get rates that are corrected by the calibration; truerate gets the readings and the calibration.
+    """
     for seed in range(days):
-        day = simulate_day(1000 + seed, hours)
-        begin = round(60 * day.rate_hz)
-        counted = np.arange(len(day.gyro)) >= begin
+        day = simulate_day(1000 + seed, hours, spec=bought(model))
+        counted = np.arange(len(day.gyro)) >= round(60 * day.rate_hz)
+        known = by_hand(day, np.random.default_rng(seed))
         gyro, accel = day.gyro.astype(float), day.accel.astype(float)
-        found = method(gyro, accel, day.rate_hz, day.temperature_c.astype(float))
+        if method in PEERS.values():
+            gyro = np.ascontiguousarray((gyro - known.bias) @ known.matrix.T)
+        found = method(gyro, accel, day.rate_hz, day.temperature_c.astype(float), known)
         yield judged(found, day.attitude.astype(float), counted, slice(0, 10))
 
 
 def gyro_only_minute(seeds: range, model: str) -> tuple[float, float]:
     """Share of minutes after which a gyro's heading is inside two standard deviations, and the rms of error by deviation.
 
-    Half an hour of each simulated day of a device as bought (misalignment up to ± 1°), whose bias flickers as its model says,
-    calibrated by three turns: scale to 0.05 %,
+    Half an hour of each simulated day of a device as bought, calibrated by three turns: scale to 0.05 %,
     bias to 0.02 °/s. Each minute is judged from its own beginning, where the heading is set to zero.
     """
-    off, instability_dps = list[float](), float(np.degrees(load_model(model).bias_instability.max()))
+    off = list[float]()
     for seed in seeds:
-        spec = replace(worn_spec(104.0, calibrated=False), bias_instability_dps=instability_dps)
-        day = simulate_day(2000 + seed, 0.5, spec=spec)
+        day = simulate_day(2000 + seed, 0.5, spec=bought(model))
         off += minutes(day, model, np.random.default_rng(seed))
     found = np.abs(off)
     return float(np.mean(found < 2.0)), float(np.sqrt(np.mean(found**2)))
@@ -256,7 +269,9 @@ def main() -> int:
     else:
         console.print(f"BROAD is not there ({broad.FOLDER}): left out", style="yellow")
     if wanted.days:
-        of = {name: list(on_days(m, wanted.days, wanted.hours)) for name, m in methods("icm-20948").items()}
+        of = {
+            name: list(on_days(m, "icm-20948", wanted.days, wanted.hours)) for name, m in methods("icm-20948").items()
+        }
         console.print(shown("simulated days, calibrated by hand", of))
         inside, rms = gyro_only_minute(range(wanted.days), "icm-20948")
         console.print(

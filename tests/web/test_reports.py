@@ -13,7 +13,7 @@ import pytest
 from matplotlib.image import imread
 from playwright.sync_api import Page, expect
 
-from bridge.wire.messages import State, Turn, Verdict
+from bridge.wire.messages import AccelerometerCalibration, State, Turn, Verdict
 from estimator.figures import history
 from estimator.web import number_format, reports
 from tests.estimator.device.test_correction import CALIBRATION
@@ -37,7 +37,16 @@ FIRST = replace(
     firmware="1.0",
     gyro_range=8.7,
 )
-SECOND = replace(FIRST, id="second", matrix=np.diag([0.9, 1.001, 1.15]), reason=free("three turns closed to 0.23°"))
+LEVEL = AccelerometerCalibration(
+    Verdict.ACCEPTED, (), 6, (0.1, 0.0, -0.2), (1.0, 0.99, 1.01), tuple((1e-6 * np.eye(6)).ravel().tolist())
+)
+SECOND = replace(
+    FIRST,
+    id="second",
+    accelerometer=LEVEL,
+    matrix=np.diag([0.9, 1.001, 1.15]),
+    reason=free("three turns closed to 0.23°"),
+)
 
 
 def calibrated(site: Site) -> None:
@@ -83,6 +92,9 @@ def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".signs")).to_contain_text("Turned by:")
     expect(page.locator(".due")).to_contain_text(re.compile(r"Calibrated on 20\d\d-\d\d-\d\d. Due again by 20\d\d"))
     expect(page.locator(".facts")).to_contain_text("within")
+    expect(page.locator(".facts")).to_contain_text(
+        re.compile(r"x 1\.0000 ±\s0\.0020, 0\.100 ±\s0\.002 m/s²; y 0\.9900")
+    )
     expect(page.locator(".code svg")).to_be_visible()
     shot("certificate")
     assert serious(page) == []

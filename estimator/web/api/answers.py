@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 from bridge.reasons.catalogue import sentences_as_json
 from bridge.reasons.codes import Sentences
 from bridge.wire.keys import boot_id
-from bridge.wire.messages import SEGMENTS, Calibration, Placement
+from bridge.wire.messages import SEGMENTS, AccelerometerCalibration, Calibration, Placement
 from bridge.wire.placement import MAX_WEARER
 from estimator.alerts.outbox import sentence
 from estimator.geometry.gyro_model import AXES
@@ -49,6 +49,21 @@ class Worn(Struct, frozen=True):
     who: str
 
 
+class Accelerometer(Struct, frozen=True):
+    """An accelerometer's calibration by rests: corrected = scale (reading - bias), axis by axis; null if not accepted.
+
+    covariance (6, 6): of bias and scale. cross_std: standard deviation of what an axis takes from each other one, relative.
+    """
+
+    verdict: str
+    reason: list[Said]
+    poses: int
+    bias_m_s2: Vector | None
+    scale: Vector | None
+    covariance: list[list[float]] | None
+    cross_std: float
+
+
 class Device(Struct, frozen=True):
     """A device. null means unknown; `gaps` and `missing_samples` count since the estimator first saw the device."""
 
@@ -82,6 +97,7 @@ class Device(Struct, frozen=True):
     samples_out: int
     dropped: dict[str, int]
     events: dict[str, int]
+    accelerometer: Accelerometer | None
 
 
 class Standing(Struct, frozen=True):
@@ -147,6 +163,7 @@ class OneCalibration(Struct, frozen=True):
     gyro_range_rad_s: float
     rate_hz: float
     temperature_c: float | None
+    accelerometer: Accelerometer | None
 
 
 class Calibrations(Struct, frozen=True):
@@ -255,7 +272,12 @@ def device(row: DeviceRow, story: Story) -> Device:
         samples_out=status.samples_out if status else 0,
         dropped=status.dropped if status else {},
         events=status.events if status else {},
+        accelerometer=_accelerometer(status.accelerometer if status else None),
     )
+
+
+def _accelerometer(one: AccelerometerCalibration | None) -> Accelerometer | None:
+    return None if one is None else msgspec.convert(calibration_file.accelerometer_as_json(one), Accelerometer)
 
 
 def _worn(one: Placement | None) -> Worn | None:

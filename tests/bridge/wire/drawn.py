@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from bridge.reasons.codes import Sentence
 from bridge.wire import keys
 from bridge.wire.messages import (
+    AccelerometerCalibration,
     BiasRevision,
     BootCause,
     Calibration,
@@ -99,10 +100,15 @@ INFOS = st.builds(
 )  # fmt: skip
 THREE = st.tuples(*[st.floats(-10, 10)] * 3)
 STDS = st.tuples(*[st.floats(0, 10)] * 3)
+ACCELEROMETERS = st.none() | st.builds(
+    AccelerometerCalibration, st.just(Verdict.ACCEPTED), SENTENCES, st.integers(0, 50), THREE, STDS,
+    st.just((0.5,) * 36), st.floats(0, 1),
+) | st.builds(AccelerometerCalibration, st.just(Verdict.REPEAT), SENTENCES, st.integers(0, 5))  # fmt: skip
 STATUSES = st.builds(
     Status, st.just("d1"), U64, TIME, st.sampled_from(State), st.sampled_from(Quality), SENTENCES, st.floats(0, 1),
     st.lists(st.integers(0, 2), max_size=3).map(tuple), THREE, STDS, THREE, TEXT, TIME, st.floats(0, 1e9),
     st.floats(-100, 100), st.floats(0, 1e6), U64, U64, LABELS, LABELS, st.just("b1"), st.just(("b2",)), TIME,
+    accelerometer=ACCELEROMETERS,
 )  # fmt: skip
 TURNS = st.builds(Turn, st.integers(0, 2), st.floats(-9, 9), st.floats(0, 9), st.floats(0, 99))
 
@@ -121,6 +127,7 @@ def calibrations(draw: st.DrawFn, *, in_use: bool = False) -> Calibration:
         np.array(draw(st.lists(st.floats(-2, 2), min_size=size**2, max_size=size**2)), float).reshape(size, size),
         tuple(draw(st.lists(TURNS, max_size=4))), np.array(draw(STDS)), draw(TEXT), draw(TEXT),
         draw(st.floats(0, 1000)), draw(st.floats(0, 1e6)), draw(st.floats(-100, 100)), draw(TEXT), draw(TIME),
+        draw(ACCELEROMETERS),
     )  # fmt: skip
 
 

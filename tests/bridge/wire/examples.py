@@ -10,6 +10,7 @@ import pytest
 from bridge.reasons.codes import Code
 from bridge.wire import codec
 from bridge.wire.messages import (
+    AccelerometerCalibration,
     Alert,
     BiasRevision,
     BootCause,
@@ -62,14 +63,19 @@ def plain(n: int = 4, **changes: Any) -> SampleBatch:
     return dataclasses.replace(batch, **changes)
 
 
+LEVEL = AccelerometerCalibration(
+    Verdict.ACCEPTED, (Code.ACCELEROMETER_CALIBRATED(poses=6),), 6, (0.1, 0.0, -0.2), (1.0, 0.99, 1.01),
+    tuple(np.eye(6).ravel().tolist()), 0.005,
+)  # fmt: skip
 STILL = Status(
     "d1", 7, 1, State.TRACKING, Quality.GOOD, free("fine"), 1.0, (0, 1, 2), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0),
     "c1", 1, 0.0, float("nan"), 100.0, 1, 1, {"a": 1}, {}, "b1", ("b2",), 3, Placement("humerus", "left", "bed-3", 9, "anna"),
-    (Alert("lost", 5, 6, 7, "anna"), Alert("degraded", 5, 6)),
+    (Alert("lost", 5, 6, 7, "anna"), Alert("degraded", 5, 6)), LEVEL,
 )  # fmt: skip
 CAL = Calibration(
     "d1", 7, "c1", 1, "closure", Verdict.ACCEPTED, (), np.eye(3), np.zeros(3), PARAMETERS, np.eye(6),
     (Turn(0, 6.28, 0.01, 5),), np.ones(3), "m", "f", 4.3, 100.0, float("nan"), "anna",
+    accelerometer=LEVEL,
 )  # fmt: skip
 SURE = DeviceInfo(
     "d1", "b1", 7, BootCause.POWER_UP, "m", "f", "native", "/dev/x", 100, 99.9, 4.3, True, True, 1, 5, {"a": 1},

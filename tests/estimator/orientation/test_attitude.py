@@ -53,7 +53,7 @@ def what_is_known() -> Floats:
     ones = np.ones(3)
     model = GyroModel(np.eye(3), np.zeros(3), MATRIX_STD * ones, MATRIX_STD * ones, NOISE * ones)
     unsure = np.concatenate([np.full(9, MATRIX_STD), ACCEL_STD * ones])
-    return known(model, BIAS_STD * ones, unsure, 0.0, 0.0)
+    return known(model, BIAS_STD * ones, unsure, 0.0, 0.0, np.repeat([0.0, 1.0], 3))
 
 
 KNOWN = what_is_known()

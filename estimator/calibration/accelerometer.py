@@ -1,0 +1,104 @@
+"""Accelerometer calibration from rests in different poses: bias and scale per axis, so that every rest reads gravity.
+
+    |scale (reading - bias)| = G        in every pose, by weighted least squares (Gauss-Newton)
+
+Gravity counts as 9.80665 m/s²; where it differs, by up to 0.3 %, the scale makes up for it. What an axis takes from the
+others is not estimated: its size, as the residuals show it, is part of the covariance.
+Source: I. Frosio, F. Pedersini, N. A. Borghese, "Autocalibration of MEMS accelerometers", IEEE Transactions on
+Instrumentation and Measurement 58 (2009), with bias and scale only.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bridge.reasons.codes import Code, Sentence
+from bridge.wire.messages import AccelerometerCalibration, Verdict
+from estimator.calibration.accelerometer_errors import AccelKnobs, G
+from estimator.calibration.capture import Floats
+from estimator.calibration.least_squares import Solved, shown_size, solve
+
+#: six unknowns
+FEWEST_POSES = 6
+_STEPS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerometerVerdictKnobs:
+    """Limits within which a calibration is accepted."""
+
+    #: m/s², of what a rest is wrong by beside its noise: a wearer's breath, hysteresis, bias instability
+    rest_std: float = 0.01
+    #: relative, the most that an axis takes from another one
+    across: float = 0.02
+    #: m/s² and relative: a greater standard deviation means that the poses do not determine an axis
+    bias_std: float = 0.05
+    scale_std: float = 0.01
+    #: m/s² and relative: greater errors are no accelerometer's
+    bias: float = 1.5
+    scale: float = 0.1
+    #: residuals' variance by what the errors explain
+    misfit: float = 9.0
+
+
+def calibrated(poses: Floats, knobs: AccelerometerVerdictKnobs | None = None) -> AccelerometerCalibration:
+    """Calibrate from poses (n, 4): variance of the mean reading, m²/s⁴, and mean reading (3,), m/s²."""
+    knobs, told, n = knobs or AccelerometerVerdictKnobs(), AccelKnobs().shear, len(poses)
+    if n < FEWEST_POSES:
+        return _without(Verdict.REPEAT, n, Code.TOO_FEW_POSES(poses=n, least=FEWEST_POSES))
+    bias, scale = np.zeros(3), np.ones(3)
+    try:
+        for _ in range(_STEPS):
+            step = _solved(poses, bias, scale, told, knobs).step
+            bias, scale = bias + step[:3], scale + step[3:]
+        across = shown_size(lambda size: _solved(poses, bias, scale, size, knobs), told, knobs.across)
+        found = _solved(poses, bias, scale, across, knobs)
+    except np.linalg.LinAlgError:
+        return _without(Verdict.REPEAT, n, Code.ACCELEROMETER_UNCERTAIN())
+    bias, scale = bias + found.step[:3], scale + found.step[3:]
+    misfit = found.misfit()
+    covariance = misfit * found.cov
+    std = np.sqrt(covariance.diagonal())
+    if not (std[:3].max() < knobs.bias_std and std[3:].max() < knobs.scale_std):
+        return _without(Verdict.REPEAT, n, Code.ACCELEROMETER_UNCERTAIN())
+    if not (np.abs(bias).max() < knobs.bias and np.abs(scale - 1).max() < knobs.scale):
+        strength = np.linalg.norm(poses[:, 1:], axis=1)
+        worst = strength[np.argmax(np.abs(strength - G))]
+        return _without(Verdict.REFUSED, n, Code.ACCELEROMETER_NOT_GRAVITY(reading_m_s2=f"{worst:.1f}"))
+    if misfit > knobs.misfit:
+        return _without(Verdict.REFUSED, n, Code.ACCELEROMETER_MISFIT(times=f"{misfit**0.5:.1f}"))
+    return AccelerometerCalibration(
+        Verdict.ACCEPTED,
+        (Code.ACCELEROMETER_CALIBRATED(poses=n),),
+        n,
+        tuple(bias.tolist()),
+        tuple(scale.tolist()),
+        tuple(covariance.ravel().tolist()),
+        across,
+    )
+
+
+def in_use(known: AccelerometerCalibration) -> Floats:
+    """(9,) of an accepted calibration: bias, m/s², scale, and standard deviation of a corrected reading, m/s².
+
+    The last is that of gravity, on average over all poses: from bias, scale and what an axis takes from the others.
+    """
+    var = np.diag(np.reshape(known.covariance, (6, 6)))
+    error = var[:3] + G**2 / 3 * (var[3:] + 2 * known.cross_std**2)
+    return np.array([*known.bias, *known.scale, *np.sqrt(error)])
+
+
+def _solved(poses: Floats, bias: Floats, scale: Floats, across: float, knobs: AccelerometerVerdictKnobs) -> Solved:
+    """A step of bias and scale; what axes take from each other (std `across`) correlates the residuals."""
+    from_bias = poses[:, 1:] - bias
+    gravity = scale * from_bias
+    strength = np.linalg.norm(gravity, axis=1)
+    up = gravity / strength[:, None]
+    slopes = np.column_stack([-scale * up, from_bias * up])
+    taken = from_bias[:, [1, 0, 0]] * up[:, [2, 2, 1]] + from_bias[:, [2, 2, 1]] * up[:, [1, 0, 0]]
+    noise = np.diag(poses[:, 0] + knobs.rest_std**2)
+    return solve(strength - G, slopes, noise + across**2 * taken @ taken.T)
+
+
+def _without(verdict: Verdict, poses: int, why: Sentence) -> AccelerometerCalibration:
+    return AccelerometerCalibration(verdict, (why,), poses)

@@ -1,0 +1,80 @@
+"""Poses in which a device rested, gathered from its seconds; they calibrate the accelerometer."""
+
+from math import cos, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.messages import AccelerometerCalibration
+from estimator.calibration.accelerometer import calibrated
+from estimator.calibration.stages import LEAST_GRAVITY, MOST_GRAVITY
+from estimator.state import StateStruct, shaped
+from estimator.tracking.seconds import Second
+
+Floats = NDArray[np.float64]
+
+#: s, least length of a rest
+_REST_S = 1.5
+#: poses closer to each other count as one
+_SAME = cos(radians(30.0))
+#: m/s², change of a reading that ends a rest
+_CREEP = 0.1
+
+
+class PosesState(StateStruct):
+    """Saved state: poses (n, 5): length of the rest, s, variance of its mean reading, and this mean (3,).
+
+    rest (6,), of the rest under way: length, s, number of samples, their summed variance, and their sum (3,).
+    """
+
+    poses: Floats
+    rest: Floats
+
+
+class RestingPoses:
+    """The longest rest of a boot in each pose, and the accelerometer calibration by these rests."""
+
+    def __init__(self) -> None:
+        self._poses, self._rest = np.empty((0, 5)), np.zeros(6)
+        #: calibration by the poses so far, accepted or not; None before the first
+        self.found: AccelerometerCalibration | None = None
+
+    @property
+    def state(self) -> PosesState:
+        """State to save."""
+        return PosesState(self._poses, self._rest)
+
+    def restore(self, state: PosesState) -> None:
+        """Restore a state; raises ValueError for a damaged one."""
+        shaped(state.poses, -1, 5, finite=True)
+        shaped(state.rest, 6, finite=True)
+        self._poses, self._rest = state.poses, state.rest
+        self._calibrate()
+
+    def take(self, second: Second) -> None:
+        """Take the next second."""
+        mean, std = second.accel_mean, second.accel_std
+        if mean is None or std is None or second.flaw or not second.still:
+            self.end_rest()
+            return
+        if self._rest[0] and np.abs(self._rest[3:] / self._rest[1] - mean).max() > _CREEP:
+            self.end_rest()
+        n = second.samples
+        self._rest = np.add(self._rest, [second.end - second.start, n, n * np.mean(std**2), *(n * mean)])
+
+    def end_rest(self) -> None:
+        """End the rest under way, if any. A pose stays at least 30° from all others, so their number is bounded."""
+        if not self._rest[0]:
+            return
+        (length, n, var), mean, self._rest = self._rest[:3].tolist(), self._rest[3:] / self._rest[1], np.zeros(6)
+        strength, known = float(np.linalg.norm(mean)), self._poses[:, 2:]
+        if length < _REST_S or not LEAST_GRAVITY < strength < MOST_GRAVITY:
+            return
+        near = np.flatnonzero(known @ mean > _SAME * strength * np.linalg.norm(known, axis=1))
+        if len(near) > 1 or (len(near) and length <= self._poses[near[0], 0]):
+            return
+        self._poses = np.vstack([np.delete(self._poses, near, axis=0), [length, var / n**2, *mean]])
+        self._calibrate()
+
+    def _calibrate(self) -> None:
+        self.found = calibrated(self._poses[:, 1:]) if len(self._poses) else None
