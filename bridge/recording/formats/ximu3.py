@@ -50,4 +50,6 @@ def read(path: Path, reading: Reading) -> Table:
     if np.isfinite(celsius):
         columns["temperature_c"] = np.array(warm)
     notes = [f"messages not decoded: {undecoded}"] if undecoded else []
-    return table_of(path, columns, reading, tick_s=1e-6, notes=notes)
+    table = table_of(path, columns, reading, tick_s=1e-6, notes=notes)
+    table.model = "x-IMU3"
+    return table
