@@ -16,7 +16,7 @@ from bridge.drivers.driver import DriverKind, Event, Notice
 from bridge.drivers.lsl_channels import Channels, NoChannels, NoUnit, find
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.reasons.codes import Code
-from bridge.recording.units import ACCEL, GYRO, unit_in
+from bridge.text.units import ACCEL, GYRO, unit_in
 from bridge.transport import host_time
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.wire.refusal import Tally

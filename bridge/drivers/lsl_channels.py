@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.drivers.sample_assembly import Vector
 from bridge.recording.text.names import understood
-from bridge.recording.units import ACCEL, GYRO, unit_in
+from bridge.text.units import ACCEL, GYRO, unit_in
 
 if TYPE_CHECKING:
     import pylsl
