@@ -5,7 +5,7 @@ import numpy as np
 from bridge.wire import columns_pb2 as columns
 from bridge.wire import validation
 from bridge.wire.batches import MAX_ACCEL, MAX_SEQUENCE, column_of, floats_of, ticks_of, times_of
-from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.envelope import opened
 from bridge.wire.messages import VERSION, OrientationBatch, Quality
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.validation import clean
@@ -73,9 +73,7 @@ class OrientationEncoder:
 
 def decode_orientation(key: str, payload: bytes) -> OrientationBatch:
     """Decode an OrientationBatch, published under orientation/<device>. Raises Refusal."""
-    place = parse_key(key, "orientation")
-    raw = read(columns.OrientationBatch, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(columns.OrientationBatch, "orientation", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
     n = len(ticks)
