@@ -65,14 +65,17 @@ class Boots:
             outcome.said += self._from_scratch(device, info, scratch)
         if info is not None:
             self._look_up(device, info)
-            if not self.treatment.told(device.name) and (stated := model_stated(info.model)):
-                outcome.said.append(f"noise model {stated}, from the device")
+            outcome.said += self._noise_model(info)
         return outcome
 
     def knobs(self, device: str, bridge: str) -> SessionKnobs:
         """Settings of a device; where the ward file tells no model, of the one that the device states through this bridge."""
         info = self._devices.info(bridge, device)
         return self.treatment.of(device, info.model if info else "")
+
+    def _noise_model(self, info: DeviceInfo) -> list[str]:
+        stated = "" if self.treatment.told(info.device) else model_stated(info.model)
+        return [f"noise model {stated}, from the device"] if stated else []
 
     def _before(self, name: str, boot: int) -> list[int] | None:
         """Boots before this one, oldest first; None while unreadable. A bridge's cache may start in an earlier boot."""

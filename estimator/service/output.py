@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bridge.wire import validation
 from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, CorrectedEncoder
 from bridge.wire.messages import BiasRevision, Status, WindowBatch
-from bridge.wire.orientation import OrientationEncoder
+from bridge.wire.orientation import encode_columns
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 from estimator.device.batch_correction import Cut, Rates
 from estimator.device.correction import Correction
@@ -84,7 +84,7 @@ class Orientations:
     """Encoder of one device's orientation into payloads within the wire's limits."""
 
     def __init__(self, device: str, epoch: int = 0) -> None:
-        self._encoder = OrientationEncoder(device, epoch)
+        self._of = device, epoch
 
     def encode(self, one: OrientedCut) -> bytes:
         """Encode the orientation of a cut of samples; an acceleration beyond the range is limited to it."""
@@ -93,12 +93,11 @@ class Orientations:
         if not isnan(attitudes.accel.item(0)):
             force = attitudes.accel.astype(np.float32)
             accel = (force if np.vdot(force, force) <= MAX_ACCEL**2 else force.clip(-MAX_ACCEL, MAX_ACCEL)).tobytes()
-        return self._encoder.encode(
+        return encode_columns(
+            *self._of,
             samples.boot,
             cut.sequence,
-            cut.start_time_ns,
-            samples.tick_period_s,
-            samples.clock_rate,
+            (cut.start_time_ns, samples.tick_period_s, samples.clock_rate),
             cut.ticks,
             attitudes.quat_wxyz.astype(np.float32).tobytes(),
             accel,
