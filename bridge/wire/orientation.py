@@ -20,13 +20,11 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 
 def encode_orientation(batch: OrientationBatch) -> bytes:
     """Encode an OrientationBatch, the payload of orientation/<device>."""
+    clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
     return encode_columns(
         batch.device,
         batch.epoch,
-        batch.boot,
-        batch.sequence,
-        (batch.start_time_ns, batch.tick_period_s, batch.clock_rate),
-        column_of(batch.ticks, _UINT64),
+        (batch.boot, batch.sequence, *clock, column_of(batch.ticks, _UINT64)),
         column_of(batch.quat_wxyz, _FLOAT),
         b"" if batch.linear_accel is None else column_of(batch.linear_accel, _FLOAT),
         column_of(batch.covariance[_ROWS, _COLUMNS], _FLOAT),
@@ -38,10 +36,7 @@ def encode_orientation(batch: OrientationBatch) -> bytes:
 def encode_columns(
     device: str,
     epoch: int,
-    boot: int,
-    sequence: int,
-    clock: tuple[int, float, float],
-    ticks: bytes,
+    header: tuple[int, int, int, float, float, bytes],
     quat_wxyz: bytes,
     linear_accel: bytes,
     covariance: bytes,
@@ -50,17 +45,18 @@ def encode_columns(
 ) -> bytes:
     """Encode an orientation from packed columns, as of `column_of`; covariance is xx, xy, xz, yy, yz, zz.
 
-    clock: start_time_ns, tick_period_s, clock_rate.
+    header: boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks.
     """
+    boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks = header
     return columns.OrientationBatch(
         version=VERSION,
         device=device,
         epoch=epoch,
         boot=boot,
         sequence=sequence,
-        start_time_ns=clock[0],
-        tick_period_s=clock[1],
-        clock_rate=clock[2],
+        start_time_ns=start_time_ns,
+        tick_period_s=tick_period_s,
+        clock_rate=clock_rate,
         ticks=ticks,
         quat_wxyz=quat_wxyz,
         linear_accel=linear_accel,
