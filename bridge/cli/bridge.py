@@ -11,7 +11,7 @@ from bridge.bus.contract import Bus
 from bridge.bus.router_watch import RouterWatch
 from bridge.bus.routers import Routers
 from bridge.bus.startup import claim_id, wait_for_router
-from bridge.cli import profiles, scan, ximu3
+from bridge.cli import profiles, scan
 from bridge.cli.parser import Verbs, add_group, add_guarded
 from bridge.cli.reading_options import add_reading, reading_of
 from bridge.cli.ward_options import add_ward, ward_of
@@ -60,9 +60,6 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     does = "publish a recording as if its devices were present"
     example = "truerate bridge replay walk.npz --device wrist-01; truerate bridge replay ward-3-20260801T101500Z.mcap --speed 10"
     _add_replay(add_guarded(inner, "replay", _replay, does, example))
-    does = "send devices of a ward as x-IMU3s, for example to x-io's GUI"
-    example = "truerate bridge ximu3 --config configs/ward.toml --device chest --udp 127.0.0.1:8000"
-    ximu3.add_arguments(add_guarded(inner, "ximu3", ximu3.shown, does, example))
     does = "list the profiles of devices that print text lines"
     add_guarded(inner, "profiles", profiles.profiles, does, "truerate bridge profiles")
     does = "show what a profile reads from a captured file; exit code 1 if it finds no sample"

@@ -6,7 +6,9 @@ import re
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from msgspec.structs import asdict
 
 from bridge.cli.parser import Verbs
 from bridge.cli.reading_options import add_reading, reading_of
@@ -25,9 +27,9 @@ if TYPE_CHECKING:
     from bridge.recording.recording import Recording
 
 Run = Callable[[argparse.Namespace], int | None]
-#: settings of the ward's file that take effect in a running recorder
 #: device of a recording that names none
 _UNNAMED = "recorded"
+#: settings of the ward's file that take effect in a running recorder
 _LIVE = tuple(f"recorder.{name}" for name in ("devices", "rotate", "rotate_mb", "keep_free_mb", "keep_days", "keep_gb"))
 
 RECORD = """Writes readings, corrected rates, status, calibrations and notes of a ward to DIR/WARD-TIME.mcap. Foxglove and
@@ -233,7 +235,7 @@ def _record(given: argparse.Namespace) -> int:
 
     def settings_of(root: Root) -> Recorder:
         try:
-            return options({**_table(root.recorder), **said}, Recorder)
+            return options({**asdict(root.recorder), **said}, Recorder)
         except ValueError as error:
             raise ConfigError(f"record: {error}") from None
 
@@ -254,10 +256,6 @@ def _record(given: argparse.Namespace) -> int:
         connected=(lambda bus: file.answer(bus, routers, Role.RECORDER, "recorder")) if file else None,
         changed=lambda: settings_of(new) if file and (new := file.look(time.monotonic())) else None,
     )
-
-
-def _table(settings: Recorder) -> dict[str, Any]:
-    return {name: getattr(settings, name) for name in Recorder.__struct_fields__}
 
 
 def _info(given: argparse.Namespace) -> int:

@@ -113,7 +113,7 @@ def _table(path: Path, who: Identity, parts: list[Readings], faults: list[str], 
         raise RecordingError(f"{path}: the bytes carry no time: give the device's output data rate with --rate-hz")
     else:
         columns["counter"] = ticks
-    return Table(columns, notes=notes, tick_s=who.tick_period_s)
+    return Table(columns, model=who.model, notes=notes, tick_s=who.tick_period_s)
 
 
 def _unwrapped(ticks: NDArray[np.unsignedinteger], bits: int) -> Floats:

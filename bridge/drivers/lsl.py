@@ -16,7 +16,7 @@ from bridge.drivers.driver import DriverKind, Event, Notice
 from bridge.drivers.lsl_channels import Channels, NoChannels, NoUnit, find
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.reasons.codes import Code
-from bridge.recording.units import ACCEL, GYRO, unit_in
+from bridge.text.units import ACCEL, GYRO, unit_in
 from bridge.transport import host_time
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.wire.refusal import Tally
@@ -172,9 +172,9 @@ class LslDriver:
         for row, stamp, age_s in zip(values, stamps.tolist(), ages_s.tolist(), strict=True):
             self._assembly.add(
                 max(0, round(stamp / _TICK_S)),
-                channels.rates(row),
-                channels.forces(row),
-                channels.celsius(row),
+                channels.gyro.vector(row),
+                None if channels.accel is None else channels.accel.vector(row),
+                None if channels.temperature is None else float(row[channels.temperature]),
                 receive_time_ns=now_ns - round(age_s * 1e9) if 0 <= age_s < _LIVE_S else now_ns,
             )
         return [*self._noticed(stamps), *self._assembly.events()]

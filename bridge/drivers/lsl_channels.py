@@ -1,7 +1,6 @@
 """Finds the gyro's, the accelerometer's and the thermometer's channels in an LSL stream's metadata."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from bridge.drivers.sample_assembly import Vector
 from bridge.recording.text.names import understood
-from bridge.recording.units import ACCEL, GYRO, unit_in
+from bridge.text.units import ACCEL, GYRO, unit_in
 
 if TYPE_CHECKING:
     import pylsl
@@ -41,25 +40,12 @@ class Triple(NamedTuple):
         return float(row[x]) * self.factor, float(row[y]) * self.factor, float(row[z]) * self.factor
 
 
-@dataclass(frozen=True, slots=True)
-class Channels:
-    """Channels of a stream that make a reading."""
+class Channels(NamedTuple):
+    """Channels of a stream that make a reading; temperature in °C."""
 
     gyro: Triple
     accel: Triple | None
     temperature: int | None
-
-    def rates(self, row: Row) -> Vector:
-        """Rates of one sample, rad/s."""
-        return self.gyro.vector(row)
-
-    def forces(self, row: Row) -> Vector | None:
-        """Accelerations of one sample, m/s²."""
-        return None if self.accel is None else self.accel.vector(row)
-
-    def celsius(self, row: Row) -> float | None:
-        """Temperature of one sample, °C."""
-        return None if self.temperature is None else float(row[self.temperature])
 
 
 class _Channel(NamedTuple):

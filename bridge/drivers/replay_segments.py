@@ -39,7 +39,7 @@ class ReplaySegment:
         identity = Identity(
             boot=boot,
             boot_cause=BootCause.PORT_OPENED,
-            model=recording.name,
+            model=recording.model or recording.name,
             firmware="recording",
             rate_hz=recording.rate_hz,
             gyro_range=gyro_range or recording.gyro_range,

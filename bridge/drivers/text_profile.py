@@ -15,7 +15,7 @@ from bridge.framing.lines import ANY_END, Line, Lines
 from bridge.reasons.codes import Code, Sentence
 from bridge.text.line_parser import DECIMAL_TICK_S, CsvReader, Header, Reader, Refused, RegexReader, Row
 from bridge.text.profile import Profile, load_profile, shipped
-from bridge.text.units import TIMES
+from bridge.text.units import TICKS
 from bridge.toml.loader import ConfigError
 from bridge.transport import address
 from bridge.wire.refusal import Tally
@@ -171,7 +171,7 @@ class TextDecoder:
         if time is None or not self._clock:
             return SampleAssembler(self.faults, self._about_it(), None)
         if time.width:
-            self._tick_s, self._tick_bits = TIMES[time.unit], time.width
+            self._tick_s, self._tick_bits = TICKS[time.unit], time.width
         else:
             self._tick_s = DECIMAL_TICK_S
         return SampleAssembler(self.faults, self._about_it(), self._tick_s, self._tick_bits)

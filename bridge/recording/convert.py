@@ -79,7 +79,7 @@ def _info(recording: Recording, device: str, boot: int, begin_ns: int) -> Device
         bridge=_BRIDGE,
         boot=boot,
         boot_cause=BootCause.UNKNOWN,
-        model=recording.name[:32],
+        model=(recording.model or recording.name)[:32],
         firmware="recording",
         driver="",
         port="",

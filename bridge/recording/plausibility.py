@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.recording.error import RecordingError
-from bridge.recording.units import STANDARD_GRAVITY
+from bridge.text.units import STANDARD_GRAVITY
 
 Floats = NDArray[np.float64]
 #: rad/s; no wearable turns this fast, and few gyros can read it

@@ -110,5 +110,6 @@ def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
         told=Told(of.ticks, of.tick_period_s, of.sequence, of.flags),
         device=of.device,
         boot=of.boot,
+        model=of.info.model if of.info else "",
         notes=tuple(notes),
     )

@@ -3,7 +3,7 @@
 from msgspec import Struct
 
 from bridge.recording.error import RecordingError
-from bridge.recording.units import ACCEL, GYRO, TIME, unit_in
+from bridge.text.units import ACCEL, GYRO, TIME, unit_in
 
 
 class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -48,7 +48,7 @@ class Recording:
     temperature_c (n,): °C, or None.
     rate_hz: output data rate as the file says, otherwise measured from the times, gaps excluded.
     name: for messages. gyro_range: full-scale range, rad/s, 0 when unknown.
-    device, boot: ids, empty and 0 when unknown.
+    device, boot: ids, empty and 0 when unknown. model: as the device states it, empty when unknown.
 
     Of a ward's recording only: `made`, the accepted calibrations of this boot in the recording, in order of time;
     `begin_ns`, host time of the first sample; `told`, ticks, sequence numbers and flags as the bridge sent them.
@@ -66,6 +66,7 @@ class Recording:
     told: Told | None = None
     device: str = ""
     boot: int = 0
+    model: str = ""
     #: what the reader understood, repaired or doubted, for the user
     notes: tuple[str, ...] = ()
 

@@ -38,6 +38,7 @@ class Table:
     place: Place = in_arrays
     device: str = ""
     boot: int = 0
+    model: str = ""
     notes: list[str] = field(default_factory=list)
     tick_s: float = 0.0
 
@@ -70,6 +71,7 @@ def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
         name=path.stem,
         device=table.device,
         boot=table.boot,
+        model=table.model,
         notes=tuple(notes),
     )
 

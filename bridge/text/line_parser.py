@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 from bridge.terminal.plurals import count
 from bridge.text.profile import NUMBER, Profile
-from bridge.text.units import TIMES
+from bridge.text.units import TICKS
 
 Vector = tuple[float, float, float]
 ROW_SHORT, ROW_LONG, NOT_A_NUMBER, NO_MATCH = "row_short", "row_long", "not_a_number", "no_match"
@@ -177,7 +177,7 @@ def _number(text: str) -> float:
 
 def _tick(text: str, unit: str, bits: int) -> int:
     if not bits:
-        tick = _number(text) * TIMES[unit] / DECIMAL_TICK_S
+        tick = _number(text) * TICKS[unit] / DECIMAL_TICK_S
         if 0 <= tick <= _LATEST_TICK:
             return round(tick)
         raise ValueError(f"{text!r} is not a time")

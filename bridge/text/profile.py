@@ -32,6 +32,7 @@ shipped with truerate are in configs/profiles, or in the installed package.
 """
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, Literal
 
@@ -40,7 +41,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from bridge.reasons.codes import Code, Sentence
-from bridge.text.units import ACCELERATIONS, RATES, STANDARD_GRAVITY, TIMES, in_si
+from bridge.text.units import ACCEL, GYRO, STANDARD_GRAVITY, TICKS, unit_in
 from bridge.toml.loader import load, nearest
 from bridge.toml.shipped import file_of
 from bridge.toml.shipped import shipped as in_folders
@@ -48,6 +49,8 @@ from bridge.wire.validation import MAX_SENTENCE
 
 _HERE = Path(__file__).parent.parent
 _FOLDERS = (_HERE / "profiles", _HERE.parent / "configs" / "profiles")  # of an installed package; of a checkout
+#: unit of raw counts, whose sensitivity is given beside it
+_COUNTS: Final = "counts"
 BANNER_GROUPS: Final = ("model", "firmware", "rate_hz", "gyro_range_dps")
 NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
@@ -115,8 +118,8 @@ class Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     @property
     def factor(self) -> NDArray[np.float64]:
         """Factors (3,) to rad/s."""
-        sensitivity = None if self.sensitivity_mdps is None else self.sensitivity_mdps * RATES["mdps"]
-        return np.full(3, self.scale) * in_si(self.unit, RATES, sensitivity, "sensitivity_mdps")
+        sensitivity = None if self.sensitivity_mdps is None else self.sensitivity_mdps * GYRO["mdeg/s"]
+        return np.full(3, self.scale) * _in_si(self.unit, GYRO, sensitivity, "sensitivity_mdps")
 
 
 class Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -135,7 +138,7 @@ class Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def factor(self) -> NDArray[np.float64]:
         """Factors (3,) to m/s²."""
         sensitivity = None if self.sensitivity_mg is None else self.sensitivity_mg * STANDARD_GRAVITY * 1e-3
-        return np.full(3, self.scale) * in_si(self.unit, ACCELERATIONS, sensitivity, "sensitivity_mg")
+        return np.full(3, self.scale) * _in_si(self.unit, ACCEL, sensitivity, "sensitivity_mg")
 
 
 class Temperature(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -168,7 +171,8 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bits: int | None = None
 
     def __post_init__(self) -> None:
-        in_si(self.unit, TIMES, None, "")
+        if self.unit not in TICKS:
+            raise ValueError(f"unknown unit {self.unit!r}; {nearest(self.unit, TICKS)}")
         if self.bits is not None and not (self.bits == 0 or 8 <= self.bits <= 64):
             raise ValueError(f"bits is {self.bits}: use 8 to 64, or 0 for a time that never wraps")
 
@@ -287,3 +291,24 @@ def _within(key: str, value: float, low: float, high: float) -> None:
 def _check_scale(scale: Axes) -> None:
     if not all(1e-9 <= abs(number) <= 1e9 for number in np.ravel(scale)):
         raise ValueError(f"scale is {scale}: give one factor, or three (x, y, z), none of them 0")
+
+
+def _in_si(unit: str, units: Mapping[str, float], sensitivity: float | None, key: str) -> float:
+    """SI value of one `unit`, or of one count of a sensor with this sensitivity (already SI).
+
+    key: the sensitivity's name in the file. Raises ValueError with what is expected.
+    """
+    if unit != _COUNTS:
+        factor = unit_in(unit, units)
+        if factor is None:
+            raise ValueError(f"unknown unit {unit!r}; {nearest(unit, (*units, _COUNTS))}")
+        if sensitivity is not None:
+            raise ValueError(f"{key} applies only to unit = {_COUNTS!r}, but unit is {unit!r}: remove it")
+        return factor
+    if sensitivity is None:
+        raise ValueError(f"unit {_COUNTS!r} needs {key}: give the value of the sensor's data sheet")
+    if not 0 < sensitivity < 1e6:
+        raise ValueError(
+            f"{key} is {sensitivity:g}: give the value of one count, above 0, as in the sensor's data sheet"
+        )
+    return sensitivity

@@ -1,33 +1,61 @@
-"""Units that a profile may name, with their SI factors."""
+"""Units as people write them, with their factors to rad/s, m/s² and s."""
 
+import re
 from collections.abc import Mapping
-from math import radians
+from math import pi
 from typing import Final
 
-from bridge.toml.loader import nearest
-
 STANDARD_GRAVITY: Final = 9.80665
-COUNTS: Final = "counts"
-RATES: Final[Mapping[str, float]] = {"rad/s": 1.0, "mrad/s": 1e-3, "dps": radians(1), "mdps": radians(1e-3)}
-ACCELERATIONS: Final[Mapping[str, float]] = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3}
-TIMES: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+GYRO = {"rad/s": 1.0, "deg/s": pi / 180, "mdeg/s": pi / 180e3, "mrad/s": 1e-3, "deg/h": pi / 180 / 3600}
+ACCEL = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3, "mm/s2": 1e-3, "cm/s2": 1e-2}
+#: units of a device's clock; written exactly so
+TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME = {**TICKS, "min": 60.0}
+
+_SPELT = (
+    (re.compile("[°º˚]"), "deg"),
+    (re.compile("²"), "2"),
+    (re.compile("[µμ]"), "u"),
+    (re.compile(r"degrees?"), "deg"),
+    (re.compile(r"radians?"), "rad"),
+    (re.compile(r"milli-?(?=deg|g)"), "m"),
+    (re.compile(r"milliseconds?|millis|msecs?"), "ms"),
+    (re.compile(r"microseconds?|micros|usecs?"), "us"),
+    (re.compile(r"nanoseconds?|nanos|nsecs?"), "ns"),
+    (re.compile(r"seconds?|secs?\b"), "s"),
+    (re.compile(r"(?<![a-z])per(?![a-z])"), "/"),
+    (re.compile(r"[\s_^*·.()\[\]]"), ""),
+    (re.compile(r"/+"), "/"),
+    (re.compile(r"[-−]1$|⁻¹$"), "!"),
+    (re.compile(r"[-−]2$|⁻2$"), "!2"),
+    (re.compile(r"s!"), "/s"),
+    (re.compile(r"/s/s$"), "/s2"),
+)
+_SHORT = {
+    "dps": "deg/s",
+    "mdps": "mdeg/s",
+    "degs": "deg/s",
+    "degsec": "deg/s",
+    "deg/sec": "deg/s",
+    "rads": "rad/s",
+    "rad/sec": "rad/s",
+    "mps2": "m/s2",
+    "ms2": "m/s2",
+    "gs": "g",
+    "gn": "g",
+    "sec": "s",
+    "hr": "h",
+}
 
 
-def in_si(unit: str, units: Mapping[str, float], sensitivity: float | None, key: str) -> float:
-    """SI value of one `unit`, or of one count of a sensor with this sensitivity (already SI).
+def spelling(text: str) -> str:
+    """Return the standard spelling of a unit: `°/s`, `deg_s` and `dps` are all deg/s."""
+    text = text.strip().lower()
+    for pattern, put in _SPELT:
+        text = pattern.sub(put, text)
+    return _SHORT.get(text, text)
 
-    key: the sensitivity's name in the file. Raises ValueError with what is expected.
-    """
-    if unit != COUNTS:
-        if unit not in units:
-            raise ValueError(f"unknown unit {unit!r}; {nearest(unit, (*units, COUNTS))}")
-        if sensitivity is not None:
-            raise ValueError(f"{key} applies only to unit = {COUNTS!r}, but unit is {unit!r}: remove it")
-        return units[unit]
-    if sensitivity is None:
-        raise ValueError(f"unit {COUNTS!r} needs {key}: give the value of the sensor's data sheet")
-    if not 0 < sensitivity < 1e6:
-        raise ValueError(
-            f"{key} is {sensitivity:g}: give the value of one count, above 0, as in the sensor's data sheet"
-        )
-    return sensitivity
+
+def unit_in(text: str, known: Mapping[str, float]) -> float | None:
+    """Return the factor of a unit, in any spelling, to SI; None if it is not in `known`."""
+    return known.get(spelling(text))

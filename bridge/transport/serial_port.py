@@ -26,11 +26,11 @@ _MOST_BYTES = 65_536
 
 
 class _Open(NamedTuple):
-    """An open port, its poll object, and the event that ends a wait."""
+    """An open port, its poll object, and the two ends of a pipe: to close the second ends a wait on the first."""
 
     port: serial.Serial
     poll: select.poll
-    wake: int
+    wake: tuple[int, int]
 
 
 class SerialPort:
@@ -64,9 +64,9 @@ class SerialPort:
             _close(opened)
             said = serial_errors.cause(error, self.place)
             raise DeviceUnavailable(said, soon=serial_errors.settling(error)) from None
-        wake = os.eventfd(0)
+        wake = os.pipe()
         poll = select.poll()
-        for fd in (opened.fileno(), wake):
+        for fd in (opened.fileno(), wake[0]):
             poll.register(fd, select.POLLIN)
         self._open = _Open(opened, poll, wake)
 
@@ -102,9 +102,9 @@ class SerialPort:
         with self._closing:
             opened, self._open = self._open, None
         if opened is not None:
-            os.eventfd_write(opened.wake, 1)
+            os.close(opened.wake[1])
             _close(opened.port)
-            os.close(opened.wake)
+            os.close(opened.wake[0])
 
     def _opened(self) -> _Open:
         opened = self._open

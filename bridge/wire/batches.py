@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bridge.wire import columns_pb2 as columns
 from bridge.wire import validation
-from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.envelope import opened
 from bridge.wire.messages import VERSION, CorrectedBatch, Quality, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.validation import clean
@@ -55,9 +55,7 @@ def encode_samples(batch: SampleBatch) -> bytes:
 
 def decode_samples(key: str, payload: bytes) -> SampleBatch:
     """Decode a SampleBatch, published under raw/<bridge>/<device>. Raises Refusal."""
-    place = parse_key(key, "raw")
-    raw = read(columns.SampleBatch, payload)
-    same_id(raw.device, place, "device")
+    raw, place = opened(columns.SampleBatch, "raw", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
     n = len(ticks)
@@ -127,9 +125,7 @@ class CorrectedEncoder:
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
     """Decode a CorrectedBatch, published under corrected/<device>. Raises Refusal."""
-    place = parse_key(key, "corrected")
-    raw = read(columns.CorrectedBatch, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(columns.CorrectedBatch, "corrected", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
     n = len(ticks)
@@ -165,9 +161,7 @@ class Rates(NamedTuple):
 
 def decode_rates(key: str, payload: bytes) -> Rates:
     """Decode only the rates of a CorrectedBatch, at a quarter of the cost; other fields are not checked. Raises Refusal."""
-    place = parse_key(key, "corrected")
-    raw = read(columns.CorrectedBatch, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(columns.CorrectedBatch, "corrected", key, payload)
     n = len(raw.rate) // 12
     if not 1 <= n <= MAX_SAMPLES:
         raise Refusal(Reason.LENGTH, f"rate has {n} samples: use 1 to {MAX_SAMPLES}")

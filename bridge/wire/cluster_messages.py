@@ -5,7 +5,7 @@ from bridge.wire import truerate_pb2 as pb
 from bridge.wire.alerts import alert_messages, alerts_in
 from bridge.wire.batches import MAX_SEQUENCE
 from bridge.wire.control_messages import calibration_in, calibration_message
-from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.envelope import opened
 from bridge.wire.messages import VERSION, Calibration, Checkpoint, CommandReply, Holding, Move, Owned, Verdict
 from bridge.wire.placement import placement_in, placement_message
 from bridge.wire.refusal import Reason, Refusal
@@ -40,9 +40,7 @@ def encode_owned(owned: Owned) -> bytes:
 
 def decode_owned(key: str, payload: bytes) -> Owned:
     """Decode an Owned message, published under owned/<estimator>. Raises Refusal."""
-    place = parse_key(key, "owned")
-    raw = read(pb.Owned, payload)
-    same_id(raw.estimator, place, "estimator")
+    raw, _ = opened(pb.Owned, "owned", key, payload, "estimator")
     if len(raw.holdings) > MAX_HOLDINGS or len(raw.moves) > MAX_MOVES:
         raise Refusal(
             Reason.LENGTH,
@@ -85,9 +83,7 @@ def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
 
     `state` is not checked here; restoring a session checks it.
     """
-    place = parse_key(key, "checkpoint")
-    raw = read(pb.Checkpoint, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(pb.Checkpoint, "checkpoint", key, payload)
     return Checkpoint(
         device=raw.device,
         boot=raw.boot,

@@ -7,7 +7,7 @@ from bridge.wire import truerate_pb2 as pb
 from bridge.wire.accelerometers import accelerometer_in, accelerometer_message
 from bridge.wire.alerts import alert_messages, alerts_in
 from bridge.wire.batches import MAX_CELSIUS, MAX_RATE
-from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.envelope import opened, parse_key, read, same_id
 from bridge.wire.messages import (
     VERSION,
     BootCause,
@@ -66,9 +66,7 @@ def encode_info(info: DeviceInfo) -> bytes:
 
 def decode_info(key: str, payload: bytes) -> DeviceInfo:
     """Decode a DeviceInfo, published under info/<bridge>/<device>. Raises Refusal."""
-    place = parse_key(key, "info")
-    raw = read(pb.DeviceInfo, payload)
-    same_id(raw.device, place, "device")
+    raw, place = opened(pb.DeviceInfo, "info", key, payload)
     same_id(raw.bridge, place, "bridge")
     return DeviceInfo(
         device=raw.device,
@@ -143,9 +141,7 @@ def encode_status(status: Status) -> bytes:
 
 def decode_status(key: str, payload: bytes) -> Status:
     """Decode a Status, published under status/<device>. Raises Refusal."""
-    place = parse_key(key, "status")
-    raw = read(pb.Status, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(pb.Status, "status", key, payload)
     axes_done = tuple(validation.whole(axis, "axes_done", 2) for axis in raw.axes_done)
     if len(axes_done) > 3:
         raise Refusal(Reason.LENGTH, f"axes_done has {len(axes_done)} values; at most 3 are allowed")
@@ -217,9 +213,7 @@ def calibration_message(calibration: Calibration) -> pb.Calibration:
 
 def decode_calibration(key: str, payload: bytes) -> Calibration:
     """Decode a Calibration, published under calibration/<device>. Raises Refusal."""
-    place = parse_key(key, "calibration")
-    raw = read(pb.Calibration, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(pb.Calibration, "calibration", key, payload)
     return calibration_in(raw)
 
 
@@ -267,9 +261,7 @@ def encode_note(note: Note) -> bytes:
 
 def decode_note(key: str, payload: bytes) -> Note:
     """Decode a Note, published under note/<device>. Raises Refusal."""
-    place = parse_key(key, "note")
-    raw = read(pb.Note, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(pb.Note, "note", key, payload)
     return Note(
         device=raw.device,
         boot=raw.boot,

@@ -41,3 +41,11 @@ def same_id(said: str, place: Key, name: str) -> None:
     """Raise Refusal if the payload and its key have different ids. name: the kind of id, for example `device`."""
     if said != place.ids[name]:
         raise Refusal(Reason.FOREIGN_ID, f"the payload says {name} {said[:64]!r}, the key {place.ids[name]!r}")
+
+
+def opened(kind: type[M], what: str, key: str, payload: bytes, id_: str = "device") -> tuple[M, Key]:
+    """Parse a message of the kind `what` and its key, which must name the same id. Raises Refusal."""
+    place = parse_key(key, what)
+    message = read(kind, payload)
+    same_id(getattr(message, id_), place, id_)
+    return message, place

@@ -5,7 +5,7 @@ import numpy as np
 from bridge.wire import columns_pb2 as columns
 from bridge.wire import validation
 from bridge.wire.batches import MAX_ACCEL, MAX_SEQUENCE, column_of, floats_of, ticks_of, times_of
-from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.envelope import opened
 from bridge.wire.messages import VERSION, OrientationBatch, Quality
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.validation import clean
@@ -21,11 +21,10 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 def encode_orientation(batch: OrientationBatch) -> bytes:
     """Encode an OrientationBatch, the payload of orientation/<device>."""
     clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
-    return OrientationEncoder(batch.device, batch.epoch).encode(
-        batch.boot,
-        batch.sequence,
-        *clock,
-        column_of(batch.ticks, _UINT64),
+    return encode_columns(
+        batch.device,
+        batch.epoch,
+        (batch.boot, batch.sequence, *clock, column_of(batch.ticks, _UINT64)),
         column_of(batch.quat_wxyz, _FLOAT),
         b"" if batch.linear_accel is None else column_of(batch.linear_accel, _FLOAT),
         column_of(batch.covariance[_ROWS, _COLUMNS], _FLOAT),
@@ -34,48 +33,43 @@ def encode_orientation(batch: OrientationBatch) -> bytes:
     )
 
 
-class OrientationEncoder:
-    """Encoder for the orientation of one device."""
+def encode_columns(
+    device: str,
+    epoch: int,
+    header: tuple[int, int, int, float, float, bytes],
+    quat_wxyz: bytes,
+    linear_accel: bytes,
+    covariance: bytes,
+    zero: tuple[int, str],
+    quality: Quality,
+) -> bytes:
+    """Encode an orientation from packed columns, as of `column_of`; covariance is xx, xy, xz, yy, yz, zz.
 
-    def __init__(self, device: str, epoch: int = 0) -> None:
-        self._message = columns.OrientationBatch(version=VERSION, device=device, epoch=epoch)
-
-    def encode(
-        self,
-        boot: int,
-        sequence: int,
-        start_time_ns: int,
-        tick_period_s: float,
-        clock_rate: float,
-        ticks: bytes,
-        quat_wxyz: bytes,
-        linear_accel: bytes,
-        covariance: bytes,
-        zero: tuple[int, str],
-        quality: Quality,
-    ) -> bytes:
-        """Encode one message from packed columns, as of `column_of`; covariance is xx, xy, xz, yy, yz, zz."""
-        message = self._message
-        message.boot = boot
-        message.sequence = sequence
-        message.start_time_ns = start_time_ns
-        message.tick_period_s = tick_period_s
-        message.clock_rate = clock_rate
-        message.ticks = ticks
-        message.quat_wxyz = quat_wxyz
-        message.linear_accel = linear_accel
-        message.covariance = covariance
-        message.zero_sequence = zero[0]
-        message.zero = clean(zero[1], validation.MAX_NAME)
-        message.quality = int(quality)
-        return message.SerializeToString()
+    header: boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks.
+    """
+    boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks = header
+    return columns.OrientationBatch(
+        version=VERSION,
+        device=device,
+        epoch=epoch,
+        boot=boot,
+        sequence=sequence,
+        start_time_ns=start_time_ns,
+        tick_period_s=tick_period_s,
+        clock_rate=clock_rate,
+        ticks=ticks,
+        quat_wxyz=quat_wxyz,
+        linear_accel=linear_accel,
+        covariance=covariance,
+        zero_sequence=zero[0],
+        zero=clean(zero[1], validation.MAX_NAME),
+        quality=int(quality),
+    ).SerializeToString()
 
 
 def decode_orientation(key: str, payload: bytes) -> OrientationBatch:
     """Decode an OrientationBatch, published under orientation/<device>. Raises Refusal."""
-    place = parse_key(key, "orientation")
-    raw = read(columns.OrientationBatch, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(columns.OrientationBatch, "orientation", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
     n = len(ticks)

@@ -5,7 +5,7 @@ import numpy as np
 from bridge.wire import truerate_pb2 as pb
 from bridge.wire import validation
 from bridge.wire.batches import MAX_RATE, MAX_SEQUENCE, MAX_STD
-from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.envelope import opened
 from bridge.wire.messages import VERSION, BiasRevision
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.sentences import decoded, encoded
@@ -34,9 +34,7 @@ def encode_revision(revision: BiasRevision) -> bytes:
 
 def decode_revision(key: str, payload: bytes) -> BiasRevision:
     """Decode a BiasRevision, published under revision/<device>. Raises Refusal."""
-    place = parse_key(key, "revision")
-    raw = read(pb.BiasRevision, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(pb.BiasRevision, "revision", key, payload)
     n = len(raw.sequences)
     if not MIN_POINTS <= n <= MAX_POINTS:
         raise Refusal(Reason.LENGTH, f"{n} points: use {MIN_POINTS} to {MAX_POINTS}")

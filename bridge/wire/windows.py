@@ -18,7 +18,7 @@ from bridge.wire.batches import (
     packed_flags,
     stds_of,
 )
-from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.envelope import opened
 from bridge.wire.messages import VERSION, Quality, WindowBatch
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.validation import MAX_TIME_NS, clean
@@ -61,9 +61,7 @@ def encode_windows(batch: WindowBatch) -> bytes:
 
 def decode_windows(key: str, payload: bytes) -> WindowBatch:
     """Decode a WindowBatch, published under @windowed/<device>. Raises Refusal."""
-    place = parse_key(key, "@windowed")
-    raw = read(columns.WindowBatch, payload)
-    same_id(raw.device, place, "device")
+    raw, _ = opened(columns.WindowBatch, "@windowed", key, payload)
     sequences = np.frombuffer(_rising(raw.sequences, "sequences", MAX_SEQUENCE), _UINT64)
     m = len(sequences)
     times_ns = np.frombuffer(_rising(raw.times_ns, "times_ns", MAX_TIME_NS), _INT64)

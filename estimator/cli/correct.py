@@ -10,7 +10,7 @@ from bridge.terminal.console import plain_console
 from bridge.terminal.progress import Bar
 from estimator.cli import picture_file
 from estimator.cli.recording_options import HOLDS, add_choice, check_range, gyro_range, recorded
-from estimator.noise.device_model import GENERIC, load_model
+from estimator.noise.device_model import load_model, model_stated
 
 HELP = f"""{HOLDS}
 corrected:
@@ -77,9 +77,8 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--other-boot", action="store_true", help="the device was switched off after that calibration")
     verb.add_argument(
         "--model",
-        default=GENERIC,
         metavar="NAME",
-        help="device model, a name in configs/devices or a .toml file (default: %(default)s)",
+        help="device model, a name in configs/devices or a .toml file (default: as the recorded device states, else generic)",
     )
     verb.add_argument(
         "--warmed-up",
@@ -102,7 +101,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def _correct(given: argparse.Namespace) -> int:
-    from estimator.config.device_settings import knobs_of, learning  # noqa: PLC0415
+    from estimator.config.device_settings import knobs_of, knobs_of_stated, learning  # noqa: PLC0415
     from estimator.offline import calibration_file, corrected_file  # noqa: PLC0415
     from estimator.offline.recordings import correct  # noqa: PLC0415
     from estimator.reports import correction  # noqa: PLC0415
@@ -112,7 +111,7 @@ def _correct(given: argparse.Namespace) -> int:
             "--other-boot is given without a calibration: add --calibration FILE, or leave --other-boot out"
         )
     check_range(given)
-    model = load_model(given.model)
+    told = knobs_of(load_model(given.model)) if given.model else None
     corrected_file.check(given.out, given.file)
     if given.picture is not None:
         picture_file.check("--picture", given.picture)
@@ -122,11 +121,12 @@ def _correct(given: argparse.Namespace) -> int:
             )
     calibration = calibration_file.load(given.calibration) if given.calibration else None
     recording = recorded(given)
+    knobs = told or knobs_of_stated(recording.model)
     with Bar() as bar:
         corrected = correct(
             recording,
             calibration,
-            learning(knobs_of(model)) if given.learn_matrix else knobs_of(model),
+            learning(knobs) if given.learn_matrix else knobs,
             smooth=given.smooth,
             warmed_up=given.warmed_up,
             other_boot=given.other_boot,
@@ -143,6 +143,8 @@ def _correct(given: argparse.Namespace) -> int:
         print(json.dumps(correction.as_json(corrected, recording, given.out)))
         return 0 if correction.bias_known(corrected) else 1
     console = plain_console()
+    if told is None and (stated := model_stated(recording.model)):
+        console.print(f"noise model {stated}, from the device", style="dim", highlight=False, soft_wrap=True)
     for words in correction.said(corrected):
         console.print(words, style="dim", highlight=False, soft_wrap=True)
     for words in correction.as_words(corrected, recording, given.out):

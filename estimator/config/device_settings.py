@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from estimator.calibration.bias_wander import WanderKnobs
 from estimator.device.session_knobs import SessionKnobs
-from estimator.noise.device_model import GENERIC, NoiseModel, load_model
+from estimator.noise.device_model import GENERIC, NoiseModel, load_model, model_stated
 
 if TYPE_CHECKING:
     from estimator.config.schema import Estimator
@@ -50,21 +50,43 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
     )
 
 
+def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKnobs:
+    """Return the session settings of a device that no file gives a model: those of the model that the device states.
+
+    Range and tolerance of the scale stay generic: they depend on settings and libraries that the name of a chip does not
+    tell, and no turn is refused because of a name. words: the device's own, empty if unknown.
+    """
+    usual, name = knobs_of(load_model(GENERIC), knobs), model_stated(words)
+    if not name:
+        return usual
+    own = knobs_of(load_model(name), knobs)
+    prior = replace(own.prior, scale_std=usual.prior.scale_std)
+    return replace(own, gyro_range=usual.gyro_range, scale_limit=usual.scale_limit, prior=prior)
+
+
 class Treatment:
-    """Settings of each device of a ward, as its [estimator] table says.
+    """Settings of each device of a ward, as its [estimator] table says, else as the device states its model.
 
     Programs that must agree with the estimator use it too.
     """
 
     def __init__(
-        self, usual: SessionKnobs | None = None, model: str = GENERIC, models: Mapping[str, str] | None = None
+        self, usual: SessionKnobs | None = None, model: str = "", models: Mapping[str, str] | None = None
     ) -> None:
-        self.usual = knobs_of(load_model(model), usual)
-        self._others = {device: knobs_of(load_model(other), usual) for device, other in (models or {}).items()}
+        self._usual, self._model, self._models = usual, model, models or {}
+        self._made = dict[tuple[str, str], SessionKnobs]()
 
-    def of(self, device: str) -> SessionKnobs:
-        """Return the session settings of one device."""
-        return self._others.get(device, self.usual)
+    def of(self, device: str, words: str = "") -> SessionKnobs:
+        """Return the session settings of one device. words: the model that the device states, empty if unknown."""
+        told = self.told(device)
+        key = (told, "" if told else model_stated(words))
+        if key not in self._made:
+            self._made[key] = knobs_of(load_model(told), self._usual) if told else knobs_of_stated(words, self._usual)
+        return self._made[key]
+
+    def told(self, device: str) -> str:
+        """Return the model that the ward file tells of a device; empty if it tells none."""
+        return self._models.get(device, self._model)
 
 
 def treatment(told: "Estimator | None") -> Treatment:

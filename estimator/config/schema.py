@@ -13,7 +13,7 @@ from bridge.wire.refusal import Refusal
 from estimator.calibration.method_names import BY_HAND, DEFAULT
 from estimator.config.alerts import Alerts
 from estimator.config.dashboard import Dashboard
-from estimator.noise.device_model import GENERIC, load_model
+from estimator.noise.device_model import load_model
 
 
 class Worn(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -51,8 +51,8 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     backups: str = ""
     #: calibration method: `closure`, `turn360`, `transitions` or `accel_aided`
     method: str = DEFAULT
-    #: device model: a name from configs/devices, or the path of such a file
-    model: str = GENERIC
+    #: device model: a name from configs/devices, or the path of such a file; empty: as the device states, else `generic`
+    model: str = ""
     #: models of devices that differ, by device id: `{ chest = "lsm9ds1" }`
     models: dict[str, str] = {}
     #: where devices are worn, by device id: `{ chest = { segment = "torso", wearer = "bed-3" } }`
@@ -84,7 +84,8 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if device:
                 schema.check(device, "a device in models")
             try:
-                load_model(model)
+                if device or model:
+                    load_model(model)
             except ConfigError as error:
                 raise ValueError(str(error)) from None
         for device in self.placements:

@@ -1,6 +1,7 @@
 """Noise models of device kinds: expected noise, bias and scale, one TOML file per kind.
 
     model = "mpu-6050"
+    stated_as = ["MPU6050"]     optional: other names of the kind, as devices state them
     [gyro]                      a number, or a list of three for x, y and z
     arw_dps_per_sqrt_hz         angle random walk: noise density of the rate
     bias_instability_dps        bias instability: flat part of the Allan deviation, divided by 0.664
@@ -18,8 +19,10 @@ The files that come with truerate are in configs/devices, or in the installed pa
 """
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import radians
 from pathlib import Path
 
@@ -99,6 +102,7 @@ class _Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit
 
 class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     model: str
+    stated_as: tuple[str, ...] = ()
     gyro: _Gyro
     accel: _Accel = _Accel()
 
@@ -127,6 +131,23 @@ def load_model(name: str | Path) -> NoiseModel:
         accel_noise=_from_mg(accel.noise_mg_per_sqrt_hz),
         zero_g=_from_mg(accel.zero_g_mg),
     )
+
+
+def model_stated(words: str) -> str:
+    """Name of the shipped model that a device states in its own words, `Arduino Nano 33 BLE (LSM9DS1)`; empty if none."""
+    return next((name for name, pattern in _spoken().items() if pattern.search(words)), "")
+
+
+@cache
+def _spoken() -> dict[str, re.Pattern[str]]:
+    """Patterns of the shipped models' names and other names, as whole words."""
+    return {
+        name: re.compile(
+            rf"(?<![a-z0-9])(?:{'|'.join(map(re.escape, (name, *load(path, _File).stated_as)))})(?![a-z0-9])",
+            re.IGNORECASE,
+        )
+        for name, path in shipped().items()
+    }
 
 
 def shipped() -> dict[str, Path]:

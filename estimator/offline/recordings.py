@@ -23,7 +23,7 @@ from estimator.calibration.methods import BY_MOVEMENTS, BY_RATES
 from estimator.calibration.result import Result
 from estimator.calibration.session import CalibrationSession
 from estimator.calibration.session_events import Finished, Ignored, TurnFound
-from estimator.config.device_settings import knobs_of
+from estimator.config.device_settings import knobs_of_stated
 from estimator.device.calibration_progress import turn_knobs
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge
@@ -31,7 +31,6 @@ from estimator.device.resting_poses import RestingPoses
 from estimator.device.same_rate import same_rate
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
-from estimator.noise.device_model import GENERIC, load_model
 from estimator.offline import smoothing
 from estimator.offline.calibration_file import of_result
 from estimator.offline.corrected_recording import CorrectedRecording, Rows
@@ -125,7 +124,7 @@ def correct(
     A device just switched on must warm up, so an early turn could be missed. If the recording has no device time to
     tell the boot's start, the device then counts as having been on before.
 
-    knobs: settings of the device; by default those of a device of unknown kind in a ward.
+    knobs: settings of the device; by default those of the model that the device states, as in a ward.
     smooth: use the whole recording for every row.
     gyro_range: full-scale range in rad/s, 0 when unknown.
     warmed_up: the device was on and worn for a quarter of an hour before the recording began. Otherwise, as live, its
@@ -136,7 +135,7 @@ def correct(
     Raises RecordingError if a reading is beyond the range, if there is nothing to smooth, or if the calibration belongs
     to another device.
     """
-    knobs = knobs or knobs_of(load_model(GENERIC))
+    knobs = knobs or knobs_of_stated(recording.model)
     if warmed_up:
         cool = replace(knobs.track.bias, warm_up_walk=0.0)
         knobs = replace(knobs, track=replace(knobs.track, bias=cool))

@@ -8,9 +8,12 @@ from functools import partial
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Sentences
 from bridge.wire.messages import Calibration, DeviceInfo
+from estimator.config.device_settings import treatment
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.restore_key import changed, restore_key
+from estimator.device.session_knobs import SessionKnobs
+from estimator.noise.device_model import model_stated
 from estimator.samples.sample_buffer import Samples
 from estimator.service.device import Device
 from estimator.service.parts import Parts
@@ -23,6 +26,8 @@ class Boots:
 
     def __init__(self, parts: Parts) -> None:
         self._devices, self._record, self._guarded = parts.devices, parts.record, parts.guarded
+        #: settings of each device
+        self.treatment = treatment(parts.settings)
 
     def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
         """Begin a boot from the first batch, with what is known of the boot and a prior from earlier boots.
@@ -31,6 +36,7 @@ class Boots:
         prior.
         """
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
+        device.use(self.knobs(device.name, batch.bridge))
         if batch.boot != device.repeated:
             device.repeated = None
         if session.boot is None and session.sequence.samples_in == 0:
@@ -59,7 +65,17 @@ class Boots:
             outcome.said += self._from_scratch(device, info, scratch)
         if info is not None:
             self._look_up(device, info)
+            outcome.said += self._noise_model(info)
         return outcome
+
+    def knobs(self, device: str, bridge: str) -> SessionKnobs:
+        """Settings of a device; where the ward file tells no model, of the one that the device states through this bridge."""
+        info = self._devices.info(bridge, device)
+        return self.treatment.of(device, info.model if info else "")
+
+    def _noise_model(self, info: DeviceInfo) -> list[str]:
+        stated = "" if self.treatment.told(info.device) else model_stated(info.model)
+        return [f"noise model {stated}, from the device"] if stated else []
 
     def _before(self, name: str, boot: int) -> list[int] | None:
         """Boots before this one, oldest first; None while unreadable. A bridge's cache may start in an earlier boot."""
@@ -74,6 +90,7 @@ class Boots:
         """
         session = device.session
         session.info = info
+        device.use(self.treatment.of(device.name, info.model))
         if before is not None and before.boot == info.boot and restore_key(before) == restore_key(info):
             return None
         self._record.boot(info)

@@ -11,7 +11,7 @@ from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.batches import CorrectedEncoder
 from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Note, Placement, State, Status, WindowBatch
-from bridge.wire.orientation import OrientationEncoder
+from bridge.wire.orientation import encode_columns
 from estimator.alerts.board import Board, Change
 from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.device.admission import Admission
@@ -92,7 +92,7 @@ class Device:
         self._gone = False
         self._publishers: dict[str, Publisher] = {}
         self._unwanted_s = 0  # s for which nobody has subscribed to the orientation
-        self._encoder, self._orientation = CorrectedEncoder(name, epoch), OrientationEncoder(name, epoch)
+        self._encoder = CorrectedEncoder(name, epoch)
         self._correction: Correction | None = None  # correction of the last encoded samples
 
     @property
@@ -132,7 +132,8 @@ class Device:
         cut, (quat_wxyz, accel, cov), zero = one
         quat, cov_of_last = quat_wxyz.astype(np.float32).tobytes(), cov[-1].astype(np.float32).tobytes()
         packed = quat, output.linear_accel(accel), cov_of_last
-        self._say("orientation", self._orientation.encode(*cut.header, *packed, zero, cut.correction.quality))
+        payload = encode_columns(self.name, self.epoch, cut.header, *packed, zero, cut.correction.quality)
+        self._say("orientation", payload)
 
     def look_round(self) -> None:
         """Once a second: make window summaries and orientation only while somebody subscribes to them."""

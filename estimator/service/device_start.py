@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from bridge.reasons.catalogue import english
 from bridge.wire.messages import Checkpoint
-from estimator.config.device_settings import Treatment, treatment
+from estimator.config.device_settings import Treatment
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.restore_key import changed
@@ -30,13 +30,12 @@ class DeviceStarts:
     ) -> None:
         self._listed = listed
         self._parts, self._boots, self._resumed, self._tell = parts, boots, resumed, tell
-        self._treatment = treatment(parts.settings)
 
     def use(self, treatment: Treatment) -> None:
         """Use other settings: for new devices at once, for known ones from their next boot or calibration on."""
-        self._treatment = treatment
+        self._boots.treatment = treatment
         for device in self._parts.devices.values():
-            device.use(treatment.of(device.name))
+            device.use(self._boots.knobs(device.name, device.admission.owner))
 
     def begin(self, batch: Samples, now: float) -> Device | None:
         """Create a device from its first batch; None where there is no room.
@@ -48,7 +47,7 @@ class DeviceStarts:
         if not devices.room(now, batch.n):
             return None
         name = batch.device
-        device = self._made(name, now, batch.first_s)
+        device = self._made(name, now, batch.bridge, batch.first_s)
         lately = cluster.replicas.lately_from(name, self._parts.now_ns())
         if known := lately or self._resumed.bridge(name, batch.receive_time_ns):
             device.admission.owns(known, now)
@@ -62,7 +61,7 @@ class DeviceStarts:
         devices, known = self._parts.devices, self._parts.cluster.replicas.of(name)
         if known is None or not known.state or not devices.room(now, 0):
             return devices.get(name)
-        device = self._made(name, now)
+        device = self._made(name, now, known.bridge)
         if self._parts.record.holds(device, known) and self._goes_on(device, known):
             device.heard = now - max(0.0, (self._parts.now_ns() - known.time_ns) / 1e9)
             if known.bridge:
@@ -93,10 +92,10 @@ class DeviceStarts:
 
         self._parts.guarded(device, adopted)
 
-    def _made(self, name: str, now: float, began: float = 0.0) -> Device:
-        """Create a device owned by us. began: device time in s of the start of its boot, if known."""
+    def _made(self, name: str, now: float, bridge: str, began: float = 0.0) -> Device:
+        """Create a device owned by us. bridge: that sends it. began: device time in s of the start of its boot, if known."""
         parts = self._parts
-        knobs, epoch = self._treatment.of(name), parts.cluster.epoch(name)
+        knobs, epoch = self._boots.knobs(name, bridge), parts.cluster.epoch(name)
         device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began, parts.alerts)
         device.stands(parts.record.standing(name), now)
         known = self._listed or parts.record.knows(name) or parts.cluster.replicas.of(name) is not None

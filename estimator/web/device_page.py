@@ -8,6 +8,7 @@ from bridge.wire.messages import AccelerometerCalibration, Calibration, DeviceIn
 from estimator.geometry.gyro_model import AXES, SIGMAS
 from estimator.guide.comparison import bias_moves, stds
 from estimator.language.texts import Texts
+from estimator.noise.device_model import model_stated
 from estimator.web import number_format as words
 from estimator.web.device_trail import Mark
 from estimator.web.tiles import Tile, tile, troubles
@@ -66,8 +67,8 @@ class DevicePage:
     events: Sequence[Line]
 
 
-def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) -> DevicePage:
-    """Present content of a known device's page, in the language of `t`."""
+def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, told: str = "") -> DevicePage:
+    """Present content of a known device's page, in the language of `t`. told: its model by the ward file, or empty."""
     story = known.stories[device]
     row = known.row(device, now)
     status = story.status
@@ -85,7 +86,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
         can_recalibrate=not deaf and status is not None and status.state in _RECALIBRATES,
         can_cancel=not deaf and status is not None and status.state in _CANCELS,
         blocked=t("device.blocked") if deaf else "",
-        facts=_facts(story, t),
+        facts=_facts(story, told, t),
         calibrations=[_calibration(c, story, in_use, t) for c in reversed(story.calibrations.values())],
         boots=[
             Line(b.time_ns, words.clock(b.time_ns), b.what, t.label(b.cause)) for b in reversed(story.boots.values())
@@ -139,19 +140,20 @@ def _mark_text(mark: Mark, t: Texts) -> str:
     return mark.words if mark.kind == "note" else t.label(mark.words)
 
 
-def _facts(story: Story, t: Texts) -> list[tuple[str, str]]:
+def _facts(story: Story, told: str, t: Texts) -> list[tuple[str, str]]:
     found: list[tuple[str, str]] = []
     if story.info is not None:
-        found += _hardware(story.info, t)
+        found += _hardware(story.info, told, t)
     if story.status is not None:
         found += _counts(story.status, t)
     return [(t(f"fact.{name}"), value) for name, value in found if value]
 
 
-def _hardware(info: DeviceInfo, t: Texts) -> list[tuple[str, str]]:
+def _hardware(info: DeviceInfo, told: str, t: Texts) -> list[tuple[str, str]]:
     sensors = ["gyro", *["accelerometer"] * info.has_accel, *["thermometer"] * info.has_temperature]
     return [
         ("model", f"{info.model} {info.firmware}".strip()),
+        ("noise_model", _noise_model(told, model_stated(info.model), t)),
         ("read_by", t("fact.reader", bridge=info.bridge, driver=info.driver)),
         ("port", info.port),
         ("range", f"±{degrees(info.gyro_range):.0f} °/s" if info.gyro_range else ""),
@@ -160,6 +162,12 @@ def _hardware(info: DeviceInfo, t: Texts) -> list[tuple[str, str]]:
         ("trouble", t.text(info.trouble)),
         ("not_published", _counted(info.dropped, t)),
     ]
+
+
+def _noise_model(told: str, stated: str, t: Texts) -> str:
+    if told:
+        return t("fact.from_file", model=told)
+    return t("fact.from_device", model=stated) if stated else t("fact.no_model")
 
 
 def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:

@@ -39,7 +39,8 @@ async def device(request: Request) -> Response:
     desk, name = Desk.of(request), request.path_params["device"]
     desk.story(name)
     await desk.remember(name)
-    page = device_page(desk.known, name, time.monotonic(), time.time_ns(), texts(language(request)))
+    told = desk.treatment.told(name)
+    page = device_page(desk.known, name, time.monotonic(), time.time_ns(), texts(language(request)), told)
     return show(request, "device.html", {"page": page, "longest": MAX_SENTENCE, **_PLACING})
 
 

@@ -28,13 +28,14 @@ class DeviceTopic:
     period_s = 1.0
 
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known = topic, sources.known
+        self._topic, self._known, self._sources = topic, sources.known, sources
         self._device, self._t = topics.device_of(topic), topics.texts_of(topic)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """The present page content."""
         if self._device in self._known.stories:
-            yield topics.text(self._topic, device_page(self._known, self._device, now, now_ns, self._t))
+            told = self._sources.treatment.told(self._device)
+            yield topics.text(self._topic, device_page(self._known, self._device, now, now_ns, self._t, told))
 
     frames = whole
 

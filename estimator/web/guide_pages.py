@@ -38,7 +38,7 @@ async def calibrate(request: Request) -> Response:
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
     await desk.remember(name)
-    knobs = desk.treatment.of(name)
+    knobs = desk.treatment.of(name, story.info.model if story.info else "")
     guide = Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns)
     if story.status is not None:
         guide.take_status(story.status)

@@ -60,5 +60,6 @@ class GuideTopic:
 
 
 def _guide(sources: Sources, device: str) -> Guide:
-    knobs = sources.treatment.of(device)
+    story = sources.known.stories.get(device)
+    knobs = sources.treatment.of(device, story.info.model if story and story.info else "")
     return Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns)

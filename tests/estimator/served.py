@@ -67,9 +67,12 @@ class Before:
 class Served:
     """A service whose steady clock stands still but for `pass_`; from `with` to its end."""
 
-    def __init__(self, enrolment: Enrolment | None = None, store: Store | None = None) -> None:
+    def __init__(
+        self, enrolment: Enrolment | None = None, store: Store | None = None, settings: Estimator | None = None
+    ) -> None:
         self._patch = pytest.MonkeyPatch()
         self.now = 1000.0
+        self._settings = settings or Estimator(id="e", silence_s=2.0)
         self._bus = Kept()
         self._own, self._enrolment = store is None, enrolment
         self.store = store or Store(":memory:")
@@ -77,8 +80,7 @@ class Served:
 
     def __enter__(self) -> Self:
         self._patch.setattr("estimator.service.run_loop.time.monotonic", lambda: self.now)
-        settings = Estimator(id="e", silence_s=2.0)
-        self.service = Service(WARD, settings, self._bus, self.store, lambda: NOW_NS, enrolment=self._enrolment)
+        self.service = Service(WARD, self._settings, self._bus, self.store, lambda: NOW_NS, enrolment=self._enrolment)
         self.service._raw, self.service._info = self.raw, self.info  # type: ignore[assignment]
         return self
 

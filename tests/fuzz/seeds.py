@@ -5,12 +5,12 @@ import itertools
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from bridge.framing import ximu3_encode
 from bridge.framing.cobs_frames import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
 from tests.bridge.drivers import dot_device, shimmer3_device
 from tests.bridge.drivers.mtdata2_device import MtDevice
 from tests.bridge.drivers.witmotion_device import WitDevice
+from tests.bridge.framing import ximu3_encode
 from tests.bridge.text.printed import PRINTS
 
 _ONES = np.ones((3, 3), np.float32)

@@ -143,6 +143,19 @@ def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
     assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ±{words.SPACE}{1.96 * k_std:.4f}"
 
 
+@pytest.mark.parametrize(
+    ("model", "told", "shown"),
+    [
+        ("Movella DOT", "", "factory-calibrated, from the device"),
+        ("Movella DOT", "mpu-6050", "mpu-6050, from the ward file"),
+        ("WitMotion", "", "generic: no model is known"),
+    ],
+)
+def test_a_device_page_tells_whence_the_noise_model_is(model: str, told: str, shown: str) -> None:
+    facts = dict(device_page(known(about("a", model=model)), "a", 100.0, NOW, EN, told).facts)
+    assert facts["noise model"] == shown
+
+
 @pytest.mark.parametrize(("sigmas", "moved"), [(3.8, ""), (4.1, "y")])
 def test_two_methods_whose_intervals_exclude_each_other_say_that_the_bias_moved(sigmas: float, moved: str) -> None:
     ward = known(about("a", boot=CALIBRATION.boot), said("a", boot=CALIBRATION.boot))

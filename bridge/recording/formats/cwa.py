@@ -13,7 +13,7 @@ from bridge.recording.error import RecordingError
 from bridge.recording.formats.arrays import table_of
 from bridge.recording.reading import Reading
 from bridge.recording.table import Table
-from bridge.recording.units import STANDARD_GRAVITY
+from bridge.text.units import STANDARD_GRAVITY
 
 
 def read(path: Path, reading: Reading) -> Table:

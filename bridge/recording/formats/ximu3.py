@@ -12,7 +12,7 @@ from bridge.recording.error import RecordingError
 from bridge.recording.formats.arrays import table_of
 from bridge.recording.reading import Reading
 from bridge.recording.table import Table
-from bridge.recording.units import STANDARD_GRAVITY
+from bridge.text.units import STANDARD_GRAVITY
 from bridge.wire.refusal import Tally
 
 _CHUNK = 1 << 16
@@ -50,4 +50,6 @@ def read(path: Path, reading: Reading) -> Table:
     if np.isfinite(celsius):
         columns["temperature_c"] = np.array(warm)
     notes = [f"messages not decoded: {undecoded}"] if undecoded else []
-    return table_of(path, columns, reading, tick_s=1e-6, notes=notes)
+    table = table_of(path, columns, reading, tick_s=1e-6, notes=notes)
+    table.model = "x-IMU3"
+    return table

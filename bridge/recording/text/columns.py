@@ -10,7 +10,7 @@ from bridge.recording.text.layout import Layout, is_number
 from bridge.recording.text.names import Name, understood
 from bridge.recording.text.times import is_clock
 from bridge.recording.text.tools import Tool, Vector, known, plain, tool
-from bridge.recording.units import ACCEL, GYRO, TIME, unit_in
+from bridge.text.units import ACCEL, GYRO, TIME, unit_in
 
 AXES = "xyz"
 _SHOWN = 12

@@ -6,7 +6,7 @@ from collections import Counter
 from itertools import groupby
 from typing import NamedTuple
 
-from bridge.recording.units import ACCEL, GYRO, TIME, spelling
+from bridge.text.units import ACCEL, GYRO, TIME, spelling
 
 _SEPARATORS = (",", ";", "\t", "|", " ", None)
 #: most lines and characters examined

@@ -6,7 +6,7 @@
 import re
 from typing import NamedTuple
 
-from bridge.recording.units import ACCEL, GYRO, TIME, spelling
+from bridge.text.units import ACCEL, GYRO, TIME, spelling
 
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")

@@ -17,8 +17,8 @@ from bridge.recording.text.layout import Layout, layout_of, split
 from bridge.recording.text.rows import Read, TooLong, read_rows
 from bridge.recording.text.source import blocks
 from bridge.recording.text.times import seconds_of
-from bridge.recording.units import ACCEL, STANDARD_GRAVITY, TIME
 from bridge.terminal.plurals import count
+from bridge.text.units import ACCEL, STANDARD_GRAVITY, TIME
 
 #: tolerance between two units of the same quantity, of the largest value: above the rounding that people print
 _AGREED = 1e-3

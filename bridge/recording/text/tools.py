@@ -14,7 +14,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from bridge.recording.units import ACCEL, GYRO, TIME, unit_in
+from bridge.text.units import ACCEL, GYRO, TIME, unit_in
 from bridge.toml.loader import load
 from bridge.toml.shipped import file_of, shipped
 

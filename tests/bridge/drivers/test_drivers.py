@@ -22,7 +22,6 @@ from bridge.config.schema import Device
 from bridge.drivers import registry
 from bridge.drivers.byte_stream import StreamDriver
 from bridge.drivers.driver import Event, Identity, Readings
-from bridge.framing import ximu3_encode
 from bridge.framing.cobs_frames import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
 from bridge.ingest.device_thread import DeviceThread
@@ -31,6 +30,7 @@ from bridge.toml.loader import options
 from bridge.transport.errors import DeviceLost
 from tests.bridge.drivers import dot_device, mtdata2_device, shimmer3_device, witmotion_device
 from tests.bridge.drivers.test_mavlink import Sender
+from tests.bridge.framing import ximu3_encode
 
 NOW_NS, STEP_NS = 10**18, 10_000_000
 BEGIN = datetime(2026, 3, 1)  # noqa: DTZ001 - the device knows of no zone

@@ -198,8 +198,8 @@ def test_what_is_missing_may_be_given(
 ) -> None:
     options = LslOptions(name="n", **given)  # type: ignore[arg-type]
     found = find(described(labels, units, kind), options.gyro, options.accel, options.gyro_unit, options.accel_unit)
-    assert found.rates(np.array([180.0, 0.0, 90.0])) == pytest.approx((np.pi, 0.0, np.pi / 2))
-    assert found.forces(np.zeros(3)) is None
+    assert found.gyro.vector(np.array([180.0, 0.0, 90.0])) == pytest.approx((np.pi, 0.0, np.pi / 2))
+    assert found.accel is None
 
 
 def test_several_streams_ask_for_a_choice() -> None:

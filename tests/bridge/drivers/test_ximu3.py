@@ -8,11 +8,11 @@ import pytest
 
 from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
 from bridge.drivers.ximu3 import Ximu3Decoder, Ximu3Options
-from bridge.framing import ximu3_encode
 from bridge.framing.ximu3 import plain
 from bridge.reasons.codes import Code
 from bridge.wire.messages import BootCause
 from tests.bridge.drivers.emulated_line import Wire
+from tests.bridge.framing import ximu3_encode
 
 MS = 1_000_000
 CORRECTION, DIVISOR = "gyroscope_offset_correction_enabled", "inertial_message_rate_divisor"

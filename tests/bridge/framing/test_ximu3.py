@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.framing import ximu3_encode
 from bridge.framing.lines import Lines
 from bridge.framing.packets import BadPacket
 from bridge.framing.ximu3 import Charge, Inertial, Message, Reply, Said, Temperature, decode
 from tests.bridge.drivers import xio
+from tests.bridge.framing import ximu3_encode
 
 # User manual, section "Data messages": each at 1 s, binary and ASCII. (Its binary temperature is printed big-endian.)
 T = "40 42 0F 00 00 00 00 00"

@@ -63,6 +63,13 @@ def test_an_attachment_is_what_zenohs_serializer_makes_of_its_fields() -> None:
     assert len(theirs) == 33
 
 
+def test_an_attachment_is_what_rmw_zenoh_sends() -> None:
+    """Captured from rmw_zenoh 0.10.5 of ROS 2 Lyrical by christomaszewski/dashboard, app/src/services/attachment.test.ts."""
+    captured = "0900000000000000df8ab6f7e735d31810fe98e4a3b54b6e599c5934f4cfc25343"
+    of = bytes.fromhex("fe98e4a3b54b6e599c5934f4cfc25343")
+    assert attachment(9, 1_788_832_747_405_871_839, of).hex() == captured
+
+
 def rows(device: str = "imu_link") -> ImuRows:
     time_ns = np.array([1_700_000_000_123_456_789])
     rate, accel = np.array([[0.4, 0.5, 0.6]]), np.array([[0.7, 0.8, 9.81]])

@@ -40,7 +40,7 @@ def samples(of: Profile, text: str, rate_hz: float = 0.0) -> tuple[list[Readings
     ("change", "said"),
     [
         (("unit = ", "unti = "), r"\[gyro\]: unknown key 'unti'; did you mean 'unit'?"),
-        (('"dps"', '"dsp"'), r"\[gyro\]: unknown unit 'dsp'; did you mean 'dps'?"),
+        (('"dps"', '"dsp"'), r"\[gyro\]: unknown unit 'dsp'; there are counts, deg/h, deg/s"),
         (
             ('["gx", "gy", "gz"]\nunit', '["gx", "gy", "gq"]\nunit'),
             r"\[gyro\]: unknown column 'gq'; there are .*gx, gy, gz",

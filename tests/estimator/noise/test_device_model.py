@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bridge.toml.loader import ConfigError
-from estimator.config.device_settings import knobs_of
-from estimator.noise.device_model import GENERIC, NoiseModel, as_toml, load_model, shipped
+from estimator.config.device_settings import knobs_of, knobs_of_stated
+from estimator.noise.device_model import GENERIC, NoiseModel, as_toml, load_model, model_stated, shipped
 
 
 def test_every_file_is_a_model_of_its_name() -> None:
@@ -90,3 +90,29 @@ def test_by_how_much_a_bias_flickers() -> None:
     f = np.geomspace(0.001, 1.0, 10_000)
     var = np.trapezoid(2 * float(worst.bias_instability.max()) ** 2 / (2 * np.pi * f), f)
     assert knobs_of(worst).track.bias.flicker == pytest.approx(np.sqrt(var), rel=0.001)
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("Arduino Nano 33 BLE (LSM9DS1)", "lsm9ds1"),
+        ("OpenLog Artemis (ICM-20948)", "icm-20948"),
+        ("my sketch, MPU6050", "mpu-6050"),
+        ("MTi-3-8A7G6", "factory-calibrated"),
+        ("Movella DOT XS-T01", "factory-calibrated"),
+        ("x-IMU3 6D1F-0B3A", "factory-calibrated"),
+        ("Shimmer3", ""),  # it may hold no calibration of its own
+        ("WitMotion", ""),
+        ("anMTi, 7LSM9DS12", ""),
+        ("", ""),
+    ],
+)
+def test_the_model_is_found_in_what_a_device_says_it_is(words: str, name: str) -> None:
+    assert model_stated(words) == name
+
+
+def test_a_stated_model_gives_noise_and_bias_but_refuses_no_turn_of_its_own_accord() -> None:
+    stated, usual, told = knobs_of_stated("Xsens MT"), knobs_of_stated(""), knobs_of(load_model("factory-calibrated"))
+    assert (stated.prior.bias_std, stated.track) == (told.prior.bias_std, told.track)
+    assert (stated.scale_limit, stated.gyro_range) == (usual.scale_limit, usual.gyro_range)
+    assert usual.scale_limit > told.scale_limit

@@ -58,6 +58,18 @@ def test_a_session_is_read(form: str, tmp_path: Path) -> None:
     assert main(["recording", "inspect", str(path)]) == 0
 
 
+def test_a_device_that_the_file_names_is_corrected_with_its_noise_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, stated = written.ximu3(tmp_path / "a.ximu3"), "noise model factory-calibrated, from the device"
+    assert main(["correct", str(path), str(tmp_path / "stated.npz")]) == 0
+    assert stated in capsys.readouterr().out
+    assert main(["correct", str(path), str(tmp_path / "told.npz"), "--model", "generic"]) == 0
+    assert stated not in capsys.readouterr().out
+    first = [float(np.load(tmp_path / f"{name}.npz")["rate_std_rad_s"][0, 0]) for name in ("stated", "told")]
+    assert first[0] < 0.2 * first[1]
+
+
 @pytest.mark.parametrize(
     ("make", "names"),
     [
