@@ -48,14 +48,18 @@ def test_a_ward_on_one_machine_is_valid_and_a_dry_run_writes_nothing(
     assert init("--virtual", "2", "--dry-run") == 0
     assert not init.folder.exists()
     assert "would write" in capsys.readouterr().out
-    assert init("--virtual", "2", "--person", "nurse") == 0
+    assert init("--virtual", "2", "--person", "nurse", "--administrator", "chief") == 0
     said = capsys.readouterr()
     assert "password of nurse" in said.err
     assert "http://127.0.0.1:8090/" in said.out
     assert main(["config", "check", str(init.path)]) == 0
     ward = load(init.path, Ward)
     assert (ward.ward, len(ward.bridge.devices) if ward.bridge else 0) == ("ward-3", 2)
-    assert [person.name for person in ward.dashboard.people] == ["nurse"]
+    people = init.data / "people.toml"
+    assert Path(ward.dashboard.people_file) == people
+    listed = load(people, Ward).dashboard.people
+    assert {one.name: one.role for one in listed} == {"nurse": "operator", "chief": "administrator"}
+    assert people.stat().st_mode & 0o777 == 0o600
     assert (init.data / "recordings").is_dir()
     assert init.path.stat().st_mode & 0o777 == 0o640
 
