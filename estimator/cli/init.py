@@ -84,8 +84,6 @@ def _init(given: argparse.Namespace) -> int:
     try:
         if not 0 <= given.virtual <= 100:
             raise ValueError(f"--virtual is {given.virtual}: use 0 to 100")
-        if given.bridges and not given.hosts:
-            raise ValueError("--bridge needs --host: the name or address by which the other machine reaches this one")
         plan = Plan(
             check(given.ward, "WARD"),
             given.folder.absolute(),

@@ -18,6 +18,8 @@ class OwnedFiles:
 
     def __init__(self, say: Callable[[str], None], *, dry: bool) -> None:
         self._say, self.dry = say, dry
+        #: files that were there, with another content
+        self.changed: list[Path] = []
         there = [one for one in pwd.getpwall() if one.pw_name == USER] if os.geteuid() == 0 else []
         self._services = there[0] if there else None
 
@@ -44,6 +46,8 @@ class OwnedFiles:
             return
         if not self.dry:
             whole_file.write(path, text.encode(), _SECRET if secret else _SHARED, self._owner(user=secret))
+        if there is not None:
+            self.changed.append(path)
         self.did(*(("write", "wrote") if there is None else ("change", "changed")), str(path))
 
     def _owner(self, *, user: bool) -> tuple[int, int] | None:

@@ -30,6 +30,8 @@ def install(
     there = content(path).decode() if path.exists() else ""
     if there:
         plan = _continued(plan, load(path, Ward), path)
+    if plan.bridges and not plan.hosts:
+        raise ValueError("--bridge needs --host: the name or address by which the other machine reaches this one")
     text = _text(plan, there, found)
     ward = parsed(text.encode(), path, Ward)
     files.folder(plan.folder)
@@ -39,7 +41,7 @@ def install(
         certify(plan, files)
     files.write(path, text)
     _people(plan, ward, files, hashed)
-    return plan, ward, list(_left(plan, ward, path))
+    return plan, ward, list(_left(plan, ward, files.changed))
 
 
 def _continued(plan: Plan, before: Ward, path: Path) -> Plan:
@@ -55,8 +57,11 @@ def _continued(plan: Plan, before: Ward, path: Path) -> Plan:
     )
 
 
-def _left(plan: Plan, ward: Ward, path: Path) -> Iterator[str]:
+def _left(plan: Plan, ward: Ward, changed: Sequence[Path]) -> Iterator[str]:
     """Yield what people still have to do."""
+    path = plan.folder / "ward.toml"
+    if any(one.name.startswith("router.") for one in changed):
+        yield "restart the router, as its certificate or its rules are new: sudo systemctl restart truerate-router"
     if not (ward.bridge and ward.bridge.devices):
         yield f"no device was found: plug one in and run this command again, or edit {path}"
     for bridge in plan.bridges:

@@ -3,7 +3,9 @@
 import asyncio
 import contextlib
 import logging
+import os
 import resource
+import ssl
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -13,6 +15,7 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from bridge.runtime import os_errors
 from bridge.wire.refusal import Tally
 from estimator.web.client_address import neighbourhood
 
@@ -152,10 +155,34 @@ class Listener(uvicorn.Server):
             )
         )
 
+        self._certified = _stamp(certificate)
+
+    def renew(self) -> None:
+        """Show the certificate's file to new connections if it has changed, as after a renewal."""
+        file, key, context = self.config.ssl_certfile, self.config.ssl_keyfile, self.config.ssl
+        if context is None or not file or (stamp := _stamp(str(file))) == self._certified:
+            return
+        self._certified = stamp
+        try:
+            ssl.create_default_context().load_cert_chain(file, key)  # a faulty file leaves the one in use
+            context.load_cert_chain(file, key)
+        except OSError as error:
+            log.error("the certificate %s has changed and cannot be used: %s", file, os_errors.why(error))
+        else:
+            log.info("the changed certificate %s is in use", file)
+
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         """Leave the signal handlers unchanged."""
         yield
+
+
+def _stamp(file: str) -> tuple[int, int] | None:
+    try:
+        found = os.stat(file)  # noqa: PTH116
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_ino
 
 
 def make_room() -> int:

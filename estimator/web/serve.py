@@ -16,6 +16,8 @@ from bridge.bus.routers import Routers
 from bridge.bus.startup import wait_for_router
 from bridge.config.schema import listening
 from bridge.config.ward_file import WardFile
+from bridge.diagnose.finding import Level
+from bridge.diagnose.router import page_certificate, renewal
 from bridge.pki.member import Role
 from bridge.runtime import os_errors
 from bridge.runtime.service_manager import supervised
@@ -43,6 +45,8 @@ LIVE = (
     *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
 )
 _LOOK_S = 0.5
+#: time between warnings that the page's certificate expires
+_SELDOM_S = 12 * 3600.0
 #: addresses that mean every address of this machine
 _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 
@@ -200,8 +204,14 @@ async def _serve(server: Server, ward: Ward, file: WardFile[Ward] | None, people
 
 
 async def _look(server: Server, file: WardFile[Ward], people: WardFile[Ward] | None) -> None:
-    """Use the settings again when the ward file or the people's file changes."""
+    """Use the settings again when the ward file or the people's file changes, and a changed certificate."""
+    said_s = -_SELDOM_S
     while True:
         await asyncio.sleep(_LOOK_S)
+        server.uvicorn.renew()
+        if (certificate := file.root.dashboard.certificate) and time.monotonic() - said_s >= _SELDOM_S:
+            said_s, finding = time.monotonic(), page_certificate(certificate, renewal(file.path, file.root.ward))
+            if finding.level is not Level.OK:
+                log.warning("%s: %s", finding.said, finding.do)
         if any(one.look(time.monotonic()) for one in (file, people) if one):
             server.use(replace(file.root, dashboard=_settings(file.root, people)))
