@@ -42,7 +42,7 @@ def show(request: Request, template: str, values: Mapping[str, Any], status: HTT
         "session": session,
         "said": session.take_said() if session else None,
         "draft": session.take_draft() if session else "",
-        "can_log_in": desk.settings.commanded,
+        "can_log_in": bool(desk.settings.people or desk.settings.openid),
         "openid": desk.settings.openid,
         "say": texts(language(request)),
         "languages": [texts(one) for one in LANGUAGES],
