@@ -2,6 +2,7 @@
 
 import logging
 import secrets
+import ssl
 from collections.abc import Mapping
 from http import HTTPStatus
 from pathlib import Path
@@ -89,7 +90,12 @@ def _provider(there: OpenId) -> Any:
         server_metadata_url=f"{there.issuer.rstrip('/')}/.well-known/openid-configuration",
         client_id=there.client_id,
         client_secret=secret,
-        client_kwargs={"scope": "openid profile", "code_challenge_method": "S256", "timeout": 10.0},
+        client_kwargs={
+            "scope": "openid profile",
+            "code_challenge_method": "S256",
+            "timeout": 10.0,
+            "verify": ssl.create_default_context(),  # trusts the machine's authorities, the hospital's own among them
+        },
     )
 
 
