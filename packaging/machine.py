@@ -65,7 +65,7 @@ class Machine:
         inside = ["nsenter", f"--target={self._init}", "-n", *words]
         return subprocess.Popen(inside, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
-    def run(self, command: str, seconds: float = 400) -> subprocess.CompletedProcess[str]:
+    def run(self, command: str, seconds: float = 900) -> subprocess.CompletedProcess[str]:
         """Run a shell command on the machine as root."""
         enter = [
             "nsenter",
