@@ -3,11 +3,11 @@
 import asyncio
 import contextlib
 import logging
-import os
 import resource
 import ssl
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 import h11
@@ -15,6 +15,7 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from bridge.config.ward_file import stamp_of
 from bridge.runtime import os_errors
 from bridge.wire.refusal import Tally
 from estimator.web.client_address import neighbourhood
@@ -155,12 +156,12 @@ class Listener(uvicorn.Server):
             )
         )
 
-        self._certified = _stamp(certificate)
+        self._certified = stamp_of(Path(certificate))
 
     def renew(self) -> None:
         """Show the certificate's file to new connections if it has changed, as after a renewal."""
         file, key, context = self.config.ssl_certfile, self.config.ssl_keyfile, self.config.ssl
-        if context is None or not file or (stamp := _stamp(str(file))) == self._certified:
+        if context is None or not file or (stamp := stamp_of(Path(file))) == self._certified:
             return
         self._certified = stamp
         try:
@@ -175,14 +176,6 @@ class Listener(uvicorn.Server):
     def capture_signals(self) -> Iterator[None]:
         """Leave the signal handlers unchanged."""
         yield
-
-
-def _stamp(file: str) -> tuple[int, int] | None:
-    try:
-        found = os.stat(file)  # noqa: PTH116
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_ino
 
 
 def make_room() -> int:
