@@ -17,7 +17,7 @@ from bridge.reasons.codes import Code
 from bridge.recording.settings import Recorder
 from bridge.runtime.health_server import MetricFamily
 from estimator.cli.main import build
-from estimator.config.dashboard import Dashboard
+from estimator.config.dashboard import Dashboard, OpenId, Person
 from estimator.config.schema import Estimator
 from estimator.service.health import Note, ServiceHealth
 
@@ -29,6 +29,8 @@ TABLES = {
     "estimator": Estimator,
     "recorder": Recorder,
     "dashboard": Dashboard,
+    "dashboard.people": Person,
+    "dashboard.openid": OpenId,
 }
 
 #: the rule for every verb

@@ -1,7 +1,8 @@
 """Installs the release in dist/ on a new Debian 12, uses, upgrades, downgrades and removes it, and prints a table.
 
-`make release-check`, as root, after `make release ARGS=x86_64`. Needs Debian's packages debootstrap, systemd-container and
-lintian. The machine has its own systemd and no network; kernel, clock and processors are this machine's.
+`make release-check`, as root, after `make release ARGS=x86_64`. Needs Debian's packages debootstrap, systemd-container,
+lintian, chromium and libnss3-tools. The machine has its own systemd and no network; kernel, clock and processors are of
+this machine.
 Exit code 1 if a check failed.
 """
 
@@ -31,11 +32,8 @@ with Client(ward="ward-3") as ward:
             print("first corrected sample", batch.rate[-1], "+/-", batch.rate_std[-1])
             break
 """
-PAGE = """
-import ssl, urllib.request
-trusted = ssl.create_default_context(cafile="/etc/truerate/pki/ca.pem")
-print(urllib.request.urlopen("https://localhost:8443/", context=trusted).status)
-"""
+#: address and name of the machine in docs/install.md
+ADDRESS, NAME = "10.0.0.5", "ward-3.example"
 Row = tuple[str, str, bool]
 
 
@@ -49,7 +47,7 @@ def main() -> int:
         for name, checks in (("package", _package), ("bundle", _bundle)):
             root = work / name
             subprocess.run(["cp", "-a", "--reflink=auto", str(ROOT / "out/bookworm"), str(root)], check=True)
-            (root / "etc/hosts").write_text("127.0.0.1 localhost ward\n")
+            (root / "etc/hosts").write_text(f"127.0.0.1 localhost ward\n{ADDRESS} {NAME}\n")
             (root / "etc/hostname").write_text("ward\n")
             with Machine(root) as machine:
                 for row in checks(machine, package if name == "package" else bundle, work):
@@ -65,15 +63,22 @@ def main() -> int:
 
 
 def _package(machine: Machine, package: Path, work: Path) -> Iterator[Row]:
-    """Follow docs/install.md, then upgrade, go back, remove and purge."""
+    """Follow docs/install.md word by word, then upgrade, go back, remove and purge."""
     newer = _renamed(package, work)
     for path in (package, newer):
         shutil.copy(path, machine.root / "root")
+    machine.network("ip", "address", "add", f"{ADDRESS}/32", "dev", "lo")
+    text = (ROOT / "docs/install.md").read_text()
+    install, init, doctor, virtual, restart = re.findall(r"^sudo .*$", text, re.MULTILINE)[:5]
     begun = time.monotonic()
-    done = machine.run(f"apt-get install -y ./{package.name}")
-    yield "apt install", f"{time.monotonic() - begun:.0f} s{_why(done)}", done.returncode == 0
-    done = machine.run("truerate init ward-3 --host localhost --virtual 3 --person nurse")
-    yield "truerate init", f"{time.monotonic() - begun:.0f} s from the start{_why(done)}", done.returncode == 0
+    done = machine.run(install)
+    yield install, f"{time.monotonic() - begun:.0f} s{_why(done)}", done.returncode == 0
+    done = machine.run(init)
+    passwords = dict(re.findall(r"^password of (\w+) .*: (\S+)$", done.stderr, re.MULTILINE))
+    yield init, f"{time.monotonic() - begun:.0f} s from the start{_why(done)}", done.returncode == 0
+    yield _doctor(machine, doctor)
+    done = machine.run(virtual)
+    yield virtual, f"{time.monotonic() - begun:.0f} s from the start{_why(done)}", done.returncode == 0
     (machine.root / "root/subscriber.py").write_text(SUBSCRIBER)
     done = machine.run("timeout 300 /opt/truerate/bin/python3 subscriber.py")
     seconds = time.monotonic() - begun
@@ -83,12 +88,10 @@ def _package(machine: Machine, package: Path, work: Path) -> Iterator[Row]:
         done.returncode == 0 and seconds <= 300,
     )
     yield _running(machine, "services run, under systemd's restrictions")
-    done = machine.run("sudo -u truerate truerate doctor /etc/truerate/ward.toml")
-    troubles = re.findall("^✗ .*", done.stdout, re.MULTILINE)
-    yield "truerate doctor", "; ".join(troubles) or "no trouble", done.returncode == 0
-    (machine.root / "root/page.py").write_text(PAGE)
-    done = machine.run("python3 page.py")
-    yield "page over TLS, checked with ca.pem", done.stdout.strip() + _why(done), done.stdout.strip() == "200"
+    yield _doctor(machine, doctor)
+    yield _tablets(machine, passwords, restart)
+    done = machine.run("sudo -u truerate truerate people list --config /etc/truerate/ward.toml")
+    yield "people, as the page changed them", " ".join(done.stdout.split()), "joy" in done.stdout
     done = machine.run("systemctl start truerate-backup && ls /var/lib/truerate/backups")
     yield "nightly backup", done.stdout.strip() + _why(done), done.returncode == 0 and bool(done.stdout.strip())
     done = machine.run("systemctl kill -s KILL truerate-estimator; sleep 8; systemctl is-active truerate-estimator")
@@ -118,6 +121,25 @@ def _package(machine: Machine, package: Path, work: Path) -> Iterator[Row]:
     done = machine.run(f"apt-get install -y ./{package.name}")
     yield "installed again", f"exit code {done.returncode}{_why(done)}", done.returncode == 0
     yield _kept(machine, before)
+
+
+def _doctor(machine: Machine, command: str) -> Row:
+    done = machine.run(command)
+    troubles = re.findall("^✗ .*", done.stdout, re.MULTILINE)
+    return command, "; ".join(troubles) or f"no trouble{_why(done)}", done.returncode == 0
+
+
+def _tablets(machine: Machine, passwords: dict[str, str], restart: str) -> Row:
+    """Calibrate on two tablets over TLS, as the how-to says."""
+    words = [sys.executable, str(ROOT / "packaging/tablet.py"), f"https://{NAME}:8443/", ADDRESS]
+    words += [str(machine.root / "etc/truerate/pki/ca.pem"), "virtual-1", passwords["nurse"], passwords["chief"]]
+    with machine.started(*words) as tablets:
+        assert tablets.stdout is not None
+        if tablets.stdout.readline().strip() == "turn the device":
+            machine.run(restart)
+        said, failed = tablets.communicate(timeout=300)
+    what = "calibrated from a second browser over TLS; a person added"
+    return what, said.strip() or failed.strip()[-500:], tablets.returncode == 0
 
 
 def _bundle(machine: Machine, bundle: Path, _work: Path) -> Iterator[Row]:

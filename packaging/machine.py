@@ -56,7 +56,16 @@ class Machine:
         os.kill(self._init, signal.SIGKILL)
         self._container.wait(60)
 
-    def run(self, command: str, seconds: float = 400) -> subprocess.CompletedProcess[str]:
+    def network(self, *words: str) -> None:
+        """Run a program of this machine in the network of that one."""
+        subprocess.run(["nsenter", f"--target={self._init}", "-n", *words], check=True)
+
+    def started(self, *words: str) -> "subprocess.Popen[str]":
+        """Start a program of this machine in the network of that one."""
+        inside = ["nsenter", f"--target={self._init}", "-n", *words]
+        return subprocess.Popen(inside, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def run(self, command: str, seconds: float = 900) -> subprocess.CompletedProcess[str]:
         """Run a shell command on the machine as root."""
         enter = [
             "nsenter",

@@ -12,10 +12,12 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+import tomllib
 from email.utils import formatdate
 from pathlib import Path
 
 import shtab
+from packaging.utils import canonicalize_name
 
 from estimator.cli.main import build
 
@@ -27,6 +29,8 @@ PYTHON, PYTHON_VERSION = "/usr/bin/python3.11", "3.11"
 PLATFORMS = {"x86_64": "amd64", "aarch64": "arm64"}
 #: as in nfpm.yaml
 MAINTAINER = "truerate maintainers <maintainers@localhost>"
+#: extras for the analysis of recordings of other tools, which the bundle has and the Debian package has not
+ANALYSIS = ("cwa", "hdf5", "parquet", "xdf")
 #: published as source alone; without a compiler they are pure Python, for any platform
 SOURCES = ("cobs",)
 
@@ -84,6 +88,19 @@ def _wheels(work: Path, platform: str, wheel: Path) -> Path:
     return wheels
 
 
+def _needed(work: Path, platform: str) -> set[str]:
+    """Names of the packages that a ward's machine needs."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    pins = work / "needed.txt"
+    _run(
+        *("uv", "pip", "compile", "-q", "--no-annotate", "--no-header", "-o", str(pins)),
+        *("--python-platform", f"{platform}-manylinux_2_28", "--python-version", PYTHON_VERSION),
+        *(word for name in extras if name not in ANALYSIS for word in ("--extra", name)),
+        *("--constraint", str(ROOT / "requirements/deploy.txt"), str(ROOT / "pyproject.toml")),
+    )
+    return {"truerate", *(canonicalize_name(line.partition("==")[0]) for line in pins.read_text().splitlines())}
+
+
 def _bundle(work: Path, wheels: Path, name: str) -> None:
     """Pack wheels, checksums and the script that installs them into one archive."""
     root = work / name
@@ -121,34 +138,13 @@ def _debian(work: Path, wheels: Path, platform: str, version: str) -> None:
     """Install the wheels into an environment for /opt/truerate, add documentation, and make the package of it."""
     tree = work / "tree"
     environment, share = tree / "opt/truerate", tree / "usr/share"
+    there = ("--python", f"{environment}/bin/python", "--python-platform", f"{platform}-manylinux_2_28")
+    needed = _needed(work, platform)
+    chosen = [str(one) for one in sorted(wheels.iterdir()) if canonicalize_name(one.name.split("-")[0]) in needed]
     _run("uv", "venv", "-q", "--relocatable", "--python", PYTHON, str(environment))
-    _run(
-        *(
-            "uv",
-            "pip",
-            "install",
-            "-q",
-            "--no-index",
-            "--no-deps",
-            "--link-mode",
-            "copy",
-            "--python",
-            f"{environment}/bin/python",
-        ),
-        *("--python-platform", f"{platform}-manylinux_2_28"),
-        *(str(one) for one in sorted(wheels.iterdir())),
-    )
+    _run("uv", "pip", "install", "-q", "--no-index", "--no-deps", "--link-mode", "copy", *there, *chosen)
     # A dependency without a pin would be missing in every installation.
-    _run(
-        "uv",
-        "pip",
-        "check",
-        "-q",
-        "--python",
-        f"{environment}/bin/python",
-        "--python-platform",
-        f"{platform}-manylinux_2_28",
-    )
+    _run("uv", "pip", "check", "-q", *there)
     for path in (environment / "bin").iterdir():
         if path.name != "truerate" and not path.name.startswith("python"):
             path.unlink()

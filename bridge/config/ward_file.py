@@ -50,7 +50,7 @@ class WardFile(Generic[R]):
         check: Callable[[R], object] = lambda _: None,
         settled_s: float = SETTLED_S,
     ) -> None:
-        self._path, self._kind, self._check, self._settled_s = path, kind, check, settled_s
+        self.path, self._kind, self._check, self._settled_s = path, kind, check, settled_s
         self._uses, self._live = ("ward", "bus", *uses), frozenset(live)
         self._read = self._seen = stamp_of(path)  # before reading: a change during the read is then read again
         self._seen_s = time.monotonic()
@@ -61,12 +61,12 @@ class WardFile(Generic[R]):
 
     def look(self, now: float) -> R | None:
         """Return the new content if the file has changed and is valid. now: monotonic s; call it every second or so."""
-        stamp = stamp_of(self._path)
+        stamp = stamp_of(self.path)
         if stamp != self._seen:
             self._seen, self._seen_s = stamp, now
         if stamp == self._read or now - self._seen_s < self._settled_s:
             return None
-        self._read, digest = stamp, digest_of(self._path)
+        self._read, digest = stamp, digest_of(self.path)
         try:
             root = self._loaded()
         except ConfigError as error:
@@ -92,7 +92,7 @@ class WardFile(Generic[R]):
         return bus.answer(key, lambda _key, _payload, reply: reply(encode_reply(self.report)))
 
     def _loaded(self) -> R:
-        root = load(self._path, self._kind)
+        root = load(self.path, self._kind)
         self._check(root)
         return root
 

@@ -1,15 +1,28 @@
 """Checks of a ward's routers: reachability and certificate."""
 
 from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
 
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
+from bridge.pki.certificate_checks import certificates, lasts_of
+
+_RENEW = "on the authority's machine: truerate pki renew --soon; then copy the .pem here, over the old file"
 
 
-def certificate(routers: Routers) -> Iterator[Finding]:
-    """Whether the certificate is valid, or expires soon."""
+def renewal(path: Path | None, ward: str) -> str:
+    """Return how to renew a certificate of a ward. path: the ward file, beside which `truerate init` keeps the authority."""
+    if path is None or not (path.parent / "authority").is_dir():
+        return _RENEW
+    folder = "" if path.parent == Path("/etc/truerate") else f" --folder {path.parent}"
+    return f"sudo truerate init {ward} --no-scan{folder}"
+
+
+def certificate(routers: Routers, renew: str = _RENEW) -> Iterator[Finding]:
+    """Whether the certificate is valid, or expires soon. renew: what to do then."""
     lasts = routers.lasts()
     if wrong := routers.faults():
         yield trouble(
@@ -18,11 +31,23 @@ def certificate(routers: Routers) -> Iterator[Finding]:
             "correct this first: no router accepts this certificate; see docs/security.md",
         )
     elif soon := routers.soon():
-        yield warning(
-            "certificate", "; ".join(soon), "on the authority's machine; then copy the .pem here, over the old file"
-        )
+        yield warning("certificate", "; ".join(soon), renew)
     elif routers.identity and lasts:
         yield ok("certificate", f"{routers.identity.certificate}, until {lasts.ends:%Y-%m-%d}")
+
+
+def page_certificate(file: str, renew: str) -> Finding:
+    """Whether the certificate that browsers see is valid, or expires soon. renew: what to do then."""
+    try:
+        lasts = lasts_of(certificates(file)[0])
+    except ValueError as error:
+        return trouble("page certificate", str(error), "correct `certificate` in [dashboard], or copy the file there")
+    now, ends = datetime.now(UTC), f"{lasts.ends:%Y-%m-%d %H:%M} UTC"
+    if now < lasts.soon:
+        return ok("page certificate", f"{file}, until {ends}")
+    if now < lasts.ends:
+        return warning("page certificate", f"{file} expires on {ends}", renew)
+    return trouble("page certificate", f"{file} expired on {ends}: browsers refuse the page", renew)
 
 
 def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = ZenohBus) -> list[Finding]:

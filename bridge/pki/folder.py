@@ -4,7 +4,6 @@ Each file is written under a temporary name, then renamed: complete or not at al
 only one file changes and the certificate always matches its key. Private keys have mode 0600 from their first byte on.
 """
 
-import os
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -14,6 +13,7 @@ from bridge.pki.authority import DAYS, EARLIER, Pair, check_hosts, issue, new_au
 from bridge.pki.certificate_checks import Identity, certificates, hosts_of, lasts_of, signer
 from bridge.pki.certificate_files import Validity
 from bridge.pki.member import Member
+from bridge.runtime import whole_file
 
 _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.txt"
 
@@ -68,7 +68,7 @@ class Folder:
                 f"the authority expires on {last:%Y-%m-%d}: make a new authority and issue all certificates again"
             )
         pair = issue(self.issuer(member), member, now - EARLIER, ends, hosts=hosts, key=key)
-        _write(Path(files.certificate), pair.certificate, 0o644)
+        whole_file.write(Path(files.certificate), pair.certificate, 0o644)
         return files
 
     def issuer(self, member: Member) -> Pair:
@@ -85,7 +85,7 @@ class Folder:
     def admit(self, router: Member, members: Iterable[Member]) -> None:
         """Write the file of issuers that a router trusts: those of its members and its own."""
         issuers = [signer(self.identity(member).certificate) for member in (router, *members)]
-        _write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
+        whole_file.write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:
         """Revoke the current generation of a member and return that generation.
@@ -98,7 +98,7 @@ class Folder:
                 f"{self.path}: {member.label} has no certificate to revoke; list them with `truerate pki show`"
             )
         lines = [*self._lines(), f"{member.common_name} {now:%Y-%m-%dT%H:%M:%SZ} {' '.join(why.split())}"]
-        _write(self.path / _REVOKED, "".join(f"{line}\n" for line in lines).encode(), 0o644)
+        whole_file.write(self.path / _REVOKED, "".join(f"{line}\n" for line in lines).encode(), 0o644)
         return member
 
     def revoked(self) -> dict[str, str]:
@@ -179,18 +179,5 @@ def _pair(here: Path) -> Pair:
 
 def _keep(here: Path, pair: Pair) -> None:
     """Write a pair, the key first, so that no certificate exists without its key."""
-    _write(Path(f"{here}.key"), pair.key, 0o600)
-    _write(Path(f"{here}.pem"), pair.certificate, 0o644)
-
-
-def _write(path: Path, content: bytes, mode: int) -> None:
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    except BaseException:
-        beside.unlink(missing_ok=True)
-        raise
+    whole_file.write(Path(f"{here}.key"), pair.key, 0o600)
+    whole_file.write(Path(f"{here}.pem"), pair.certificate, 0o644)

@@ -46,13 +46,19 @@ class ConfigError(Exception):
 def load(path: Path | str, kind: type[T]) -> T:
     """Read a TOML file as an object of type `kind`. Raises ConfigError with one line for a person."""
     try:
-        tables = tomllib.loads(content(Path(path)).decode("utf-8-sig"))  # some editors write a byte order mark
+        return parsed(content(Path(path)), path, kind)
     except FileNotFoundError:
         raise ConfigError(
             f"{path}: there is no such file; give the path of a TOML file, such as configs/ward.toml"
         ) from None
     except OSError as error:
         raise ConfigError(f"{path}: {os_errors.why(error)}") from None
+
+
+def parsed(found: bytes, path: Path | str, kind: type[T]) -> T:
+    """Read a TOML file's content as `load` does. path: the file's name in errors."""
+    try:
+        tables = tomllib.loads(found.decode("utf-8-sig"))  # some editors write a byte order mark
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise ConfigError(f"{path}: line {line} is not UTF-8 text: save the file as UTF-8 in your editor") from None

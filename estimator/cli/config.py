@@ -46,6 +46,8 @@ def _config_check(given: argparse.Namespace) -> None:
                 wrong.append(str(error))
         else:
             wards[file] = ward = load(file, Ward)
+            if ward.dashboard.people_file:
+                load(ward.dashboard.people_file, Ward)
             wrong += [
                 f"{file}: {words}" for words in capture_files.unreadable(ward.bridge.devices if ward.bridge else ())
             ]

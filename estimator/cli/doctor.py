@@ -17,7 +17,7 @@ from bridge.config.schema import ConfigError, load
 from bridge.config.ward_file import digest_of
 from bridge.diagnose import machine, port_access
 from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
-from bridge.diagnose.router import answers, certificate, router
+from bridge.diagnose.router import answers, certificate, page_certificate, renewal, router
 from bridge.diagnose.serial_ports import find
 from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
@@ -105,13 +105,16 @@ def look(path: Path | None) -> Iterable[Finding]:
         if ward.estimator is not None:
             yield from _store(Path(ward.estimator.store))
         yield from _privacy(path, ward)
+        renew = renewal(path, ward.ward)
+        if ward.dashboard.certificate:
+            yield page_certificate(ward.dashboard.certificate, renew)
         for routers in ward.bus.every():
-            yield from _reached(ward, routers, digest_of(path) if path else "")
+            yield from _reached(ward, routers, digest_of(path) if path else "", renew)
 
 
-def _reached(ward: Ward, routers: Routers, digest: str) -> Iterable[Finding]:
+def _reached(ward: Ward, routers: Routers, digest: str, renew: str) -> Iterable[Finding]:
     """Check a certificate, or that none is needed, and what the routers answer to it."""
-    shown = list(certificate(routers))
+    shown = list(certificate(routers, renew))
     yield from shown
     if any(finding.level is Level.TROUBLE for finding in shown):
         return

@@ -16,6 +16,7 @@ from bridge.terminal.plurals import count
 
 if TYPE_CHECKING:
     from bridge.diagnose.port_probe import Verdict
+    from estimator.config.dashboard import PersonRole
     from estimator.installation.ward_text import Plan
 
 _EXAMPLES = """examples:
@@ -60,6 +61,14 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         metavar="NAME",
         help="person who may give commands on the page; repeatable. The password is asked for, or made up without a terminal",
     )
+    verb.add_argument(
+        "--administrator",
+        dest="administrators",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="person who may also manage the people on the page; repeatable",
+    )
     verb.add_argument("--virtual", type=int, default=0, metavar="N", help="simulated devices, to try the installation")
     verb.add_argument("--no-scan", action="store_true", help="do not listen on the serial ports for devices")
     verb.add_argument("--folder", type=Path, default=_HERE, help="ward file and certificates (default: %(default)s)")
@@ -75,15 +84,13 @@ def _init(given: argparse.Namespace) -> int:
     try:
         if not 0 <= given.virtual <= 100:
             raise ValueError(f"--virtual is {given.virtual}: use 0 to 100")
-        if given.bridges and not given.hosts:
-            raise ValueError("--bridge needs --host: the name or address by which the other machine reaches this one")
         plan = Plan(
             check(given.ward, "WARD"),
             given.folder.absolute(),
             given.data.absolute(),
             tuple(dict.fromkeys(given.hosts)),
             tuple(check(bridge, "--bridge") for bridge in dict.fromkeys(given.bridges)),
-            tuple(check(name, "--person") for name in dict.fromkeys(given.people)),
+            _people(given),
             given.virtual,
         )
         found = [] if given.no_scan or given.virtual else _scanned()
@@ -103,6 +110,11 @@ def _init(given: argparse.Namespace) -> int:
     for words in left:
         print(words if words.startswith(" ") else f"- {words}")
     return 0
+
+
+def _people(given: argparse.Namespace) -> "dict[str, PersonRole]":
+    found: dict[str, PersonRole] = {check(name, "--person"): "operator" for name in given.people}
+    return found | {check(name, "--administrator"): "administrator" for name in given.administrators}
 
 
 def _by_hand(plan: "Plan", *, bridge: bool) -> list[str]:
@@ -131,7 +143,7 @@ def _scanned() -> "list[Verdict]":
 
 
 def _password(name: str) -> str:
-    from estimator.cli.dashboard import asked  # noqa: PLC0415
+    from estimator.cli.people import asked  # noqa: PLC0415
 
     if sys.stdin.isatty():
         print(f"A password for {name}:", file=sys.stderr)

@@ -43,6 +43,7 @@ VERBS = {
     "estimator.cli.doctor": ("doctor",),
     "estimator.cli.qualify": ("qualify",),
     "estimator.cli.dashboard": ("dashboard",),
+    "estimator.cli.people": ("people",),
     "estimator.cli.outlet": ("outlet",),
     "estimator.cli.study": ("study",),
 }
@@ -59,6 +60,7 @@ _NOT_ON_WINDOWS = (
     "doctor",
     "qualify",
     "dashboard",
+    "people",
 )
 _LOG_FORMAT = "--log-format"
 #: permissions withheld from every new file and folder: files show how patients move

@@ -5,6 +5,7 @@ Which programs may recalibrate is the router's rule; docs/security.md states bot
 
 import re
 from ipaddress import ip_address
+from typing import Literal, get_args
 
 from msgspec import Struct
 
@@ -14,19 +15,47 @@ from bridge.config.schema import check, listening
 _ORIGIN = re.compile(r"https?://[a-z0-9.\[\]:-]+")
 #: prefix of an argon2 hash
 HASHED = "$argon2id$"
+#: what a person may do: give commands, or also manage the people
+PersonRole = Literal["operator", "administrator"]
+PERSON_ROLES: tuple[PersonRole, ...] = get_args(PersonRole)
 
 
 class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A person who may recalibrate, cancel and note: one [[dashboard.people]] table."""
 
     name: str
-    #: what `truerate dashboard password` printed; never the password itself
+    #: hash of the password, as `truerate people` writes it; never the password itself
     password: str
+    #: `administrator` may also manage the people on the page
+    role: PersonRole = "operator"
 
     def __post_init__(self) -> None:
         check(self.name, "name")
         if not self.password.startswith(HASHED):
-            raise ValueError(f"password of {self.name!r} is not a hash: make one with `truerate dashboard password`")
+            raise ValueError(f"password of {self.name!r} is not a hash: let `truerate people password` write it")
+
+
+class OpenId(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Login by an OpenID Connect provider, such as the hospital's; needs `pip install 'truerate[openid]'`."""
+
+    #: address of the provider, as in its tokens
+    issuer: str
+    #: how the provider knows this page; its redirect address there is https://HOST/openid/back
+    client_id: str
+    #: file with the client's secret
+    secret_file: str
+    #: role by value of `claim`: `{ nurses = "operator", it = "administrator" }`; nobody else is let in
+    roles: dict[str, PersonRole]
+    #: claim of the token with the person's groups: text or a list
+    claim: str = "groups"
+    #: claim of the token with the person's name, for the audit
+    name_claim: str = "preferred_username"
+
+    def __post_init__(self) -> None:
+        if not re.match(r"https://[^/]|http://(localhost|127\.0\.0\.1)[:/]", self.issuer):
+            raise ValueError(f"issuer is {self.issuer!r}; an address looks like 'https://login.hospital.example'")
+        if not self.roles:
+            raise ValueError("roles is empty, so nobody could log in: give a role for a group")
 
 
 class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -36,6 +65,10 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     listen: str = "127.0.0.1:8090"
     #: one table `[[dashboard.people]]` for each person, with `name` and `password` (a hash)
     people: tuple[Person, ...] = ()
+    #: ward file that holds the people alone, which the services may write; `truerate init` makes it
+    people_file: str = ""
+    #: login by an OpenID Connect provider
+    openid: OpenId | None = None
     #: host names of the page in a browser's address line, beside `listen`
     hosts: tuple[str, ...] = ()
     #: other sites whose pages may read the stream, such as "https://lab.example"; programs outside a browser need none
@@ -65,6 +98,8 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         names = [person.name for person in self.people]
         for name in {name for name in names if names.count(name) > 1}:
             raise ValueError(f"two people are called {name!r}")
+        if self.people and self.people_file:
+            raise ValueError(f"people are listed here and in {self.people_file}: move all of them to that file")
         for host in self.hosts:
             if not host or not host.isprintable() or set(host) & set("/:@ *"):
                 raise ValueError(
@@ -81,6 +116,11 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"idle_minutes is {self.idle_minutes:g}; 1 to 10080 is taken")
         if not 1 <= self.due_days <= 3650:
             raise ValueError(f"due_days is {self.due_days:g}; 1 to 3650 is taken")
+
+    @property
+    def commanded(self) -> bool:
+        """Whether anybody may give commands."""
+        return bool(self.people or self.people_file or self.openid)
 
     @property
     def local(self) -> bool:

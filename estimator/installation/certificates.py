@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from bridge.bus import router_file
-from bridge.pki.certificate_checks import certificates, hosts_of
+from bridge.pki.certificate_checks import certificates, hosts_of, lasts_of
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.member import Member, Role
 from estimator.installation.owned_files import OwnedFiles
@@ -20,7 +20,7 @@ _PROGRAMS = (
 
 
 def certify(plan: Plan, files: OwnedFiles) -> None:
-    """Make what is missing, and copy to each machine's folder what is new or renewed."""
+    """Make what is missing, renew what expires soon, and copy to each machine's folder what is new."""
     authority, page = Folder(plan.authority), Member(Role.PAGE, plan.ward)
     bridges = [Member(Role.BRIDGE, name) for name in plan.bridges]
     here = {page: plan.hosts}
@@ -47,14 +47,19 @@ def certify(plan: Plan, files: OwnedFiles) -> None:
 
 
 def _issue(authority: Folder, member: Member, hosts: tuple[str, ...], files: OwnedFiles) -> None:
-    """Issue a certificate unless there is one. Raises ValueError if that names other hosts."""
+    """Issue a certificate, or renew one that expires soon. Raises ValueError if there is one that names other hosts."""
     files_of = authority.identity(authority.current(member))
     if Path(files_of.certificate).exists():
-        if lacks := set(hosts) - set(hosts_of(certificates(files_of.certificate)[0])):
+        there = certificates(files_of.certificate)[0]
+        if lacks := set(hosts) - set(hosts_of(there)):
             raise ValueError(
                 f"{files_of.certificate} does not name {', '.join(sorted(lacks))}: remove it and {files_of.key}, then run"
                 " this command again"
             )
+        if utc_now() >= lasts_of(there).soon:
+            files.did("renew", "renewed", f"the certificate of {member.label}")
+            if not files.dry:
+                authority.renew(member, utc_now())
         return
     files.did("issue", "issued", f"a certificate for {member.label}")
     if not files.dry:

@@ -2,10 +2,11 @@
 
 import os
 import pwd
-import shutil
 import stat
 from collections.abc import Callable
 from pathlib import Path
+
+from bridge.runtime import whole_file
 
 #: user and group of the services, as made by the Debian package
 USER = "truerate"
@@ -17,7 +18,10 @@ class OwnedFiles:
 
     def __init__(self, say: Callable[[str], None], *, dry: bool) -> None:
         self._say, self.dry = say, dry
-        self._gives = os.geteuid() == 0 and any(one.pw_name == USER for one in pwd.getpwall())
+        #: files that were there, with another content
+        self.changed: list[Path] = []
+        there = [one for one in pwd.getpwall() if one.pw_name == USER] if os.geteuid() == 0 else []
+        self._services = there[0] if there else None
 
     def did(self, would: str, did: str, what: str) -> None:
         """Say what was done, or would be done in a dry run."""
@@ -31,7 +35,8 @@ class OwnedFiles:
             return
         if not self.dry:
             path.mkdir(_FOLDER, parents=True, exist_ok=True)
-            self._give(path, user=data)
+            if owner := self._owner(user=data):
+                os.chown(path, *owner)
         self.did("make", "made", f"{path}/")
 
     def write(self, path: Path, text: str, *, secret: bool = False) -> None:
@@ -40,23 +45,12 @@ class OwnedFiles:
         if there == text:
             return
         if not self.dry:
-            self._replace(path, text, secret=secret)
+            whole_file.write(path, text.encode(), _SECRET if secret else _SHARED, self._owner(user=secret))
+        if there is not None:
+            self.changed.append(path)
         self.did(*(("write", "wrote") if there is None else ("change", "changed")), str(path))
 
-    def _replace(self, path: Path, text: str, *, secret: bool) -> None:
-        beside = path.with_name(f".{path.name}.{os.getpid()}")
-        mode = _SECRET if secret else _SHARED
-        try:
-            with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            self._give(beside, user=secret)
-            beside.replace(path)
-        except BaseException:
-            beside.unlink(missing_ok=True)
-            raise
-
-    def _give(self, path: Path, *, user: bool = False) -> None:
-        if self._gives:
-            shutil.chown(path, USER if user else "root", USER)
+    def _owner(self, *, user: bool) -> tuple[int, int] | None:
+        """User and group of what is made; None without the services' user, or where another than root installs."""
+        one = self._services
+        return one and (one.pw_uid if user else 0, one.pw_gid)

@@ -1,16 +1,17 @@
 """Installs a ward: writes or completes its ward file, certificates and folders. A second run adds only what is missing."""
 
-import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bridge.config.schema import ConfigError, load
+from bridge.config.schema import load
 from bridge.diagnose.port_probe import Verdict
 from bridge.diagnose.scan_report import snippet
-from bridge.toml.loader import content
+from bridge.toml.loader import content, parsed
+from estimator.config import people_file
+from estimator.config.dashboard import Person
 from estimator.config.schema import Ward
 from estimator.installation.certificates import certify
 from estimator.installation.owned_files import OwnedFiles
@@ -29,15 +30,18 @@ def install(
     there = content(path).decode() if path.exists() else ""
     if there:
         plan = _continued(plan, load(path, Ward), path)
-    text = _text(plan, there, found, (lambda _: "$argon2id$") if dry else hashed)
-    ward = _checked(text, path)
+    if plan.bridges and not plan.hosts:
+        raise ValueError("--bridge needs --host: the name or address by which the other machine reaches this one")
+    text = _text(plan, there, found)
+    ward = parsed(text.encode(), path, Ward)
     files.folder(plan.folder)
     files.folder(plan.data, data=True)
     files.folder(plan.data / "recordings", data=True)
     if plan.hosts:
         certify(plan, files)
     files.write(path, text)
-    return plan, ward, list(_left(plan, ward, path))
+    _people(plan, ward, files, hashed)
+    return plan, ward, list(_left(plan, ward, files.changed))
 
 
 def _continued(plan: Plan, before: Ward, path: Path) -> Plan:
@@ -53,8 +57,11 @@ def _continued(plan: Plan, before: Ward, path: Path) -> Plan:
     )
 
 
-def _left(plan: Plan, ward: Ward, path: Path) -> Iterator[str]:
+def _left(plan: Plan, ward: Ward, changed: Sequence[Path]) -> Iterator[str]:
     """Yield what people still have to do."""
+    path = plan.folder / "ward.toml"
+    if any(one.name.startswith("router.") for one in changed):
+        yield "restart the router, as its certificate or its rules are new: sudo systemctl restart truerate-router"
     if not (ward.bridge and ward.bridge.devices):
         yield f"no device was found: plug one in and run this command again, or edit {path}"
     for bridge in plan.bridges:
@@ -68,8 +75,21 @@ def _left(plan: Plan, ward: Ward, path: Path) -> Iterator[str]:
     yield f"check everything: truerate doctor {path}"
 
 
-def _text(plan: Plan, there: str, found: Sequence[Verdict], hashed: Callable[[str], str]) -> str:
-    """Return the ward file with the devices and people that it lacks."""
+def _people(plan: Plan, ward: Ward, files: OwnedFiles, hashed: Callable[[str], str]) -> None:
+    """Add the people that are missing to the file that lists them, which the services may write if it holds nothing else."""
+    path = people_file.file_of(plan.folder / "ward.toml", ward)
+    if ward.dashboard.people_file and not path.exists():
+        files.write(path, people_file.empty(plan.ward), secret=True)
+    known = {one.name for one in people_file.people_in(path)}
+    for name, role in plan.people.items():
+        if name not in known:
+            files.did("add", "added", f"{role} {name}")
+            if not files.dry:
+                people_file.put(path, plan.ward, Person(name=name, role=role, password=hashed(name)))
+
+
+def _text(plan: Plan, there: str, found: Sequence[Verdict]) -> str:
+    """Return the ward file with the devices that it lacks."""
     tables: dict[str, Any] = tomllib.loads(there)
     devices = tables.get("bridge", {}).get("devices", [])
     ports = {device.get("port") for device in devices}
@@ -77,16 +97,4 @@ def _text(plan: Plan, there: str, found: Sequence[Verdict], hashed: Callable[[st
     blocks = snippet(new, {device["id"] for device in devices})
     if plan.virtual:
         blocks = virtual_devices(plan.virtual, {device["id"] for device in devices})
-    known = {one["name"] for one in tables.get("dashboard", {}).get("people", [])}
-    return completed(plan, there, blocks, {name: hashed(name) for name in plan.people if name not in known})
-
-
-def _checked(text: str, path: Path) -> Ward:
-    """Read a ward file's text as its programs will. path: where it will be. Raises ConfigError."""
-    with tempfile.TemporaryDirectory() as folder:
-        draft = Path(folder) / "ward.toml"
-        draft.write_text(text, "utf-8")
-        try:
-            return load(draft, Ward)
-        except ConfigError as error:
-            raise ConfigError(str(error).replace(str(draft), str(path))) from None
+    return completed(plan, there, blocks)

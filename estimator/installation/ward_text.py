@@ -1,13 +1,14 @@
 """Text of the ward files of an installation. Pure."""
 
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import tomlkit
 
 from bridge.config.schema import LOCAL
+from estimator.config.dashboard import PersonRole
 
 #: the router's port; the port of the ward's page
 ROUTER_PORT, PAGE_PORT = 7447, 8443
@@ -18,7 +19,8 @@ class Plan:
     """What an installation is to become.
 
     folder: ward file and certificates. data: store and recordings. hosts: names and addresses by which browsers and other
-    machines reach this one, the best first. bridges: ids of the bridges on other machines. virtual: number of simulated devices.
+    machines reach this one, the best first. bridges: ids of the bridges on other machines. people: roles by name.
+    virtual: number of simulated devices.
     """
 
     ward: str
@@ -26,7 +28,7 @@ class Plan:
     data: Path
     hosts: tuple[str, ...] = ()
     bridges: tuple[str, ...] = ()
-    people: tuple[str, ...] = ()
+    people: Mapping[str, PersonRole] = field(default_factory=dict)
     virtual: int = 0
 
     @property
@@ -48,10 +50,10 @@ class Plan:
         return f"https://{self.hosts[0]}:{listen.rpartition(':')[2]}/" if self.hosts else f"http://{listen}/"
 
 
-def completed(plan: Plan, there: str, found: str, new_people: Mapping[str, str]) -> str:
+def completed(plan: Plan, there: str, found: str) -> str:
     """Return the ward file of the machine with router, estimator, page and recorder; what is there stays, comments too.
 
-    there: the file's text, or empty. found: blocks of newly found devices. new_people: hashes of passwords by name.
+    there: the file's text, or empty. found: blocks of newly found devices.
     """
     path = plan.folder / "ward.toml"
     document = tomlkit.parse(there or f"# Ward {plan.ward}. After a change: truerate config check {path}\n")
@@ -63,13 +65,10 @@ def completed(plan: Plan, there: str, found: str, new_people: Mapping[str, str])
     store = str(plan.data / "ward.sqlite3")
     _set(document, "estimator", id="estimator-1", store=store, health="127.0.0.1:9464", model="generic")
     _set(document, "recorder", folder=str(plan.data / "recordings"))
-    _set(document, "dashboard", **_page(plan))
+    people = {} if document.get("dashboard", {}).get("people") else {"people_file": str(plan.data / "people.toml")}
+    _set(document, "dashboard", **_page(plan), **people)
     text = tomlkit.dumps(document).rstrip("\n") + "\n"
-    if found:
-        text += f"\n{found}\n"
-    for name, password in new_people.items():
-        text += f'\n[[dashboard.people]]\nname = "{name}"\npassword = "{password}"\n'
-    return text
+    return f"{text}\n{found}\n" if found else text
 
 
 def bridge_machine(plan: Plan, bridge: str) -> str:

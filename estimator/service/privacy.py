@@ -14,6 +14,8 @@ def exposed(file: Path, ward: Ward) -> list[Path]:
     folders, files = list[Path](), list[Path]()
     if ward.dashboard.people:
         files.append(file)
+    if ward.dashboard.people_file:
+        files.append(Path(ward.dashboard.people_file))
     if ward.estimator is not None:
         store = Path(ward.estimator.store)
         files += [store, store.with_name(f"{store.name}-wal")]

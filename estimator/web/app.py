@@ -15,7 +15,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
-from estimator.web import alert_pages, device_pages, guide_pages, live, pages, report_pages
+from estimator.web import alert_pages, device_pages, guide_pages, live, openid, pages, people_pages, report_pages
 from estimator.web.api import routes as places
 from estimator.web.broadcast import Broadcast
 from estimator.web.guard import Guard, dress
@@ -28,7 +28,7 @@ STATIC = Path(__file__).parent / "static"
 
 def routes() -> list[BaseRoute]:
     """All routes of the dashboard. A part is a module with `routes()`; name a new one here."""
-    parts = (pages, alert_pages, device_pages, guide_pages, report_pages, places, stream, live)
+    parts = (pages, people_pages, alert_pages, device_pages, guide_pages, report_pages, places, stream, live)
     return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
 
 
@@ -49,7 +49,7 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
             broadcast.close()
 
     app = Starlette(
-        routes=routes(),
+        routes=[*openid.routes(desk.settings), *routes()],
         middleware=[
             Middleware(Guard, settings=lambda: desk.settings),
             Middleware(GZipMiddleware, minimum_size=2000),

@@ -4,8 +4,10 @@ import asyncio
 import contextlib
 import logging
 import resource
+import ssl
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 import h11
@@ -13,6 +15,8 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from bridge.config.ward_file import stamp_of
+from bridge.runtime import os_errors
 from bridge.wire.refusal import Tally
 from estimator.web.client_address import neighbourhood
 
@@ -151,6 +155,22 @@ class Listener(uvicorn.Server):
                 timeout_graceful_shutdown=2,
             )
         )
+
+        self._certified = stamp_of(Path(certificate))
+
+    def renew(self) -> None:
+        """Show the certificate's file to new connections if it has changed, as after a renewal."""
+        file, key, context = self.config.ssl_certfile, self.config.ssl_keyfile, self.config.ssl
+        if context is None or not file or (stamp := stamp_of(Path(file))) == self._certified:
+            return
+        self._certified = stamp
+        try:
+            ssl.create_default_context().load_cert_chain(file, key)  # a faulty file leaves the one in use
+            context.load_cert_chain(file, key)
+        except OSError as error:
+            log.error("the certificate %s has changed and cannot be used: %s", file, os_errors.why(error))
+        else:
+            log.info("the changed certificate %s is in use", file)
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:

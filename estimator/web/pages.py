@@ -42,7 +42,8 @@ def show(request: Request, template: str, values: Mapping[str, Any], status: HTT
         "session": session,
         "said": session.take_said() if session else None,
         "draft": session.take_draft() if session else "",
-        "can_log_in": bool(desk.settings.people),
+        "can_log_in": bool(desk.settings.people or desk.settings.openid),
+        "openid": desk.settings.openid,
         "say": texts(language(request)),
         "languages": [texts(one) for one in LANGUAGES],
     }
@@ -77,9 +78,17 @@ async def login(request: Request) -> Response:
         page.headers.update(fault.headers)
         return page
     response = RedirectResponse(to, HTTPStatus.SEE_OTHER)
-    value = desk.sessions.begin(name, time.monotonic(), instead=cookie.found(request))
-    cookie.give(response, request, value, desk.settings.session_hours)
+    role = next((one.role for one in desk.settings.people if one.name == name), "operator")
+    begin(request, response, name, role)
     return response
+
+
+def begin(request: Request, response: Response, name: str, role: str, *, elsewhere: bool = False) -> None:
+    """Start a person's session, and end the browser's earlier one. elsewhere: a provider let the person in."""
+    desk = Desk.of(request)
+    instead = cookie.found(request)
+    value = desk.sessions.begin(name, time.monotonic(), role, elsewhere=elsewhere, instead=instead)
+    cookie.give(response, request, value, desk.settings.session_hours)
 
 
 async def logout(request: Request) -> Response:

@@ -8,12 +8,16 @@ import threading
 import time
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus
 from bridge.bus.routers import Routers
 from bridge.bus.startup import wait_for_router
 from bridge.config.schema import listening
 from bridge.config.ward_file import WardFile
+from bridge.diagnose.finding import Level
+from bridge.diagnose.router import page_certificate, renewal
 from bridge.pki.member import Role
 from bridge.runtime import os_errors
 from bridge.runtime.service_manager import supervised
@@ -21,6 +25,7 @@ from bridge.runtime.signals import asked_by
 from estimator.client import Client
 from estimator.config.dashboard import Dashboard
 from estimator.config.device_settings import Treatment, treatment
+from estimator.config.people_file import with_people
 from estimator.config.schema import Ward
 from estimator.web import device_topics, guide_topics, topics, ward_topics
 from estimator.web.app import application
@@ -40,6 +45,8 @@ LIVE = (
     *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
 )
 _LOOK_S = 0.5
+#: time between warnings that the page's certificate expires
+_SELDOM_S = 12 * 3600.0
 #: addresses that mean every address of this machine
 _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 
@@ -54,9 +61,10 @@ class Server:
         store: Path | None = None,
         treatment: Treatment | None = None,
         connections: int = CONNECTIONS,
+        people: Path | None = None,
     ) -> None:
         known, hub = Known(ward), Hub()
-        self.desk = Desk(known, hub, settings, store, treatment)
+        self.desk = Desk(known, hub, settings, store, treatment, people)
         self._ward = ward
         self._sources = topics.Sources(known, treatment=self.desk.treatment)
         self._broadcast = Broadcast(hub, self._sources)
@@ -118,22 +126,27 @@ def _place(host: str, port: int, *, tls: bool) -> str:
     return f"http{'s' * tls}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
-def run(ward: Ward, file: WardFile[Ward] | None = None) -> int:
+def run(ward: Ward, file: WardFile[Ward] | None = None, people: WardFile[Ward] | None = None) -> int:
     """Serve until SIGINT or SIGTERM and return the exit code. While no router is found, every page says so.
 
-    file: the ward file, which may change.
+    file: the ward file, which may change. people: its `people_file`.
     """
-    settings = ward.dashboard
+    settings = _settings(ward, people)
     store = Path(ward.estimator.store) if ward.estimator else None
-    if settings.people and not settings.local and not settings.behind_proxy and not settings.certificate:
+    if settings.commanded and not settings.local and not settings.behind_proxy and not settings.certificate:
         log.warning(
             "%s is reached over the network without TLS: passwords can be read on the way; docs/dashboard.md, On a network",
             settings.listen,
         )
-    server = Server(ward.ward, settings, store, treatment(ward.estimator), make_room())
+    listed = people or file
+    server = Server(ward.ward, settings, store, treatment(ward.estimator), make_room(), listed.path if listed else None)
     server.desk.known.alert_settings = ward.alerts
-    asyncio.run(_serve(server, ward, file))
+    asyncio.run(_serve(server, ward, file, people))
     return 0
+
+
+def _settings(ward: Ward, people: WardFile[Ward] | None) -> Dashboard:
+    return with_people(ward.dashboard, people.root.dashboard.people) if people else ward.dashboard
 
 
 def routers_of(ward: Ward) -> Routers:
@@ -141,7 +154,7 @@ def routers_of(ward: Ward) -> Routers:
 
     A warning tells a viewer which messages its certificate does not permit.
     """
-    if ward.dashboard.people:
+    if ward.dashboard.commanded:
         return ward.bus.routers_as(Role.COMMANDER)
     routers = ward.bus.routers_as(Role.VIEWER, Role.COMMANDER)
     if routers.identity is not None:
@@ -157,7 +170,7 @@ def routers_of(ward: Ward) -> Routers:
     return routers
 
 
-async def _serve(server: Server, ward: Ward, file: WardFile[Ward] | None) -> None:
+async def _serve(server: Server, ward: Ward, file: WardFile[Ward] | None, people: WardFile[Ward] | None) -> None:
     routers = routers_of(ward)
     stop = threading.Event()
     loop = asyncio.get_running_loop()
@@ -178,7 +191,7 @@ async def _serve(server: Server, ward: Ward, file: WardFile[Ward] | None) -> Non
 
     finding = threading.Thread(target=find, name="find a router", daemon=True)
     finding.start()
-    looking = asyncio.create_task(_look(server, file)) if file else None
+    looking = asyncio.create_task(_look(server, file, people)) if file else None
     try:
         await server.serve()
     finally:
@@ -190,9 +203,15 @@ async def _serve(server: Server, ward: Ward, file: WardFile[Ward] | None) -> Non
             bus.close()
 
 
-async def _look(server: Server, file: WardFile[Ward]) -> None:
-    """Use the ward file's settings again when it changes."""
+async def _look(server: Server, file: WardFile[Ward], people: WardFile[Ward] | None) -> None:
+    """Use the settings again when the ward file or the people's file changes, and a changed certificate."""
+    said_s = -_SELDOM_S
     while True:
         await asyncio.sleep(_LOOK_S)
-        if new := file.look(time.monotonic()):
-            server.use(new)
+        server.uvicorn.renew()
+        if (certificate := file.root.dashboard.certificate) and time.monotonic() - said_s >= _SELDOM_S:
+            said_s, finding = time.monotonic(), page_certificate(certificate, renewal(file.path, file.root.ward))
+            if finding.level is not Level.OK:
+                log.warning("%s: %s", finding.said, finding.do)
+        if any(one.look(time.monotonic()) for one in (file, people) if one):
+            server.use(replace(file.root, dashboard=_settings(file.root, people)))

@@ -16,12 +16,15 @@ SESSIONS = 500
 class Session:
     """Session of one person in one browser. `csrf` is in each of their forms.
 
+    role: what the person may do. elsewhere: an OpenID Connect provider let the person in.
     said: message to show once: whether it is good news, of which device, and the text by language.
     """
 
     name: str
     until: float
     idle_until: float
+    role: str = "operator"
+    elsewhere: bool = False
     csrf: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     said: tuple[bool, str, Callable[[Texts], str]] | None = None
 
@@ -47,16 +50,19 @@ class Sessions:
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
 
     def use(self, length_s: float, idle_s: float, people: Container[str]) -> None:
-        """Use other limits from now on, and end the sessions of those who are not among `people`."""
+        """Use other limits from now on, and end the sessions of those who log in here and are not among `people`."""
         self._length_s, self._idle_s = length_s, idle_s
-        for hashed in [hashed for hashed, session in self._sessions.items() if session.name not in people]:
-            del self._sessions[hashed]
+        for hashed, session in [*self._sessions.items()]:
+            if session.name not in people and not session.elsewhere:
+                del self._sessions[hashed]
 
-    def begin(self, name: str, now: float, instead: str | None = None) -> str:
+    def begin(
+        self, name: str, now: float, role: str = "operator", *, elsewhere: bool = False, instead: str | None = None
+    ) -> str:
         """Start a session and return its cookie; ends the browser's earlier session `instead`."""
         self.end(instead or "")
         cookie = secrets.token_urlsafe(32)
-        self._sessions[_hashed(cookie)] = Session(name, now + self._length_s, now + self._idle_s)
+        self._sessions[_hashed(cookie)] = Session(name, now + self._length_s, now + self._idle_s, role, elsewhere)
         while len(self._sessions) > SESSIONS:
             self._sessions.popitem(last=False)
         return cookie

@@ -5,7 +5,7 @@ import logging
 import secrets
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from http import HTTPStatus
 from math import ceil
 from pathlib import Path
@@ -17,13 +17,15 @@ from starlette.requests import HTTPConnection, Request
 
 from bridge.bus.contract import BusError
 from bridge.reasons.codes import Code
+from bridge.toml.loader import ConfigError
 from bridge.wire.messages import Calibration, CommandReply, Placement
 from bridge.wire.placement import MAX_WEARER, placement
 from bridge.wire.refusal import Refusal
 from bridge.wire.validation import MAX_SENTENCE
 from estimator.client import Client
-from estimator.config.dashboard import Dashboard
+from estimator.config.dashboard import Dashboard, Person
 from estimator.config.device_settings import Treatment
+from estimator.config.people_file import with_people
 from estimator.service import history
 from estimator.service.store import Store, StoreError
 from estimator.web import cookie
@@ -43,6 +45,8 @@ log = logging.getLogger(__name__)
 PAST_S = 30.0
 #: how long a chart is reused, s: drawing one costs a third of a second of a core
 DRAWN_S = 5.0
+#: how long a one-time link is good, s
+INVITED_S = 24 * 3600.0
 #: how a program must authenticate; a browser shows no prompt for it
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="truerate"'}
 VERBS = ("recalibrate", "cancel", "note", "place")
@@ -58,10 +62,15 @@ class Desk:
         settings: Dashboard,
         store: Path | None = None,
         treatment: Treatment | None = None,
+        people: Path | None = None,
     ) -> None:
         self.known, self.hub, self.settings = known, hub, settings
         self.treatment = treatment or Treatment()
         self.sessions = Sessions(settings.session_hours * 3600, settings.idle_minutes * 60)
+        #: one-time links with which people choose their passwords
+        self.invitations = Sessions(INVITED_S, INVITED_S)
+        #: file that lists the people, for changes; None if there is none
+        self._people = people
         #: subscriptions of programs that read the stream
         self.feeds = Feeds()
         #: client for commands, on its own bus session; None until a router is first connected
@@ -80,6 +89,17 @@ class Desk:
         stay = {person.name for person in settings.people if person in self.settings.people}
         self.sessions.use(settings.session_hours * 3600, settings.idle_minutes * 60, stay)
         self.settings, self.treatment, self._passwords = settings, treatment, Passwords(settings.people)
+
+    async def change_people(self, change: Callable[[Path], None], people: Iterable[Person]) -> None:
+        """Change the file that lists the people, and use the new list at once; raises Fault."""
+        if self._people is None:
+            raise Fault(HTTPStatus.CONFLICT, "people_elsewhere")
+        try:
+            await run_in_threadpool(change, self._people)
+        except (OSError, ConfigError) as error:
+            log.error("the people in %s cannot be changed: %s", self._people, error)
+            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "people_not_written", file=self._people) from error
+        self.use(with_people(self.settings, tuple(people)), self.treatment)
 
     @classmethod
     def of(cls, connection: HTTPConnection) -> "Desk":
@@ -101,6 +121,13 @@ class Desk:
             raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", headers=CHALLENGE)
         if not secrets.compare_digest(session.csrf.encode(), csrf.encode("utf-8", "replace")):
             raise Fault(HTTPStatus.FORBIDDEN, "stale_page")
+        return session
+
+    def administrator(self, request: Request, csrf: str) -> Session:
+        """Session of an administrator giving a command; raises Fault otherwise."""
+        session = self.checked(request, csrf)
+        if session.role != "administrator":
+            raise Fault(HTTPStatus.FORBIDDEN, "not_administrator")
         return session
 
     async def let_in(self, request: Request, name: str, password: str) -> None:

@@ -11,6 +11,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from msgspec import structs
 from playwright.sync_api import Page, WebSocketRoute, expect
 from scipy.spatial.transform import Rotation
 
@@ -28,10 +29,11 @@ from bridge.wire.messages import (
     State,
     Status,
 )
+from estimator.config.dashboard import Dashboard
 from estimator.web import number_format as words
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.sentences import free
-from tests.web.conftest import PASSWORD, Site
+from tests.web.conftest import PASSWORD, PEOPLE, Site
 from tests.web.talk import about, said
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
@@ -395,6 +397,26 @@ def test_who_may_and_who_may_not(page: Page, site: Site, shot: Shot) -> None:
     assert serious(page) == []
     page.get_by_role("button", name="Log out").click()
     expect(page.get_by_role("link", name="Log in")).to_be_visible()
+
+
+def test_people_are_managed_on_any_screen_in_both_languages(page: Page, site: Site, shot: Shot) -> None:
+    chief = structs.replace(PEOPLE[0], name="chief", role="administrator")
+    site.server.desk.use(Dashboard(people=(chief, *PEOPLE)), site.server.desk.treatment)
+    page.goto("/login?to=/people")
+    page.get_by_label("Name").fill("chief")
+    page.get_by_label("Password").fill(PASSWORD)
+    page.get_by_role("button", name="Log in").click()
+    page.wait_for_url("**/people")
+    expect(page.get_by_role("heading", name="nurse")).to_be_visible()
+    assert serious(page) == []
+    shot("people")
+    key = site.server.desk.invitations.begin("nurse", time.monotonic())
+    for path in ("/people", f"/welcome?key={key}"):
+        page.goto(path)
+        assert serious(page) == []
+        page.goto(f"{path}{'&' if '?' in path else '?'}lang=zh")
+        assert english(page) == []
+        page.goto("/?lang=en")
 
 
 def test_words_of_strangers_are_words(page: Page, site: Site, shot: Shot) -> None:

@@ -1,6 +1,5 @@
-"""[dashboard] of a ward's file, and the verb that makes hashes."""
+"""[dashboard] of a ward's file."""
 
-import io
 import socket
 from pathlib import Path
 
@@ -9,7 +8,6 @@ import pytest
 from bridge.config.schema import ConfigError, load
 from estimator.cli.main import main
 from estimator.config.schema import Ward
-from estimator.web.passwords import Passwords
 from estimator.web.serve import routers_of
 
 HASH = "$argon2id$v=19$m=64,t=1,p=4$c2FsdHNhbHRzYWx0$aGFzaGhhc2hoYXNo"
@@ -29,9 +27,18 @@ def ward(text: str, folder: Path) -> Ward:
         ("session_hours = 0", "0.05 to 168"),
         ("idle_minutes = 0", "1 to 10080"),
         ('[[dashboard.people]]\nname = "Nurse"\npassword = "x"', "is not valid"),
-        ('[[dashboard.people]]\nname = "nurse"\npassword = "secret"', "make one with `truerate dashboard password`"),
+        ('[[dashboard.people]]\nname = "nurse"\npassword = "secret"', "let `truerate people password` write it"),
         (2 * f'[[dashboard.people]]\nname = "nurse"\npassword = "{HASH}"\n', "two people are called 'nurse'"),
         ("port = 3", "unknown key 'port'"),
+        (
+            f'people_file = "p.toml"\n[[dashboard.people]]\nname = "nurse"\npassword = "{HASH}"',
+            "move all of them to that file",
+        ),
+        (f'[[dashboard.people]]\nname = "a"\nrole = "king"\npassword = "{HASH}"', "unknown value 'king'"),
+        (
+            '[dashboard.openid]\nissuer = "http://login.example"\nclient_id = "t"\nsecret_file = "s"\nroles = {}',
+            "issuer is",
+        ),
     ],
 )
 def test_what_is_wrong_is_said(text: str, words: str, tmp_path: Path) -> None:
@@ -48,27 +55,17 @@ def test_whether_only_this_machine_reaches_it(listen: str, local: bool, tmp_path
     assert ward(f'listen = "{listen}"', tmp_path).dashboard.local is local
 
 
-def test_a_hash_is_made_that_lets_in(
+def test_who_gives_no_password_is_told_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO("a long password\n"))
-    assert main(["dashboard", "password", "--name", "nurse"]) == 0
-    printed = capsys.readouterr().out
-    assert "a long password" not in printed
-    with pytest.raises(SystemExit):
-        main(["dashboard", "passwrd"])
-    assert "argument password: unknown 'passwrd'" in capsys.readouterr().err
-    passwords = Passwords(ward(printed, tmp_path).dashboard.people)
-    assert passwords.right("nurse", "a long password")
-    assert not passwords.right("nurse", "another")
-    assert not passwords.right("nobody", "a long password")
+    def ended(_: str) -> str:
+        raise EOFError
 
-
-def test_a_token_is_shown_once_beside_its_hash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["dashboard", "password", "--name", "script", "--token"]) == 0
-    captured = capsys.readouterr()
-    name, _, secret = captured.err.strip().rpartition(" ")[2].partition(".")
-    assert Passwords(ward(captured.out, tmp_path).dashboard.people).right(name, secret)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("getpass.getpass", ended)
+    ward("", tmp_path)
+    assert main(["people", "add", "nurse", "--config", str(tmp_path / "ward.toml")]) == 2
+    assert "truerate: no password was given" in capsys.readouterr().err
 
 
 def certified(holder: str, text: str, folder: Path) -> Ward:

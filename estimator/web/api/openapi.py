@@ -97,7 +97,7 @@ def document() -> dict[str, Any]:
                 "secret": {
                     "type": "http",
                     "scheme": "bearer",
-                    "description": "`name.secret`: `truerate dashboard password --name script --token` makes one",
+                    "description": "`name.secret`: `truerate people add script --token` makes one",
                 }
             },
         },

@@ -1,17 +1,24 @@
 """`truerate init`: what it writes is valid, a second run adds what is missing, and one ward file serves all programs."""
 
 import io
+import json
 import os
+import shlex
+import socket
+import ssl
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 
 from bridge.bus.contract import BusError
 from bridge.config.schema import Bus
-from bridge.pki.member import Role
+from bridge.pki.folder import Folder, utc_now
+from bridge.pki.member import Member, Role
 from bridge.toml.loader import ConfigError, load
 from estimator.cli.main import main
 from estimator.client import Client
@@ -48,14 +55,18 @@ def test_a_ward_on_one_machine_is_valid_and_a_dry_run_writes_nothing(
     assert init("--virtual", "2", "--dry-run") == 0
     assert not init.folder.exists()
     assert "would write" in capsys.readouterr().out
-    assert init("--virtual", "2", "--person", "nurse") == 0
+    assert init("--virtual", "2", "--person", "nurse", "--administrator", "chief") == 0
     said = capsys.readouterr()
     assert "password of nurse" in said.err
     assert "http://127.0.0.1:8090/" in said.out
     assert main(["config", "check", str(init.path)]) == 0
     ward = load(init.path, Ward)
     assert (ward.ward, len(ward.bridge.devices) if ward.bridge else 0) == ("ward-3", 2)
-    assert [person.name for person in ward.dashboard.people] == ["nurse"]
+    people = init.data / "people.toml"
+    assert Path(ward.dashboard.people_file) == people
+    listed = load(people, Ward).dashboard.people
+    assert {one.name: one.role for one in listed} == {"nurse": "operator", "chief": "administrator"}
+    assert people.stat().st_mode & 0o777 == 0o600
     assert (init.data / "recordings").is_dir()
     assert init.path.stat().st_mode & 0o777 == 0o640
 
@@ -103,7 +114,9 @@ def test_a_second_run_adds_virtual_devices_and_shows_the_files_own_page(
     assert [device.id for device in bridge.devices] == ["virtual-1", "virtual-2"]
 
 
-def test_machines_and_people_are_added_later_and_comments_stay(init: Installed) -> None:
+def test_machines_and_people_are_added_later_and_comments_stay(
+    init: Installed, capsys: pytest.CaptureFixture[str]
+) -> None:
     init("--virtual", "1")
     init.path.write_text(
         "# ours\n" + init.path.read_text().replace("[estimator]", "[estimator]  # mine\nsilence_s = 5.0")
@@ -117,15 +130,51 @@ def test_machines_and_people_are_added_later_and_comments_stay(init: Installed) 
     assert main(["config", "check", str(init.path), str(there), str(init.folder / "router.json5")]) == 0
     for key in init.folder.rglob("*.key"):
         assert key.stat().st_mode & 0o777 == 0o600
+    assert "truerate-router" not in capsys.readouterr().out.rpartition("Left to do")[2]
+    assert init("--bridge", "bridge-3") == 0
+    assert "systemctl restart truerate-router" in capsys.readouterr().out
 
 
-def test_a_renewed_certificate_is_copied_by_the_next_run(init: Installed) -> None:
+def test_the_advice_about_a_certificate_that_expires_soon_renews_it_while_the_page_is_served(
+    init: Installed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     init("--host", "localhost")
-    own = init.folder / "pki/page.ward-3.pem"
-    before = own.read_bytes()
-    assert main(["pki", "renew", "page:ward-3", "--days", "200", "--folder", str(init.folder / "authority")]) == 0
-    assert init() == 0
-    assert own.read_bytes() != before
+    old = Folder(init.folder / "authority").renew(Member(Role.PAGE, "ward-3"), utc_now() - timedelta(days=80), days=90)
+    (init.folder / "pki/page.ward-3.pem").write_bytes(Path(old.certificate).read_bytes())
+    port = free_port()
+    init.path.write_text(init.path.read_text().replace(":8443", f":{port}"))
+    with process("estimator.cli.main", "dashboard", "--config", str(init.path), log=tmp_path / "log"):
+        assert wait(lambda: days_left(port, init.folder) in (9, 10)), (tmp_path / "log").read_text()
+        capsys.readouterr()
+        main(["doctor", str(init.path), "--json"])
+        (found,) = [one for one in json.loads(capsys.readouterr().out) if one["check"] == "page certificate"]
+        assert found["level"] == "warning"
+        sudo, truerate, *words = shlex.split(found["do"])
+        assert (sudo, truerate) == ("sudo", "truerate")
+        assert main([*words, "--data", str(init.data)]) == 0
+        assert wait(lambda: days_left(port, init.folder) == 89), (tmp_path / "log").read_text()
+    assert "sudo truerate init ward-3" in (tmp_path / "log").read_text()
+
+
+def days_left(port: int, folder: Path) -> int:
+    """Days until the certificate that the page shows expires; -1 without a page."""
+    trusting = ssl.create_default_context(cafile=folder / "pki/ca.pem")
+    try:
+        with (
+            socket.create_connection(("127.0.0.1", port)) as plain,
+            trusting.wrap_socket(plain, server_hostname="localhost") as page,
+        ):
+            ends = ssl.cert_time_to_seconds(str((page.getpeercert() or {})["notAfter"]))
+    except OSError:
+        return -1
+    return int((ends - time.time()) // 86400)
+
+
+def wait(met: Callable[[], bool], seconds: float = 30.0) -> bool:
+    end = time.monotonic() + seconds
+    while not (there := met()) and time.monotonic() < end:
+        time.sleep(0.3)
+    return there
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,34 @@
+"""Writes a file whole: after a crash or a power failure it is complete, or as it was before."""
+
+import os
+import stat
+import sys
+from pathlib import Path
+
+#: mode of a new file that is written for its folder's owner
+_PRIVATE = 0o600
+
+
+def write(path: Path, content: bytes, mode: int, owner: tuple[int, int] | None = None) -> None:
+    """Write a file with this mode. owner: ids of its user and group, which only root may give."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+            if owner and sys.platform != "win32":
+                os.fchown(file.fileno(), *owner)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
+
+
+def rewrite(path: Path, content: bytes) -> None:
+    """Write a file with the owner and mode that it has. A new file is its folder's owner's, who alone may read it."""
+    path = path.resolve()
+    there = path.stat() if path.exists() else None
+    like, mode = there or path.parent.stat(), stat.S_IMODE(there.st_mode) if there else _PRIVATE
+    root = sys.platform != "win32" and os.geteuid() == 0
+    write(path, content, mode, (like.st_uid, like.st_gid) if root else None)
