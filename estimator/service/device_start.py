@@ -66,8 +66,7 @@ class DeviceStarts:
             device.heard = now - max(0.0, (self._parts.now_ns() - known.time_ns) / 1e9)
             if known.bridge:
                 device.admission.owns(known.bridge, device.heard)
-            devices[name], session = device, device.session
-            self._resumed.taken(name, session.boot or 0, session.sequence.next or 0, session.last_heard_ns, now)
+            devices[name] = device
             self._parts.guarded(device, self._resume, device)
         return devices.get(name)
 

@@ -11,6 +11,7 @@ from estimator.service.device_start import DeviceStarts
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.quota import Quotas
+from estimator.service.replay_log import since
 
 #: how long publishers of a device lost to another estimator stay open for late queries, s
 LINGER_S = 40.0
@@ -45,7 +46,7 @@ class Takeover:
             self._starts.adopt(known)
 
     def take(self, others: Mapping[str, Sequence[Message]], now: float) -> list[Message]:
-        """Take over the devices that are ours now; returns their backlog.
+        """Take over the devices that are ours now; returns what they still need of their backlog.
 
         others: messages of this round, by device, of devices that we do not hold.
         """
@@ -54,8 +55,12 @@ class Takeover:
             return ours
         self._parts.cluster.say(self._parts.devices, now)
         for name, backlog in taken.items():
-            ours += backlog
-            if (going_on := self._starts.take_over(name, now)) is not None and not backlog:
+            going_on = self._starts.take_over(name, now)
+            if going_on is None:
+                ours += backlog
+            elif backlog:
+                ours += since(backlog, going_on.session.boot or 0, going_on.session.sequence.next or 0)
+            else:
                 going_on.session.silence(SILENT)
         return ours
 
