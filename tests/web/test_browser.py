@@ -319,8 +319,8 @@ def test_a_device(page: Page, site: Site, shot: Shot) -> None:
         page.wait_for_timeout(1100)
         site.talk(tracking(name, evidence_age_s=0.5))
     rates(site, name, 4.0)
-    expect(page.locator("#heading")).to_contain_text("by its raw rates alone")
-    expect(page.locator("#heading")).to_contain_text(f"{words.zone_name(datetime.now().astimezone())}, when it last")
+    expect(page.locator("#heading")).to_contain_text("By its raw rates alone")
+    expect(page.locator("#heading")).to_contain_text(f"{words.zone_name(datetime.now().astimezone())}, when it last rested")
     drawn = """[...document.querySelectorAll("#rates canvas")].every((canvas) =>
       canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))"""
     assert page.evaluate(drawn)
