@@ -23,6 +23,7 @@ from bridge.wire.messages import (
     Verdict,
 )
 from bridge.wire.placement import placement_in, placement_message
+from bridge.wire.receipts import MAX_NIS, receipt_messages, receipts_in
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_PORT, MAX_SENTENCE, clean
@@ -135,6 +136,8 @@ def encode_status(status: Status) -> bytes:
     if status.placement is not None:
         said.placement.CopyFrom(placement_message(status.placement))
     said.alerts.extend(alert_messages(status.alerts))
+    said.nis = status.nis
+    said.receipts.extend(receipt_messages(status.receipts))
     return said.SerializeToString()
 
 
@@ -172,6 +175,8 @@ def decode_status(key: str, payload: bytes) -> Status:
         epoch=validation.whole(raw.epoch, "epoch", validation.MAX_EPOCH),
         placement=placement_in(raw),
         alerts=alerts_in(raw),
+        nis=validation.number(raw.nis, "nis", 0.0, MAX_NIS),
+        receipts=receipts_in(raw),
     )
 
 

@@ -46,6 +46,7 @@ __all__ = [
     "Owned",
     "Placement",
     "Quality",
+    "Receipt",
     "SampleBatch",
     "SampleFlag",
     "State",
@@ -187,6 +188,19 @@ class Alert:
 NO_REST_S = 1e12
 
 
+class Receipt(NamedTuple):
+    """What the bias filter made of one measurement; innovation and its std: 1 to 3 values, rad/s; test_ratio: NIS / gate."""
+
+    time_ns: int
+    kind: str
+    innovation: tuple[float, ...]
+    innovation_std: tuple[float, ...]
+    nis: float
+    test_ratio: float
+    accepted: bool
+    reason: str = ""
+
+
 @frequent(eq=True)
 class Status:
     """Status of a device: life state, quality, reason, bias and counts. Vectors are tuples of three, bias in rad/s."""
@@ -216,6 +230,8 @@ class Status:
     epoch: int = 0  # as in CorrectedBatch
     placement: Placement | None = None  # None: nobody said who wears the device
     alerts: tuple[Alert, ...] = ()
+    nis: float = 0.0  # mean NIS per degree of freedom of the latest rests; 0: unknown
+    receipts: tuple[Receipt, ...] = ()  # of the bias filter since the status before, oldest first
 
 
 @dataclass(frozen=True, slots=True)

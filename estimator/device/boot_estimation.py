@@ -5,7 +5,9 @@ from collections.abc import Callable
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
+from bridge.wire import messages
 from bridge.wire.messages import Calibration, State, Verdict
+from bridge.wire.receipts import MAX_RECEIPTS
 from bridge.wire.refusal import Tally
 from estimator.calibration.capture import Rest
 from estimator.calibration.result import Result
@@ -15,6 +17,7 @@ from estimator.device.correction import Correction, believed, choose
 from estimator.device.lifecycle import Event, Lifecycle
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge, calibrated_bias, wider
+from estimator.device.receipts import as_message
 from estimator.device.revision_sequences import RevisionSequences
 from estimator.device.saved_samples import SavedSamples
 from estimator.device.session_knobs import SessionKnobs
@@ -104,6 +107,8 @@ class BootEstimation:
         self._belief = believed(None, None, knobs.prior)
         self.tracker = Tracker(knobs.track, began, self._belief.model, self._belief.bias_std, law)
         self._past = RevisionSequences()
+        #: the filter's latest receipts, until a status tells them
+        self.receipts = deque[messages.Receipt](maxlen=MAX_RECEIPTS)
 
     def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
         """State to save with `encode` at once; the samples below number `end` of the buffer have been learnt from."""
@@ -282,8 +287,10 @@ class BootEstimation:
 
     def _second(self, second: Second, buffer: SampleBuffer, of: tuple[str, int], outcome: Outcome) -> None:
         """Track the bias over a second, and revise the bias of a gap in the evidence that it ends."""
-        self._heard(self.tracker.learn(second), outcome)
         sequence, time_ns = buffer.place(second.last)
+        receipts = self.tracker.learn(second)
+        self.receipts += [as_message(one, time_ns - round((second.end - one.time) * 1e9)) for one in receipts]
+        self._heard(receipts, outcome)
         self._past.note(second.end, sequence, time_ns)
         buffer.forget(second.last)
         if self.tracker.surer:

@@ -496,7 +496,7 @@ class DeviceSession:
 
         time_ns: time of the status. silent_s: seconds since the last sample. more: events counted outside the session.
         bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator took
-        the device over; higher is later.
+        the device over; higher is later. A receipt is told once.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()
@@ -505,6 +505,8 @@ class DeviceSession:
             reason += tuple(one for one in self.tracker.doubt.why if one not in reason)
         events = self.sequence.events.as_dict() | self.tracker.events
         events.update(more)
+        receipts = tuple(learnt.receipts)
+        learnt.receipts.clear()
         return Status(
             device=self.device,
             boot=self.boot or 0,
@@ -531,6 +533,8 @@ class DeviceSession:
             placement=placement,
             alerts=alerts,
             epoch=epoch,
+            nis=float(np.nan_to_num(self.tracker.doubt.consistency.nis)),
+            receipts=receipts,
         )
 
     def count_event(self, name: str) -> int:

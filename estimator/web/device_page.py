@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, isfinite, nan
+from math import degrees, nan
 
 from bridge.wire.messages import Calibration, DeviceInfo, Placement, State, Status
-from estimator.geometry.gyro_model import AXES, SIGMAS
+from estimator.geometry.gyro_model import AXES
 from estimator.guide.comparison import bias_moves, stds
 from estimator.language.texts import Texts
 from estimator.web import number_format as words
@@ -105,9 +105,10 @@ def _calibration(c: Calibration, story: Story, in_use: str, t: Texts) -> Calibra
         verdict=t(f"report.{c.verdict.name.lower()}"),
         method=c.method,
         who=c.who,
-        scale=[interval(float(c.matrix[i, i]), std.get(f"k_{axis}", nan), 4) for i, axis in enumerate(AXES)],
+        scale=[words.interval(float(c.matrix[i, i]), std.get(f"k_{axis}", nan), 4) for i, axis in enumerate(AXES)],
         bias=[
-            interval(degrees(float(c.bias[i])), degrees(std.get(f"bias_{axis}", nan)), 3) for i, axis in enumerate(AXES)
+            words.interval(degrees(float(c.bias[i])), degrees(std.get(f"bias_{axis}", nan)), 3)
+            for i, axis in enumerate(AXES)
         ],
         turns="\n".join(
             t(
@@ -121,12 +122,6 @@ def _calibration(c: Calibration, story: Story, in_use: str, t: Texts) -> Calibra
         reason="\n".join([t.text(c.reason), *([t("device.bias_moved", axes=moved)] if moved else [])]),
         in_use=c.id == in_use,
     )
-
-
-def interval(value: float, std: float, digits: int) -> str:
-    """`1.0123 ± 0.0008`, a 95 % interval; the value alone where its standard deviation is unknown."""
-    shown = f"{value:.{digits}f}".replace("-", words.MINUS)
-    return f"{shown} ±{words.SPACE}{SIGMAS * std:.{digits}f}" if isfinite(std) else shown
 
 
 def _event(mark: Mark, t: Texts) -> Line:

@@ -24,6 +24,7 @@ from bridge.wire.messages import (
     OrientationBatch,
     Placement,
     Quality,
+    Receipt,
     SampleBatch,
     State,
     Status,
@@ -315,12 +316,23 @@ def test_a_device(page: Page, site: Site, shot: Shot) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text(name)
     expect(page.locator("#notes")).to_contain_text("sat up")
     expect(page.locator("#calibrations")).to_contain_text("in use")
-    for _ in range(3):
+    page.locator("#engineering summary").click()
+    for number in range(3):
         page.wait_for_timeout(1100)
-        site.talk(tracking(name, evidence_age_s=0.5))
+        seen = Receipt(now_ns(), "zaru level", (0.01, -0.02), (0.005, 0.005), 2.0, 0.1, accepted=True)
+        late = Receipt(
+            now_ns() + 1, "zaru vertical", (0.5,), (0.01,), 99.0, 4.1, accepted=False, reason="outside the gate"
+        )
+        site.talk(tracking(name, evidence_age_s=0.5, nis=0.97, receipts=(seen, late) if number else ()))
     rates(site, name, 4.0)
+    expect(page.locator("#receipts tbody tr")).to_have_count(4)
+    expect(page.locator("#receipts tbody tr").first).to_contain_text("refused: outside the gate")
+    expect(page.locator("#receipts")).to_contain_text("−1.1459 ± 0.5615")
+    expect(page.locator("#nis-mean")).to_contain_text("0.97")
     expect(page.locator("#heading")).to_contain_text("By its raw rates alone")
-    expect(page.locator("#heading")).to_contain_text(f"{words.zone_name(datetime.now().astimezone())}, when it last rested")
+    expect(page.locator("#heading")).to_contain_text(
+        f"{words.zone_name(datetime.now().astimezone())}, when it last rested"
+    )
     drawn = """[...document.querySelectorAll("#rates canvas")].every((canvas) =>
       canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))"""
     assert page.evaluate(drawn)
