@@ -69,7 +69,8 @@ class Trail:
 
         If a second such status follows, newer than the first, the clock was set back; the points after it are dropped.
         """
-        self.receipts += status.receipts
+        latest_ns = self.receipts[-1].time_ns if self.receipts else 0
+        self.receipts += (one for one in status.receipts if one.time_ns > latest_ns)  # a status may come twice
         behind_ns, self._behind_ns = self._behind_ns, 0
         if self._n and status.time_ns <= (latest := self._times[self._n - 1]):
             if not 0 < behind_ns < status.time_ns < latest - BACK_NS:

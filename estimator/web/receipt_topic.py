@@ -17,14 +17,11 @@ _MOST = 20.0
 
 
 @topics.kind("receipts", of_a_device=True, worded=True)
-class ReceiptTopic:
+class ReceiptTopic(topics.Topic):
     """Receipts since somebody looks, and the few before: the latest in words, all as points of the NIS picture."""
 
-    period_s = 1.0
-
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known = topic, sources.known
-        self._device, self._t = topics.device_of(topic), topics.texts_of(topic)
+        super().__init__(topic, sources)
         self._kept = deque[Receipt](maxlen=POINTS)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
@@ -36,9 +33,6 @@ class ReceiptTopic:
         """All receipts kept, if there are new ones."""
         if self._look():
             yield self._frame()
-
-    def close(self) -> None:
-        """Nothing to release."""
 
     def _look(self) -> bool:
         story = self._known.stories.get(self._device)
