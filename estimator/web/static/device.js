@@ -12,7 +12,8 @@ let trail = { rests: [], marks: [] };
 // ---- words ----
 
 watch(spoken(`device/${id}`), (now) => {
-  fill(page, { ...now.tile, calibrating: now.progress < 1 });
+  fill(page, now.tile);
+  $("guide").classList.toggle("quiet", !now.tile.calibrate);
   tone(page, now.tile.tone);
   $("progress").value = now.progress;
   document.title = now.title;
