@@ -2,19 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, nan
+from math import degrees
 
 from bridge.wire.messages import Calibration, DeviceInfo, Placement, State, Status
 from estimator.geometry.gyro_model import AXES
-from estimator.guide.comparison import bias_moves, stds
+from estimator.guide.comparison import bias_moves
+from estimator.guide.guide import CALIBRATING
 from estimator.language.texts import Texts
 from estimator.web import number_format as words
 from estimator.web.device_trail import Mark
+from estimator.web.guide_view import rows
 from estimator.web.tiles import Tile, tile, troubles
 from estimator.web.ward_state import Known, Story
 
-_RECALIBRATES = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING, State.TRACKING, State.DEGRADED)
-_CANCELS = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
+_RECALIBRATES = (*CALIBRATING, State.TRACKING, State.DEGRADED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +84,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
         placement=row.placement or Placement(),
         progress=status.progress if status else 0.0,
         can_recalibrate=not deaf and status is not None and status.state in _RECALIBRATES,
-        can_cancel=not deaf and status is not None and status.state in _CANCELS,
+        can_cancel=not deaf and status is not None and status.state in CALIBRATING,
         blocked=t("device.blocked") if deaf else "",
         facts=_facts(story, t),
         calibrations=[_calibration(c, story, in_use, t) for c in reversed(story.calibrations.values())],
@@ -96,7 +97,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
 
 
 def _calibration(c: Calibration, story: Story, in_use: str, t: Texts) -> CalibrationLine:
-    std = stds(c)
+    result = rows(c, None)
     moved = ", ".join(AXES[axis] for axis in bias_moves(c, story.calibrations.values()))
     return CalibrationLine(
         id=c.id,
@@ -105,11 +106,8 @@ def _calibration(c: Calibration, story: Story, in_use: str, t: Texts) -> Calibra
         verdict=t(f"report.{c.verdict.name.lower()}"),
         method=c.method,
         who=c.who,
-        scale=[words.interval(float(c.matrix[i, i]), std.get(f"k_{axis}", nan), 4) for i, axis in enumerate(AXES)],
-        bias=[
-            words.interval(degrees(float(c.bias[i])), degrees(std.get(f"bias_{axis}", nan)), 3)
-            for i, axis in enumerate(AXES)
-        ],
+        scale=[one.scale for one in result],
+        bias=[one.bias for one in result],
         turns="\n".join(
             t(
                 "words.axis",
