@@ -19,7 +19,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from estimator.demo.ward import Ward
+from estimator.demo.ward import Ward, listens
 from tests.ward.parts import add_simulated
 
 #: every so often, s, one of these is stopped for a while; after the bridge all devices have started anew
@@ -71,7 +71,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder, Ward(Path(folder), ()) as ward:
         add_simulated(ward, names, given.speed, "ward")
         ward.start("router", "estimator", "bridge", "dashboard")
-        ward.wait_for_router()
+        listens(f"tcp/{ward.page}", 120)
         time.sleep(5.0)
         faults, until = stopped(ward), time.monotonic() + 3600 * given.hours / given.speed
         while time.monotonic() < until:

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -43,9 +44,12 @@ class Firefox:
         port = free_port()
         program = shutil.which("firefox-esr") or "firefox"
         words = [program, "--headless", "--no-remote", "--profile", str(folder), f"--remote-debugging-port={port}"]
-        self._process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        self._numbers, self._errors = count(1), list[str]()
-        self._socket = _soon(lambda: connect(f"ws://127.0.0.1:{port}/session", max_size=None))
+        about = {"HOME": str(folder), "PATH": "/usr/bin:/bin", "LANG": "C.UTF-8"}
+        self._process = subprocess.Popen(words, env=about, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._numbers, self._errors, self._open = count(1), list[str](), ExitStack()
+        self._open.callback(_end, self._process)
+        at = f"ws://127.0.0.1:{port}/session"
+        self._socket = _soon(lambda: self._open.enter_context(connect(at, max_size=None)))
         self._ask("session.new", capabilities={})
         self._ask("session.subscribe", events=["log.entryAdded"])
         self._page = self._ask("browsingContext.getTree")["contexts"][0]["context"]
@@ -70,8 +74,7 @@ class Firefox:
         return self._errors
 
     def close(self) -> None:
-        self._socket.close()
-        _end(self._process)
+        self._open.close()
 
     def _ask(self, method: str, **params: Any) -> Any:
         number = next(self._numbers)
@@ -95,7 +98,8 @@ class WebKit:
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         assert self._screen.stdout is not None
-        display = self._screen.stdout.readline().decode().strip()
+        with self._screen.stdout as said:
+            display = said.readline().decode().strip()
         about = {"DISPLAY": f":{display}", "HOME": str(folder), "PATH": "/usr/bin:/bin", "LIBGL_ALWAYS_SOFTWARE": "1"}
         with self._log.open("wb") as out:
             words = ["WebKitWebDriver", f"--port={port}", "--host=127.0.0.1"]
