@@ -8,7 +8,7 @@ from bridge.wire.receipts import MAX_NIS, MAX_STD
 from estimator.tracking.evidence import Receipt
 
 
-def as_message(receipt: Receipt, time_ns: int) -> messages.Receipt:
+def receipt_message(receipt: Receipt, time_ns: int) -> messages.Receipt:
     """Message of a receipt; time_ns: host time of the measurement. What is no number becomes the worst of its range."""
     innovation = np.nan_to_num(receipt.innovation).clip(-MAX_RATE, MAX_RATE)
     std = np.nan_to_num(np.sqrt(receipt.innovation_cov.diagonal()), nan=MAX_STD).clip(0.0, MAX_STD)
