@@ -15,6 +15,8 @@ GENERATED = {"codes.md", "command-line.md", "configuration.md", "metrics.md"}
 PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]
 CATALOGUES = [ROOT / "bridge/reasons/en.toml", ROOT / "estimator/web/texts/en.toml"]
 MOST_WORDS = 40
+#: of a sentence that a nurse may read, by language; Chinese: characters
+MOST_FOR_A_NURSE = {"en": 12, "zh": 24}
 
 #: what no text may contain, and what to write instead
 RULES = {
@@ -82,6 +84,23 @@ def test_texts_are_plain_english(texts: object) -> None:
     assert callable(texts)
     found = [fault for where, text in texts() for fault in faults(where, text)]
     assert not found, "\n".join(found)
+
+
+def lengths(language: str, text: str) -> Iterator[tuple[int, str]]:
+    """Words, or Chinese characters, of each sentence; what is filled in counts as one."""
+    one = r"[一-鿿]|\{" if language == "zh" else r"[\w°%'’/{}-]+"
+    for sentence in re.split(r"[.!?。！？](?=\s|$|[^\x00-\x7f])", re.sub(r"`[^`]*`|\{\w+\}", "{}", text)):
+        yield len(re.findall(one, sentence)), sentence.strip()
+
+
+@pytest.mark.parametrize("language", MOST_FOR_A_NURSE)
+def test_sentences_for_a_nurse_are_short(language: str) -> None:
+    """All that pages and devices say: nobody knows which of it a nurse meets first."""
+    files = [path.with_name(f"{language}.toml") for path in CATALOGUES]
+    texts = [one for path in files for one in flat(path.parent.name, tomllib.loads(path.read_text(encoding="utf-8")))]
+    most = MOST_FOR_A_NURSE[language]
+    long = [f"{where}: {n}: {said}" for where, text in texts for n, said in lengths(language, text) if n > most]
+    assert not long, "\n".join(long)
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from bridge.wire.messages import (
     Verdict,
 )
 from bridge.wire.placement import placement_in, placement_message
+from bridge.wire.receipts import MAX_NIS, receipt_messages, receipts_in
 from bridge.wire.refusal import Reason, Refusal
 from bridge.wire.sentences import decoded, encoded
 from bridge.wire.validation import MAX_PORT, MAX_SENTENCE, clean
@@ -136,6 +137,8 @@ def encode_status(status: Status) -> bytes:
     said.alerts.extend(alert_messages(status.alerts))
     if (accelerometer := accelerometer_message(status.accelerometer)) is not None:
         said.accelerometer.CopyFrom(accelerometer)
+    said.nis = status.nis
+    said.receipts.extend(receipt_messages(status.receipts))
     return said.SerializeToString()
 
 
@@ -172,6 +175,8 @@ def decode_status(key: str, payload: bytes) -> Status:
         placement=placement_in(raw),
         alerts=alerts_in(raw),
         accelerometer=accelerometer_in(raw),
+        nis=validation.number(raw.nis, "nis", 0.0, MAX_NIS),
+        receipts=receipts_in(raw),
     )
 
 

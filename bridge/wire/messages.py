@@ -46,6 +46,7 @@ __all__ = [
     "Owned",
     "Placement",
     "Quality",
+    "Receipt",
     "SampleBatch",
     "SampleFlag",
     "State",
@@ -209,6 +210,19 @@ class AccelerometerCalibration:
         return tuple(var**0.5 for var in self.covariance[::7])
 
 
+class Receipt(NamedTuple):
+    """What the bias filter made of one measurement; innovation and its std: 1 to 3 values, rad/s; test_ratio: NIS / gate."""
+
+    time_ns: int
+    kind: str
+    innovation: tuple[float, ...]
+    innovation_std: tuple[float, ...]
+    nis: float
+    test_ratio: float
+    accepted: bool
+    reason: str = ""
+
+
 @frequent(eq=True)
 class Status:
     """Status of a device: life state, quality, reason, bias and counts. Vectors are tuples of three, bias in rad/s."""
@@ -239,6 +253,8 @@ class Status:
     placement: Placement | None = None  # None: nobody said who wears the device
     alerts: tuple[Alert, ...] = ()
     accelerometer: AccelerometerCalibration | None = None  # None before the first rest, and without an accelerometer
+    nis: float = 0.0  # mean NIS per degree of freedom of the latest rests; 0: unknown
+    receipts: tuple[Receipt, ...] = ()  # of the bias filter since the status before, oldest first
 
 
 @dataclass(frozen=True, slots=True)

@@ -274,7 +274,7 @@ class OrientationBatch(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., quat_wxyz: _Optional[_Iterable[float]] = ..., linear_accel: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., zero_sequence: _Optional[int] = ..., zero: _Optional[str] = ..., quality: _Optional[_Union[Quality, str]] = ..., epoch: _Optional[int] = ...) -> None: ...
 
 class Status(_message.Message):
-    __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "events", "bridge", "refused_bridges", "epoch", "placement", "alerts", "accelerometer")
+    __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "events", "bridge", "refused_bridges", "epoch", "placement", "alerts", "accelerometer", "nis", "receipts")
     class DroppedEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -316,6 +316,8 @@ class Status(_message.Message):
     PLACEMENT_FIELD_NUMBER: _ClassVar[int]
     ALERTS_FIELD_NUMBER: _ClassVar[int]
     ACCELEROMETER_FIELD_NUMBER: _ClassVar[int]
+    NIS_FIELD_NUMBER: _ClassVar[int]
+    RECEIPTS_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -343,7 +345,9 @@ class Status(_message.Message):
     placement: Placement
     alerts: _containers.RepeatedCompositeFieldContainer[Alert]
     accelerometer: AccelerometerCalibration
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., state: _Optional[_Union[State, str]] = ..., quality: _Optional[_Union[Quality, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., progress: _Optional[float] = ..., axes_done: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., calibrated_time_ns: _Optional[int] = ..., evidence_age_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., rate_hz: _Optional[float] = ..., samples_in: _Optional[int] = ..., samples_out: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., bridge: _Optional[str] = ..., refused_bridges: _Optional[_Iterable[str]] = ..., epoch: _Optional[int] = ..., placement: _Optional[_Union[Placement, _Mapping]] = ..., alerts: _Optional[_Iterable[_Union[Alert, _Mapping]]] = ..., accelerometer: _Optional[_Union[AccelerometerCalibration, _Mapping]] = ...) -> None: ...
+    nis: float
+    receipts: _containers.RepeatedCompositeFieldContainer[Receipt]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., state: _Optional[_Union[State, str]] = ..., quality: _Optional[_Union[Quality, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., progress: _Optional[float] = ..., axes_done: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., calibrated_time_ns: _Optional[int] = ..., evidence_age_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., rate_hz: _Optional[float] = ..., samples_in: _Optional[int] = ..., samples_out: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., bridge: _Optional[str] = ..., refused_bridges: _Optional[_Iterable[str]] = ..., epoch: _Optional[int] = ..., placement: _Optional[_Union[Placement, _Mapping]] = ..., alerts: _Optional[_Iterable[_Union[Alert, _Mapping]]] = ..., accelerometer: _Optional[_Union[AccelerometerCalibration, _Mapping]] = ..., nis: _Optional[float] = ..., receipts: _Optional[_Iterable[_Union[Receipt, _Mapping]]] = ...) -> None: ...
 
 class AccelerometerCalibration(_message.Message):
     __slots__ = ("verdict", "reason", "poses", "bias", "scale", "covariance", "cross_std")
@@ -362,6 +366,26 @@ class AccelerometerCalibration(_message.Message):
     covariance: _containers.RepeatedScalarFieldContainer[float]
     cross_std: float
     def __init__(self, verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[_Iterable[_Union[Sentence, _Mapping]]] = ..., poses: _Optional[int] = ..., bias: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., cross_std: _Optional[float] = ...) -> None: ...
+
+class Receipt(_message.Message):
+    __slots__ = ("time_ns", "kind", "innovation", "innovation_std", "nis", "test_ratio", "accepted", "reason")
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    INNOVATION_FIELD_NUMBER: _ClassVar[int]
+    INNOVATION_STD_FIELD_NUMBER: _ClassVar[int]
+    NIS_FIELD_NUMBER: _ClassVar[int]
+    TEST_RATIO_FIELD_NUMBER: _ClassVar[int]
+    ACCEPTED_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    time_ns: int
+    kind: str
+    innovation: _containers.RepeatedScalarFieldContainer[float]
+    innovation_std: _containers.RepeatedScalarFieldContainer[float]
+    nis: float
+    test_ratio: float
+    accepted: bool
+    reason: str
+    def __init__(self, time_ns: _Optional[int] = ..., kind: _Optional[str] = ..., innovation: _Optional[_Iterable[float]] = ..., innovation_std: _Optional[_Iterable[float]] = ..., nis: _Optional[float] = ..., test_ratio: _Optional[float] = ..., accepted: _Optional[bool] = ..., reason: _Optional[str] = ...) -> None: ...
 
 class Placement(_message.Message):
     __slots__ = ("segment", "side", "wearer", "since_ns", "who")

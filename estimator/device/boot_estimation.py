@@ -4,7 +4,9 @@ from collections import deque
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
+from bridge.wire import messages
 from bridge.wire.messages import AccelerometerCalibration, Calibration, State, Verdict
+from bridge.wire.receipts import MAX_RECEIPTS
 from bridge.wire.refusal import Tally
 from estimator.calibration.accelerometer import in_use
 from estimator.device.boot_calibration import AsMessage, BootCalibration
@@ -12,6 +14,7 @@ from estimator.device.calibration_progress import CalibrationProgress
 from estimator.device.correction import Correction, choose
 from estimator.device.lifecycle import Event, Lifecycle
 from estimator.device.outcome import Outcome
+from estimator.device.receipts import receipt_message
 from estimator.device.resting_poses import PosesState, RestingPoses
 from estimator.device.revision_sequences import RevisionSequences
 from estimator.device.saved_samples import SavedSamples
@@ -71,6 +74,8 @@ class BootEstimation(BootCalibration):
         self._silent_c: float | None = None  # the temperature then, °C
         self._past = RevisionSequences()
         self._poses = RestingPoses()
+        #: the filter's latest receipts, until a status tells them
+        self.receipts = deque[messages.Receipt](maxlen=MAX_RECEIPTS)
 
     def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
         """State to save with `encode` at once; the samples below number `end` of the buffer have been learnt from."""
@@ -180,6 +185,7 @@ class BootEstimation(BootCalibration):
         self._heard(receipts, outcome)
         self._poses.take(second)
         sequence, time_ns = buffer.place(second.last)
+        self.receipts += [receipt_message(one, time_ns - round((second.end - one.time) * 1e9)) for one in receipts]
         self._past.note(second.end, sequence, time_ns)
         buffer.forget(second.last)
         if self.tracker.surer:

@@ -312,7 +312,7 @@ class DeviceSession(CorrectedStream):
 
         time_ns: time of the status. silent_s: seconds since the last sample. more: events counted outside the session.
         bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator took
-        the device over; higher is later.
+        the device over; higher is later. A receipt is told once.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()
@@ -321,6 +321,8 @@ class DeviceSession(CorrectedStream):
             reason += tuple(one for one in self.tracker.doubt.why if one not in reason)
         events = self.sequence.events.as_dict() | self.tracker.events
         events.update(more)
+        receipts = tuple(learnt.receipts)
+        learnt.receipts.clear()
         return Status(
             device=self.device,
             boot=self.boot or 0,
@@ -348,6 +350,8 @@ class DeviceSession(CorrectedStream):
             alerts=alerts,
             epoch=epoch,
             accelerometer=learnt.accelerometer,
+            nis=float(np.nan_to_num(self.tracker.doubt.consistency.nis)),
+            receipts=receipts,
         )
 
     def checkpoint(self) -> BiasState | None:

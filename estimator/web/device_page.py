@@ -2,20 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, isfinite, nan
+from math import degrees
 
 from bridge.wire.messages import AccelerometerCalibration, Calibration, DeviceInfo, Placement, State, Status
-from estimator.geometry.gyro_model import AXES, SIGMAS
-from estimator.guide.comparison import bias_moves, stds
+from estimator.geometry.gyro_model import AXES
+from estimator.guide.comparison import bias_moves
+from estimator.guide.guide import CALIBRATING
 from estimator.language.texts import Texts
 from estimator.noise.device_model import model_stated
 from estimator.web import number_format as words
 from estimator.web.device_trail import Mark
+from estimator.web.guide_view import rows
 from estimator.web.tiles import Tile, tile, troubles
 from estimator.web.ward_state import Known, Story
 
-_RECALIBRATES = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING, State.TRACKING, State.DEGRADED)
-_CANCELS = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
+_RECALIBRATES = (*CALIBRATING, State.TRACKING, State.DEGRADED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +85,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, to
         placement=row.placement or Placement(),
         progress=status.progress if status else 0.0,
         can_recalibrate=not deaf and status is not None and status.state in _RECALIBRATES,
-        can_cancel=not deaf and status is not None and status.state in _CANCELS,
+        can_cancel=not deaf and status is not None and status.state in CALIBRATING,
         blocked=t("device.blocked") if deaf else "",
         facts=_facts(story, told, t),
         calibrations=[_calibration(c, story, in_use, t) for c in reversed(story.calibrations.values())],
@@ -97,7 +98,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, to
 
 
 def _calibration(c: Calibration, story: Story, in_use: str, t: Texts) -> CalibrationLine:
-    std = stds(c)
+    result = rows(c, None)
     moved = ", ".join(AXES[axis] for axis in bias_moves(c, story.calibrations.values()))
     return CalibrationLine(
         id=c.id,
@@ -106,10 +107,8 @@ def _calibration(c: Calibration, story: Story, in_use: str, t: Texts) -> Calibra
         verdict=t(f"report.{c.verdict.name.lower()}"),
         method=c.method,
         who=c.who,
-        scale=[interval(float(c.matrix[i, i]), std.get(f"k_{axis}", nan), 4) for i, axis in enumerate(AXES)],
-        bias=[
-            interval(degrees(float(c.bias[i])), degrees(std.get(f"bias_{axis}", nan)), 3) for i, axis in enumerate(AXES)
-        ],
+        scale=[one.scale for one in result],
+        bias=[one.bias for one in result],
         turns="\n".join(
             t(
                 "words.axis",
@@ -122,12 +121,6 @@ def _calibration(c: Calibration, story: Story, in_use: str, t: Texts) -> Calibra
         reason="\n".join([t.text(c.reason), *([t("device.bias_moved", axes=moved)] if moved else [])]),
         in_use=c.id == in_use,
     )
-
-
-def interval(value: float, std: float, digits: int) -> str:
-    """`1.0123 ± 0.0008`, a 95 % interval; the value alone where its standard deviation is unknown."""
-    shown = f"{value:.{digits}f}".replace("-", words.MINUS)
-    return f"{shown} ±{words.SPACE}{SIGMAS * std:.{digits}f}" if isfinite(std) else shown
 
 
 def _event(mark: Mark, t: Texts) -> Line:
@@ -186,7 +179,9 @@ def accelerometer(one: AccelerometerCalibration | None, t: Texts) -> str:
     if one is None or not one.covariance:
         return t.text(one.reason) if one else ""
     of = zip(AXES, one.scale, one.bias, one.std[3:], one.std[:3], strict=True)
-    return "; ".join(f"{axis} {interval(k, k_std, 4)}, {interval(b, b_std, 3)} m/s²" for axis, k, b, k_std, b_std in of)
+    return "; ".join(
+        f"{axis} {words.interval(k, k_std, 4)}, {words.interval(b, b_std, 3)} m/s²" for axis, k, b, k_std, b_std in of
+    )
 
 
 def _events(counts: Mapping[str, int], t: Texts) -> str:

@@ -22,14 +22,12 @@ _HEADING_S = 1.0
 
 
 @topics.kind("device", of_a_device=True, worded=True)
-class DeviceTopic:
+class DeviceTopic(topics.Topic):
     """Content of the device page, whole, once a second; no frames for a device never heard of."""
 
-    period_s = 1.0
-
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known, self._sources = topic, sources.known, sources
-        self._device, self._t = topics.device_of(topic), topics.texts_of(topic)
+        super().__init__(topic, sources)
+        self._sources = sources
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """The present page content."""
@@ -37,21 +35,16 @@ class DeviceTopic:
             told = self._sources.treatment.told(self._device)
             yield topics.text(self._topic, device_page(self._known, self._device, now, now_ns, self._t, told))
 
-    frames = whole
-
-    def close(self) -> None:
-        """Nothing to release."""
-
 
 @topics.kind("trace", of_a_device=True)
-class TraceTopic:
+class TraceTopic(topics.Topic):
     """Raw and corrected rates point by point, as binary frames; once a second the lost heading, as text."""
 
     period_s = RATES_S
 
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._device = topic, topics.device_of(topic)
-        self._known, self._traces, self._heading = sources.known, Traces(), Heading()
+        super().__init__(topic, sources)
+        self._traces, self._heading = Traces(), Heading()
         self._raw: Stream[SampleBatch] | None = None
         self._corrected: Corrected | None = None
         self._told_at = 0.0
@@ -112,15 +105,14 @@ def _in_degrees(lost: Lost) -> tuple[float, ...]:
 
 
 @topics.kind("attitude", of_a_device=True)
-class AttitudeTopic:
+class AttitudeTopic(topics.Topic):
     """Attitude ten times a second: unit quaternion from sensor to earth axes, tilt and heading with bands of 95 %, degrees."""
 
     period_s = 0.1
 
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic = topic
-        client = sources.client
-        self._stream = client.orientation(topics.device_of(topic)) if client is not None else None
+        super().__init__(topic, sources)
+        self._stream = sources.client.orientation(self._device) if sources.client is not None else None
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Nothing: the next attitude comes at once."""
@@ -147,13 +139,10 @@ class AttitudeTopic:
 
 
 @topics.kind("trail", of_a_device=True)
-class TrailTopic:
+class TrailTopic(topics.Topic):
     """Bias and temperature over time, with rests and marks; whole every few seconds."""
 
     period_s = 5.0
-
-    def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known, self._device = topic, sources.known, topics.device_of(topic)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """Rests and marks as text, then the points as a binary frame."""
@@ -171,8 +160,3 @@ class TrailTopic:
         columns = trail.points.copy()
         columns[:, :6] = np.degrees(columns[:, :6])
         yield topics.binary(self._topic, (trail.times_ns / 1e9).tobytes() + columns.astype("<f4").tobytes())
-
-    frames = whole
-
-    def close(self) -> None:
-        """Nothing to release."""

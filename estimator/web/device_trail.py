@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.reasons.codes import Sentences
-from bridge.wire.messages import BiasRevision, Floats, Status
+from bridge.wire.messages import BiasRevision, Floats, Receipt, Status
 from estimator.device.lifecycle import NEVER_S
 from estimator.tracking.seconds import SecondKnobs
 
@@ -17,7 +17,7 @@ POINTS = 720
 REST_S = 3.0
 #: a rest began this long before its first evidence, s
 TAUGHT_S = SecondKnobs().length_s
-RESTS, MARKS, BOOTS = 120, 120, 50
+RESTS, MARKS, BOOTS, RECEIPTS = 120, 120, 50, 24
 #: a clock that goes back by more was reset or is another's; later points are then dropped
 BACK_NS = 5 * 10**9
 #: marks a device's events that are refused evidence, as the tracker names them: `zaru: the reason`
@@ -46,6 +46,8 @@ class Trail:
         self._behind_ns = 0  # time of the last status, where that status was left out
         self.rests: deque[tuple[int, int]] = deque(maxlen=RESTS)
         self.marks: deque[Mark] = deque(maxlen=MARKS)
+        #: latest receipts of the bias filter
+        self.receipts: deque[Receipt] = deque(maxlen=RECEIPTS)
         self._events: dict[str, int] | None = None
         self._boot = 0
 
@@ -67,6 +69,8 @@ class Trail:
 
         If a second such status follows, newer than the first, the clock was set back; the points after it are dropped.
         """
+        latest_ns = self.receipts[-1].time_ns if self.receipts else 0
+        self.receipts += (one for one in status.receipts if one.time_ns > latest_ns)  # a status may come twice
         behind_ns, self._behind_ns = self._behind_ns, 0
         if self._n and status.time_ns <= (latest := self._times[self._n - 1]):
             if not 0 < behind_ns < status.time_ns < latest - BACK_NS:

@@ -15,14 +15,14 @@ _AGAIN_S = 1.0
 
 
 @topics.kind("guide", of_a_device=True)
-class GuideTopic:
+class GuideTopic(topics.Topic):
     """Present instruction in every language, sent when it changes and every second."""
 
     period_s = 0.1
 
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._device = topic, topics.device_of(topic)
-        self._known, self._guide = sources.known, _guide(sources, self._device)
+        super().__init__(topic, sources)
+        self._guide = _guide(sources, self._device)
         self._raw: Stream[SampleBatch] | None = sources.client.raw(self._device) if sources.client else None
         self._told, self._told_at = "", 0.0
 

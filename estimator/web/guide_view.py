@@ -13,7 +13,6 @@ from estimator.guide.steps import Instruction, Picture, Step, Words
 from estimator.language.texts import LANGUAGES, Texts, texts
 from estimator.overview.ward import to_calibrate
 from estimator.web import number_format
-from estimator.web.device_page import interval
 from estimator.web.tiles import troubles
 from estimator.web.ward_state import Known
 
@@ -124,9 +123,9 @@ def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
     return [
         Axis(
             AXES[one.axis],
-            interval(one.scale, one.scale_std, 4),
-            interval(one.before, one.before_std, 4) if isfinite(one.before) else "",
-            interval(degrees(one.bias), degrees(one.bias_std), 3),
+            number_format.interval(one.scale, one.scale_std, 4),
+            number_format.interval(one.before, one.before_std, 4) if isfinite(one.before) else "",
+            number_format.interval(degrees(one.bias), degrees(one.bias_std), 3),
         )
         for one in compared(calibration, before)
     ]

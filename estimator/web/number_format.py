@@ -25,6 +25,12 @@ def bias(bias: Sequence[float], std: Sequence[float]) -> str:
     return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {wide:.{digits}f} °/s"
 
 
+def interval(value: float, std: float, digits: int) -> str:
+    """`1.0123 ± 0.0008`, a 95 % interval; the value alone where its standard deviation is unknown."""
+    shown = f"{value:.{digits}f}".replace("-", MINUS)
+    return f"{shown} ±{SPACE}{SIGMAS * std:.{digits}f}" if isfinite(std) else shown
+
+
 def rate(measured_hz: float, told_hz: float, t: Texts) -> str:
     """`103.9 of 104 Hz`: measured and configured rate, whichever are known."""
     if not measured_hz:

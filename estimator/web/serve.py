@@ -27,7 +27,7 @@ from estimator.config.dashboard import Dashboard
 from estimator.config.device_settings import Treatment, treatment
 from estimator.config.people_file import with_people
 from estimator.config.schema import Ward
-from estimator.web import device_topics, guide_topics, topics, ward_topics
+from estimator.web import device_topics, guide_topics, receipt_topic, topics, ward_topics
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
 from estimator.web.hub import Hub
@@ -35,7 +35,7 @@ from estimator.web.listener import CONNECTIONS, Listener, make_room
 from estimator.web.site import Desk
 from estimator.web.ward_state import Known
 
-__all__ = ["Server", "device_topics", "guide_topics", "run", "ward_topics"]
+__all__ = ["Server", "device_topics", "guide_topics", "receipt_topic", "run", "ward_topics"]
 
 log = logging.getLogger(__name__)
 

@@ -6,10 +6,12 @@ import secrets
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
+from contextlib import closing
+from functools import partial
 from http import HTTPStatus
 from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from unicodedata import category
 
 from starlette.concurrency import run_in_threadpool
@@ -40,6 +42,7 @@ from estimator.web.stream.feeds import Feeds
 from estimator.web.ward_state import CALIBRATIONS, Known, Story
 
 log = logging.getLogger(__name__)
+T = TypeVar("T")
 
 #: how long a device's data from the store is taken as complete, s
 PAST_S = 30.0
@@ -198,7 +201,8 @@ class Desk:
             if self._fresh(device):
                 return
             try:
-                self.known.take_past(await run_in_threadpool(_past, self._store, device))
+                past = partial(history.read, device=device)
+                self.known.take_past(await run_in_threadpool(_read, self._store, past))
             except (StoreError, OSError) as error:
                 log.warning("the store %s cannot be read: %s", self._store, error)
             self._past_at[device] = time.monotonic()
@@ -214,19 +218,16 @@ class Desk:
         if len(heard) < CALIBRATIONS or store is None or not store.is_file():
             return list(heard.values())
         try:
-            stored = await self._listed.get(request, device, lambda: _calibrations(store, device))
+            stored = await self._listed.get(request, device, lambda: _read(store, lambda one: one.calibrations(device)))
         except (StoreError, OSError) as error:
             log.warning("the store %s cannot be read: %s", self._store, error)
             stored = []
         return sorted(({one.id: one for one in stored} | heard).values(), key=lambda one: one.time_ns)
 
 
-def _calibrations(path: Path, device: str) -> list[Calibration]:
-    store = Store.reading(path)
-    try:
-        return store.calibrations(device)
-    finally:
-        store.close()
+def _read(path: Path, what: Callable[[Store], T]) -> T:
+    with closing(Store.reading(path)) as store:
+        return what(store)
 
 
 def placed(segment: str, side: str, wearer: str) -> Placement:
@@ -241,11 +242,3 @@ def plain(words: str) -> str:
     """Text as it is stored: every kind of space becomes a plain space, and format characters are removed."""
     kinds = ((letter, category(letter)) for letter in words)
     return "".join(" " if kind == "Zs" else letter for letter, kind in kinds if kind != "Cf")
-
-
-def _past(path: Path, device: str) -> history.History:
-    store = Store.reading(path)
-    try:
-        return history.read(store, device)
-    finally:
-        store.close()

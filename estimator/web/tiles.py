@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from bridge.wire.messages import Alert, Placement, State
+from bridge.wire.messages import Alert, Placement
 from estimator.alerts.outbox import sentence
 from estimator.geometry.gyro_model import AXES
+from estimator.guide.guide import CALIBRATING
 from estimator.language.texts import Texts
 from estimator.overview.ward import ENDED, SILENT, TRACKING, UNKNOWN, URGENCY, DeviceRow, to_calibrate
 from estimator.web import number_format
@@ -25,7 +26,6 @@ TONES = {
     TRACKING: "well",
     ENDED: "busy",
 }
-_CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 #: states in which a person with the device in hand can help
 _BY_HAND = ("awaiting still", "bias only", "degraded", "turning", "warming")
 
@@ -151,7 +151,7 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
     status, info = story.status, story.info
     told_hz, measured_hz = (info.rate_hz, info.measured_rate_hz) if info else (0.0, 0.0)
     calibrated_ns = status.calibrated_time_ns if status else 0
-    calibrating = status is not None and status.state in _CALIBRATING
+    calibrating = status is not None and status.state in CALIBRATING
     return Tile(
         id=row.device,
         number=story.number,

@@ -6,9 +6,10 @@ A text frame is JSON with its topic in `topic`. A binary frame begins with the t
 name, zeros up to a multiple of eight bytes. Numbers are little-endian.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -29,19 +30,25 @@ class Sources:
     treatment: Treatment = field(default_factory=Treatment)
 
 
-class Topic(Protocol):
+class Topic(ABC):
     """Content that pages watch. All methods are called from the event loop and must be quick."""
 
     #: interval between calls of `frames`, s
-    period_s: float
+    period_s = 1.0
 
+    def __init__(self, topic: str, sources: Sources) -> None:
+        self._topic, self._known = topic, sources.known
+        self._device, self._t = device_of(topic), texts_of(topic)
+
+    @abstractmethod
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """Frames that a newcomer needs first."""
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """New frames for all viewers."""
+        """New frames for all viewers; where a topic does not say otherwise, all of it."""
+        return self.whole(now, now_ns)
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most topics have nothing to release
         """Release subscriptions: nobody watches any more."""
 
 

@@ -19,32 +19,22 @@ SPARKS, SPARKS_S = 40, 1200.0
 
 
 @topics.kind("ward", worded=True)
-class WardTopic:
+class WardTopic(topics.Topic):
     """All tiles, whole every second, so that a lost frame costs nothing."""
-
-    period_s = 1.0
-
-    def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known, self._t = topic, sources.known, topics.texts_of(topic)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """The present page content."""
         yield topics.text(self._topic, ward_page(self._known, now, now_ns, self._t))
 
-    frames = whole
-
-    def close(self) -> None:
-        """Nothing to release."""
-
 
 @topics.kind("rates")
-class RatesTopic:
+class RatesTopic(topics.Topic):
     """Rate of each device: minimum and maximum since the last frame, by device number."""
 
     period_s = RATES_S
 
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known = topic, sources.known
+        super().__init__(topic, sources)
         self._strips = Strips()
         self._rates: Stream[Rates] | None = sources.client.rates() if sources.client else None
 
@@ -67,13 +57,10 @@ class RatesTopic:
 
 
 @topics.kind("bias")
-class BiasTopic:
+class BiasTopic(topics.Topic):
     """Bias of each device over time, at even intervals, for small charts."""
 
     period_s = 5.0
-
-    def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known = topic, sources.known
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """float64 span in s; by device number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN where unknown."""
@@ -84,8 +71,3 @@ class BiasTopic:
         yield topics.binary(
             self._topic, np.float64((now_ns - begin_ns) / 1e9).tobytes() + columns.astype("<f4").tobytes()
         )
-
-    frames = whole
-
-    def close(self) -> None:
-        """Nothing to release."""

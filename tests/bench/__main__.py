@@ -25,7 +25,7 @@ GROUPS = {
     "hostile": ("access", "attacks"),
     "outlets": ("lsl", "stream", "foxglove", "per_sample"),
     "storage": ("storage",),
-    "viewers": ("subscribing", "dashboard", "kills"),
+    "viewers": ("subscribing", "dashboard", "newcomer", "agreement", "kills"),
 }
 OUT = Path("out/bench")
 

@@ -27,13 +27,20 @@ class Table:
     def __init__(self, name: str, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
         self._due: deque[Piece] = deque()
+        #: how long each turn took, s of the device's time
+        self.turned_s: list[float] = []
         self.device = VirtualDevice(name, SimulatedSource(self._lying, DEMO_SPEC, 104.0), seed, WAITING)
 
     def turn(self, axis: int, angle_deg: float = 360.0) -> None:
-        """By a hand that wobbles, within 3.5 to 5 seconds of the device's time, and does not put it back quite as it lay."""
+        """By a hand that wobbles, and does not put it back quite as it lay; once round takes 3.5 to 5 s of the device's time."""
+        part = abs(angle_deg) / 360.0
         turns = (TurnPlan(axis, angle_deg * self._rng.choice([-1, 1])),)
-        plan = SessionPlan(turns=turns, turn_s=(3.5, 5.0), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.2)
-        self._due.append(session(self._rng, plan)[1])
+        plan = SessionPlan(
+            turns=turns, turn_s=(3.5 * part, 5.0 * part), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.2
+        )
+        piece = session(self._rng, plan)[1]
+        self._due.append(piece)
+        self.turned_s.append(piece.duration_s)
 
     def reboot(self) -> None:
         """Power is lost and comes back; it lies on the table."""
@@ -59,6 +66,7 @@ class Hand:
 
     def __init__(self, page: Page, table: Table, reads_ms: float = 0.0) -> None:
         self._page, self._table, self._reads_ms = page, table, reads_ms
+        self.read_s = 0.0  # spent by reading so far
 
     def from_the_ward_page(self, name: str) -> None:
         """Open what the ward page offers for a device that needs a person."""
@@ -101,3 +109,4 @@ class Hand:
         """Take in what is new: nothing is painted before the page's styles are there, but to us all pictures would be visible."""
         self._page.wait_for_load_state()
         self._page.wait_for_timeout(self._reads_ms)
+        self.read_s += self._reads_ms / 1000

@@ -40,7 +40,7 @@ def test_a_ward_from_its_start(ward: Ward, browser: Browser) -> None:
     expect(page.locator("#troubles")).to_be_empty()
     tile.get_by_role("link", name=NAME).click()
     page.get_by_text("Signals").click()
-    expect(page.locator("#heading")).to_contain_text("by its raw rates alone")
+    expect(page.locator("#heading")).to_contain_text("By its raw rates alone")
     _as_a_nurse(ward, page)
     OUT.mkdir(parents=True, exist_ok=True)
     page.screenshot(path=OUT / "real-device.png", full_page=True)

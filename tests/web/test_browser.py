@@ -25,6 +25,7 @@ from bridge.wire.messages import (
     OrientationBatch,
     Placement,
     Quality,
+    Receipt,
     SampleBatch,
     State,
     Status,
@@ -219,6 +220,51 @@ def test_twenty_devices_at_one_look_sixty_on_a_wall_and_numbers_on_request(page:
     assert page.evaluate(_SEEN) == 60
     assert page.locator("main :is(button, input, select):visible").count() == 0
     shot("wall")
+    assert serious(page) == []
+
+
+def tab_to(page: Page, selector: str) -> None:
+    """By the keyboard alone, with the focus visible all the way."""
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        focus = page.evaluate(
+            """wanted => { const at = document.activeElement, style = getComputedStyle(at);
+          return [at.matches(wanted), style.outlineStyle !== "none" && parseFloat(style.outlineWidth) >= 2]; }""",
+            selector,
+        )
+        assert focus[1], f"the focus is not seen on {page.evaluate('document.activeElement.outerHTML')[:200]}"
+        if focus[0]:
+            return
+    raise AssertionError(f"{selector} is not reached")
+
+
+def test_at_200_percent_and_by_the_keyboard_alone(page: Page, site: Site) -> None:
+    """A screen of 1280 by 900 that is zoomed to 200 % has 640 by 450 pixels of CSS."""
+    names = ward(site, 6)
+    site.talk(said(names[3], State.AWAITING_STILL, boot=5, time_ns=now_ns(), reason=(Code.HOLD_STILL(),)))
+    page.set_viewport_size({"width": 640, "height": 450})
+
+    def fits_and_shows(selector: str) -> None:
+        expect(page.locator(selector).first).to_be_visible()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 640
+        box = page.locator(selector).first.bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] / 2 <= 450, f"{selector} is below the screen of {page.url}"
+
+    page.goto("/")
+    expect(page.locator(".tile").first.locator("h2")).to_have_text(names[3])
+    tab_to(page, ".tile .calibrate a")
+    fits_and_shows(".tile .calibrate a")
+    page.keyboard.press("Enter")
+    fits_and_shows("#do")
+    fits_and_shows("#ring")
+    page.goto(f"/devices/{names[3]}")
+    fits_and_shows(".commands .button")
+    for depth in ("signals", "engineering"):
+        tab_to(page, f"#{depth} summary")
+        page.keyboard.press("Enter")
+        expect(page.locator(f"#{depth}")).to_have_attribute("open", "")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 640
 
 
 def test_a_calibration_that_was_left_is_called_so(page: Page, site: Site) -> None:
@@ -317,12 +363,23 @@ def test_a_device(page: Page, site: Site, shot: Shot) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text(name)
     expect(page.locator("#notes")).to_contain_text("sat up")
     expect(page.locator("#calibrations")).to_contain_text("in use")
-    for _ in range(3):
+    page.locator("#engineering summary").click()
+    for number in range(3):
         page.wait_for_timeout(1100)
-        site.talk(tracking(name, evidence_age_s=0.5))
+        seen = Receipt(now_ns(), "zaru level", (0.01, -0.02), (0.005, 0.005), 2.0, 0.1, accepted=True)
+        late = Receipt(
+            now_ns() + 1, "zaru vertical", (0.5,), (0.01,), 99.0, 4.1, accepted=False, reason="outside the gate"
+        )
+        site.talk(tracking(name, evidence_age_s=0.5, nis=0.97, receipts=(seen, late) if number else ()))
     rates(site, name, 4.0)
-    expect(page.locator("#heading")).to_contain_text("by its raw rates alone")
-    expect(page.locator("#heading")).to_contain_text(f"{words.zone_name(datetime.now().astimezone())}, when it last")
+    expect(page.locator("#receipts tbody tr")).to_have_count(4)
+    expect(page.locator("#receipts tbody tr").first).to_contain_text("refused: outside the gate")
+    expect(page.locator("#receipts")).to_contain_text("−1.1459 ± 0.5615")
+    expect(page.locator("#nis-mean")).to_contain_text("0.97")
+    expect(page.locator("#heading")).to_contain_text("By its raw rates alone")
+    expect(page.locator("#heading")).to_contain_text(
+        f"{words.zone_name(datetime.now().astimezone())}, when it last rested"
+    )
     drawn = """[...document.querySelectorAll("#rates canvas")].every((canvas) =>
       canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))"""
     assert page.evaluate(drawn)

@@ -113,7 +113,7 @@ def test_devices_that_only_a_bridge_speaks_of_hide_nobody_and_are_said() -> None
     page = ward_page(ward, 100.0, NOW, EN)
     assert len(page.tiles) == STRANGERS + 1
     assert "z" in {tile.id for tile in page.tiles}
-    assert any("too many devices: 3" in words and "too many: ghost." in words for words in page.troubles)
+    assert any("too many devices. 3" in words and "too many: ghost." in words for words in page.troubles)
 
 
 def test_a_device_with_a_status_takes_the_place_of_one_that_has_none(monkeypatch: pytest.MonkeyPatch) -> None:

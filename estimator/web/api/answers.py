@@ -83,6 +83,7 @@ class Device(Struct, frozen=True):
     progress: float | None
     axes_done: list[str]
     evidence_age_s: float | None
+    nis: float | None
     temperature_c: float | None
     rate_hz: float | None
     told_rate_hz: float | None
@@ -258,6 +259,7 @@ def device(row: DeviceRow, story: Story) -> Device:
         progress=status.progress if status else None,
         axes_done=[AXES[axis] for axis in status.axes_done] if status else [],
         evidence_age_s=row.evidence_age_s,
+        nis=(status.nis or None) if status else None,
         temperature_c=_number(status.temperature_c) if status else None,
         rate_hz=((info.measured_rate_hz if info else 0.0) or row.rate_hz) or None,
         told_rate_hz=(info.rate_hz or None) if info else None,

@@ -21,7 +21,7 @@ const widths = new ResizeObserver((entries) => {
   }
 });
 
-// series: [{ label, colour, dash, fill, width }]; bands between pairs of series; behind(u) draws below the lines.
+// series: [{ label, colour, dash, width, dots }]; bands between pairs of series; behind(u) draws below the lines.
 export function chart(place, { label, title, height = 130, series, bands = [], behind, range, clock = true, times = true }) {
   const figure = document.createElement("figure");
   figure.setAttribute("role", "img");
@@ -37,7 +37,7 @@ export function chart(place, { label, title, height = 130, series, bands = [], b
       scales: { x: { time: clock }, y: range ? { range } : {} },
       axes: [{ ...axis, values, ...(times ? {} : { values: (u, ticks) => ticks.map(() => "") }), size: times ? 28 : 6, ...(clock ? { space: 96 } : {}) }, { ...axis, label: title, labelFont: "600 13px system-ui, sans-serif", labelSize: 20, size: 58 }],
       series: [{}, ...series.map((one) => ({ label: one.label, stroke: one.colour ? () => css(one.colour) : undefined, dash: one.dash, width: one.width ?? 1.5,
-        points: { show: false }, spanGaps: false }))],
+        points: { show: Boolean(one.dots), size: 6, width: 0, fill: () => css(one.colour) }, ...(one.dots ? { paths: () => null } : {}), spanGaps: false }))],
       bands: bands.map(([high, low, colour]) => ({ series: [high, low], fill: () => `color-mix(in srgb, ${css(colour)} 22%, transparent)` })),
       hooks: behind ? { drawAxes: [behind] } : {},
     }, made.data, figure);

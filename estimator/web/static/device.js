@@ -12,7 +12,8 @@ let trail = { rests: [], marks: [] };
 // ---- words ----
 
 watch(spoken(`device/${id}`), (now) => {
-  fill(page, { ...now.tile, calibrating: now.progress < 1 });
+  fill(page, now.tile);
+  $("guide").classList.toggle("quiet", !now.tile.calibrate);
   tone(page, now.tile.tone);
   $("progress").value = now.progress;
   document.title = now.title;
@@ -94,12 +95,14 @@ function trace(data) {
   due = true;
 }
 
-// Signals are asked for while somebody looks at them.
-const signals = $("signals");
-signals.addEventListener("toggle", () => {
-  for (const [topic, take] of [[`trace/${id}`, trace], [`trail/${id}`, past]]) signals.open ? watch(topic, take) : unwatch(topic);
-});
-for (const depth of document.querySelectorAll("details.depth")) depth.open = location.hash === `#${depth.id}`;
+// Signals and receipts are asked for while somebody looks at them.
+const asked = { signals: [[`trace/${id}`, trace], [`trail/${id}`, past]], engineering: [[spoken(`receipts/${id}`), receipts]] };
+for (const depth of document.querySelectorAll("details.depth")) {
+  depth.addEventListener("toggle", () => {
+    for (const [topic, take] of asked[depth.id]) depth.open ? watch(topic, take) : unwatch(topic);
+  });
+  depth.open = location.hash === `#${depth.id}`;
+}
 
 let due = false;
 function frame() {
@@ -187,4 +190,20 @@ function past(data) {
   const celsius = column(6);
   $("warmth").hidden = celsius.every((value) => value === null);
   temperatures.set([time, celsius]);
+}
+
+// ---- receipts of the bias filter ----
+
+const nis = chart($("nis"), {
+  label: $("nis").dataset.label, title: "NIS / m", height: 160, range: (u, low, high) => [0, Math.max(3, high * 1.1)],
+  series: [{ label: "1", colour: "dim", dash: [6, 4] }, { label: "✓", colour: "well", dots: true }, { label: "✗", colour: "bad", dots: true }],
+});
+
+function receipts(now) {
+  rows("receipts", now.lines, (line) => line);
+  say($("nis-mean"), now.mean);
+  nis.figure.hidden = now.points.length < 2;
+  nis.figure.setAttribute("aria-label", `${$("nis").dataset.label}. ${now.mean}`);
+  const of = (wanted) => now.points.map(([, value, accepted]) => (accepted === wanted ? value : null));
+  nis.set([now.points.map(([at]) => at), now.points.map(() => 1), of(true), of(false)]);
 }

@@ -25,6 +25,11 @@ watch(`guide/${id}`, (now) => {
   turns(said.turns);
   if ($("begin")) $("begin").hidden = !now.can_begin;
   if ($("cancel")) $("cancel").hidden = !now.can_cancel;
+  if ($("log-in")) {
+    const link = $("log-in").firstElementChild;
+    $("log-in").hidden = !(now.can_begin || now.can_cancel);
+    say(link, now.can_cancel ? link.dataset.cancel : link.dataset.begin);
+  }
   following(now);
   result(now, said);
   trouble(said.troubles);

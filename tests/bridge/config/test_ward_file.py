@@ -76,7 +76,7 @@ def test_an_invalid_file_is_refused_whole(change: Change, text: str, caplog: pyt
     assert change.to(text) is None
     assert change.file.root is before
     assert not change.file.report.accepted
-    assert change.said.startswith("The changed ward's file is refused, and the earlier one stays in force: ")
+    assert change.said.startswith("The changed ward's file is refused. The earlier one stays in force. The fault: ")
     assert change.after_a_while() is None
     assert [record.levelno for record in caplog.records] == [logging.ERROR], "said once"
     assert change.to(TEXT + A) is not None

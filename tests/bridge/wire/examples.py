@@ -28,6 +28,7 @@ from bridge.wire.messages import (
     Owned,
     Placement,
     Quality,
+    Receipt,
     SampleBatch,
     State,
     Status,
@@ -70,7 +71,9 @@ LEVEL = AccelerometerCalibration(
 STILL = Status(
     "d1", 7, 1, State.TRACKING, Quality.GOOD, free("fine"), 1.0, (0, 1, 2), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0),
     "c1", 1, 0.0, float("nan"), 100.0, 1, 1, {"a": 1}, {}, "b1", ("b2",), 3, Placement("humerus", "left", "bed-3", 9, "anna"),
-    (Alert("lost", 5, 6, 7, "anna"), Alert("degraded", 5, 6)), LEVEL,
+    (Alert("lost", 5, 6, 7, "anna"), Alert("degraded", 5, 6)), LEVEL, 0.5,
+    (Receipt(9, "zaru level", (0.1, -0.2), (0.3, 0.4), 2.5, 0.1, accepted=True),
+     Receipt(9, "gravity", (3.0,), (0.0,), 1e12, 1e12, accepted=False, reason="not finite")),
 )  # fmt: skip
 CAL = Calibration(
     "d1", 7, "c1", 1, "closure", Verdict.ACCEPTED, (), np.eye(3), np.zeros(3), PARAMETERS, np.eye(6),

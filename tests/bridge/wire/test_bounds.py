@@ -75,6 +75,7 @@ def beyond(value: float) -> float:
         ("status", "evidence_age_s", 0, 1e12),
         ("status", "temperature_c", -500, 500),
         ("status", "rate_hz", 0, 1e6),
+        ("status", "nis", 0, 1e12),
         ("calibration", "matrix", -10, 10),
         ("calibration", "bias", -1000, 1000),
         ("calibration", "covariance", -1e6, 1e6),
@@ -102,6 +103,16 @@ def test_numbers_of_a_turn(field: str, low: float, high: float) -> None:
     assert [taken("calibration", turns=[pb.Turn(axis=axis)]) for axis in (2, 3)] == [True, False]
 
 
+def test_a_receipt_has_one_to_three_innovations_within_the_range_of_rates() -> None:
+    def receipt(innovation: list[float], std: list[float], **more: float) -> bool:
+        return taken("status", receipts=[pb.Receipt(innovation=innovation, innovation_std=std, **more)])  # type: ignore[arg-type]
+
+    assert receipt([1000.0, -1000.0, 0.0], [1e6, 0.0, 0.0], nis=1e12, test_ratio=1e12)
+    assert not any(receipt([0.0] * n, [0.0] * n) for n in (0, 4))
+    assert not any(receipt(*wrong) for wrong in (([0.0], [0.0, 0.0]), ([1001.0], [0.0]), ([0.0], [-1e-9])))
+    assert not receipt([0.0], [0.0], nis=beyond(1e12))
+
+
 @pytest.mark.parametrize(
     ("what", "field", "most", "one"),
     [
@@ -112,6 +123,7 @@ def test_numbers_of_a_turn(field: str, low: float, high: float) -> None:
         ("status", "dropped", 64, 1),
         ("status", "refused_bridges", 16, "b1"),
         ("status", "axes_done", 3, 2),
+        ("status", "receipts", 16, pb.Receipt(innovation=[0.0], innovation_std=[0.0])),
         ("calibration", "turns", 32, pb.Turn()),
         ("owned", "holdings", 512, pb.Holding(device="d1")),
         ("owned", "moves", 8, pb.Move()),

@@ -108,8 +108,8 @@ def test_three_full_turns_give_the_diagonal_and_say_why() -> None:
 @pytest.mark.parametrize(
     ("limit", "words"),
     [
-        (("CONDITION", 1.0), "The poses do not determine the full matrix: the condition number"),
-        (("FEWEST", 99), "16 movements are too few for a full matrix: make at least 99"),
+        (("CONDITION", 1.0), "The poses do not determine the full matrix. The condition number"),
+        (("FEWEST", 99), "16 movements are too few for a full matrix. Make at least 99"),
     ],
 )
 def test_a_full_matrix_needs_poses_that_show_it_and_movements_enough(

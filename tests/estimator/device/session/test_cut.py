@@ -50,7 +50,7 @@ def begun(*, aided: bool) -> DeviceSession:
 
 def ended(device: DeviceSession) -> tuple[Status, bytes | None]:
     said = device.status(0)
-    return replace(said, samples_in=0, samples_out=0, dropped={}, events={}), device.state()
+    return replace(said, samples_in=0, samples_out=0, dropped={}, events={}, receipts=()), device.state()
 
 
 @pytest.mark.parametrize("aided", [True, False])

@@ -1,0 +1,28 @@
+"""Receipts of the bias filter as messages: every number within the wire's range."""
+
+import numpy as np
+
+from bridge.wire import messages
+from bridge.wire.batches import MAX_RATE
+from bridge.wire.receipts import MAX_NIS, MAX_STD
+from estimator.tracking.evidence import Receipt
+
+
+def receipt_message(receipt: Receipt, time_ns: int) -> messages.Receipt:
+    """Message of a receipt; time_ns: host time of the measurement. What is no number becomes the worst of its range."""
+    innovation = np.nan_to_num(receipt.innovation).clip(-MAX_RATE, MAX_RATE)
+    std = np.nan_to_num(np.sqrt(receipt.innovation_cov.diagonal()), nan=MAX_STD).clip(0.0, MAX_STD)
+    return messages.Receipt(
+        time_ns,
+        receipt.kind,
+        tuple(innovation.tolist()),
+        tuple(std.tolist()),
+        _ratio(receipt.nis),
+        _ratio(receipt.test_ratio),
+        receipt.accepted,
+        receipt.reason,
+    )
+
+
+def _ratio(value: float) -> float:
+    return float(value) if 0.0 <= value <= MAX_NIS else MAX_NIS
