@@ -32,7 +32,7 @@ test: setup-dev
 # The tests with the lowest allowed version of each dependency; `make test` installs the newest. ARGS='tests/laws' for some.
 test-lowest: setup-dev
 	$(BIN)/uv venv -q --clear --python $(PYTHON) out/lowest
-	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,cwa,foxglove,hdf5,lsl,mavlink,mqtt,parquet,ros,ros2,xdf]' --group dev
+	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,cwa,foxglove,hdf5,lsl,mavlink,mqtt,parquet,ros,ros2,s3,xdf]' --group dev
 	out/lowest/bin/python -m estimator.kernels
 	out/lowest/bin/python -m pytest $(ARGS)
 

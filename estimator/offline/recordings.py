@@ -30,6 +30,7 @@ from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.same_rate import same_rate
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
+from estimator.device.worn_calibration import METHOD as WORN
 from estimator.noise.device_model import GENERIC, load_model
 from estimator.offline import smoothing
 from estimator.offline.calibration_file import of_result
@@ -46,6 +47,8 @@ _ON_BEFORE = (
     "count, and a turn be missed"
 )
 _AT_THE_END = "calibrated as it ends: no row is corrected by that yet; --smooth corrects all of them by it"
+_UNTAUGHT = "gravity taught no scale or misalignment that is surer than what was known: the device moved too little"
+_NO_ACCEL = "gravity taught no scale or misalignment: the recording has no accelerations"
 
 
 def calibrate(
@@ -186,6 +189,8 @@ class _Pass:
         self._matrices = {"": np.eye(3)}
         self._names = {"": ""}
         self._last: CorrectedBatch | None = None
+        #: whether gravity is to teach the matrix, and has not done so yet
+        self._untaught = knobs.track.matrix.learn
         #: whether any turn was recognised
         self.turned = False
         remembered = None
@@ -230,6 +235,7 @@ class _Pass:
         self.turned = self.turned or bool(self._session.learnt.turned)
         for made in outcome.calibrations:
             self._matrices[made.id], self._names[made.id] = made.matrix, self._recording.name
+            self._untaught &= made.method != WORN
         for batch in outcome.corrected:
             self.rows.take(batch, self._matrices[batch.calibration])
             self._last = batch
@@ -243,6 +249,8 @@ class _Pass:
                 f"{self._recording.name}: {rows.filled} of {count(len(self._recording), 'sample')} came out"
             )
         matrix = self._matrices[last.calibration]
+        if self._untaught:
+            self._said.insert(0, _NO_ACCEL if self._recording.accel is None else _UNTAUGHT)
         if self._smooth:
             smoothing.smooth_rows(rows, self._recording, session, last, matrix)
         return CorrectedRecording(

@@ -19,6 +19,7 @@ from bridge.runtime import os_errors
 from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import asked_by
 from estimator.client import Client
+from estimator.config.alerts import Alerts
 from estimator.config.dashboard import Dashboard
 from estimator.config.device_settings import Treatment, treatment
 from estimator.config.schema import Ward
@@ -37,7 +38,8 @@ log = logging.getLogger(__name__)
 #: settings of the ward's file that take effect in a running dashboard
 LIVE = (
     *(f"dashboard.{name}" for name in ("people", "hosts", "origins", "session_hours", "idle_minutes", "due_days")),
-    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
+    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s", "placements")),
+    *(f"alerts.{name}" for name in Alerts.__struct_fields__),
 )
 _LOOK_S = 0.5
 #: addresses that mean every address of this machine
@@ -98,6 +100,7 @@ class Server:
         """Use the changed settings of the ward's file."""
         self._sources.treatment = treatment(ward.estimator)
         self.desk.use(ward.dashboard, self._sources.treatment)
+        self.desk.known.alert_settings = ward.alerts
 
     def stop(self) -> None:
         """Stop serving; a second call stops at once."""

@@ -24,8 +24,9 @@ from bridge.wire.validation import MAX_SENTENCE
 from estimator.client import Client
 from estimator.config.dashboard import Dashboard
 from estimator.config.device_settings import Treatment
+from estimator.database import StoreError
 from estimator.service import history
-from estimator.service.store import Store, StoreError
+from estimator.service.store_reader import StoreReader
 from estimator.web import cookie
 from estimator.web.client_address import neighbourhood
 from estimator.web.http_error import Fault
@@ -195,7 +196,7 @@ class Desk:
 
 
 def _calibrations(path: Path, device: str) -> list[Calibration]:
-    store = Store.reading(path)
+    store = StoreReader.reading(path)
     try:
         return store.calibrations(device)
     finally:
@@ -217,7 +218,7 @@ def plain(words: str) -> str:
 
 
 def _past(path: Path, device: str) -> history.History:
-    store = Store.reading(path)
+    store = StoreReader.reading(path)
     try:
         return history.read(store, device)
     finally:
