@@ -26,7 +26,7 @@ def test_devices_come_and_leave_and_the_others_notice_nothing(tmp_path: Path) ->
 def test_a_ward_with_certificates_takes_a_change(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     guarded = GuardedWard(tmp_path / "pki", ("bridge:bridge-1", "estimator:estimator-1", "commander:desk"))
     guarded.write((WARD,))
-    with Ward(tmp_path, ()) as ward, guarded.running():
+    with guarded.running(), Ward(tmp_path, ()) as ward:
         add_simulated(ward, ["stays"], 1.0)
         by_tls = f'connect = ["{guarded.endpoint}"]\npki = "{guarded.folder.path}"'
         text = ward.config.read_text("utf-8").replace(f'connect = ["{ward.endpoint}"]', by_tls)
