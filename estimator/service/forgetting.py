@@ -2,6 +2,7 @@
 
 from bridge.reasons.codes import Code, Sentence
 from bridge.wire import keys
+from estimator.alerts.board import Change
 from estimator.service.device import Device
 from estimator.service.device_start import DeviceStarts
 from estimator.service.enrolment_gate import EnrolmentGate
@@ -62,6 +63,8 @@ class Forgetting:
         return None
 
     def _drop(self, device: Device) -> None:
+        for alert in device.board.standing:
+            self._parts.record.alert(device.name, Change(alert, cleared=True))
         self._checks.check()  # while the device still counts
         self._intake.leave(device)
         self._checks.leave(device.name)

@@ -136,11 +136,16 @@ class StoreReader:
         return found
 
     def last_run(self, within_ns: int) -> dict[str, tuple[int, int, str]]:
-        """Devices whose bias was stored within the last within_ns of this store: boot, time of that in ns, and bridge."""
+        """Devices whose bias was stored within the last within_ns of this store, or that were lost then.
+
+        Returns the boot of each, when its bias was stored in ns, and its bridge.
+        """
         newest = self.database.select("SELECT max(time_ns) AS time_ns FROM bias")
         if not newest or newest[0]["time_ns"] is None:
             return {}
-        rows = self.database.rows("bias", "time_ns >= ?", (newest[0]["time_ns"] - within_ns,), "time_ns")
+        lost = "SELECT device FROM alerts WHERE kind = 'lost' AND NOT cleared"
+        where = f"time_ns >= ? OR device IN ({lost})"
+        rows = self.database.rows("bias", where, (newest[0]["time_ns"] - within_ns,), "time_ns")
         found = [(row, kept_in(row)) for row in rows]
         return {
             row["device"]: (int(row["boot"], 16), row["time_ns"], kept.bridge if kept else "") for row, kept in found

@@ -99,6 +99,11 @@ def test_a_device_that_is_gone_when_the_estimator_starts_is_lost(
     assert float(lost.reason[0].params["duration"].removesuffix(" s")) >= 60.0
     assert [one.kind for one in lost.alerts] == [Kind.LOST]
     assert ward.command(lambda: ward.client.acknowledge(NAME, "anna", "lost")).accepted
+    ward.kill()
+    ward.now_ns += 60 * 10**9
+    ward.start()
+    (again,) = ward.latest().alerts
+    assert (again.raised_ns, again.who) == (lost.alerts[0].raised_ns, "anna"), "another restart changes nothing"
     ward.send(once.part(most, len(once)).batches(), info(1))
     after = ward.latest()
     assert (after.state, after.calibration) == (before.state, before.calibration)
