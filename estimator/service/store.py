@@ -23,7 +23,7 @@ from estimator.service.store_rows import (
     repeat_request,
     written,
 )
-from estimator.tracking.bias_filter import OWN, BiasState
+from estimator.tracking.bias_state import OWN, BiasState
 
 #: on a repeated boot, only unknown properties of its device are filled in
 _FILLED = ", ".join(f"{name} = iif({name}, {name}, excluded.{name})" for name in ("gyro_range", "rate_hz"))
