@@ -38,7 +38,7 @@ lowest: $(LOWEST)
 lowest test-lowest: export NUMBA_CACHE_DIR = $(CURDIR)/out/lowest/numba
 $(LOWEST): $(DEV)
 	$(BIN)/uv venv -q --clear --python $(PYTHON) out/lowest
-	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,cwa,foxglove,hdf5,lsl,mavlink,mqtt,openid,parquet,ros,ros2,xdf]' --group dev
+	$(BIN)/uv pip install -q --python out/lowest/bin/python --resolution lowest-direct --editable '.[ble,cwa,foxglove,hdf5,lsl,mavlink,mqtt,openid,parquet,ros,ros2,s3,xdf]' --group dev
 	out/lowest/bin/python -m estimator.kernels
 	@touch $@
 

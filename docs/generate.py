@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 import msgspec
 from sphinx.pycode import ModuleAnalyzer
 
+from bridge.bucket.bucket import S3
 from bridge.bus.certificate_metric import ENDS
 from bridge.cli.parser import Parser
 from bridge.config.enrolment import Enrolment
@@ -17,6 +18,7 @@ from bridge.reasons.codes import Code
 from bridge.recording.settings import Recorder
 from bridge.runtime.health_server import MetricFamily
 from estimator.cli.main import build
+from estimator.config.alerts import Alerts
 from estimator.config.dashboard import Dashboard, OpenId, Person
 from estimator.config.schema import Estimator
 from estimator.service.health import Note, ServiceHealth
@@ -28,6 +30,8 @@ TABLES = {
     "devices": Enrolment,
     "estimator": Estimator,
     "recorder": Recorder,
+    "s3": S3,
+    "alerts": Alerts,
     "dashboard": Dashboard,
     "dashboard.people": Person,
     "dashboard.openid": OpenId,

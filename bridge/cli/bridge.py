@@ -40,9 +40,7 @@ _log = logging.getLogger(__name__)
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `bridge` to the command; each of its verbs sets `run(args) -> exit code`."""
     run_example = "truerate bridge run configs/ward.toml"
-    inner = add_group(
-        verbs, "bridge", "read devices and publish their samples to the ward", run_example
-    ).add_subparsers(metavar="VERB", required=True)
+    inner = add_group(verbs, "bridge", "read devices and publish their samples to the ward", f"Example: {run_example}")
     verb = add_guarded(
         inner,
         "run",

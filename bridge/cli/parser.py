@@ -86,26 +86,42 @@ def sentence(words: str) -> str:
 
 
 def add_verb(
-    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Callable[[argparse.Namespace], int | None], help_text: str
+    verbs: "Verbs[argparse.ArgumentParser]",
+    name: str,
+    run: Callable[[argparse.Namespace], int | None],
+    does: str,
+    more: str = "",
 ) -> argparse.ArgumentParser:
-    """Add a verb that calls `run` with the parsed arguments."""
-    parser = verbs.add_parser(name, help=help_text, description=sentence(help_text))
-    parser.set_defaults(run=run)
-    return parser
-
-
-def add_group(verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, example: str) -> argparse.ArgumentParser:
-    """Add a verb with an example; it may get verbs of its own."""
-    return verbs.add_parser(name, help=does, description=sentence(does), epilog=f"Example: {example}")
+    """Add a verb that calls `run` with the parsed arguments. more: text after the options, with its own line breaks."""
+    verb = _add(verbs, name, does, sentence(does), more)
+    verb.set_defaults(run=run)
+    return verb
 
 
 def add_guarded(
     verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Run, does: str, example: str
 ) -> argparse.ArgumentParser:
     """Add a verb whose ValueErrors are reported as errors in the arguments."""
-    verb = add_group(verbs, name, does, example)
-    verb.set_defaults(run=_guarded(run))
-    return verb
+    return add_verb(verbs, name, _guarded(run), does, f"Example: {example}")
+
+
+def add_group(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, more: str = "", *, about: str = ""
+) -> "Verbs[argparse.ArgumentParser]":
+    """Add a verb that has verbs of its own; returns these. more, about: text after and before them."""
+    return _add(verbs, name, does, about or sentence(does), more).add_subparsers(metavar="VERB", required=True)
+
+
+def add_device(verb: argparse.ArgumentParser, more: str = "") -> None:
+    """Add the argument that names a device. more: follows its help text."""
+    verb.add_argument("device", help=f"device id as in `truerate devices`{more}")
+
+
+def _add(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, about: str, more: str
+) -> argparse.ArgumentParser:
+    how = argparse.RawDescriptionHelpFormatter if "\n" in about + more else argparse.HelpFormatter
+    return verbs.add_parser(name, help=does, description=about, epilog=more, formatter_class=how)
 
 
 def _guarded(run: Run) -> Run:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.bus import router_file
-from bridge.cli.parser import Verbs, sentence
+from bridge.cli.parser import Verbs, add_group, add_verb
 from bridge.config.schema import ConfigError, check, check_endpoints
 from bridge.pki.authority import DAYS
 from bridge.pki.certificate_checks import Identity
@@ -38,58 +38,34 @@ docs/security.md explains each step."""
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `pki`; each of its verbs sets `run(args) -> exit code`."""
-    pki = verbs.add_parser(
-        "pki",
-        help="make, renew and revoke certificates of routers and programs",
-        epilog=ROLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    inner = pki.add_subparsers(metavar="VERB", required=True)
+    inner = add_group(verbs, "pki", "make, renew and revoke certificates of routers and programs", ROLES)
     verb = _verb(inner, "init", _init, "make the certificate authority of a ward")
     verb.add_argument(
         "--ward", default="ward", help="name of the ward, part of the authority's name (default: %(default)s)"
     )
-    verb = _verb(inner, "issue", _issue, "make certificates and keys")
-    _who(verb, "+")
+    verb = _verb(inner, "issue", _issue, "make certificates and keys", "+")
     verb.add_argument("--days", type=int, default=DAYS, help="lifetime in days (default: %(default)s)")
-    verb.add_argument("--host", action="append", default=[], help="host name or address of a router; repeatable")
-    verb = _verb(inner, "renew", _renew, "extend certificates; the keys stay the same")
-    _who(verb, "*")
+    _add_many(verb, "--host", "HOST", "host name or address of a router")
+    verb = _verb(inner, "renew", _renew, "extend certificates; the keys stay the same", "*")
     verb.add_argument(
         "--soon",
         action="store_true",
         help="every certificate that ends within 14 days; if its lifetime is under 6 weeks, in its last third",
     )
     verb.add_argument("--days", type=int, help="lifetime in days from now (default: as before)")
-    verb = _verb(inner, "revoke", _revoke, "revoke a certificate, for example after its key was stolen")
-    _who(verb, 1)
+    verb = _verb(inner, "revoke", _revoke, "revoke a certificate, for example after its key was stolen", 1)
     verb.add_argument("--reason", default="", help="reason, kept in the list of revoked names")
     _verb(inner, "revoke-list", _revoke_list, "list the revoked names, with time and reason")
     verb = _verb(inner, "show", _show, "list the certificates and their ends; exit code 1 if one has to be renewed")
     verb.add_argument("--json", action="store_true", help="print one JSON object")
-    verb = _verb(inner, "router", _router, "print a router's file, with access rules, for `truerate router` and zenohd")
-    _who(verb, 1)
-    verb.add_argument("--ward", action="append", required=True, help="ward to serve; repeatable")
-    verb.add_argument(
-        "--listen",
-        action="append",
-        required=True,
-        metavar="ENDPOINT",
-        help="endpoint to listen on, such as tls/10.0.0.5:7447; repeatable",
+    verb = _verb(
+        inner, "router", _router, "print a router's file, with access rules, for `truerate router` and zenohd", 1
     )
-    verb.add_argument(
-        "--join",
-        action="append",
-        default=[],
-        metavar="ENDPOINT",
-        help="endpoint of another router to connect to; repeatable",
-    )
-    verb.add_argument(
-        "--member",
-        action="append",
-        default=[],
-        metavar="ROLE:NAME[@WARD]",
-        help="member to admit, in this ward; repeatable (default: all members, in all wards)",
+    _add_many(verb, "--ward", "WARD", "ward to serve", required=True)
+    _add_many(verb, "--listen", "ENDPOINT", "endpoint to listen on, such as tls/10.0.0.5:7447", required=True)
+    _add_many(verb, "--join", "ENDPOINT", "endpoint of another router to connect to")
+    _add_many(
+        verb, "--member", "ROLE:NAME[@WARD]", "member to admit, in this ward (default: all members, in all wards)"
     )
     verb.add_argument(
         "--at", type=Path, metavar="DIR", help="folder of the files on the router's machine (default: --folder)"
@@ -101,23 +77,24 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
 
 
-def _verb(verbs: "Verbs[argparse.ArgumentParser]", name: str, run: object, does: str) -> argparse.ArgumentParser:
-    verb = verbs.add_parser(
-        name,
-        help=does,
-        description=sentence(does),
-        epilog=ROLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def _verb(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: object, does: str, who: str | int = 0
+) -> argparse.ArgumentParser:
+    """Add a verb. who: how many certificates it takes, as argparse's nargs."""
+    verb = add_verb(verbs, name, _guarded, does, ROLES)
+    if who:
+        verb.add_argument("who", nargs=who, metavar="ROLE:NAME")
     verb.add_argument(
         "--folder", type=Path, default=Path("pki"), help="folder of the authority and the certificates (default: pki)"
     )
-    verb.set_defaults(run=_guarded, verb=run)
+    verb.set_defaults(verb=run)
     return verb
 
 
-def _who(verb: argparse.ArgumentParser, many: str | int) -> None:
-    verb.add_argument("who", nargs=many, metavar="ROLE:NAME")
+def _add_many(verb: argparse.ArgumentParser, option: str, metavar: str, does: str, *, required: bool = False) -> None:
+    verb.add_argument(
+        option, action="append", default=[], required=required, metavar=metavar, help=f"{does}; repeatable"
+    )
 
 
 def _guarded(given: argparse.Namespace) -> int:

@@ -4,13 +4,12 @@ import argparse
 import json
 import re
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msgspec.structs import asdict
 
-from bridge.cli.parser import Verbs
+from bridge.cli.parser import Verbs, add_group, add_verb
 from bridge.cli.reading_options import add_reading, reading_of
 from bridge.cli.ward_options import add_ward, ward_of
 from bridge.config.schema import ConfigError, Root
@@ -26,7 +25,6 @@ from bridge.toml.loader import options
 if TYPE_CHECKING:
     from bridge.recording.recording import Recording
 
-Run = Callable[[argparse.Namespace], int | None]
 #: device of a recording that names none
 _UNNAMED = "recorded"
 #: settings of the ward's file that take effect in a running recorder
@@ -67,7 +65,7 @@ CONVERT = """examples:
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `record` and `recording`; each sets `run(args) -> exit code`."""
-    verb = _verb(verbs, "record", _record, "record all data of a ward to MCAP files until stopped (Ctrl-C)", RECORD)
+    verb = add_verb(verbs, "record", _record, "record all data of a ward to MCAP files until stopped (Ctrl-C)", RECORD)
     add_ward(verb, "the ward's file (TOML): gives the ward's name, the routers and the table [recorder]")
     verb.add_argument(
         "--out", dest="folder", metavar="DIR", help="folder of the recordings; must exist (default: recordings)"
@@ -103,14 +101,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "--seconds", type=float, metavar="S", help="stop after this many seconds (default: record until Ctrl-C)"
     )
 
-    recording = verbs.add_parser(
+    inner = add_group(
+        verbs,
         "recording",
-        help="inspect, convert, repair and export recordings",
-        description="Inspect, convert, repair, export. Example: truerate recording info ward-3-20260801T101500Z.mcap",
-        epilog="`truerate bridge replay FILE` plays a recording. `truerate calibrate`, `correct` and `allan` read one too.",
+        "inspect, convert, repair and export recordings",
+        "`truerate bridge replay FILE` plays a recording. `truerate calibrate`, `correct` and `allan` read one too.",
     )
-    inner = recording.add_subparsers(metavar="VERB", required=True)
-    verb = _verb(
+    verb = add_verb(
         inner,
         "info",
         _info,
@@ -120,7 +117,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="the .mcap files of one recording")
     verb.add_argument("--json", action="store_true", help="print one JSON object")
 
-    verb = _verb(
+    verb = add_verb(
         inner,
         "export",
         _export,
@@ -136,7 +133,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--session", default="", help="BIDS session (default: none)")
     verb.add_argument("--task", default="ward", help="BIDS task (default: %(default)s)")
 
-    verb = _verb(
+    verb = add_verb(
         inner,
         "inspect",
         _inspect,
@@ -148,7 +145,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     _add_capture(verb)
     verb.add_argument("--json", action="store_true", help="print one JSON object")
 
-    verb = _verb(
+    verb = add_verb(
         inner,
         "convert",
         _convert,
@@ -175,7 +172,9 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     _add_capture(verb)
     _add_per_sample(verb)
 
-    verb = _verb(inner, "recover", _recover, "complete a recording that was cut short, and report the losses", RECOVER)
+    verb = add_verb(
+        inner, "recover", _recover, "complete a recording that was cut short, and report the losses", RECOVER
+    )
     verb.add_argument(
         "file",
         type=Path,
@@ -212,21 +211,8 @@ def _add_capture(verb: argparse.ArgumentParser) -> None:
     )
 
 
-def _verb(
-    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Run, does: str, more: str = ""
-) -> argparse.ArgumentParser:
-    verb = verbs.add_parser(
-        name,
-        help=does,
-        description=f"{does[0].upper()}{does[1:]}.",
-        epilog=more,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    verb.set_defaults(run=run)
-    return verb
-
-
 def _record(given: argparse.Namespace) -> int:
+    from bridge.bucket.bucket import Bucket  # noqa: PLC0415
     from bridge.recording.record import record  # noqa: PLC0415 - only this verb needs a bus
 
     said = {name: getattr(given, name) for name in Recorder.__struct_fields__ if getattr(given, name, None) is not None}
@@ -240,7 +226,7 @@ def _record(given: argparse.Namespace) -> int:
             raise ConfigError(f"record: {error}") from None
 
     try:
-        file = WardFile(given.config, Root, ("recorder",), _LIVE, settings_of) if given.config else None
+        file = WardFile(given.config, Root, ("recorder", "s3"), _LIVE, settings_of) if given.config else None
         root = ward_of(given, Root)
     except ValueError as error:
         raise ConfigError(f"record: {error}") from None
@@ -255,6 +241,7 @@ def _record(given: argparse.Namespace) -> int:
         seconds=given.seconds,
         connected=(lambda bus: file.answer(bus, routers, Role.RECORDER, "recorder")) if file else None,
         changed=lambda: settings_of(new) if file and (new := file.look(time.monotonic())) else None,
+        bucket=Bucket(root.s3, root.ward) if root.s3 is not None and root.s3.recordings else None,
     )
 
 

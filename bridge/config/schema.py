@@ -10,6 +10,7 @@ from typing import Any, Final, Self
 
 from msgspec import Struct
 
+from bridge.bucket.bucket import S3
 from bridge.bus.routers import Routers, secured
 from bridge.config.enrolment import Enrolment
 from bridge.drivers import registry
@@ -248,6 +249,7 @@ class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bridge: Bridge | None = None
     devices: Enrolment | None = None
     recorder: Recorder = Recorder()
+    s3: S3 | None = None
     estimator: Any = None
     dashboard: Any = None
     alerts: Any = None

@@ -1,5 +1,6 @@
 """Driver for WitMotion sensors (WT901, HWT905, JY901, WT901BLE …): rates, clock where the device sends one, settings."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 from math import log
 
@@ -117,11 +118,11 @@ class WitMotionDecoder:
         self._asked = True
         self._settings.begin(checked=bool(self._frames.checked))
 
-    def _answered(self, data: bytes) -> list[Notice]:
-        notices = self._settings.answered(data)
+    def _answered(self, data: bytes) -> Sequence[Event]:
+        events = self._settings.answered(data)
         if self._assembly is not None:
             self._assembly.about = self._about()
-        return notices
+        return events
 
     def _take(self, sample: Sample, receive_time_ns: int) -> None:
         assembly = self._decided(timed=sample.time_ms is not None, now_ns=receive_time_ns)

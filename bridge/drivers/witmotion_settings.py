@@ -1,16 +1,26 @@
 """Queries and settings of a WitMotion device, 0.1 s between commands. Pure: time is an argument.
 
 Nothing is saved on the device, so changes are lost with power. Registers are those of the WIT Standard Communication
-Protocol. A serial answer does not name its register, so only one query is open at a time.
+Protocol; that of the battery is in the maker's Bluetooth 5.0 protocol. A serial answer does not name its register, so only
+one query is open at a time.
 """
 
 import struct
+from collections.abc import Sequence
 
-from bridge.drivers.driver import Notice
+import numpy as np
+
+from bridge.drivers.driver import Battery, Notice
 from bridge.drivers.request_queue import RequestQueue
 from bridge.reasons.codes import Code, Sentence
 
-CONTENT, RATE, VERSION, STILL_TIME = 0x02, 0x03, 0x2E, 0x63
+CONTENT, RATE, VERSION, STILL_TIME, BATTERY = 0x02, 0x03, 0x2E, 0x63, 0x64
+#: charge, %, by the voltage of the battery's one cell, 0.01 V, as the maker's app computes it
+_CENTIVOLTS = (340, 350, 368, 370, 373, 377, 379, 382, 387, 393, 396, 399)
+_PERCENT = (0, 5, 10, 15, 20, 30, 40, 50, 60, 75, 90, 100)
+#: voltages of one cell; another value is that of a device without battery, or not measured yet
+_CELL = range(250, 451)
+_BATTERY_NS = 60_000_000_000
 RATES_HZ = {1: 0.2, 2: 0.5, 3: 1.0, 4: 2.0, 5: 5.0, 6: 10.0, 7: 20.0, 8: 50.0, 9: 100.0, 11: 200.0}
 _CODES = {rate_hz: code for code, rate_hz in RATES_HZ.items()}
 TIME_ACCEL_GYRO = 0x07  # value of CONTENT
@@ -33,12 +43,13 @@ class Settings:
         self.firmware, self.sends_hz = "", 0.0
         self._wanted_hz = rate_hz
         self._writes = writes
+        self._has_battery, self._battery_ns = False, 0
         self._noticed: Sentence | None = None
         self._requests = RequestQueue(_AGAIN_S, _TIMES, _SPACING_S)
 
     def begin(self, *, checked: bool) -> None:
         """Query everything: the device was opened, or has booted. checked: the device speaks the serial form with checksums."""
-        self._checked = checked
+        self._checked, self._has_battery = checked, not checked
         self._told = {CONTENT: 0, STILL_TIME: 0}
         self._requests.clear()
         for register in (VERSION, CONTENT, STILL_TIME):
@@ -46,21 +57,28 @@ class Settings:
 
     @property
     def settled(self) -> bool:
-        """Whether no answer and no command is pending."""
-        return self._requests.key is None and not self._requests.sending
+        """Whether no answer about settings, and no command, is pending."""
+        return self._requests.key in (None, BATTERY) and not self._requests.sending
 
     def command(self) -> bytes:
         """The next command to send; empty if none, or if 0.1 s since the last command have not passed."""
         return self._requests.command()
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Send or repeat the open query; after a query without an answer, give up all of them, with a notice."""
+        """Send or repeat the open query; after a query without an answer, give up all of them, with a notice.
+
+        Once a minute the battery is queried.
+        """
+        if self._has_battery and self._requests.key is None and now_ns - self._battery_ns >= _BATTERY_NS:
+            self._battery_ns = now_ns
+            self._requests.add(BATTERY, _command(_READ, BATTERY))
         if not self._requests.passed(now_ns):
             return []
+        about_battery = self._requests.key == BATTERY
         self._requests.clear()
-        return self._notice(Code.MAY_CALIBRATE_ITSELF())
+        return [] if about_battery else self._notice(Code.MAY_CALIBRATE_ITSELF())
 
-    def answered(self, data: bytes) -> list[Notice]:
+    def answered(self, data: bytes) -> Sequence[Notice | Battery]:
         """Handle a register answer: of the open query, or of the register named in the answer where the form names it."""
         register, values = self._requests.key, struct.unpack(f"<{len(data) // 2}H", data)
         if register is None or self._requests.sending:
@@ -77,6 +95,8 @@ class Settings:
                 self._sends(values[0], RATES_HZ.get(values[1], 0.0))
             case 0x63:
                 return self._calibrates(values[0])
+            case 0x64 if values[0] in _CELL:
+                return [Battery(float(np.interp(values[0], _CENTIVOLTS, _PERCENT)))]
         return []
 
     def _sends(self, content: int, rate_hz: float) -> None:

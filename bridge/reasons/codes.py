@@ -98,6 +98,7 @@ class Code(StrEnum):
     NOTHING_TO_ACKNOWLEDGE = "nothing_to_acknowledge", "subject"
     PLACED = "placed", "placement"
     NOBODY_WEARS = "nobody_wears"
+    NO_PLACEMENT = "no_placement", "device"
     NO_ORIENTATION = "no_orientation", "device"
     COMMAND_FAILED = "command_failed"
     COMMAND_MALFORMED = "command_malformed", "detail"
@@ -116,6 +117,10 @@ class Code(StrEnum):
     WARD_FILE_TAKEN = "ward_file_taken", "settings"
     WARD_FILE_NEEDS_RESTART = "ward_file_needs_restart", "settings"
     WARD_FILE_REFUSED = "ward_file_refused", "error"
+
+    # Copies of backups and recordings
+    BUCKET_FAILS = "bucket_fails", "bucket", "error"
+    BUCKET_HAS_ANOTHER = "bucket_has_another", "bucket", "file"
 
     # Why a movement was no turn
     NUDGE = "nudge"

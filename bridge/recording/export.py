@@ -117,11 +117,12 @@ def events(recorded: Recorded) -> list[Event]:
     ]
     notes = [Event(n.time_ns, n.device, n.boot, f"note by {n.who}", n.text) for n in recorded.notes]
     worn = [
-        Event(one.since_ns, s.device, s.boot, f"placement by {one.who}", str(one))
+        Event(
+            max(one.since_ns, int(s.time_ns[0])), s.device, s.boot, f"placement by {one.who or 'ward file'}", str(one)
+        )
         for stretches in recorded.stretches.values()
         for s in stretches
         for one in s.placements
-        if int(s.time_ns[0]) <= one.since_ns <= int(s.time_ns[-1])
     ]
     return sorted(boots + calibrations + notes + worn)
 

@@ -36,6 +36,8 @@ def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping
         parts.append(f"{account.expired} old files deleted")
     if account.not_recorded:
         parts.append(f"{account.not_recorded} not recorded")
+    if account.copy_fault:
+        parts.append(f"NOT COPIED: {account.copy_fault}")
     if account.trouble:
         parts.append(f"NOT RECORDING: {account.trouble}")
     return "  ".join(parts)

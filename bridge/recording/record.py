@@ -5,10 +5,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
 
+from bridge.bucket.bucket import Bucket
+from bridge.bucket.mirror import Mirror
 from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus, BusError, Message, Subscription
 from bridge.bus.routers import Routers
@@ -27,6 +30,8 @@ from bridge.wire.refusal import Refusal
 
 #: messages kept while the disk is slow: some fifteen seconds of a hundred devices
 QUEUE = 65_536
+#: folder of recordings in a bucket
+RECORDINGS = "recordings"
 _ROUND_S = 0.1
 _SHOW_S = 1.0
 _RETRY_S = 0.2
@@ -47,16 +52,21 @@ def record(
     open_bus: OpenBus = ZenohBus,
     connected: Callable[[Bus], object] | None = None,
     changed: Callable[[], Recorder | None] = lambda: None,
+    bucket: Bucket | None = None,
 ) -> int:
     """Record a ward until stopped, or for `seconds`. Returns an exit code: 1 if something could not be recorded.
 
     connected: called with the bus. changed: returns other settings when there are some; asked several times a second.
+    bucket: where finished recordings are copied to.
     Raises RecordingError if no device is heard or no file can be written, and BusError if no router is found.
     """
     folder = Folder(Path(settings.folder), ward)
     for path in folder.leftovers():
         _log.warning("%s was not finished: complete it with truerate recording recover %s", path, path)
-    with stopped_by_signal() as stop, supervised():
+    with stopped_by_signal() as stop, supervised(), ExitStack() as copying:
+        mirror = Mirror(bucket, RECORDINGS, lambda: [one.path for one in folder.finished()]) if bucket else None
+        if mirror is not None:
+            copying.callback(mirror.close)
         deadline = time.monotonic() + settings.wait_s
         with _connected(open_bus, endpoints, stop, deadline) as bus:
             subscription = bus.subscribe(keys.everything(ward), history=True, capacity=QUEUE)
@@ -69,15 +79,23 @@ def record(
                 if stop.is_set():
                     raise RecordingError("stopped before any device was heard: nothing is recorded")
                 raise RecordingError(_nobody(ward, endpoints, settings))
-            recorder = WardRecorder(folder, ward, settings.devices, _knobs(settings), per_sample=settings.per_sample)
+            recorder = WardRecorder(
+                folder,
+                ward,
+                settings.devices,
+                _knobs(settings),
+                per_sample=settings.per_sample,
+                copied=lambda path: mirror is None or mirror.has(path),
+            )
             try:
                 recorder.begin(time.time_ns(), time.monotonic())
             except OSError as error:
                 raise RecordingError(f"recording cannot begin: {recorder.said(error)}") from None
-            _run(bus, subscription, recorder, first, stop, seconds, console, changed)
+            _run(bus, subscription, recorder, first, stop, seconds, console, changed, mirror)
     for path in recorder.account.files:
         console.print(recorded_in(path), highlight=False, soft_wrap=True)
-    return 1 if recorder.account.not_recorded or recorder.account.trouble else 0
+    not_copied = mirror is not None and mirror.fault is not None
+    return 1 if recorder.account.not_recorded or recorder.account.trouble or not_copied else 0
 
 
 def _knobs(settings: Recorder) -> Knobs:
@@ -147,6 +165,7 @@ def _run(
     seconds: float | None,
     console: Console,
     changed: Callable[[], Recorder | None],
+    mirror: Mirror | None,
 ) -> None:
     began = time.monotonic()
     messages, shown, there = first, 0.0, True
@@ -157,6 +176,7 @@ def _run(
             recorder.tick(time.time_ns(), now)
             if now - shown >= _SHOW_S:
                 shown = now
+                recorder.account.copy_fault = str(mirror.fault) if mirror is not None and mirror.fault else ""
                 screen.show(recorder, now - began, now, subscription.missed_by_key)
                 if bus.connected != there:
                     there = bus.connected

@@ -72,6 +72,7 @@ class Account:
     not_recorded: int = 0  # messages that came while no file could be written, or were in its last chunk
     expired: int = 0  # finished recordings that were deleted
     trouble: str = ""  # why nothing can be written now; empty if all is well
+    copy_fault: str = ""  # why finished files are not copied to the bucket; empty if they are
 
 
 class WardRecorder:
@@ -85,9 +86,10 @@ class WardRecorder:
         knobs: Knobs | None = None,
         *,
         per_sample: bool = False,
+        copied: Callable[[Path], bool] = lambda _: True,
     ) -> None:
-        """per_sample: also write each sample as one ROS 2 message."""
-        self.account = Account()
+        """per_sample: also write each sample as one ROS 2 message. copied: whether a finished file is where it is copied to."""
+        self.account, self._copied = Account(), copied
         self._place, self._ward, self._devices = place, ward, frozenset(devices)
         self._knobs = knobs or Knobs()
         self._per_sample = PerSample(ward) if per_sample else None
@@ -237,6 +239,7 @@ class WardRecorder:
             return
         size = self._file.writer.size if self._file else 0
         for one, why in expired(self._place.finished(), size, wall_ns, keep_s, keep_bytes):
+            lost = "" if self._copied(one.path) else ", before it was copied to the bucket"
             try:
                 one.path.unlink()
             except OSError as error:
@@ -246,7 +249,7 @@ class WardRecorder:
                 continue
             self.account.expired += 1
             self.account.files = [path for path in self.account.files if path != one.path]
-            _log.warning("%s (%.1f MB) is deleted, as %s says", one.path, one.bytes / 1e6, why)
+            _log.warning("%s (%.1f MB) is deleted, as %s says%s", one.path, one.bytes / 1e6, why, lost)
 
     def _rotate(self, wall_ns: int, now_s: float) -> None:
         self._finish()

@@ -32,7 +32,7 @@ def show(console: Console, survey: Survey) -> None:
     )
     table = Columns(_COLUMNS)
     for name, device in survey.devices.items():
-        for boot in device.boots.values():
+        for boot in _boots(device):
             table.add(name, *_row(boot))
     console.print(table)
     for name, device in survey.devices.items():
@@ -77,7 +77,7 @@ def _device(device: Device) -> dict[str, Any]:
                 "measured_rate_hz": boot.rate_hz,
                 "corrected": dict(boot.corrected),
             }
-            for boot in device.boots.values()
+            for boot in _boots(device)
         ],
         "calibrations": [
             {
@@ -95,6 +95,11 @@ def _device(device: Device) -> dict[str, Any]:
         ],
         "notes": [{"time_ns": n.time_ns, "who": n.who, "text": n.text} for n in device.notes.values()],
     }
+
+
+def _boots(device: Device) -> list[Boot]:
+    """Boots with readings; other boots are of corrected rates from before the recording, which the bus had kept."""
+    return [boot for boot in device.boots.values() if boot.samples] or list(device.boots.values())
 
 
 def _row(boot: Boot) -> tuple[str, ...]:

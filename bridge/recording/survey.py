@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bridge.recording.contents import Contents, Tell
@@ -107,6 +107,17 @@ class Device:
     notes: dict[tuple[int, str], Note] = field(default_factory=dict)
     placements: dict[int, Placement] = field(default_factory=dict)  # by since_ns
 
+    def wear(self, status: Status) -> None:
+        """Note the placement of a status. That of a ward file tells no begin: it holds from the start, or from its change."""
+        last, one = next(reversed(self.placements.values()), None), status.placement
+        if one is None and last is not None:
+            one = Placement()
+        if one is None or (not one.since_ns and last is not None and str(one) == str(last)):
+            return
+        if not one.since_ns:
+            one = replace(one, since_ns=status.time_ns if self.placements else 0)
+        self.placements[one.since_ns] = one
+
     def worn(self, first_ns: int, last_ns: int) -> tuple[Placement, ...]:
         """Placements that held in a span of host time, in order."""
         found = sorted(self.placements.items())
@@ -174,8 +185,8 @@ def survey(
             device.calibrations[said.id or str(said.time_ns)] = said
         elif isinstance(said, Note):
             device.notes[said.time_ns, said.text] = said
-        elif isinstance(said, Status) and said.placement is not None:
-            device.placements[said.placement.since_ns] = said.placement
+        elif isinstance(said, Status):
+            device.wear(said)
     boots = [boot for device in devices.values() for boot in device.boots.values() if boot.samples]
     return Survey(
         devices=dict(sorted(devices.items())),

@@ -34,7 +34,8 @@ class Board:
     """
 
     def __init__(self, settings: Alerts, standing: Iterable[Alert] = (), now_s: float = 0.0) -> None:
-        self._settings = settings
+        #: hold times in force
+        self.settings = settings
         self._troubles = {one.kind: _Trouble(now_s, one.since_ns, now_s, one) for one in standing}
 
     @property
@@ -49,11 +50,11 @@ class Board:
         for kind in kinds:
             trouble = self._troubles.setdefault(kind, _Trouble(now_s, now_ns, now_s))
             trouble.seen_s = now_s
-            if trouble.alert is None and now_s - trouble.since_s >= self._settings.hold(kind):
+            if trouble.alert is None and now_s - trouble.since_s >= self.settings.hold(kind):
                 trouble.alert = Alert(kind, trouble.since_ns, now_ns)
                 changes.append(Change(trouble.alert))
         for kind, trouble in list(self._troubles.items()):
-            if now_s - trouble.seen_s >= self._settings.clear_s and kind not in kinds:
+            if now_s - trouble.seen_s >= self.settings.clear_s and kind not in kinds:
                 del self._troubles[kind]
                 if trouble.alert is not None:
                     changes.append(Change(trouble.alert, cleared=True))

@@ -30,7 +30,8 @@ class Outbox:
     """News that wait to be sent. An all-clear is sent only for an alert that was sent; a short alert in quiet hours is not."""
 
     def __init__(self, settings: Alerts) -> None:
-        self._settings = settings
+        #: quiet hours in force
+        self.settings = settings
         self._waiting = dict[tuple[str, str], News]()
         self._due_s = float("inf")
 
@@ -45,7 +46,7 @@ class Outbox:
 
     def take(self, now_s: float, local: datetime) -> list[News]:
         """Return what is to be sent now, and forget it."""
-        if now_s < self._due_s or self._settings.quiet(local):
+        if now_s < self._due_s or self.settings.quiet(local):
             return []
         news, self._waiting, self._due_s = list(self._waiting.values()), {}, float("inf")
         return news

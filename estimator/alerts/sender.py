@@ -25,14 +25,23 @@ Notify = Callable[[str, str], bool]
 
 
 class Sender:
-    """Thread that sends the news of an outbox. What an address refuses is logged and not sent again."""
+    """Thread that sends the news of an outbox. What an address refuses is logged and not sent again.
 
-    def __init__(self, ward: str, settings: Alerts, notify: Notify) -> None:
-        self._ward, self._settings, self._notify = ward, settings, notify
+    Raises ConfigError for an address of the settings that cannot be used.
+    """
+
+    def __init__(self, ward: str, settings: Alerts) -> None:
+        self._ward = ward
         self._outbox, self._came = Outbox(settings), SimpleQueue[tuple[str, Placement | None, Change]]()
+        self.use(settings)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="alerts", daemon=True)
         self._thread.start()
+
+    def use(self, settings: Alerts) -> None:
+        """Send by other settings from now on. Raises ConfigError."""
+        self._notify = by_apprise(settings.urls())
+        self._outbox.settings = settings
 
     def put(self, subject: str, placement: Placement | None, change: Change) -> None:
         """Queue an alert or all-clear; never waits."""
@@ -50,7 +59,7 @@ class Sender:
                 while True:
                     self._outbox.put(*self._came.get_nowait(), now)
             if news := self._outbox.take(now, datetime.now().astimezone()):
-                title, body = message(self._ward, news, self._settings.language)
+                title, body = message(self._ward, news, self._outbox.settings.language)
                 try:
                     sent = self._notify(title, body)
                 except Exception:
@@ -75,6 +84,8 @@ def message(ward: str, news: Sequence[News], language: str) -> tuple[str, str]:
 
 def by_apprise(urls: Sequence[str]) -> Notify:
     """Notify function for addresses of apprise. Raises ConfigError for a missing package or a wrong address."""
+    if not urls:
+        return lambda _title, _body: True
     try:
         import apprise  # noqa: PLC0415 - optional, and slow to import
     except ImportError:
@@ -89,9 +100,3 @@ def by_apprise(urls: Sequence[str]) -> Notify:
                 f"[alerts]: apprise does not take an address that begins with {scheme}://: see its documentation"
             )
     return lambda title, body: bool(made.notify(title=title, body=body))
-
-
-def sender(ward: str, settings: Alerts) -> Sender | None:
-    """Start a sender for the addresses in the settings; None without an address. Raises ConfigError."""
-    urls = settings.urls()
-    return Sender(ward, settings, by_apprise(urls)) if urls else None

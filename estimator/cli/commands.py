@@ -2,8 +2,10 @@
 
 import argparse
 import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from bridge.cli.parser import Verbs, add_verb
+from bridge.cli.parser import Verbs, add_device, add_verb
 from bridge.cli.ward_options import add_ward
 from bridge.config.schema import ConfigError
 from bridge.pki.member import Role
@@ -12,6 +14,9 @@ from bridge.wire.keys import check_id
 from bridge.wire.messages import CommandReply
 from bridge.wire.validation import MAX_SENTENCE
 from estimator.cli.ward_options import person, ward_of
+
+if TYPE_CHECKING:
+    from estimator.client import Client
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -30,7 +35,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb = add_verb(
         verbs, "note", _note, "attach a text to this moment of a device; the store and running recordings keep it"
     )
-    verb.add_argument("device", help="device id as in `truerate devices`")
+    add_device(verb)
     verb.add_argument("text", help="what happened, in quotes; never a patient's name")
     add_ward(verb)
     verb = add_verb(
@@ -39,7 +44,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         _forget,
         "remove a device that sends no more from the ward, and with --yes from the store as well",
     )
-    verb.add_argument("device", help="device id as in `truerate devices`; no bridge and no [devices] table may list it")
+    add_device(verb, "; no bridge and no [devices] table may list it")
     verb.add_argument("--reason", default="", help="reason, kept in the audit beside your name")
     verb.add_argument(
         "--yes",
@@ -49,13 +54,21 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     add_ward(verb)
 
 
-def _forget(given: argparse.Namespace) -> int:
+def obey(given: argparse.Namespace, ask: Callable[["Client", str], CommandReply]) -> int:
+    """Send a command for the device of the arguments, and print the answer; returns the exit code.
+
+    ask: sends the command by a client, for a device.
+    """
     from estimator.client import Client  # noqa: PLC0415
 
     ward, endpoints = ward_of(given, Role.COMMANDER)
     device = check_id(given.device, "device")
     with Client(endpoints, ward=ward) as client:
-        return answered(device, client.forget(device, person(), given.reason, erase=given.yes))
+        return answered(device, ask(client, device))
+
+
+def _forget(given: argparse.Namespace) -> int:
+    return obey(given, lambda client, device: client.forget(device, person(), given.reason, erase=given.yes))
 
 
 def _command(given: argparse.Namespace) -> int:
@@ -75,17 +88,12 @@ def _command(given: argparse.Namespace) -> int:
 
 
 def _note(given: argparse.Namespace) -> int:
-    from estimator.client import Client  # noqa: PLC0415
-
-    ward, endpoints = ward_of(given, Role.COMMANDER)
     device, text = check_id(given.device, "device"), given.text.strip()
     if not text:
         raise ConfigError(f'the note is empty: give a text, for example truerate note {device} "sat up"')
     if len(text) > MAX_SENTENCE:
         raise ConfigError(f"the note has {len(text)} characters, at most {MAX_SENTENCE} are allowed: write two notes")
-    with Client(endpoints, ward=ward) as client:
-        reply = client.note(device, person(), text)
-    return answered(device, reply)
+    return obey(given, lambda client, device: client.note(device, person(), text))
 
 
 def answered(device: str, reply: CommandReply) -> int:

@@ -31,7 +31,7 @@ def _dashboard(given: argparse.Namespace) -> int:
     from estimator.config.schema import Ward  # noqa: PLC0415
     from estimator.web.serve import LIVE, run  # noqa: PLC0415
 
-    file = WardFile(given.config, Ward, ("estimator", "dashboard"), LIVE) if given.config else None
+    file = WardFile(given.config, Ward, ("estimator", "dashboard", "alerts"), LIVE) if given.config else None
     ward = file.root if file else Ward(ward="ward")
     try:
         if given.ward:

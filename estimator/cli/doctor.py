@@ -108,6 +108,7 @@ def look(path: Path | None) -> Iterable[Finding]:
         renew = renewal(path, ward.ward)
         if ward.dashboard.certificate:
             yield page_certificate(ward.dashboard.certificate, renew)
+        yield from _bucket(ward)
         for routers in ward.bus.every():
             yield from _reached(ward, routers, digest_of(path) if path else "", renew)
 
@@ -159,6 +160,22 @@ def _privacy(path: Path | None, ward: Ward) -> Iterable[Finding]:
 
     if path is not None and (found := exposed(path, ward)):
         yield warning("privacy", *advice(found))
+
+
+def _bucket(ward: Ward) -> Iterable[Finding]:
+    """Check whether the bucket of [s3] answers, and how old its newest backup is."""
+    if ward.s3 is None:
+        return
+    from bridge.bucket.bucket import Bucket, BucketError  # noqa: PLC0415 - as above
+    from estimator.database.backups import copies_of  # noqa: PLC0415
+
+    try:
+        found = Bucket(ward.s3, ward.ward).copies(copies_of(ward.estimator.id if ward.estimator else ""))
+    except (BucketError, ConfigError) as error:
+        yield trouble("bucket", str(error), "check [s3] in the ward file, its keys, and the network")
+        return
+    said = f"newest backup of {found[0][0]:%Y-%m-%d %H:%M} UTC" if found else "no backup in it yet"
+    yield ok("bucket", f"{ward.s3.bucket} answers: {said}")
 
 
 def _running(ward: Ward, routers: Routers, digest: str) -> Iterable[Finding]:

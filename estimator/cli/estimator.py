@@ -22,6 +22,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 def _serve(given: argparse.Namespace) -> None:
     # The matrices are too small for a second thread; by default NumPy and SciPy start one per core.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from estimator.alerts.sender import by_apprise  # noqa: PLC0415
     from estimator.config.schema import Ward  # noqa: PLC0415
     from estimator.service.serve import LIVE, run  # noqa: PLC0415
 
@@ -30,6 +31,7 @@ def _serve(given: argparse.Namespace) -> None:
             raise ConfigError(
                 f'{given.config}: no [estimator] table; add one with an id, for example id = "estimator-1"'
             )
+        by_apprise(ward.alerts.urls())
 
-    file = WardFile(given.config, Ward, ("devices", "estimator"), LIVE, check)
+    file = WardFile(given.config, Ward, ("devices", "estimator", "alerts", "s3"), LIVE, check)
     run(file.root, file)

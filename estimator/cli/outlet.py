@@ -54,10 +54,9 @@ OUTLETS: dict[str, Outlet] = {
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `outlet` and its verbs."""
     does = "hand a ward's corrected rates and orientation to other programs until stopped (Ctrl-C)"
-    inner = add_group(verbs, "outlet", does, "truerate outlet --help").add_subparsers(metavar="OUTLET", required=True)
+    inner = add_group(verbs, "outlet", does)
     for name, outlet in OUTLETS.items():
-        verb = add_verb(inner, name, partial(_serve, name, outlet), outlet.does)
-        verb.epilog = f"Example: {outlet.example}"
+        verb = add_verb(inner, name, partial(_serve, name, outlet), outlet.does, f"Example: {outlet.example}")
         verb.add_argument(
             "--device", dest="devices", action="append", metavar="ID", help="device; repeatable (default: all)"
         )

@@ -3,16 +3,14 @@
 import argparse
 import json
 
-from bridge.cli.parser import Verbs, add_verb
+from bridge.cli.parser import Verbs, add_device, add_group, add_verb
 from bridge.cli.ward_options import add_ward
 from bridge.config.schema import ConfigError
-from bridge.pki.member import Role
 from bridge.terminal.console import plain_console
 from bridge.terminal.tables import Column, Columns
-from bridge.wire.keys import check_id
 from bridge.wire.messages import SEGMENTS, SIDES, Placement
 from bridge.wire.placement import placement
-from estimator.cli.commands import answered
+from estimator.cli.commands import obey
 from estimator.cli.ward_options import listening, person, ward_of
 
 _ABOUT = f"""Says where and by whom a device is worn, from now on until the next `set` or `end`. Nothing needs a placement: it is
@@ -30,15 +28,9 @@ examples:
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `placement set|list|end`."""
-    parser = verbs.add_parser(
-        "placement",
-        help="say where and by whom a device is worn",
-        description=_ABOUT,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    inner = parser.add_subparsers(metavar="VERB", required=True)
+    inner = add_group(verbs, "placement", "say where and by whom a device is worn", about=_ABOUT)
     verb = add_verb(inner, "set", _set, "say where and by whom a device is worn from now on")
-    verb.add_argument("device", help="device id as in `truerate devices`")
+    add_device(verb)
     verb.add_argument("--segment", default="", metavar="SEGMENT", help=f"one of {', '.join(SEGMENTS)}")
     verb.add_argument("--side", default="", metavar="SIDE", help=" or ".join(SIDES))
     verb.add_argument(
@@ -49,7 +41,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--json", action="store_true", help="print one JSON object")
     add_ward(verb)
     verb = add_verb(inner, "end", _end, "say that nobody wears a device from now on")
-    verb.add_argument("device", help="device id as in `truerate devices`")
+    add_device(verb)
     add_ward(verb)
 
 
@@ -57,20 +49,11 @@ def _set(given: argparse.Namespace) -> int:
     worn = placement(given.segment, given.side, given.wearer)
     if not worn:
         raise ConfigError("nothing to set: give --segment, --wearer or both; `truerate placement end` ends a placement")
-    return _placed(given, worn)
+    return obey(given, lambda client, device: client.place(device, person(), worn))
 
 
 def _end(given: argparse.Namespace) -> int:
-    return _placed(given, Placement())
-
-
-def _placed(given: argparse.Namespace, worn: Placement) -> int:
-    from estimator.client import Client  # noqa: PLC0415
-
-    ward, endpoints = ward_of(given, Role.COMMANDER)
-    device = check_id(given.device, "device")
-    with Client(endpoints, ward=ward) as client:
-        return answered(device, client.place(device, person(), worn))
+    return obey(given, lambda client, device: client.place(device, person(), Placement()))
 
 
 def _list(given: argparse.Namespace) -> int:

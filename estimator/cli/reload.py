@@ -20,7 +20,8 @@ from estimator.client import Client
 from estimator.config.schema import Ward
 
 RELOAD = """Programs look at their ward file once a second. A valid change takes effect without a restart: devices, models,
-enrolled devices, people, limits of the recorder. Boots and calibrations of other devices go on. An invalid file is refused
+enrolled devices, placements, alerts, people, limits of the recorder.
+Boots and calibrations of other devices go on. An invalid file is refused
 as a whole (exit code 2), and the earlier settings stay in force. This command checks the file, waits for the programs, and
 shows what each has taken; exit code 1 if a program has not taken every change.
 
@@ -34,8 +35,9 @@ _UNNAMED = (Member(Role.COMMANDER, "dashboard"), Member(Role.RECORDER, "recorder
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `reload`."""
-    verb = add_verb(verbs, "reload", _reload, "check a changed ward file, and show what running programs took from it")
-    verb.epilog, verb.formatter_class = RELOAD, argparse.RawDescriptionHelpFormatter
+    verb = add_verb(
+        verbs, "reload", _reload, "check a changed ward file, and show what running programs took from it", RELOAD
+    )
     verb.add_argument("--config", type=Path, required=True, help="the ward file")
 
 

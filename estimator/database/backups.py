@@ -65,6 +65,17 @@ class Backups:
         return to
 
 
+def copies_of(estimator: str) -> str:
+    """Folder of the copies of an estimator's backups in a bucket."""
+    return f"backups/{estimator}"
+
+
+def name_of_copy(backup: Path) -> str:
+    """Name of a backup's copy: with its time, since the numbers begin again with a new store."""
+    made = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(backup.stat().st_mtime))
+    return f"{backup.stem}-{made}{backup.suffix}"
+
+
 def back_up(store: Path, to: Path) -> None:
     """Copy a store, in use or not, into a checked, self-contained file.
 
@@ -74,12 +85,8 @@ def back_up(store: Path, to: Path) -> None:
         raise StoreError(f"{to} exists already; give another name, or remove the file")
     part = to.with_name(to.name + ".part")
     try:
-        begin(part)
-        with closing(to_read(store)) as db, closing(sqlite3.connect(part)) as copy:
-            db.backup(copy)
-            copy.execute("PRAGMA journal_mode = DELETE")
-            check(copy, store)
-            if not any(rows_of(copy).values()):
+        with closing(to_read(store)) as db:
+            if not any(_copied(db, part, store).values()):
                 raise Empty(f"store {store} has no entries, so there is nothing to back up: is it the right store?")
         _place(part, to)
     except (*FAULTS, StoreError) as error:
@@ -96,11 +103,9 @@ def restore(store: Path, backup: Path) -> str:
     Returns where the previous file is kept; empty if there was none. Raises StoreError if the backup is not sound.
     """
     checked(backup).close()
-    aside = set_aside(store)
-    part = begin(store.with_name(store.name + ".part"))
-    with closing(to_read(backup)) as db, closing(sqlite3.connect(part)) as copy:
-        db.backup(copy)  # a copy of the file alone would lack what is still in its write-ahead log
-        copy.execute("PRAGMA journal_mode = DELETE")
+    aside, part = set_aside(store), store.with_name(store.name + ".part")
+    with closing(to_read(backup)) as db:
+        _copied(db, part, backup)
     _place(part, store)
     return aside
 
@@ -152,16 +157,26 @@ def rescue(db: sqlite3.Connection, store: Path) -> str:
     """
     try:
         store.parent.mkdir(parents=True, exist_ok=True)
-        part = begin(store.with_name(store.name + ".part"))
-        with closing(sqlite3.connect(part)) as copy:
-            db.backup(copy)
-            copy.execute("PRAGMA journal_mode = DELETE")
-            check(copy, store)
+        part = store.with_name(store.name + ".part")
+        _copied(db, part, store)
         aside = set_aside(store)
         _place(part, store)
     except FAULTS as error:
         raise translated(str(store), error) from error
     return aside
+
+
+def _copied(db: sqlite3.Connection, part: Path, store: Path) -> dict[str, int]:
+    """Copy an open store into a new, checked, self-contained file; returns how many rows of each table it has.
+
+    A copy of the store's file alone would lack what is still in its write-ahead log.
+    """
+    begin(part)
+    with closing(sqlite3.connect(part)) as copy:
+        db.backup(copy)
+        copy.execute("PRAGMA journal_mode = DELETE")
+        check(copy, store)
+        return rows_of(copy)
 
 
 def begin(part: Path) -> Path:

@@ -140,12 +140,13 @@ class Database:
                 self._within = False
         self._worked()
 
-    def execute(self, sql: str, values: Sequence[object] | Mapping[str, object] = ()) -> None:
-        """Execute a writing statement; outside a transaction it is a transaction by itself."""
+    def execute(self, sql: str, values: Sequence[object] | Mapping[str, object] = ()) -> int:
+        """Execute a writing statement, by itself a transaction outside of one; returns how many rows it changed."""
         with self._telling():
-            self._to_write().execute(sql, values)
+            changed = self._to_write().execute(sql, values).rowcount
         if not self._within:
             self._worked()
+        return changed
 
     def insert(self, table: str, row: Row, conflict: str = "") -> None:
         """Add a row; conflict: SQL that follows the row, such as `ON CONFLICT DO NOTHING`."""

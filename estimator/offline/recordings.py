@@ -31,6 +31,7 @@ from estimator.device.resting_poses import RestingPoses
 from estimator.device.same_rate import same_rate
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
+from estimator.device.worn_calibration import METHOD as WORN
 from estimator.offline import smoothing
 from estimator.offline.calibration_file import of_result
 from estimator.offline.corrected_recording import CorrectedRecording, Rows
@@ -47,6 +48,8 @@ _ON_BEFORE = (
     "count, and a turn be missed"
 )
 _AT_THE_END = "calibrated as it ends: no row is corrected by that yet; --smooth corrects all of them by it"
+_UNTAUGHT = "gravity taught no scale or misalignment that is surer than what was known: the device moved too little"
+_NO_ACCEL = "gravity taught no scale or misalignment: the recording has no accelerations"
 
 
 def calibrate(
@@ -198,6 +201,8 @@ class _Pass:
         self._matrices = {"": np.eye(3)}
         self._names = {"": ""}
         self._last: CorrectedBatch | None = None
+        #: whether gravity is to teach the matrix, and has not done so yet
+        self._untaught = knobs.track.matrix.learn
         #: whether any turn was recognised
         self.turned = False
         remembered = None
@@ -242,6 +247,7 @@ class _Pass:
         self.turned = self.turned or bool(self._session.learnt.turned)
         for made in outcome.calibrations:
             self._matrices[made.id], self._names[made.id] = made.matrix, self._recording.name
+            self._untaught &= made.method != WORN
         for batch in outcome.corrected:
             self.rows.take(batch, self._matrices[batch.calibration])
             self._last = batch
@@ -255,6 +261,8 @@ class _Pass:
                 f"{self._recording.name}: {rows.filled} of {count(len(self._recording), 'sample')} came out"
             )
         matrix = self._matrices[last.calibration]
+        if self._untaught:
+            self._said.insert(0, _NO_ACCEL if self._recording.accel is None else _UNTAUGHT)
         if self._smooth:
             smoothing.smooth_rows(rows, self._recording, session, last, matrix)
         return CorrectedRecording(

@@ -52,13 +52,15 @@ class Need:
 class WardSummary:
     """Summary of a ward.
 
-    needs: most urgent first. law: devices that break samples in = out + dropped, and how. troubles: of the ward itself.
+    devices: those that did not end. needs: most urgent first. law: devices that break samples in = out + dropped, and how.
+    troubles: of the ward itself.
     unused: number of unused samples by device and reason, most first; devices without any are left out.
     told: per device, in English, other events that its bridge counted, and a rate that is not as expected.
     """
 
     ward: str
     devices: int
+    ended: int
     tracking: int
     needs: Sequence[Need]
     samples_in: int
@@ -87,6 +89,7 @@ def summarise(
     """Summarise a ward from statuses and infos by device id, and the ids of its bridges and estimators."""
     names = sorted({*statuses, *infos})
     needs = [need for name in names if (need := _need(name, statuses.get(name), infos.get(name))) is not None]
+    over = sum(ended(_said(statuses.get(name), infos.get(name))) for name in names)
     troubles = [] if estimators else [Code.NO_ESTIMATOR()]
     troubles += [] if bridges else [Code.NO_BRIDGE()]
     troubles += [
@@ -97,7 +100,8 @@ def summarise(
     ]
     return WardSummary(
         ward=ward,
-        devices=len(names),
+        devices=len(names) - over,
+        ended=over,
         tracking=sum(s.state is State.TRACKING for s in statuses.values()),
         needs=sorted(needs, key=lambda need: _URGENT.index(need.state)),
         samples_in=sum(s.samples_in for s in statuses.values()),
@@ -135,6 +139,7 @@ def as_json(seen: WardSummary) -> dict[str, Any]:
         "ward": seen.ward,
         "well": seen.well,
         "devices": seen.devices,
+        "ended": seen.ended,
         "tracking": seen.tracking,
         "needs": [
             {
@@ -208,15 +213,22 @@ def _reasons(status: Status | None, info: DeviceInfo | None) -> dict[str, int]:
 
 
 def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | None:
-    trouble = info.trouble if info else ()
-    if ended(trouble if status is None else status.reason):
+    if ended(_said(status, info)):
         return None
+    trouble = info.trouble if info else ()
     if status is None or (trouble and status.state is State.LOST):
         return Need(name, State.UNKNOWN if status is None else State.LOST, trouble or (Code.NEVER_HEARD(),))
     if not needs_person(status, info):
         return None
     why = () if status.state is State.TRACKING else status.reason
     return Need(name, status.state, why + complaints(info), status.placement)
+
+
+def _said(status: Status | None, info: DeviceInfo | None) -> Sentences:
+    """What the estimator says of a device's state, or if it says nothing, the bridge."""
+    if status is not None:
+        return status.reason
+    return () if info is None else info.trouble
 
 
 def _law(name: str, status: Status) -> Sentence | None:

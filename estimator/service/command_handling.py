@@ -113,5 +113,5 @@ def _obey(device: Device, verb: str, command: Command) -> Sentence | None:
     if verb == "zero-heading":
         return device.session.zero_heading(command.who)
     if verb == "place":
-        return None
+        return None if command.placement or device.placement else Code.NO_PLACEMENT(device=device.name)
     return None if command.reason.strip() else Code.NOTE_EMPTY()

@@ -151,7 +151,7 @@ class Device:
 
     def look_for_alerts(self, now: float, time_ns: int) -> list[Change]:
         """Alerts raised and cleared now; unchanged for a newcomer, and where the state is unknown."""
-        if not self.announced or self.session.boot is None or self.session.life.state is State.UNKNOWN:
+        if not self.announced or self.session.life.state is State.UNKNOWN:
             return []
         return self.board.look(
             attentions(self.session.life.state, self.session.life.reason, self.session.info), now, time_ns
@@ -237,9 +237,10 @@ class Device:
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
 
-    def use(self, knobs: SessionKnobs) -> None:
-        """Use other settings from the next boot or calibration on."""
+    def use(self, knobs: SessionKnobs, alerts: Alerts | None = None) -> None:
+        """Use other settings: of alerts at once, of the session from the next boot or calibration on."""
         self._knobs = self.session.knobs = knobs
+        self._alerts = self.board.settings = alerts or self._alerts
 
     @property
     def ended(self) -> bool:

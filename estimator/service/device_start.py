@@ -4,8 +4,10 @@ import logging
 from collections.abc import Callable
 
 from bridge.reasons.catalogue import english
-from bridge.wire.messages import Checkpoint
-from estimator.config.device_settings import Treatment
+from bridge.wire.messages import Checkpoint, Placement
+from estimator.config.alerts import Alerts
+from estimator.config.device_settings import treatment
+from estimator.config.schema import Estimator
 from estimator.device.outcome import Outcome
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.restore_key import changed
@@ -26,16 +28,29 @@ class DeviceStarts:
     """
 
     def __init__(
-        self, parts: Parts, boots: Boots, resumed: Resumed, tell: Callable[[Device, Outcome], None], *, listed: bool
+        self,
+        parts: Parts,
+        boots: Boots,
+        resumed: Resumed,
+        tell: Callable[[Device, Outcome], None],
+        alerts: Alerts,
+        *,
+        listed: bool,
     ) -> None:
         self._listed = listed
         self._parts, self._boots, self._resumed, self._tell = parts, boots, resumed, tell
+        self._settings, self._alerts = parts.settings, alerts
+        #: devices that were in the roster when this estimator ended: boot, last time there in ns, and bridge
+        self._last_run = parts.record.last_run()
 
-    def use(self, treatment: Treatment) -> None:
-        """Use other settings: for new devices at once, for known ones from their next boot or calibration on."""
-        self._boots.treatment = treatment
+    def use(self, settings: Estimator, alerts: Alerts) -> None:
+        """Use other settings: placements and alerts at once, those of a session from its next boot or calibration on."""
+        moved = settings.placements != self._settings.placements
+        self._settings, self._alerts, self._boots.treatment = settings, alerts, treatment(settings)
         for device in self._parts.devices.values():
-            device.use(self._boots.knobs(device.name, device.admission.owner))
+            device.use(self._boots.knobs(device.name, device.admission.owner), alerts)
+            if moved:
+                device.placement = self._worn(device.name)
 
     def begin(self, batch: Samples, now: float) -> Device | None:
         """Create a device from its first batch; None where there is no room.
@@ -70,6 +85,25 @@ class DeviceStarts:
             self._parts.guarded(device, self._resume, device)
         return devices.get(name)
 
+    def miss(self, now: float, wanted: Callable[[str], bool]) -> None:
+        """Put the devices of the last run that are not heard since into the roster, so that they count as lost.
+
+        wanted: whether a device is to be served.
+        """
+        devices, cluster, record = self._parts.devices, self._parts.cluster, self._parts.record
+        for name, (boot, seen_ns, bridge) in self._last_run.items():
+            if name in devices or not (wanted(name) and cluster.membership.wants(name, now) and devices.room(now, 0)):
+                continue
+            device = self._made(name, now, bridge)
+            device.announced_after_s = 0.0
+            device.heard = now - max(0.0, (self._parts.now_ns() - seen_ns) / 1e9)
+            if bridge:
+                device.admission.owns(bridge, device.heard)
+            devices[name] = device
+            if (stopped := record.stopped(name, boot)) is not None and self._goes_on(device, stopped):
+                self._parts.guarded(device, self._resume, device)
+        self._last_run = {}
+
     def adopt(self, known: Checkpoint) -> None:
         """Adopt a calibration that another estimator made during a network partition, so that no turns are repeated."""
         device, calibration = self._parts.devices.get(known.device), calibrated(known)
@@ -95,14 +129,17 @@ class DeviceStarts:
         """Create a device owned by us. bridge: that sends it. began: device time in s of the start of its boot, if known."""
         parts = self._parts
         knobs, epoch = self._boots.knobs(name, bridge), parts.cluster.epoch(name)
-        device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began, parts.alerts)
+        device = Device(parts.bus, parts.ward, name, knobs, parts.settings.silence_s, now, epoch, began, self._alerts)
         device.stands(parts.record.standing(name), now)
         known = self._listed or parts.record.knows(name) or parts.cluster.replicas.of(name) is not None
         device.announced_after_s = 0.0 if known else NEWCOMER_S
-        device.placement = parts.record.placement(name)
-        if device.placement is None and (worn := parts.settings.placements.get(name)) is not None:
-            device.placement = worn.placement
+        device.placement = self._worn(name)
         return device
+
+    def _worn(self, name: str) -> Placement | None:
+        """Placement that a person set, else that of the ward file."""
+        said, worn = self._parts.record.placement(name), self._settings.placements.get(name)
+        return worn.placement if said is None and worn is not None else said
 
     def _goes_on(self, device: Device, known: Checkpoint) -> bool:
         """Whether a device continues from a checkpoint; a damaged checkpoint changes nothing and is counted."""

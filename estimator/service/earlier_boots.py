@@ -8,12 +8,13 @@ import numpy as np
 
 from bridge.reasons.codes import Sentences
 from bridge.wire.messages import Calibration, DeviceInfo
+from estimator.database import StoreError
 from estimator.device.restore_key import changed, differing, restore_key
 from estimator.device.session import DeviceSession
 from estimator.geometry.gyro_model import repeatability
 from estimator.service.checkpoints import Checkpoints
 from estimator.service.device import Device
-from estimator.service.store import Store, StoreError
+from estimator.service.store import Store
 from estimator.service.store_writer import StoreWriter
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.temperature_learning import learn

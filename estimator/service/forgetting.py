@@ -2,6 +2,7 @@
 
 from bridge.reasons.codes import Code, Sentence
 from bridge.wire import keys
+from estimator.alerts.board import Change
 from estimator.service.device import Device
 from estimator.service.enrolment_gate import EnrolmentGate
 from estimator.service.parts import Parts
@@ -51,6 +52,8 @@ class Forgetting:
         return None
 
     def _drop(self, device: Device) -> None:
+        for alert in device.board.standing:
+            self._parts.record.alert(device.name, Change(alert, cleared=True))
         self._checks.remove([device])
         device.close()
         self._clear(device.name, FORGET)

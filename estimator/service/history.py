@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, Floats, Placement
 from estimator.database import Row
-from estimator.service.store import Store, read_sentences
+from estimator.service.store_reader import StoreReader
+from estimator.service.store_rows import read_sentences
 
 _SPAN = re.compile(r"(\d+(?:\.\d+)?)\s*([smhdw])\Z")
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
@@ -45,7 +46,7 @@ class History:
         return bool(self.calibrations or self.boots or self.commands or self.biases or self.placements)
 
 
-def read(store: Store, device: str, since_ns: int = 0) -> History:
+def read(store: StoreReader, device: str, since_ns: int = 0) -> History:
     """The history of a device from a time on (`since_ns`, host clock); raises StoreError."""
     where, values, order = "device = ? AND time_ns >= ?", (device, since_ns), "time_ns, rowid"
     points: dict[str, list[Row]] = {}
@@ -64,7 +65,7 @@ def read(store: Store, device: str, since_ns: int = 0) -> History:
     )
 
 
-def _placements(store: Store, device: str, since_ns: int) -> list[Placement]:
+def _placements(store: StoreReader, device: str, since_ns: int) -> list[Placement]:
     """Placements from a time on, and the one that held then."""
     found = store.placements(device)
     later = [one for one in found if one.since_ns >= since_ns]

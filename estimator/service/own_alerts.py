@@ -17,7 +17,10 @@ LOOK_S = 30.0
 
 
 class OwnAlerts:
-    """Alert board of an estimator. standing: alerts raised before a restart. told: takes each change."""
+    """Alert board of an estimator. standing: alerts raised before a restart. told: takes each change.
+
+    copies_fail: whether backups are not copied where they should be.
+    """
 
     def __init__(
         self,
@@ -28,7 +31,9 @@ class OwnAlerts:
         told: Callable[[Change], None],
         standing: Iterable[Alert],
         now_s: float,
+        copies_fail: Callable[[], bool] = lambda: False,
     ) -> None:
+        self._copies_fail = copies_fail
         self.id, self._database, self._routers, self._told = own, database, routers, told
         self.board = Board(settings, standing, now_s)
         self._next_s = 0.0
@@ -59,7 +64,7 @@ class OwnAlerts:
         found = set(self._machine)
         if self._database.trouble:
             found.add(Kind.DISK)
-        if self._database.backup_fault:
+        if self._database.backup_fault or self._copies_fail():
             found.add(Kind.BACKUP)
         for change in self.board.look(found, now, time_ns):
             self._told(change)

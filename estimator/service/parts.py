@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from bridge.bus.contract import Bus
 from bridge.wire.refusal import Tally
-from estimator.config.alerts import Alerts
 from estimator.config.schema import Estimator
 from estimator.service.cluster import Cluster
 from estimator.service.device_roster import DeviceRoster
@@ -19,7 +18,6 @@ class Parts:
 
     ward: str
     settings: Estimator
-    alerts: Alerts
     bus: Bus
     now_ns: Callable[[], int]
     counts: Tally

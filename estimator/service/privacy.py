@@ -10,8 +10,8 @@ _READ, _ENTER = stat.S_IROTH, stat.S_IXOTH
 
 
 def exposed(file: Path, ward: Ward) -> list[Path]:
-    """Ward file with password hashes, store, backups and recordings, as far as other users can read them."""
-    folders, files = list[Path](), list[Path]()
+    """Ward file with password hashes, addresses of alerts, store, backups and recordings, as far as others can read them."""
+    folders, files = list[Path](), [Path(ward.alerts.urls_file)] if ward.alerts.urls_file else []
     if ward.dashboard.people:
         files.append(file)
     if ward.dashboard.people_file:

@@ -1,4 +1,4 @@
-"""Retention of a device's past: SQL that deletes old rows. `Store.thin` executes it.
+"""Retention of a device's past: which rows are old, as conditions in SQL. `Store.thin` deletes them.
 
 One point of bias history a minute makes some 500,000 a year and device. A device that reboots every minute makes as
 many boots.
@@ -24,37 +24,29 @@ SELECT boot FROM (
 _CALIBRATED = "SELECT boot FROM calibrations WHERE device = :device"
 _KNOWN = "SELECT boot FROM boots WHERE device = :device"
 
-#: statements for one `device` at `now_ns`
+#: a point of bias history that is not the last of its hour or day
+_BETWEEN = f"""number IN (
+    SELECT number FROM (
+        SELECT number, boot, time_ns, row_number() OVER of_boot AS nth, lead(time_ns) OVER of_boot AS next_ns,
+            CASE WHEN time_ns < :now_ns - {HOURLY_NS} THEN {DAY_NS} ELSE {HOUR_NS} END AS width
+        FROM bias_history WHERE device = :device WINDOW of_boot AS (PARTITION BY boot ORDER BY time_ns)
+    )
+    WHERE time_ns < :now_ns - {ALL_NS} AND next_ns / width = time_ns / width
+        AND (nth > {POINTS} OR boot NOT IN ({_TEACHING}))
+)"""
+_OLD_BOOT = f"""device = :device AND boot NOT IN ({_CALIBRATED}) AND boot NOT IN ({_TEACHING}) AND boot NOT IN (
+    SELECT boot FROM boots WHERE device = :device ORDER BY number DESC LIMIT {KEPT_BOOTS}
+)"""
+_OF_UNKNOWN_BOOT = f"""device = :device AND time_ns < :now_ns - {ALL_NS}
+    AND boot NOT IN ({_CALIBRATED}) AND boot NOT IN ({_KNOWN})"""
+_BEYOND = """device = :device AND number <= (
+    SELECT number FROM {table} WHERE device = :device ORDER BY number DESC LIMIT 1 OFFSET {kept}
+)"""
+
+#: tables, each with the condition of a row to delete, for one `device` at `now_ns`
 THIN = (
-    f"""
-    DELETE FROM bias_history WHERE number IN (
-        SELECT number FROM (
-            SELECT number, boot, time_ns, row_number() OVER of_boot AS nth, lead(time_ns) OVER of_boot AS next_ns,
-                CASE WHEN time_ns < :now_ns - {HOURLY_NS} THEN {DAY_NS} ELSE {HOUR_NS} END AS width
-            FROM bias_history WHERE device = :device WINDOW of_boot AS (PARTITION BY boot ORDER BY time_ns)
-        )
-        WHERE time_ns < :now_ns - {ALL_NS} AND next_ns / width = time_ns / width
-            AND (nth > {POINTS} OR boot NOT IN ({_TEACHING}))
-    )
-    """,
-    f"""
-    DELETE FROM boots WHERE device = :device AND boot NOT IN ({_CALIBRATED}) AND boot NOT IN ({_TEACHING}) AND boot NOT IN (
-        SELECT boot FROM boots WHERE device = :device ORDER BY number DESC LIMIT {KEPT_BOOTS}
-    )
-    """,
-    *(
-        f"""
-        DELETE FROM {table} WHERE device = :device AND time_ns < :now_ns - {ALL_NS}
-            AND boot NOT IN ({_CALIBRATED}) AND boot NOT IN ({_KNOWN})
-        """
-        for table in ("bias", "bias_history")
-    ),
-    *(
-        f"""
-        DELETE FROM {table} WHERE device = :device AND number <= (
-            SELECT number FROM {table} WHERE device = :device ORDER BY number DESC LIMIT 1 OFFSET {KEPT_AUDIT}
-        )
-        """
-        for table in ("audit", "alerts")
-    ),
+    ("bias_history", _BETWEEN),
+    ("boots", _OLD_BOOT),
+    *((table, _OF_UNKNOWN_BOOT) for table in ("bias", "bias_history")),
+    *((table, _BEYOND.format(table=table, kept=KEPT_AUDIT)) for table in ("audit", "alerts")),
 )

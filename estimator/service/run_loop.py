@@ -19,7 +19,6 @@ from bridge.wire.refusal import Tally
 from estimator.alerts.board import Change
 from estimator.client.decoder import refused
 from estimator.config.alerts import DEFAULTS, Alerts
-from estimator.config.device_settings import treatment
 from estimator.config.schema import Estimator, Ward
 from estimator.device.lifecycle import Event
 from estimator.service.boot_start import Boots
@@ -60,13 +59,15 @@ WORK_S = 0.01
 DRAIN_S = 2.0
 #: past messages per device requested from bridges beside other estimators: 10 s of 50 ms, more than a checkpoint's age
 PAST_IN_COMPANY = 200
+#: a device of the last run that is not heard for this long after a start is missing, s
+MISSING_S = 10.0
 
 
 class Service:
     """Running estimator on a session of the bus.
 
     peers: ids of other estimators of the ward that were seen already. file: the ward file, which may change. send: takes
-    alerts and all-clears for people.
+    alerts and all-clears for people. sends: takes changed settings of alerts. copies_fail: whether the copies of backups failed.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class Service:
         bus: Bus,
         store: Store,
         now_ns: Callable[[], int] = time.time_ns,
+        *,
         vitals: ServiceHealth | None = None,
         clerk: StoreWriter | None = None,
         enrolment: Enrolment | None = None,
@@ -83,6 +85,8 @@ class Service:
         file: WardFile[Ward] | None = None,
         alerts: Alerts = DEFAULTS,
         send: Callable[[str, Placement | None, Change], None] = lambda *_: None,
+        sends: Callable[[Alerts], None] = lambda _: None,
+        copies_fail: Callable[[], bool] = lambda: False,
     ) -> None:
         self.ward, self.settings, self._file = ward, settings, file
         self.counts = Tally()
@@ -100,20 +104,24 @@ class Service:
             self._guarded,
         )
         self._cluster.membership.hear(self._record.epoch())
+        self._send, self._sends = send, sends
         now = time.monotonic()
         standing = self._record.standing(settings.id)
         routers = vitals.routers if vitals else Routers(())
-        self._own_alerts = OwnAlerts(settings.id, alerts, store.database, routers, self._alerted, standing, now)
+        self._own_alerts = OwnAlerts(
+            settings.id, alerts, store.database, routers, self._alerted, standing, now, copies_fail
+        )
         self._devices = DeviceRoster(self.counts, settings.silence_s)
         parts = Parts(
-            ward, settings, alerts, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
+            ward, settings, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
         )
         resumed = Resumed(self._record.reached(), now)
         self._stock = PeriodicChecks(self._devices, self.counts, vitals or ServiceHealth())
         boots = Boots(parts)
         self._views = WindowViews(self.counts)
         self._outcomes = Outcomes(parts, self._views)
-        self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell, listed=enrolment is not None)
+        self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell, alerts, listed=enrolment is not None)
+        self._missing_s = now + MISSING_S
         self._intake = Intake(parts, boots, self._stock, resumed, self._outcomes.tell, self._starts)
         self._presence = Presence(self.counts)
         self._gate = EnrolmentGate(enrolment, self.counts)
@@ -209,10 +217,13 @@ class Service:
                     return
 
     def _take_settings(self, ward: Ward) -> None:
-        """Use the changed settings: enrolment at once, those of a device at its next boot or calibration."""
+        """Use the changed settings: enrolment, placements and alerts at once, others from a device's next boot on."""
         if ward.devices is not None:
             self._gate.enrol(ward.devices)
-        self._starts.use(treatment(ward.estimator))
+        if ward.estimator is not None:
+            self._starts.use(ward.estimator, ward.alerts)
+        self._own_alerts.board.settings = ward.alerts
+        self._sends(ward.alerts)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
@@ -239,6 +250,9 @@ class Service:
             self._presence.forget()
         if self._router.look(now, connected=connected):
             self._excuse(now, connected=connected)
+        if connected and now >= self._missing_s:
+            self._starts.miss(now, lambda name: not self._gate.why(name))
+            self._missing_s = math.inf
         self._looked = now
         over_s = self._overload.look(now)
         if over_s:

@@ -8,6 +8,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from importlib import import_module
 
+from bridge.bucket.bucket import Bucket
+from bridge.bucket.mirror import Mirror
 from bridge.bus.access_self_test import self_test
 from bridge.bus.contract import Bus, BusError, Declared
 from bridge.bus.routers import Routers
@@ -18,9 +20,11 @@ from bridge.pki.member import Role
 from bridge.runtime.health_server import HealthServer
 from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import stopped_by_signal
-from estimator.alerts.sender import sender
+from estimator.alerts.sender import Sender
+from estimator.config.alerts import Alerts
 from estimator.config.schema import Ward
-from estimator.database import Database, StoreError
+from estimator.database import Backups, Database, StoreError
+from estimator.database.backups import copies_of, name_of_copy
 from estimator.database.owner import owned
 from estimator.kernels.compiled import ready
 from estimator.service.health import ServiceHealth
@@ -29,10 +33,11 @@ log = logging.getLogger(__name__)
 
 #: allocations between garbage collections: a round makes thousands of objects, none of them in a cycle
 _CYCLES = 50_000
-#: settings of the ward's file that take effect in a running estimator: those of a device, at its next boot or calibration
+#: settings of the ward's file that take effect in a running estimator; those of a device at its next boot or calibration
 LIVE = (
     *(f"devices.{name}" for name in ("enrolled", "file")),
-    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
+    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s", "placements")),
+    *(f"alerts.{name}" for name in Alerts.__struct_fields__),
 )
 #: modules that trackers and calibrations need when they start
 _LEARNING = ("filterpy.kalman", "scipy.linalg", "scipy.optimize", "scipy.spatial.transform", "scipy.special")
@@ -78,9 +83,11 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
         from estimator.service.store import Store  # noqa: PLC0415
         from estimator.service.store_writer import StoreWriter  # noqa: PLC0415 - see _load_service
 
-        out = sender(ward.ward, ward.alerts)
-        if out is not None:
-            stack.callback(out.close)
+        out = Sender(ward.ward, ward.alerts)
+        stack.callback(out.close)
+        mirror = copied(ward)
+        if mirror is not None:
+            stack.callback(mirror.close)
         clerk = StoreWriter(database)
         stack.callback(clerk.close)
         store = Store(database)
@@ -95,8 +102,18 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
             peers=frozenset(others),
             file=file,
             alerts=ward.alerts,
-            send=(lambda *_: None) if out is None else out.put,
+            send=out.put,
+            sends=out.use,
+            copies_fail=lambda: mirror is not None and mirror.fault is not None,
         ).run(stop)
+
+
+def copied(ward: Ward) -> Mirror | None:
+    """Start to copy backups to the bucket of [s3]; None where nothing says so. Raises ConfigError."""
+    if ward.s3 is None or not ward.s3.backups or ward.estimator is None:
+        return None
+    backups = Backups.of(ward.estimator.store, ward.estimator.backups)
+    return Mirror(Bucket(ward.s3, ward.ward), copies_of(ward.estimator.id), backups.newest_first, name_of_copy)
 
 
 def _look_for_another(ward: str, routers: Routers, own: str, stop: threading.Event) -> None:

@@ -17,11 +17,12 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Alert, Calibration, Checkpoint, Command, CommandReply, DeviceInfo, Placement, Verdict
 from bridge.wire.refusal import Refusal, Tally
 from estimator.alerts.board import Change
+from estimator.database import StoreError
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.service.checkpoints import Checkpoints, calibrated
 from estimator.service.device import Device
 from estimator.service.earlier_boots import EarlierBoots
-from estimator.service.store import Store, StoreError
+from estimator.service.store import Store
 from estimator.service.store_care import StoreCare
 from estimator.service.store_writer import StoreWriter
 
@@ -226,6 +227,10 @@ class StoreAccess:
         """Last corrected samples by device, as far as bridges may still replay them. See Store.reached."""
         return self._store.reached(self._now_ns() - CACHE_NS)
 
+    def last_run(self) -> dict[str, tuple[int, int, str]]:
+        """Devices that were in the roster when this estimator ended. See Store.last_run."""
+        return self._store.last_run(round(2e9 * CHECKPOINT_S))
+
     def epoch(self) -> int:
         """Highest epoch known before this estimator started."""
         return self._care.stored_epoch()
@@ -241,7 +246,7 @@ class StoreAccess:
         self._tell(device)
         session = device.session
         state, boot = session.checkpoint(), session.boot
-        if state is None or boot is None or (device.name in self._noting and not force):
+        if state is None or boot is None or device.ended or (device.name in self._noting and not force):
             return
         # A silent device yields nothing new: its repeated point would bias the temperature law.
         history = now - device.recorded >= HISTORY_S and device.heard > device.recorded

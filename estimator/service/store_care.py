@@ -1,11 +1,15 @@
 """Care of the store, once a second: failures are counted, the epoch is stored, backups and thinning are started."""
 
+import logging
 from collections import Counter
 from collections.abc import Callable
 
 from bridge.wire.refusal import Tally
-from estimator.service.store import Store, StoreError
+from estimator.database import StoreError
+from estimator.service.store import Store
 from estimator.service.store_writer import StoreWriter
+
+log = logging.getLogger(__name__)
 
 #: interval of thinning a device's past, and of checking whether a backup is due, s
 THIN_S, BACKUP_S = 86400.0, 3600.0
@@ -29,6 +33,7 @@ class StoreCare:
         self._epoch = 0  # the highest epoch stored
         self._next_backup = self._next_thin = float("-inf")
         self._to_thin: list[str] = []
+        self._thinned = Counter[str]()  # rows deleted of the devices thinned since the last log line
         self._looked = True
 
     def stored_epoch(self) -> int:
@@ -58,7 +63,11 @@ class StoreCare:
             self._clerk.look_up(lambda: self._to_thin.extend(self._store.devices()))
         if self._to_thin:
             device, now_ns = self._to_thin.pop(), self._now_ns()
-            self._write(lambda: self._store.thin(device, now_ns))
+            self._write(lambda: self._thinned.update(self._store.thin(device, now_ns)))
+        elif self._thinned and self._clerk.idle:
+            rows = ", ".join(f"{table} {n}" for table, n in sorted(self._thinned.items()))
+            log.info("old entries of the store were deleted: %s", rows)
+            self._thinned.clear()
 
     def _has_looked(self, _: StoreError | None) -> None:
         self._looked = True

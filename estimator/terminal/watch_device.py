@@ -72,7 +72,8 @@ def _glance(seen: WardSummary) -> Group:
         needs.add(f"{need.device}{worn}", word(need.state), english(*need.reason))
     corrected = f"{seen.samples_out:,} of {seen.samples_in:,}" if seen.dropped else f"All {seen.samples_in:,}"
     law = f"{corrected} samples corrected, {seen.dropped:,} dropped."
-    rows: list[RenderableType] = [Text(f"{seen.ward}: {seen.tracking} of {seen.devices} tracking", "bold")]
+    ended = f", {seen.ended} ended" if seen.ended else ""
+    rows: list[RenderableType] = [Text(f"{seen.ward}: {seen.tracking} of {seen.devices} tracking{ended}", "bold")]
     rows += [needs] if seen.needs else []
     rows += [Text(english(trouble), "bold red") for trouble in seen.troubles]
     rows += [Text(english(broken), "bold red") for broken in seen.law.values()]

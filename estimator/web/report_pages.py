@@ -9,6 +9,7 @@ from io import BytesIO
 
 import segno
 from markupsafe import Markup
+from starlette.datastructures import URL
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -27,6 +28,7 @@ def routes() -> list[BaseRoute]:
     return [
         Route("/report", ward, name="report"),
         Route("/devices/{device}/calibrations/{calibration}/certificate", certificate, name="certificate"),
+        Route("/devices/{device}/label", label, name="label"),
         Route("/devices/{device}/bias.png", bias, name="bias"),
     ]
 
@@ -50,10 +52,24 @@ async def certificate(request: Request) -> Response:
     )  # fmt: skip
     picture = bool(reports.past(story, name).biases)
     label = request.query_params.get("label") == "1"
-    # A label is on the device: its code opens the device's page, where the placement is set.
-    opens = request.url_for("device", device=name) if label else request.url.replace(query="")
-    code = Markup(segno.make(str(opens)).svg_inline(scale=2, border=1))  # noqa: S704 - made here
+    code = _code_of_device(request) if label else _code(request.url.replace(query=""))
     return _report(request, "certificate.html", page, picture=picture and not label, code=code, label=label)
+
+
+async def label(request: Request) -> Response:
+    """Serve the label of a device, calibrated or not."""
+    name = request.path_params["device"]
+    Desk.of(request).story(name)
+    return _report(request, "label.html", None, device=name, code=_code_of_device(request), label=True)
+
+
+def _code_of_device(request: Request) -> Markup:
+    """QR code for a label on the device: it opens the device's page, where the placement is set."""
+    return _code(request.url_for("device", device=request.path_params["device"]))
+
+
+def _code(opens: URL) -> Markup:
+    return Markup(segno.make(str(opens)).svg_inline(scale=2, border=1))  # noqa: S704 - made here
 
 
 async def bias(request: Request) -> Response:

@@ -23,6 +23,7 @@ from bridge.runtime import os_errors
 from bridge.runtime.service_manager import supervised
 from bridge.runtime.signals import asked_by
 from estimator.client import Client
+from estimator.config.alerts import Alerts
 from estimator.config.dashboard import Dashboard
 from estimator.config.device_settings import Treatment, treatment
 from estimator.config.people_file import with_people
@@ -42,7 +43,8 @@ log = logging.getLogger(__name__)
 #: settings of the ward's file that take effect in a running dashboard
 LIVE = (
     *(f"dashboard.{name}" for name in ("people", "hosts", "origins", "session_hours", "idle_minutes", "due_days")),
-    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
+    *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s", "placements")),
+    *(f"alerts.{name}" for name in Alerts.__struct_fields__),
 )
 _LOOK_S = 0.5
 #: time between warnings that the page's certificate expires
@@ -106,6 +108,7 @@ class Server:
         """Use the changed settings of the ward's file."""
         self._sources.treatment = treatment(ward.estimator)
         self.desk.use(ward.dashboard, self._sources.treatment)
+        self.desk.known.alert_settings = ward.alerts
 
     def stop(self) -> None:
         """Stop serving; a second call stops at once."""

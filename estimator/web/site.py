@@ -28,8 +28,9 @@ from estimator.client import Client
 from estimator.config.dashboard import Dashboard, Person
 from estimator.config.device_settings import Treatment
 from estimator.config.people_file import with_people
+from estimator.database import StoreError
 from estimator.service import history
-from estimator.service.store import Store, StoreError
+from estimator.service.store_reader import StoreReader
 from estimator.web import cookie
 from estimator.web.client_address import neighbourhood
 from estimator.web.http_error import Fault
@@ -225,8 +226,8 @@ class Desk:
         return sorted(({one.id: one for one in stored} | heard).values(), key=lambda one: one.time_ns)
 
 
-def _read(path: Path, what: Callable[[Store], T]) -> T:
-    with closing(Store.reading(path)) as store:
+def _read(path: Path, what: Callable[[StoreReader], T]) -> T:
+    with closing(StoreReader.reading(path)) as store:
         return what(store)
 
 

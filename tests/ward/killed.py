@@ -24,7 +24,7 @@ from estimator.client import Client
 from estimator.database import inspect
 from estimator.demo.subscribers import Watcher
 from estimator.demo.ward import WARD, Ward
-from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
 from estimator.tracking.bias_state import BiasKnobs
 from tests.ward.parts import add_simulated, living, wait
 
@@ -181,7 +181,7 @@ class Victim:
 
     def lost(self) -> list[str]:
         """Calibrations that were acknowledged and are not in the store."""
-        store = Store.reading(self.store)
+        store = StoreReader.reading(self.store)
         kept = {name: {c.id for c in store.calibrations(name)} for name in {*self.acknowledged.values()}}
         store.close()
         return [name for name, device in self.acknowledged.items() if name not in kept[device]]

@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, Error, Page, expect
 
 from estimator.demo.ward import Ward
 from estimator.service import history
-from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
 from tests.ward.parts import living
 from tests.web.conftest import OUT, PASSWORD, PEOPLE
 
@@ -79,7 +79,7 @@ def _as_a_nurse(ward: Ward, page: Page) -> None:
     page.get_by_role("textbox", name="Note").fill("sat up")
     page.get_by_role("button", name="Write it down").click()
     expect(page.locator("#notes")).to_contain_text("sat up")
-    store = Store.reading(ward.folder / "truerate.sqlite3")
+    store = StoreReader.reading(ward.folder / "truerate.sqlite3")
     commands = history.read(store, NAME).commands
     store.close()
     assert [(row["verb"], row["who"]) for row in commands] == [

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from estimator.demo.ward import Ward
 from estimator.service import history
-from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
 from tests.ward.hand import Hand, Table
 from tests.ward.test_dashboard import _open
 from tests.web.conftest import OUT, PASSWORD, PEOPLE
@@ -122,7 +122,7 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     hand.follow()
     expect(do).to_have_text("Done: it is calibrated")
     expect(page.locator("#rebooted")).to_be_hidden()
-    store = Store.reading(ward.folder / "truerate.sqlite3")
+    store = StoreReader.reading(ward.folder / "truerate.sqlite3")
     kept = history.read(store, NAME)
     store.close()
     assert [(row["verb"], row["who"]) for row in kept.commands] == [

@@ -116,6 +116,11 @@ def test_a_label(page: Page, site: Site, shot: Shot) -> None:
     shot("label")
     assert serious(page) == []
     assert pages_of(page) == 1
+    certificates = page.locator(".code svg path").last.get_attribute("d")
+    page.goto(f"/devices/{NAME}/label")
+    assert page.locator(".code svg path").last.get_attribute("d") == certificates, "both open the device's page"
+    assert serious(page) == []
+    assert pages_of(page) == 1
 
 
 def test_a_picture_of_the_bias_leads_no_line_across_a_reboot(site: Site) -> None:

@@ -28,6 +28,8 @@ _NEAR_GRAVITY = 0.15
 #: _EVEN: tolerance of an even step, of the median step; _EVENLY: share of even steps of a device's own clock
 _EVEN, _EVENLY = 0.5, 0.8
 #: two time columns whose steps differ by a larger factor are not one clock in two units
+#: time column of an exported recording, and its other times
+_OWN_TIMES = "t_s", ["host_time_ns"]
 _SAME_STEP = 1.1
 
 
@@ -244,10 +246,10 @@ def _best_clock(path: Path, layout: Layout, clocks: list[tuple[Clock, Floats]]) 
             f"{path}: the time columns disagree: {rates}. Choose one, such as --time-column {next(iter(even))!r}"
         )
     name = layout.names[clock.at]
-    said = f"{said}; " if said else ""
-    said += (
-        f"the time column is {name!r}; other times are not used: {shown([layout.names[c[1].at] for c in scaled[1:]])}"
-    )
+    others = [layout.names[one[1].at] for one in scaled[1:]]
+    if (name, others) != _OWN_TIMES:
+        said = f"{said}; " if said else ""
+        said += f"the time column is {name!r}; other times are not used: {shown(others)}"
     return time * factor if factor != 1.0 else time, factor, said
 
 

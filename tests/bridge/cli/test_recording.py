@@ -47,6 +47,16 @@ def test_info_in_words_and_as_json(path: Path, capsys: Capture) -> None:
     assert found["devices"]["one"]["notes"] == [{"time_ns": NOW + 3 * S, "who": "anna", "text": "sat up"}]
 
 
+def test_info_leaves_out_boots_of_which_only_old_corrected_rates_were_cached(tmp_path: Path, capsys: Capture) -> None:
+    cached = [message for message in run("one", 0, 50, boot=3) if "/corrected/" in message.key]
+    (path,) = recorded(tmp_path, [*cached, *run("one", 0, 200)])
+    assert main(["recording", "info", str(path), "--json"]) == 0
+    assert [boot["samples"] for boot in json.loads(capsys.readouterr().out)["devices"]["one"]["boots"]] == [200]
+    (only,) = recorded(tmp_path, cached)
+    assert main(["recording", "info", str(only)]) == 0
+    assert "00000000" in capsys.readouterr().out, "a recording of corrected rates alone shows its boots"
+
+
 def test_a_wrong_option_is_wrong_usage(path: Path, tmp_path: Path) -> None:
     for arguments in (
         ["inspect", str(path), "--gyro-unit", "furlong"],

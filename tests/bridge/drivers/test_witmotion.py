@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.drivers.driver import Event, Identity, Readings
+from bridge.drivers.driver import Battery, Event, Identity, Readings
 from bridge.drivers.witmotion import WitMotionDecoder, WitMotionOptions, Word
 from bridge.framing.witmotion import WitFrames
 from bridge.wire.messages import BootCause
@@ -101,7 +101,14 @@ def test_settings_are_left_alone_on_request_and_by_a_decoder_without_options() -
 
 
 def test_a_bluetooth_device_is_asked_and_set_and_needs_no_time() -> None:
-    bench = Wire(WitDevice(bluetooth=True), WitMotionDecoder(options(rate_hz=50.0))).run(6)
+    device = WitDevice(bluetooth=True)
+    bench = Wire(device, WitMotionDecoder(options(rate_hz=50.0))).run(6)
+    assert not [event for event in bench.events if isinstance(event, Battery)], "0 V is not measured yet"
+    device.registers[0x64] = 375
+    bench.run(60)
+    device.registers[0x64] = 301
+    assert [event for event in bench.run(60).events if isinstance(event, Battery)] == [Battery(25.0), Battery(0.0)]
+    assert bench.notices == []
     assert (bench.identities[-1].rate_hz, bench.identities[-1].has_clock) == (50.0, False)
     assert bench.identities[-1].firmware == "4711"
     counts = rates(bench.events)

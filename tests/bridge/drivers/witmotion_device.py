@@ -31,7 +31,7 @@ class WitDevice:
 
     def __init__(self, *, bluetooth: bool = False, deaf: bool = False, old: bool = True) -> None:
         self.bluetooth, self.deaf = bluetooth, deaf
-        self.saved = {0x02: 0x1E, 0x03: 6, 0x04: 2, 0x2E: 4711, 0x61: 0, 0x63: 0 if old else 1000}
+        self.saved = {0x02: 0x1E, 0x03: 6, 0x04: 2, 0x2E: 4711, 0x61: 0, 0x63: 0 if old else 1000, 0x64: 0}
         self.commands: list[bytes] = []
         self.count, self._owed = 0, 0.0
         self.power_up()

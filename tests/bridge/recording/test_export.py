@@ -55,6 +55,7 @@ def test_an_export_is_a_recording(some: Recorded, tmp_path: Path, ending: str) -
         assert recording.temperature_c is not None
         np.testing.assert_allclose(recording.time_s, stretch.time_s, atol=1e-9)
         assert recording.rate_hz == pytest.approx(104.0, rel=1e-4)
+        assert not any("other times" in note for note in recording.notes)
 
 
 def test_corrected_rates_are_beside_the_readings(some: Recorded, tmp_path: Path) -> None:
@@ -131,8 +132,8 @@ def test_a_placement_is_in_the_events_and_in_bids(tmp_path: Path) -> None:
     assert written.stretches["one"][0].placements == (worn[0], worn[1])
     assert opensim._body(written.stretches["one"][0]) == "humerus_l"
     *_, path = export(written, tmp_path / "out", ".csv")
-    rows = [(row["t_s"], row["text"]) for row in table_of(path) if row["event"] == "placement by anna"]
-    assert [(float(t_s), text) for t_s, text in rows] == [(1.0, "humerus left, bed-3")]
+    rows = [(float(row["t_s"]), row["event"], row["text"]) for row in table_of(path) if "placement" in row["event"]]
+    assert rows == [(0.0, "placement by bo", "torso, bed-1"), (1.0, "placement by anna", "humerus left, bed-3")]
     export_bids(written, tmp_path / "set", Session("07", "ward"))
     (channels_tsv,) = (tmp_path / "set").rglob("*_channels.tsv")
     assert {row["placement"] for row in table_of(channels_tsv)} == {"humerus left, bed-3"}

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from bridge.bucket.bucket import Bucket
 from bridge.bus.contract import BusError
 from bridge.config.schema import Root
 from bridge.recording.error import RecordingError
@@ -17,6 +18,7 @@ from bridge.recording.recover import recover
 from bridge.recording.settings import Recorder, seconds
 from bridge.recording.survey import survey
 from bridge.toml.loader import ConfigError, load
+from tests.bridge.bucket.server import Server, needed
 from tests.bridge.recording.crowd import WARD, Crowd
 from tests.memory_bus import MemoryBroker, MemoryBus
 
@@ -35,9 +37,9 @@ class Run:
     def open(self, _endpoints: Sequence[str]) -> MemoryBus:
         return MemoryBus(self.broker)
 
-    def record(self, for_s: float) -> int:
+    def record(self, for_s: float, bucket: Bucket | None = None) -> int:
         console = Console(file=self.said, width=200)
-        return record(WARD, NOWHERE, self.settings, console, seconds=for_s, open_bus=self.open)
+        return record(WARD, NOWHERE, self.settings, console, seconds=for_s, open_bus=self.open, bucket=bucket)
 
 
 def test_what_is_said_is_recorded_from_the_caches_on(tmp_path: Path) -> None:
@@ -57,6 +59,22 @@ def test_what_is_said_is_recorded_from_the_caches_on(tmp_path: Path) -> None:
         assert device.info is not None
     assert f"recorded in {path}" in run.said.getvalue()
     assert "3 devices" in run.said.getvalue()
+
+
+@needed
+def test_finished_recordings_are_copied_to_the_bucket(tmp_path: Path) -> None:
+    (folder := tmp_path / "rec").mkdir()
+    run = Run(folder, wait_s=10.0)
+    with MemoryBus(run.broker) as bus, Crowd(bus, 1) as crowd, Server(tmp_path) as server:
+        while not crowd.sent:
+            pass
+        assert run.record(0.5, Bucket(server.settings(), WARD)) == 0
+        (path,) = folder.iterdir()
+        assert server.names() == [f"{WARD}/recordings/{path.name}"]
+        assert (server.objects / server.names()[0]).read_bytes() == path.read_bytes()
+        server.keys.write_text(server.keys.read_text().replace("= secret", "= wrong"))
+        assert run.record(1.5, Bucket(server.settings(), WARD)) == 1
+    assert "NOT COPIED: Bucket ward cannot be used: SignatureDoesNotMatch" in run.said.getvalue()
 
 
 def test_every_file_is_named_at_the_end_and_what_those_that_are_not_whole_need(tmp_path: Path) -> None:

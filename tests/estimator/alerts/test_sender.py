@@ -14,7 +14,7 @@ from bridge.toml.loader import ConfigError, load
 from bridge.wire.messages import Alert, Placement
 from estimator.alerts import outbox
 from estimator.alerts.board import Change
-from estimator.alerts.sender import by_apprise, sender
+from estimator.alerts.sender import Sender, by_apprise
 from estimator.config.alerts import Alerts
 from estimator.config.schema import Ward
 
@@ -56,8 +56,8 @@ def hook() -> Iterator[Hook]:
 def test_a_ward_that_is_lost_is_one_message(hook: Hook, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outbox, "GATHER_S", 0.3)
     (file := tmp_path / "urls").write_text(f"# to the desk\n{hook.url}\n")
-    made = sender("w", Alerts(urls_file=str(file), language="zh"))
-    assert made is not None
+    made = Sender("w", Alerts())
+    made.use(Alerts(urls_file=str(file), language="zh"))  # the ward file is changed
     for n in range(20):
         made.put(f"d{n}", Placement("humerus", "left", "bed-3"), LOST)
     until = time.monotonic() + 20
@@ -73,11 +73,10 @@ def test_a_ward_that_is_lost_is_one_message(hook: Hook, tmp_path: Path, monkeypa
 def test_addresses_come_from_file_and_environment_and_stay_secret(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert sender("w", Alerts()) is None
     monkeypatch.setenv("TRUERATE_ALERT_URLS", "json://127.0.0.1:1/ nonsense://user:secret@host")
     pytest.importorskip("apprise")
     with pytest.raises(ConfigError, match="begins with nonsense://") as caught:
-        sender("w", Alerts())
+        Sender("w", Alerts())
     assert "secret" not in str(caught.value)
     with pytest.raises(ConfigError, match=r"urls_file .*nowhere cannot be read"):
         Alerts(urls_file=str(tmp_path / "nowhere")).urls()

@@ -1,6 +1,7 @@
 """`truerate history`, `store backup`, `store check` and `store restore`, as people use them."""
 
 import json
+import re
 import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -10,10 +11,16 @@ import numpy as np
 import pytest
 
 from bridge.reasons.codes import Code
+from bridge.toml.loader import load
+from estimator.cli import doctor
 from estimator.cli.main import main
+from estimator.config.schema import Ward
 from estimator.database import owned
 from estimator.service.history import read, since
+from estimator.service.serve import copied
 from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
+from tests.bridge.bucket.server import Server, needed
 from tests.estimator.database.kept import CALIBRATIONS, fill, loaded
 from tests.estimator.stream import NAME
 from tests.sentences import free
@@ -127,7 +134,7 @@ def test_a_backup_of_a_store_in_use_has_everything(
     assert main(["store", "backup", str(folder), "--store", store.path]) == 0
     (copy,) = folder.iterdir()
     assert str(copy) in capsys.readouterr().out
-    again = Store.reading(copy)
+    again = StoreReader.reading(copy)
     assert loaded(again) == kept
     again.close()
     assert main(["store", "backup", str(copy), "--store", store.path]) == 1
@@ -271,3 +278,41 @@ def test_what_is_empty_or_no_store_is_said_with_what_to_do(
         for word in (str(file), *words):
             assert word in line, len(content)
     assert not (tmp_path / "copy.sqlite3").exists()
+
+
+@needed
+def test_a_backup_in_the_bucket_is_tried_restored_and_found_by_doctor(
+    store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with Server(tmp_path) as server:
+        (config := tmp_path / "ward.toml").write_text(
+            f'ward = "w"\n[estimator]\nid = "e1"\nstore = "{store.path}"\n'
+            f'[s3]\nendpoint = "http://127.0.0.1:{server.port}"\nbucket = "ward"\ncredentials_file = "{server.keys}"\n'
+        )
+        verify = ["store", "verify", "--s3", "--config", str(config)]
+        assert main(verify) == 1
+        assert f"there is no backup of store {store.path} in the bucket" in capsys.readouterr().err
+        store.database.back_up_if_due()
+        mirror = copied(load(config, Ward))
+        assert mirror is not None
+        mirror.close()
+        assert mirror.fault is None
+        (name,) = server.names()
+        assert re.fullmatch(r"w/backups/e1/a-00001-\d{8}T\d{6}Z\.sqlite3", name)
+        assert main(verify) == 0
+        assert "of the bucket (0 h old) can be restored: 1 device, 3 calibrations" in capsys.readouterr().out
+        found = {one.check: one for one in doctor._bucket(load(config, Ward))}
+        assert "ward answers: newest backup of " in found["bucket"].said
+        kept = loaded(store)
+        store.close()
+        Path(store.path).unlink()
+        assert main(["store", "restore", Path(name).name, "--s3", "--config", str(config)]) == 0
+        assert f"restored {Path(name).name} of the bucket as {store.path}: 3 calibrations" in capsys.readouterr().out
+        again = Store(store.path)
+        assert loaded(again) == kept
+        again.close()
+        server.keys.write_text(server.keys.read_text().replace("= secret", "= wrong"))
+        assert main(verify) == 1
+        assert "Bucket ward cannot be used: SignatureDoesNotMatch" in capsys.readouterr().err
+    assert main(["store", "verify", "--s3", "--store", store.path]) == 2

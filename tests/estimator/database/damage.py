@@ -5,6 +5,7 @@ from pathlib import Path
 
 from estimator.database import Backups, StoreError, back_up, inspect
 from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
 from tests.estimator.database.kept import loaded, made
 
 
@@ -16,7 +17,7 @@ class Damaged:
         self.whole = made(folder).read_bytes()
         self.path, self.backup = self.folder / "a.sqlite3", folder / "backup.sqlite3"
         back_up(folder / "a.sqlite3", self.backup)
-        store = Store.reading(self.backup)
+        store = StoreReader.reading(self.backup)
         self.kept = loaded(store)
         store.close()
 

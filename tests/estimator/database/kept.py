@@ -7,6 +7,7 @@ import numpy as np
 
 from bridge.wire import codec
 from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
 from estimator.tracking.bias_state import BiasState
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.estimator.stream import NAME, info
@@ -41,7 +42,7 @@ def made(folder: Path) -> Path:
     return path
 
 
-def loaded(store: Store) -> set[object]:
+def loaded(store: StoreReader) -> set[object]:
     """All that a service can have of it, as things that can be compared."""
     things: set[object] = {("calibration", codec.encode_calibration(c)) for c in store.calibrations(NAME)}
     for boot in (1, 2, 3, 4):

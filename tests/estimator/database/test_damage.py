@@ -9,6 +9,7 @@ import pytest
 
 from estimator.database import SCHEMA_VERSION, Backups, Database, StoreError, backups, inspect
 from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
 from tests.estimator.database.damage import Damaged, flipped
 from tests.estimator.database.faults import full_disk
 from tests.estimator.database.kept import CALIBRATIONS, loaded, made
@@ -50,7 +51,7 @@ def test_another_file_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
         (newer, "use the truerate that wrote it"),
     ):
         before = place.read_bytes()
-        for opens in (Store, Store.reading, inspect):
+        for opens in (Store, StoreReader.reading, inspect):
             with pytest.raises(StoreError, match=words):
                 opens(place)
         assert place.read_bytes() == before
@@ -58,7 +59,7 @@ def test_another_file_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
 
 def test_what_goes_bad_while_it_is_in_use_is_put_right(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = made(tmp_path)
-    before = Store.reading(path)
+    before = StoreReader.reading(path)
     kept = loaded(before)
     before.close()
     store = Store(path, patient=True)

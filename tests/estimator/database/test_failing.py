@@ -10,6 +10,7 @@ import pytest
 
 from estimator.database import Database, Unavailable, inspect
 from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
 from estimator.service.store_writer import StoreWriter
 from tests.estimator.database.faults import FailingCalls, full_disk
 from tests.estimator.database.kept import CALIBRATIONS, bias, fill, loaded, made
@@ -65,7 +66,7 @@ def test_whichever_call_fails_everything_is_written_in_the_end(tmp_path: Path, f
         clerk.do(lambda c=c: store.add_calibration(c), lambda error, c=c: acknowledged.append(f"{c.id} {error}"))  # type: ignore[misc]
         clerk.do(lambda n=n: store.save_bias(NAME, n, n, bias(n), history=True))  # type: ignore[misc]
         if acknowledged:
-            other = Store.reading(path)
+            other = StoreReader.reading(path)
             assert [f"{c.id} None" for c in other.calibrations(NAME)] == acknowledged
             other.close()
     for _ in range(many + 2):

@@ -53,6 +53,9 @@ def test_all_is_well() -> None:
     assert (seen.devices, seen.tracking) == (2, 2)
     assert (seen.samples_in, seen.samples_out, seen.dropped) == (200, 180, 20)
     assert as_json(seen)["law"]["holds"] is True
+    over = replace(statuses(c=State.LOST)["c"], reason=(Code.RECORDING_OVER(place="walk.npz"),))
+    seen = summarise("w", statuses(a=State.TRACKING) | {"c": over}, infos("a"), ["bridge"], ["e"])
+    assert (seen.well, seen.devices, seen.ended, seen.tracking) == (True, 1, 1, 1)
 
 
 def test_a_store_that_cannot_be_written_is_nobodys_secret() -> None:

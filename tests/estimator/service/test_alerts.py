@@ -11,9 +11,10 @@ from bridge.bus.certificate_metric import ENDS
 from bridge.bus.routers import Routers
 from bridge.diagnose import machine
 from bridge.reasons.codes import Code
-from bridge.wire.messages import Alert, Placement
+from bridge.wire.messages import Alert, Placement, State
 from estimator.alerts.board import Change
 from estimator.config.alerts import Alerts
+from estimator.config.schema import Estimator
 from estimator.device.attention import Kind
 from estimator.service.own_alerts import OwnAlerts
 from estimator.service.run_loop import Service
@@ -77,6 +78,40 @@ def test_a_low_battery_is_said_once_acknowledged_and_cleared_over_a_restart(
     ward.kill()
 
 
+@pytest.mark.parametrize("ended", ["stop", "kill"])
+def test_a_device_that_is_gone_when_the_estimator_starts_is_lost(
+    tmp_path: Path, once: Stream, monkeypatch: pytest.MonkeyPatch, ended: str
+) -> None:
+    monkeypatch.setattr("tests.estimator.memory_ward.Service", partial(Service, alerts=Alerts(hold_s={"lost": 0.0})))
+    monkeypatch.setattr("tests.estimator.memory_ward.SETTINGS", Estimator(id="e1", silence_s=2.0))
+    monkeypatch.setattr("estimator.service.run_loop.MISSING_S", 0.0)
+    ward = Ward(tmp_path)
+    most = len(once) - 60
+    ward.send(once.part(0, most).batches(), info(1))
+    before = ward.latest()
+    ward.command(lambda: ward.client.note(NAME, "anna", "sat up"))  # which stores the bias
+    getattr(ward, ended)()
+    ward.now_ns += 60 * 10**9
+    ward.start()
+    lost = ward.latest()
+    assert lost.state is State.LOST
+    assert [one.code for one in lost.reason] == [Code.NO_SAMPLES]
+    assert float(lost.reason[0].params["duration"].removesuffix(" s")) > 55.0
+    assert [one.kind for one in lost.alerts] == [Kind.LOST]
+    assert ward.command(lambda: ward.client.acknowledge(NAME, "anna", "lost")).accepted
+    ward.kill()
+    ward.now_ns += 60 * 10**9
+    ward.start()
+    (again,) = ward.latest().alerts
+    assert (again.raised_ns, again.who) == (lost.alerts[0].raised_ns, "anna"), "another restart changes nothing"
+    ward.send(once.part(most, len(once)).batches(), info(1))
+    after = ward.latest()
+    assert (after.state, after.calibration) == (before.state, before.calibration)
+    assert after.calibration
+    assert ward.service.counts.as_dict().get("conservation law broken", 0) == 0
+    ward.kill()
+
+
 def test_an_estimators_own_troubles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store, told = Store(tmp_path / "a.sqlite3"), list[Change]()
 
@@ -84,7 +119,8 @@ def test_an_estimators_own_troubles(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         def soon(self) -> list[str]:
             return ["expires"]
 
-    own = OwnAlerts("e1", AT_ONCE, store.database, Soon(()), told.append, (), 0.0)
+    uncopied = list[str]()
+    own = OwnAlerts("e1", AT_ONCE, store.database, Soon(()), told.append, (), 0.0, lambda: bool(uncopied))
     monkeypatch.setattr(machine, "clock_status", lambda: 0x40)
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 10**6}))
     monkeypatch.setattr(type(store.database._backups), "make", _no_room)
@@ -101,7 +137,10 @@ def test_an_estimators_own_troubles(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     own.look_at_machine()
     own.look(2.0, 2)
     own.look(3.5, 3)
-    assert own.board.standing == ()
+    assert not own.board.standing
+    uncopied.append("the bucket does not answer")
+    own.look(4.0, 4)
+    assert [one.kind for one in own.board.standing] == [Kind.BACKUP]
     store.close()
 
 

@@ -8,7 +8,7 @@ import pytest
 from bridge.reasons.codes import Code, Sentences
 from bridge.sim.motion import Still
 from bridge.wire import keys
-from bridge.wire.messages import State
+from bridge.wire.messages import Alert, State
 from estimator.device.attention import needs_person
 from estimator.service import history
 from estimator.service.device_roster import ENDED_S
@@ -69,8 +69,10 @@ def test_a_device_is_forgotten_when_no_bridge_lists_it_any_more(ward: Ward, once
         ward.service._every_second(time.monotonic())
         assert time.monotonic() < deadline
     age(ward, SILENCE_S)
+    ward.service._devices[NAME].stands([Alert("lost", 1, 2)], time.monotonic())
     assert ward.command(lambda: ward.client.forget(NAME, "anna")).accepted
     assert NAME not in ward.service._devices
+    assert [(one.kind, end is not None) for one, end in ward.store.alerts(NAME)] == [("lost", True)]
     assert ward.store.calibrations(NAME)
     assert ward.service._stock._law.violations == {}
     unknown = ward.command(lambda: ward.client.forget("nobody", "anna"))

@@ -2,19 +2,25 @@
 
 import sqlite3
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from bridge.config.ward_file import WardFile
 from bridge.reasons.codes import Code
 from bridge.toml.loader import ConfigError, load
 from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Placement
-from estimator.config.schema import Ward as WardFile
+from estimator.config.alerts import Alerts
+from estimator.config.schema import Ward as WardTables
 from estimator.database import SCHEMA_VERSION, Backups, schema
 from estimator.service import history
+from estimator.service.run_loop import Service
+from estimator.service.serve import LIVE
 from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
 from tests.estimator import memory_ward
 from tests.estimator.memory_ward import SETTINGS, WARD, Ward
 from tests.estimator.stream import NAME, Stream, info
@@ -76,9 +82,9 @@ def test_the_wards_file_says_it_until_a_person_does(
     ):
         file.write_text(said % wrong)
         with pytest.raises(ConfigError, match=words):
-            load(file, WardFile)
+            load(file, WardTables)
     file.write_text(said % 'segment = "torso", wearer = " bed-3 "')
-    settings = load(file, WardFile).estimator
+    settings = load(file, WardTables).estimator
     assert settings is not None
     monkeypatch.setattr(memory_ward, "SETTINGS", msgspec.structs.replace(settings, silence_s=SETTINGS.silence_s))
     ward = Ward(tmp_path)
@@ -93,6 +99,36 @@ def test_the_wards_file_says_it_until_a_person_does(
     ward.kill()
 
 
+def test_a_changed_ward_file_takes_effect_at_once(
+    tmp_path: Path, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (path := tmp_path / "ward.toml").write_text('ward = "w"\n[estimator]\nid = "e1"\n')
+    file, sends = WardFile(path, WardTables, ("estimator", "alerts"), LIVE, settled_s=0.0), list[Alerts]()
+    monkeypatch.setattr(memory_ward, "Service", partial(Service, file=file, sends=sends.append))
+    ward = Ward(tmp_path)
+    low = replace(info(1), battery_percent=9.0)
+    ward.send(once.part(0, 260).batches(), low)
+    assert (ward.latest().placement, ward.latest().alerts) == (None, ())
+    told = f'[estimator.placements]\n{NAME} = {{ segment = "torso" }}\n[alerts]\nhold_s = {{ battery_low = 0 }}\n'
+    path.write_text(path.read_text() + told)
+    ward.send(once.part(260, 520).batches(), low)
+    assert ward.latest().placement == Placement("torso")
+    assert [one.kind for one in ward.latest().alerts] == ["battery_low"]
+    assert [one.hold_s for one in sends] == [{"battery_low": 0.0}]
+    assert [one.code for one in file.report.message] == [Code.WARD_FILE_TAKEN], "nothing waits for a restart"
+    ward.command(lambda: ward.client.place(NAME, "anna", ARM))
+    path.write_text(path.read_text().replace("torso", "head"))
+    ward.send(once.part(520, 540).batches(), low)
+    worn = ward.latest().placement
+    assert worn is not None
+    assert (worn.segment, worn.who) == (ARM.segment, "anna"), "a person's word counts more"
+    reply = ward.command(lambda: ward.client.place(NAME, "anna", Placement()))
+    again = ward.command(lambda: ward.client.place(NAME, "anna", Placement()))
+    assert (reply.accepted, codes(reply.message)) == (True, [Code.NOBODY_WEARS])
+    assert (again.accepted, codes(again.message)) == (False, [Code.NO_PLACEMENT])
+    ward.kill()
+
+
 def test_a_store_of_the_last_version_is_backed_up_and_upgraded(tmp_path: Path) -> None:
     path = tmp_path / "a.sqlite3"
     with sqlite3.connect(path) as db:
@@ -101,7 +137,7 @@ def test_a_store_of_the_last_version_is_backed_up_and_upgraded(tmp_path: Path) -
             "INSERT INTO audit VALUES (1, 5, 'one', 'note', 'r', 'anna', 'sat up', 1, '[]');"
         )
     db.close()
-    before = Store.reading(path)
+    before = StoreReader.reading(path)
     assert before.placements("one") == []
     before.close()
     store = Store(path)

@@ -72,6 +72,12 @@ def test_what_others_can_read_is_said(entered: Path, capsys: pytest.CaptureFixtu
     (entered / "kept" / "t.sqlite3").chmod(0o644)
     assert main(["config", "check", str(file)]) == 0
     assert f"can read {file} and 1 more" in capsys.readouterr().out
+    (urls := entered / "urls").touch()
+    urls.chmod(0o644)
+    file.write_text(f'{file.read_text()}[alerts]\nurls_file = "{urls}"\n')
+    assert main(["config", "check", str(file)]) == 0
+    assert f"can read {urls} and 2 more" in capsys.readouterr().out
+    urls.chmod(0o600)
     file.chmod(0o640)
     (entered / "kept").chmod(0o750)
     assert main(["config", "check", str(file)]) == 0

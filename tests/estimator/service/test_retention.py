@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from bridge.wire import keys
+from bridge.wire.refusal import Tally
 from estimator.service import history
 from estimator.service.retention import ALL_NS, BOOTS, DAY_NS, HOUR_NS, HOURLY_NS, KEPT_BOOTS, POINTS
 from estimator.service.store import Store
+from estimator.service.store_access import StoreAccess
 from estimator.service.store_care import THIN_S
 from estimator.tracking.bias_state import BiasState
 from tests.estimator.device.test_correction import CALIBRATION
@@ -39,14 +41,26 @@ def fill(store: Store, boots: int, points: int, end_ns: int, step_ns: int = MINU
 
 def test_old_points_are_kept_by_the_hour_and_older_ones_by_the_day(store: Store) -> None:
     fill(store, 1, 200 * 48, NOW_NS, HOUR_NS // 2)
-    store.thin(NAME, NOW_NS)
+    deleted = store.thin(NAME, NOW_NS)
     (of,) = history.read(store, NAME).biases
+    assert deleted == {"bias_history": 200 * 48 - len(of.time_ns)}
     age_ns, step_ns = NOW_NS - of.time_ns[POINTS + 2 :], np.diff(of.time_ns[POINTS + 1 :])
     assert set(step_ns[age_ns < ALL_NS]) == {HOUR_NS // 2}
     assert set(step_ns[(age_ns > ALL_NS + HOUR_NS) & (age_ns < HOURLY_NS - DAY_NS)]) == {HOUR_NS}
     assert set(step_ns[age_ns > HOURLY_NS + DAY_NS]) == {DAY_NS}
     store.thin(NAME, NOW_NS)
     assert len(history.read(store, NAME).biases[0].time_ns) == len(of.time_ns)
+
+
+def test_how_much_is_deleted_is_said_once_a_day(store: Store, caplog: pytest.LogCaptureFixture) -> None:
+    fill(store, 1, 400, NOW_NS - 8 * DAY_NS)
+    care = StoreAccess(store, Tally(), lambda: NOW_NS)
+    with caplog.at_level("INFO", "estimator.service.store_care"):
+        for second in range(10):
+            care.tend(float(second))
+    (said,) = (one.message for one in caplog.records if "deleted" in one.message)
+    left = len(history.read(store, NAME).biases[0].time_ns)
+    assert said == f"old entries of the store were deleted: bias_history {400 - left}"
 
 
 def test_what_a_law_is_learnt_from_is_not_thinned_and_each_boots_end_stays(store: Store) -> None:

@@ -7,7 +7,8 @@ import pytest
 
 from bridge.wire.messages import Calibration, Verdict
 from estimator.service import history
-from estimator.service.store import REPEATED, Store
+from estimator.service.store import Store
+from estimator.service.store_reader import REPEATED
 from estimator.tracking.bias_state import BiasState
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.estimator.stream import NAME, info

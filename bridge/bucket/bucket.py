@@ -1,0 +1,113 @@
+"""A ward's part of a bucket of S3-compatible storage, and its keys, which never stand in the ward file."""
+
+import configparser
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from msgspec import Struct
+
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code, Sentence
+from bridge.toml.loader import ConfigError
+
+#: keys, as variables of the environment, or in lower case in a `credentials_file`
+KEYS = "AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"
+#: time for which a request is repeated before it fails; longest time of one request, of at most 5 MB
+RETRY, REQUEST = timedelta(seconds=30), timedelta(minutes=2)
+#: causes within obstore's errors: the storage's answer (XML), a certificate that is not trusted, or the system's words
+_CAUSE = re.compile(r'(?s).*?(?:<Code>(\w+)</Code>|InvalidCertificate\(\s*(\w+)|(?:message|error): "([^"]+)")|([^\n]*)')
+
+
+class S3(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A bucket of S3-compatible storage, to which finished backups and recordings are copied. Nothing in it is deleted."""
+
+    #: address of the storage, for example `https://s3.hospital.example`
+    endpoint: str
+    #: name of the bucket, or of a folder in it: `ward-3` or `backups/ward-3`
+    bucket: str
+    #: file with the keys, as `aws configure` writes it, mode 0600; default: AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY
+    credentials_file: str = ""
+    #: copy the backups of the estimator's store
+    backups: bool = True
+    #: copy finished recordings
+    recordings: bool = True
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"https://[^/]+/?|http://127\.0\.0\.1(:\d+)?/?", self.endpoint):
+            raise ValueError(
+                f"endpoint is {self.endpoint!r}: use https://HOST, or http://127.0.0.1:PORT on this machine"
+            )
+
+    def keys(self) -> list[str]:
+        """Access key and secret key. Raises ConfigError where there are none, or where other users can read the file."""
+        file, told = self.credentials_file, configparser.ConfigParser(interpolation=None)
+        try:
+            if file and Path(file).stat().st_mode & 0o026:
+                raise ConfigError(f"[s3] credentials_file {file}: other users can read or change it: chmod 600 {file}")
+            told.read_string(Path(file).read_text("utf-8") if file else "[default]")
+            return [told["default"].get(key) or os.environ[key] for key in KEYS]
+        except (OSError, KeyError, configparser.Error, UnicodeDecodeError) as error:
+            where = f"credentials_file {file}" if file else "the environment"
+            raise ConfigError(f"[s3] finds no {' and '.join(KEYS)} in {where}: {error}") from None
+
+
+class BucketError(OSError):
+    """What a bucket did not do. sentence: the same as a code."""
+
+    def __init__(self, sentence: Sentence) -> None:
+        super().__init__(english(sentence))
+        self.sentence = sentence
+
+
+class Bucket:
+    """A ward's part of a bucket. Names are relative to it. Methods raise BucketError.
+
+    Raises ConfigError where obstore or the keys are missing.
+    """
+
+    def __init__(self, settings: S3, ward: str) -> None:
+        self.name, (access, secret) = settings.bucket, settings.keys()
+        try:
+            from obstore import exceptions, store  # noqa: PLC0415 - optional
+        except ImportError:
+            raise ConfigError("[s3] needs obstore: pip install 'truerate[s3]'") from None
+        self._faults = exceptions.BaseError, OSError, ValueError
+        self._store = store.S3Store.from_url(
+            f"s3://{settings.bucket}/{ward}",
+            endpoint=settings.endpoint,
+            access_key_id=access,
+            secret_access_key=secret,
+            client_options={"allow_http": settings.endpoint.startswith("http:"), "timeout": REQUEST},
+            retry_config={"max_retries": 8, "retry_timeout": RETRY},
+        )
+
+    def copies(self, folder: str) -> list[tuple[datetime, str, int]]:
+        """Objects of a folder, the newest first: when copied, by the storage's clock; name within the folder; bytes."""
+        with self._translated():
+            found = self._store.list(folder).collect()
+        made = [(one["last_modified"], one["path"].removeprefix(f"{folder}/"), one["size"]) for one in found]
+        return sorted(made, reverse=True)
+
+    def upload(self, path: Path, name: str) -> None:
+        """Copy a file, in parts of 5 MB; the object appears whole or not at all."""
+        with self._translated():
+            self._store.put(name, path, max_concurrency=2)
+
+    def download(self, name: str, to: Path, progress: Callable[[int, int], None]) -> None:
+        """Copy an object into a file. progress: called with the bytes done, of all."""
+        with self._translated(), to.open("wb") as file:
+            for chunk in (found := self._store.get(name)).stream():
+                file.write(chunk)
+                progress(file.tell(), found.meta["size"])
+
+    @contextmanager
+    def _translated(self) -> Iterator[None]:
+        try:
+            yield
+        except self._faults as error:
+            cause = next(_CAUSE.finditer(str(error)))  # the last group fits everything
+            raise BucketError(Code.BUCKET_FAILS(bucket=self.name, error=cause[cause.lastindex or 0])) from error

@@ -1,0 +1,73 @@
+"""Copies finished files to a bucket, on a thread of its own, and tries again what failed."""
+
+import logging
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from bridge.bucket.bucket import Bucket, BucketError
+from bridge.reasons.codes import Code
+
+log = logging.getLogger(__name__)
+
+#: interval of looking for finished files, s; longest wait for the last files at the end, s
+LOOK_S, LAST_S = 60.0, 10.0
+
+
+class Mirror:
+    """Copies of the finished files of one folder. An object that has the name of a file and another size is never replaced.
+
+    files: finds the finished files. name: an object's name for a file; another file must never get the same.
+    """
+
+    def __init__(
+        self,
+        bucket: Bucket,
+        folder: str,
+        files: Callable[[], Iterable[Path]],
+        name: Callable[[Path], str] = lambda path: path.name,
+        look_s: float = LOOK_S,
+    ) -> None:
+        #: why the latest copy failed; None when all finished files are in the bucket
+        self.fault: BucketError | None = None
+        self._bucket, self._folder, self._files, self._name, self._look_s = bucket, folder, files, name, look_s
+        #: sizes of the objects, by name, as far as known
+        self._there, self._stop = dict[str, int](), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="bucket", daemon=True)
+        self._thread.start()
+
+    def has(self, path: Path) -> bool:
+        """Whether a file is known to be in the bucket."""
+        return self._there.get(self._name(path)) == path.stat().st_size
+
+    def close(self) -> None:
+        """Copy the last files, for at most LAST_S; the next start copies the others."""
+        self._stop.set()
+        self._thread.join(LAST_S)
+
+    def _run(self) -> None:
+        ended = False
+        while not ended:
+            ended, fault = self._stop.is_set(), self._copied()
+            if (fault is None) != (self.fault is None):
+                log.warning("%s", fault or f"bucket {self._bucket.name} has all copies again")
+            self.fault = fault
+            self._stop.wait(self._look_s)
+
+    def _copied(self) -> BucketError | None:
+        """Copy the files that the bucket does not have; returns why one is not there."""
+        fault = None
+        try:
+            here = {path: f"{self._folder}/{self._name(path)}" for path in self._files()}
+            if not all(map(self.has, here)):
+                self._there = {name: size for _, name, size in self._bucket.copies(self._folder)}
+            for path, place in here.items():
+                if self._name(path) not in self._there:
+                    log.info("copying %s (%.1f MB) to bucket %s", path, path.stat().st_size / 1e6, self._bucket.name)
+                    self._bucket.upload(path, place)
+                    self._there[self._name(path)] = path.stat().st_size
+                elif not self.has(path):
+                    fault = BucketError(Code.BUCKET_HAS_ANOTHER(bucket=self._bucket.name, file=place))
+        except OSError as error:
+            return error if isinstance(error, BucketError) else fault  # a file expired while it was looked at
+        return fault

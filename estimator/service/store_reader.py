@@ -1,0 +1,202 @@
+"""What the estimator's store of a ward knows of its devices. For any thread."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from bridge.reasons.codes import Sentences
+from bridge.wire import keys
+from bridge.wire.messages import Alert, Calibration, DeviceInfo, Placement
+from estimator.database import Database, Row
+from estimator.device.prior_knowledge import PriorKnowledge
+from estimator.device.restore_key import differing
+from estimator.service.retention import BOOTS, POINTS
+from estimator.service.store_rows import Before, calibrations_in, kept_in, read_sentences, repeat_request
+from estimator.tracking.temperature_learning import Points
+
+#: audit verb for a boot number that another power-up had before
+REPEATED = "boot number repeated"
+#: order of writing, latest first, since a clock may have been wrong
+_LATEST_FIRST = "number DESC"
+#: number of calibrations read first: most often the latest one fits
+_FEW = 8
+
+
+class StoreReader:
+    """Store whose content is read."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+
+    @classmethod
+    def reading(cls, path: Path | str) -> "StoreReader":
+        """Open a store for reading only, whether or not an estimator uses it."""
+        return StoreReader(Database.reading(path))
+
+    @property
+    def path(self) -> str:
+        """Path of the database file."""
+        return self.database.path
+
+    def close(self) -> None:
+        """Close the store; all writes are on disk already."""
+        self.database.close()
+
+    def devices(self) -> list[str]:
+        """Every device with any stored data."""
+        tables = ("boots", "calibrations", "bias", "audit")
+        found = self.database.select(" UNION ".join(f"SELECT device FROM {table}" for table in tables))  # noqa: S608 - our own words
+        return sorted(row["device"] for row in found)
+
+    def calibrated_devices(self) -> set[str]:
+        """Every device with a stored calibration."""
+        return {row["device"] for row in self.database.select("SELECT DISTINCT device FROM calibrations")}
+
+    def placements(self, device: str) -> list[Placement]:
+        """All placements of a device, oldest first: each holds until the next."""
+        names = "segment", "side", "wearer", "time_ns", "who"
+        return [Placement(*(row[name] for name in names)) for row in self._added("placements", device)]
+
+    def alerts(self, device: str) -> list[tuple[Alert, int | None]]:
+        """All alerts of a device or an estimator, oldest first, each with its end, or None while it stands."""
+        names = "kind", "since_ns", "raised_ns", "acknowledged_ns", "who"
+        return [
+            (Alert(*(row[name] for name in names)), row["time_ns"] if row["cleared"] else None)
+            for row in self._added("alerts", device)
+        ]
+
+    def _added(self, table: str, device: str) -> list[Row]:
+        """Rows of a device in a table that stores of schema 4, opened for reading, do not have."""
+        if not self.database.rows("sqlite_schema", "name = ?", (table,), "name"):
+            return []
+        return self.database.rows(table, "device = ?", (device,), "number")
+
+    def boots(self, device: str, most: int) -> list[int]:
+        """Latest boots of a device, at most `most`, oldest first."""
+        rows = self.database.rows("boots", "device = ?", (device,), _LATEST_FIRST, most)
+        return [int(row["boot"], 16) for row in reversed(rows)]
+
+    def answer(self, device: str, verb: str, request_id: str) -> tuple[bool, Sentences] | None:
+        """Outcome of an earlier command: whether it was accepted, and its reply; None if it is new."""
+        values = device, request_id, verb
+        for row in self.database.rows("audit", "device = ? AND request_id = ? AND verb = ?", values, limit=1):
+            return bool(row["accepted"]), read_sentences(row["message"])
+        return None
+
+    def recall(self, device: str, boot: int, now_ns: int) -> PriorKnowledge | None:
+        """Calibration of this boot, if any, with the bias since then and its age at now_ns; None if neither is stored."""
+        calibration = self.calibrated(device, boot)
+        for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
+            if (kept := kept_in(row)) is not None:
+                age_s = (now_ns - row["time_ns"]) / 1e9
+                found = PriorKnowledge(calibration, kept.state(), age_s, kept.doubted, kept.asked)
+                if calibration is not None and kept.calibration != calibration.id:
+                    return found.under(calibration)
+                return found
+        return None if calibration is None else PriorKnowledge(calibration, None)
+
+    def session(self, device: str, boot: int) -> tuple[bytes, str]:
+        """Whole session of this boot, left by an estimator stopped in order, and its bridge; empty where not stored."""
+        for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
+            if (kept := kept_in(row)) is not None:
+                return kept.session, kept.bridge
+        return b"", ""
+
+    def calibrated(self, device: str, boot: int) -> Calibration | None:
+        """Latest calibration of this boot, or None."""
+        made = self.of_boot(device, boot)
+        return made[-1] if made else None
+
+    def of_boot(self, device: str, boot: int) -> list[Calibration]:
+        """All calibrations of this boot, in order of writing, without those of an earlier power-up."""
+        before = self.made_before(device, boot)
+        rows = self.database.rows("calibrations", "device = ? AND boot = ?", (device, keys.boot_id(boot)))
+        return calibrations_in(row for row in rows if row["id"] not in before.ids)
+
+    def made_before(self, device: str, boot: int) -> Before:
+        """Calibrations under this boot number that belong to an earlier power-up."""
+        values = device, repeat_request(device, boot), REPEATED
+        repeats = self.database.rows("audit", "device = ? AND request_id = ? AND verb = ?", values)
+        ids = frozenset(made for row in repeats for made in row["reason"].split())
+        return Before(ids, max((row["time_ns"] for row in repeats), default=None))
+
+    def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
+        """Last sample known to the latest stored bias, by device: boot, sequence number, host time in ns, and bridge.
+
+        The bridge is empty where unknown. Only biases stored since since_ns count. Devices with a running calibration
+        are left out: the bridges' caches may hold its turns.
+        """
+        found: dict[str, tuple[int, int, int, str]] = {}
+        for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
+            found.pop(row["device"], None)
+            kept = kept_in(row)
+            if kept is not None and kept.reached is not None and kept.asked is None:
+                found[row["device"]] = int(row["boot"], 16), *kept.reached, kept.bridge
+        return found
+
+    def last_run(self, within_ns: int) -> dict[str, tuple[int, int, str]]:
+        """Devices whose bias was stored within the last within_ns of this store, or that were lost then.
+
+        Returns the boot of each, when its bias was stored in ns, and its bridge.
+        """
+        newest = self.database.select("SELECT max(time_ns) AS time_ns FROM bias")
+        if not newest or newest[0]["time_ns"] is None:
+            return {}
+        lost = "SELECT device FROM alerts WHERE kind = 'lost' AND NOT cleared"
+        where = f"time_ns >= ? OR device IN ({lost})"
+        rows = self.database.rows("bias", where, (newest[0]["time_ns"] - within_ns,), "time_ns")
+        found = [(row, kept_in(row)) for row in rows]
+        return {
+            row["device"]: (int(row["boot"], 16), row["time_ns"], kept.bridge if kept else "") for row, kept in found
+        }
+
+    def epoch(self) -> int:
+        """Highest stored epoch; 0 where none is stored."""
+        return max((int(row["epoch"]) for row in self.database.rows("epochs")), default=0)
+
+    def prior(self, info: DeviceInfo) -> Calibration | None:
+        """Latest calibration of an earlier boot with the same restore key, or None.
+
+        The key is device, model, firmware, range, and mostly rate.
+        """
+        this = keys.boot_id(info.boot)
+        return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
+
+    def earlier(self, info: DeviceInfo) -> list[Calibration]:
+        """Last calibration of each recent earlier boot with the same restore key, oldest first."""
+        this, found = keys.boot_id(info.boot), dict[str, Row]()
+        for row in self.database.rows("calibrations", "device = ?", (info.device,), _LATEST_FIRST, _FEW):
+            if row["boot"] not in {this, *found} and not differing(row, info):
+                found[row["boot"]] = row
+        return calibrations_in(reversed(found.values()))
+
+    def latest(self, device: str) -> Calibration | None:
+        """Latest calibration of a device, whatever its restore key."""
+        return self._latest(device, lambda _: True)
+
+    def points(self, info: DeviceInfo) -> list[Points]:
+        """Bias history of the latest earlier boots with the same restore key, where the temperature is known."""
+        this = keys.boot_id(info.boot)
+        rows = self.database.rows("boots", "device = ?", (info.device,), _LATEST_FIRST)
+        boots = [row for row in rows if row["boot"] != this and not differing(row, info)][:BOOTS]
+        return [found for boot in boots if (found := self._points(boot)) is not None]
+
+    def _points(self, boot: Row) -> Points | None:
+        where = "device = ? AND boot = ? AND time_ns >= ? AND temperature_c IS NOT NULL"
+        values = boot["device"], boot["boot"], boot["time_ns"]
+        rows = self.database.rows("bias_history", where, values, "time_ns", POINTS)
+        names = ("time_ns", "x", "y", "z", "x_std", "y_std", "z_std", "temperature_c")
+        table = np.array([[row[name] for name in names] for row in rows], float)
+        return Points(1e-9 * table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7]) if len(table) else None
+
+    def calibrations(self, device: str) -> list[Calibration]:
+        """All calibrations of a device, oldest first."""
+        return calibrations_in(self.database.rows("calibrations", "device = ?", (device,), "time_ns, number"))
+
+    def _latest(self, device: str, wanted: Callable[[Row], bool]) -> Calibration | None:
+        for few in (_FEW, -1):
+            rows = self.database.rows("calibrations", "device = ?", (device,), _LATEST_FIRST, few)
+            if found := calibrations_in(row for row in rows if wanted(row)):
+                return found[0]
+        return None
