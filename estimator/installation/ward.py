@@ -10,7 +10,7 @@ from typing import Any
 from bridge.config.schema import ConfigError, load
 from bridge.diagnose.port_probe import Verdict
 from bridge.diagnose.scan_report import snippet
-from bridge.toml.loader import content
+from bridge.runtime.regular_file import content
 from estimator.config.schema import Ward
 from estimator.installation.certificates import certify
 from estimator.installation.owned_files import OwnedFiles

@@ -24,6 +24,8 @@ WHOLE_S = 15.0
 CONNECTIONS, OF_ONE_ADDRESS = 1000, 250
 #: open files needed for anything else: the bus, the store, Python's own
 _OTHER_FILES = 200
+#: what asyncio logs again and again while something is still written to a client that has left
+_LEFT = "socket.send() raised exception."
 #: addresses of a reverse proxy on this machine
 _PROXIES = ("127.0.0.1", "::1")
 _FULL = b"Too many connections are open; try again in a while.\n"
@@ -129,6 +131,7 @@ class Listener(uvicorn.Server):
     ) -> None:
         #: refused or aborted connections, by reason
         self.refused = Tally()
+        logging.getLogger("asyncio").addFilter(_is_news)
 
         class Ours(_Bounded):
             limits = Limits(connections, _PROXIES if behind_proxy else (), self.refused)
@@ -156,6 +159,10 @@ class Listener(uvicorn.Server):
     def capture_signals(self) -> Iterator[None]:
         """Leave the signal handlers unchanged."""
         yield
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    return record.msg != _LEFT
 
 
 def make_room() -> int:

@@ -31,7 +31,8 @@ from estimator.web.device_trail import Mark, Trail
 LOOKED_S = 2.0
 #: most devices remembered: as many as an estimator has and some; and most that only a bridge reports
 DEVICES, STRANGERS = 4200, 256
-#: an uncalibrated device without a status is forgotten after this long, s, while other devices have statuses
+#: an uncalibrated device without recent statuses is forgotten after this long, s, while other devices have statuses; so is
+#: one that never had a status, and that no live bridge lists
 FORGET_S = 120.0
 #: most bridges named that list too many devices
 _NAMED = 8
@@ -63,6 +64,8 @@ class Story:
     trail: Trail = field(default_factory=Trail)
     #: last status with samples, by the clock of receipt, s; None if there was none
     heard_s: float | None = None
+    #: since when no live bridge lists a device that has no status, s
+    unlisted_s: float | None = None
     calibrations: dict[str, Calibration] = field(default_factory=dict)
     notes: deque[Note] = field(default_factory=lambda: deque(maxlen=NOTES))
     boots: dict[int, Boot] = field(default_factory=dict)
@@ -143,8 +146,8 @@ class Known:
         return self.stories[device]
 
     def tidy(self, now: float) -> None:
-        """Forget devices that ended, and uncalibrated ones without recent statuses while other devices have them."""
-        for device in self._view.ended(now):
+        """Forget devices that ended, those that nobody lists, and uncalibrated ones while only other devices have statuses."""
+        for device in [*self._view.ended(now), *self._unlisted(now)]:
             self._forget(device)
         spoken = self._view.silences(now)
         if not spoken or min(spoken.values()) > SILENT_S:
@@ -153,6 +156,15 @@ class Known:
             status = self.stories[device].status
             if silent_s > FORGET_S and status is not None and not status.calibration:
                 self._forget(device)
+
+    def _unlisted(self, now: float) -> list[str]:
+        found, bridges = list[str](), self.alive["bridge"].copy()
+        for device, story in self.stories.items():
+            listed = story.status is not None or (story.info is not None and bridges.get(story.info.bridge, False))
+            story.unlisted_s = None if listed else now if story.unlisted_s is None else story.unlisted_s
+            if story.unlisted_s is not None and now - story.unlisted_s > FORGET_S:
+                found.append(device)
+        return found
 
     def _forget(self, device: str) -> None:
         del self.stories[device]
