@@ -34,8 +34,8 @@ DEVICES, STRANGERS = 4200, 256
 #: an uncalibrated device without recent statuses is forgotten after this long, s, while other devices have statuses; so is
 #: one that never had a status, and that no live bridge lists
 FORGET_S = 120.0
-#: most bridges named that list too many devices
-_NAMED = 8
+#: most bridges named that list too many devices, and most ids whose liveliness is known
+_NAMED, _TOKENS = 8, 1024
 CALIBRATIONS, NOTES, BOOTS = 50, 50, 50
 _CAUSES = {
     BootCause.UNKNOWN: "",
@@ -179,6 +179,13 @@ class Known:
         if self._alone_at is None or not there:
             self._alone_at = now
         self.looked = now - self._alone_at > LOOKED_S
+
+    def take_token(self, kind: str, name: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+        """Take a change of liveliness, on a thread of the bus; of too many ids, one that is dead leaves, or the oldest."""
+        there = self.alive[kind]
+        there[name] = alive
+        if len(there) > _TOKENS:
+            del there[next((name for name, alive in there.items() if not alive), next(iter(there)))]
 
     def take_status(self, status: Status, now: float) -> None:
         """Take a status of a device, received at `now` seconds."""
