@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import logging
-import resource
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -13,6 +12,7 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from bridge.runtime.open_files import make_room
 from bridge.wire.refusal import Tally
 from estimator.web.client_address import neighbourhood
 
@@ -165,14 +165,6 @@ def _is_news(record: logging.LogRecord) -> bool:
     return record.msg != _LEFT
 
 
-def make_room() -> int:
-    """Raise the limit of open files if needed and possible; returns how many connections fit into the limit."""
-    wanted = CONNECTIONS + _OTHER_FILES
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft == resource.RLIM_INFINITY or soft >= wanted:
-        return CONNECTIONS
-    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
-    if most < wanted:
-        log.warning("only %d files may be open, and %d may be needed: raise the limit (ulimit -Hn)", most, wanted)
-    return max(1, most - _OTHER_FILES)
+def room() -> int:
+    """Return how many connections the limit of open files allows; it is raised if possible."""
+    return max(1, make_room(CONNECTIONS + _OTHER_FILES) - _OTHER_FILES)

@@ -26,7 +26,7 @@ from estimator.web import device_topics, guide_topics, topics, ward_topics
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
 from estimator.web.hub import Hub
-from estimator.web.listener import CONNECTIONS, Listener, make_room
+from estimator.web.listener import CONNECTIONS, Listener, room
 from estimator.web.site import Desk
 from estimator.web.ward_state import Known
 
@@ -130,7 +130,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> int:
             "%s is reached over the network without TLS: passwords can be read on the way; docs/dashboard.md, On a network",
             settings.listen,
         )
-    server = Server(ward.ward, settings, store, treatment(ward.estimator), make_room())
+    server = Server(ward.ward, settings, store, treatment(ward.estimator), room())
     server.desk.known.alert_settings = ward.alerts
     asyncio.run(_serve(server, ward, file))
     return 0

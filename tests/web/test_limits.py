@@ -265,7 +265,7 @@ def test_files_are_asked_for(
     found: list[tuple[int, int]] = []
     monkeypatch.setattr(resource, "getrlimit", lambda _: limits)
     monkeypatch.setattr(resource, "setrlimit", lambda _, both: found.append(both))
-    assert listener.make_room() == taken
+    assert listener.room() == taken
     assert found == ([] if asked is None else [asked])
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 
 import pylsl
 
+from bridge.runtime.open_files import make_room
 from bridge.wire.messages import CorrectedBatch, DeviceInfo, Status
 from estimator.client import Client
 from estimator.outlets.lsl.clock import LslClock
@@ -15,8 +16,8 @@ from estimator.outlets.places import Places
 
 #: seconds between looks at messages that are no samples
 _LOOK_S = 0.5
-#: most streams: each takes two threads of liblsl, and nine of the process's open files
-_STREAMS = 256
+#: most streams, and open files of each; it also takes two threads. And files that are needed otherwise
+_STREAMS, _FILES, _OTHER_FILES = 256, 9, 100
 
 
 class LslOutlet:
@@ -28,7 +29,8 @@ class LslOutlet:
     def __init__(self, client: Client, devices: Sequence[str] | None, kinds: Collection[str]) -> None:
         self._ward, self._quality = client.ward, "quality" in kinds
         self._boots = Boots()
-        self._places = Places(self._leave, _STREAMS // (1 + len(kinds)))
+        streams = (make_room(_STREAMS * _FILES + _OTHER_FILES) - _OTHER_FILES) // _FILES
+        self._places = Places(self._leave, streams // (1 + len(kinds)))
         self._clock = LslClock(pylsl.local_clock)
         self._began_ns = time.time_ns()
         self._corrected = client.corrected(devices, on_miss=self._boots.missed)
