@@ -147,15 +147,14 @@ class Known:
 
     def tidy(self, now: float) -> None:
         """Forget devices that ended, those that nobody lists, and uncalibrated ones while only other devices have statuses."""
-        for device in [*self._view.ended(now), *self._unlisted(now)]:
-            self._forget(device)
-        spoken = self._view.silences(now)
-        if not spoken or min(spoken.values()) > SILENT_S:
-            return
-        for device, silent_s in spoken.items():
-            status = self.stories[device].status
-            if silent_s > FORGET_S and status is not None and not status.calibration:
-                self._forget(device)
+        over, spoken = {*self._view.ended(now), *self._unlisted(now)}, self._view.silences(now)
+        if spoken and min(spoken.values()) <= SILENT_S:
+            for device, silent_s in spoken.items():
+                status = self.stories[device].status
+                if silent_s > FORGET_S and status is not None and not status.calibration:
+                    over.add(device)
+        if over:
+            self._forget(*over)
 
     def _unlisted(self, now: float) -> list[str]:
         found, bridges = list[str](), self.alive["bridge"].copy()
@@ -166,11 +165,12 @@ class Known:
                 found.append(device)
         return found
 
-    def _forget(self, device: str) -> None:
-        del self.stories[device]
+    def _forget(self, *devices: str) -> None:
+        for device in devices:
+            del self.stories[device]
+            self._view.forget(device)
         for number, story in enumerate(self.stories.values()):
             story.number = number
-        self._view.forget(device)
         self._news += 1
 
     def take_router(self, now: float, *, there: bool) -> None:
