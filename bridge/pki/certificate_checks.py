@@ -125,7 +125,7 @@ def _place_faults(identity: Identity) -> Iterator[str]:
     """Yield the files and folders in which any user of this machine could put another authority, certificate or key."""
     files = dict.fromkeys(Path(path) for path in (identity.ca, identity.certificate))
     for place in (*files, *dict.fromkeys(path.parent for path in (*files, Path(identity.key)))):
-        mode = place.stat().st_mode
+        mode = place.stat().st_mode if place.exists() else 0  # what is missing has a fault of its own
         if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
             yield f"{place}: every user of this machine can change it (mode {stat.S_IMODE(mode):04o}): chmod o-w {place}"
 

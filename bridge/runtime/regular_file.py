@@ -11,7 +11,7 @@ MAX_BYTES = 1 << 20
 
 def content(path: Path | str) -> bytes:
     """Return the bytes of a regular file. Raises OSError for a folder, a pipe, a device, and more than MAX_BYTES."""
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
         mode = os.fstat(descriptor).st_mode
         if stat.S_ISDIR(mode):

@@ -9,8 +9,6 @@ log = logging.getLogger(__name__)
 MOST = 1024
 #: a device silent for so long leaves its place to a new one, s
 SILENT_S = 60.0
-#: shortest time between two searches for a free place, s
-_SEARCH_S = 1.0
 
 
 class Places:
@@ -18,29 +16,22 @@ class Places:
 
     def __init__(self, leave: Callable[[str], None], most: int = MOST) -> None:
         self._leave, self._most = leave, most
-        self._heard_s: dict[str, float] = {}
-        self._full_until_s = float("-inf")
+        self._heard_s: dict[str, float] = {}  # the one silent for longest comes first
         self._warned = False
 
     def take(self, device: str, now_s: float) -> bool:
         """Whether a device, heard now, has a place."""
-        if device not in self._heard_s and not self._room(device, now_s):
-            return False
+        if self._heard_s.pop(device, None) is None and len(self._heard_s) >= self._most:
+            first, heard_s = next(iter(self._heard_s.items()))
+            if now_s - heard_s <= SILENT_S:
+                self._warn(device)
+                return False
+            del self._heard_s[first]
+            self._leave(first)
         self._heard_s[device] = now_s
         return True
 
-    def _room(self, device: str, now_s: float) -> bool:
-        if len(self._heard_s) < self._most:
-            return True
-        if now_s < self._full_until_s:
-            return False
-        for name in [name for name, heard_s in self._heard_s.items() if now_s - heard_s > SILENT_S]:
-            del self._heard_s[name]
-            self._leave(name)
-        if len(self._heard_s) < self._most:
-            return True
-        self._full_until_s = now_s + _SEARCH_S
+    def _warn(self, device: str) -> None:
         if not self._warned:
             self._warned = True
             log.warning("%s is left out, as later devices will be: %d devices are shown already", device, self._most)
-        return False
