@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import logging
 import socket
 import threading
@@ -40,6 +41,8 @@ LIVE = (
     *(f"estimator.{name}" for name in ("method", "model", "models", "horizontal_turns", "warming_s")),
 )
 _LOOK_S = 0.5
+#: allocations between garbage collections: an answer of the stream makes thousands of objects, none of them in a cycle
+_CYCLES = 50_000
 #: addresses that mean every address of this machine
 _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 
@@ -123,6 +126,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> int:
 
     file: the ward file, which may change.
     """
+    gc.set_threshold(_CYCLES)
     settings = ward.dashboard
     store = Path(ward.estimator.store) if ward.estimator else None
     if settings.people and not settings.local and not settings.behind_proxy and not settings.certificate:
