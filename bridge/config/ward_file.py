@@ -53,7 +53,7 @@ class WardFile(Generic[R]):
     ) -> None:
         self._path, self._kind, self._check, self._settled_s = path, kind, check, settled_s
         self._uses, self._live = ("ward", "bus", *uses), frozenset(live)
-        self._read = self._seen = _stamp(path)  # before reading: a change during the read is then read again
+        self._read = self._seen = stamp_of(path)  # before reading: a change during the read is then read again
         self._seen_s = time.monotonic()
         digest = digest_of(path)
         self.root = self._started = self._loaded()
@@ -62,7 +62,7 @@ class WardFile(Generic[R]):
 
     def look(self, now: float) -> R | None:
         """Return the new content if the file has changed and is valid. now: monotonic s; call it every second or so."""
-        stamp = _stamp(self._path)
+        stamp = stamp_of(self._path)
         if stamp != self._seen:
             self._seen, self._seen_s = stamp, now
         if stamp == self._read or now - self._seen_s < self._settled_s:
@@ -160,7 +160,8 @@ def _named(value: object) -> Mapping[str, Any]:
     return {}
 
 
-def _stamp(path: Path) -> tuple[int, int, int] | None:
+def stamp_of(path: Path) -> tuple[int, int, int] | None:
+    """Return what changes when a file changes: time, size and inode; None if it is away."""
     try:
         found = path.stat()
     except OSError:

@@ -106,7 +106,6 @@ class Code(StrEnum):
     KNOWN_DEVICES_AND_MORE = "known_devices_and_more", "names", "more"
     TOO_MANY_COMMANDS = "too_many_commands"
     ESTIMATOR_BUSY = "estimator_busy"
-    OUTCOME_UNKNOWN = "outcome_unknown"
     TURNS_WOULD_BE_LOST = "turns_would_be_lost"
     BOOT_NUMBER_REPEATED = "boot_number_repeated"
     FORGOTTEN = "forgotten", "who"

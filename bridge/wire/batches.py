@@ -93,10 +93,6 @@ class CorrectedEncoder:
     def __init__(self, device: str, epoch: int = 0) -> None:
         self._message = columns.CorrectedBatch(version=VERSION, device=device, epoch=epoch)
 
-    def under(self, epoch: int) -> None:
-        """Set the epoch of all following messages."""
-        self._message.epoch = epoch
-
     def corrected_by(self, quality: Quality, calibration: str, told: Mapping[str, Float32s]) -> None:
         """Set quality and calibration of all following messages. told: a (3,) array for each name in TOLD."""
         message = self._message

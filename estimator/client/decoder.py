@@ -2,13 +2,18 @@
 
 import logging
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from bridge.bus.contract import Message
 from bridge.wire.refusal import Refusal, Tally
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
+
+
+def refused(*decoders: "Decoder[Any]") -> dict[str, int]:
+    """Number of messages that could not be decoded, by kind and reason."""
+    return {f"{one.name} messages refused, {why}": n for one in decoders for why, n in one.refused.as_dict().items()}
 
 
 class Decoder(Generic[T]):

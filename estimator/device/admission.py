@@ -1,152 +1,247 @@
-"""Admission and reordering of messages: duplicates, boots, leaps, bridges and gaps.
+"""Admission of a device's messages: from which bridge, and whether one continues a boot, begins one or is refused.
 
-Pure; `now` is seconds of a steady clock.
+Pure: time is an argument. One bad message must not silence a device, nor a bad sender for ever.
 """
 
-from bisect import insort
-from typing import NamedTuple
+from dataclasses import dataclass
+from enum import Enum, auto
 
+from bridge.wire.batches import MAX_SEQUENCE
 from bridge.wire.refusal import Reason
-from estimator.device.bridge_choice import BEGINS, BridgeChoice, Ruling
+from bridge.wire.validation import MAX_TIME_NS
 from estimator.device.sequence_numbers import SequenceNumbers
 from estimator.samples.sample_buffer import Samples
 
-#: s that missing samples are waited for, and how many samples are held meanwhile
-WAIT_S, WINDOW = 0.1, 1024
+#: s beyond the permitted silence of a device for which its bridge stays the owner
+OWNED_S = 1.0
+#: a refused stream that continues for this long, s, and for this many batches is accepted as what the device now sends
+PERSISTS_S, PERSISTS_BATCHES = 3.0, 5
+#: Hz, no device samples faster; s of samples that a cache may deliver at once
+FASTEST_HZ, CACHE_S = 1e4, 60.0
+#: batches denser than CROWD_HZ are accepted up to CROWD samples; more would fill memory while device time stands still
+CROWD, CROWD_HZ = 4096, 2e5
+#: s of device time between the ends of two batches, below which no further check is needed
+PLAIN_S = 60.0
+#: s, longest accepted batch: each second of device time costs work of its own
+BATCH_S = 600.0
+#: factor by which device time may run ahead of host time: a replay's rate becomes known only after a while
+CLOCK_SLACK = 10.0
+NAMED_BRIDGES = 8
+#: prefix of the counter for samples of a device that another bridge sends; the bridge's name follows
+ELSEWHERE = "also from "
 
 
-class _Held(NamedTuple):
+class Ruling(Enum):
+    """Verdict on a batch."""
+
+    TAKE = auto()
+    #: the device has restarted: begin its boot
+    BOOT = auto()
+    #: implausible times or numbers: count the batch, do nothing else
+    RANGE = auto()
+    #: late or repeated: the counters of the session tell which
+    LATE = auto()
+    #: leap in number or time that has persisted
+    JUMP = auto()
+    #: an earlier boot continues
+    RETURN = auto()
+    #: known numbers keep coming under a known boot id: another power-up
+    REPEAT = auto()
+
+
+#: rulings with which a boot begins
+BEGINS = frozenset({Ruling.BOOT, Ruling.RETURN, Ruling.REPEAT})
+#: rulings after which the batch is only counted
+REFUSED = frozenset({Ruling.LATE, Ruling.RANGE})
+
+
+@dataclass(slots=True)
+class Mark:
+    """End of the last accepted batch: next sequence number, device time, s, receive time, ns, and steady-clock time, s."""
+
     sequence: int
-    order: int
-    batch: Samples
-    came_s: float
-
-
-class EarlyBatches:
-    """Early batches of one boot: they wait until the missing samples arrive, or are overdue.
-
-    Repeated samples pass through: `SequenceNumbers` counts them. `held` is sorted by sequence number; the buffer is
-    truthy while it holds anything. begins: first sequence number of the boot, if known.
-    """
-
-    def __init__(self, begins: int | None = None) -> None:
-        self._begins = begins or 0
-        self.held: list[_Held] = []
-        #: number of samples held
-        self.samples = 0
-        self._came = 0
-
-    def __bool__(self) -> bool:
-        return bool(self.held)
-
-    def feed(self, batch: Samples, awaited: int | None, now: float) -> list[Samples]:
-        """Add a batch; return the batches now in turn. awaited: next sequence number, None before the boot's first sample."""
-        awaited = self._begins if awaited is None else awaited
-        if batch.sequence <= awaited:
-            return [batch, *self._in_turn(max(awaited, batch.sequence + batch.n))]
-        self._came += 1
-        insort(self.held, _Held(batch.sequence, self._came, batch, now))
-        self.samples += batch.n
-        return self._up_to(0) if self.samples > WINDOW else []
-
-    def overdue(self, now: float) -> list[Samples]:
-        """Batches held for WAIT_S, all before them, and those that follow without a gap."""
-        late = [n for n, held in enumerate(self.held) if now - held.came_s >= WAIT_S]
-        return self._up_to(late[-1]) if late else []
-
-    def drop(self) -> list[Samples]:
-        """All held batches, whatever is missing before them; the buffer is empty afterwards."""
-        return self._up_to(len(self.held) - 1) if self.held else []
-
-    def _up_to(self, last: int) -> list[Samples]:
-        """Release the held batches up to index `last`, and those that follow without a gap."""
-        given = [held.batch for held in self.held[: last + 1]]
-        del self.held[: last + 1]
-        self.samples -= sum(batch.n for batch in given)
-        return given + self._in_turn(max(batch.sequence + batch.n for batch in given))
-
-    def _in_turn(self, awaited: int) -> list[Samples]:
-        n = 0
-        while n < len(self.held) and self.held[n].sequence <= awaited:
-            awaited = max(awaited, self.held[n].sequence + self.held[n].batch.n)
-            n += 1
-        given = [held.batch for held in self.held[:n]]
-        del self.held[:n]
-        self.samples -= sum(batch.n for batch in given)
-        return given
+    device_s: float
+    receive_ns: int
+    heard_s: float
 
 
 class Admission:
-    """Admission of one device's messages: `judge` each, begin a boot if the ruling says so, then take those `in_order`.
+    """Admission of one device's messages.
 
-    sequence: counters of accepted samples, shared with the session.
+    silence_s: permitted silence of a device. `owner`: the bridge it is heard from. `sequence`: counters of accepted samples,
+    shared with the session. heard_s arguments: seconds of any steady clock.
     """
 
     def __init__(self, silence_s: float) -> None:
-        self.source, self.sequence = BridgeChoice(silence_s), SequenceNumbers()
-        #: messages that wait for missing samples before them
-        self.waiting = EarlyBatches()
+        self.owner, self.sequence = "", SequenceNumbers()
         #: boot of the latest samples refused as old, and when they came, s
         self.outdated = 0, float("-inf")
         #: of a failed session: boot, next sequence number, and receive time of its last samples, ns
         self._came_to = 0, 0, 0
+        self._owned_s = silence_s + OWNED_S
+        self._heard_s = float("-inf")
+        self._others: dict[str, float] = {}  # refused bridges, with the time each was last heard, s
+        self._latest: Mark | None = None
+        self._booted_ns = 0  # receive time of the current boot's first batch
+        self._refused, self._refused_since_s, self._refused_last_s = 0, 0.0, 0.0
+        self._refused_next = 0, 0  # boot and least sequence number by which the next refused batch continues the last
+        self._room = float(CROWD)
 
-    def begin_at(self, sequence: int) -> None:
-        """Set the boot's first sequence number: no sample before it is waited for."""
-        self.waiting = EarlyBatches(sequence)
+    def owns(self, bridge: str, heard_s: float) -> bool:
+        """Whether this bridge owns the device; ownership passes to it when the owner has been silent for too long."""
+        if bridge != self.owner:
+            if heard_s - self._heard_s <= self._owned_s:
+                return False
+            self.owner = bridge
+        self._heard_s = heard_s
+        return True
 
-    def go_on(self, sequence: int, heard_ns: int) -> None:
-        """Continue a boot at this sequence number; other boots' samples received before heard_ns count as earlier boots'."""
-        self.begin_at(sequence)
-        self.source.go_on(heard_ns)
+    def hold(self, heard_s: float) -> None:
+        """Keep the owner while no bridge can be heard."""
+        self._heard_s = heard_s
 
-    def judge(self, batch: Samples, now: float) -> tuple[Ruling, list[Samples]]:
-        """Rule on a batch and count it where refused; also returns the held batches that come before it."""
-        sequence = self.sequence
-        if sequence.boot is None and self._known(batch):
-            sequence.refuse(batch, Reason.DUPLICATE)
-            return Ruling.LATE, []
-        ruling = self.source.judge(batch, sequence, now)
-        if ruling is Ruling.LATE:
-            self.outdated = batch.boot, now
-            sequence.fresh(batch)  # counts the batch
-        elif ruling is Ruling.RANGE:
-            sequence.refuse(batch, Reason.RANGE)
-        elif ruling is Ruling.JUMP:
-            released = self.waiting.drop()
-            sequence.jump(batch)
-            return ruling, released
-        elif ruling in BEGINS:
-            for late in self.waiting.drop():
-                sequence.refuse(late, Reason.OLD_BOOT)
-            if sequence.boot is not None:
-                self.waiting = EarlyBatches()  # the first number of the new boot is not known
-        return ruling, []
+    def go_on(self, heard_ns: int) -> None:
+        """Note that the boot to continue was heard at this host time, ns."""
+        self._booted_ns = heard_ns
 
-    def in_order(self, batch: Samples, now: float) -> list[Samples]:
-        """Batches that are in turn now that this one has come."""
-        if not self.waiting.held and batch.sequence == self.sequence.next:
-            return [batch]
-        return self.waiting.feed(batch, self.sequence.next, now)
+    def label(self, bridge: str, heard_s: float) -> str:
+        """Name of the counter for samples of another bridge that came now; the number of names is bounded."""
+        if bridge in self._others or len(self._others) < NAMED_BRIDGES:
+            self._others[bridge] = heard_s
+        return f"{ELSEWHERE}{bridge if bridge in self._others else 'others'}"
 
-    def leave(self, reason: str) -> None:
-        """Refuse all waiting batches, counted under `reason`."""
-        for late in self.waiting.drop():
-            self.sequence.refuse(late, reason)
+    def refused(self, now: float) -> tuple[str, ...]:
+        """Bridges that currently send the device, beside its owner."""
+        return tuple(
+            bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s
+        )
 
-    def restart(self, lost: int, uncounted: int, last_ns: int) -> SequenceNumbers:
+    def restart(self, came: int, out: int, last_ns: int) -> SequenceNumbers:
         """Counters for a new session after one has failed; see `SequenceNumbers.anew`.
 
         last_ns: receive time of the last samples the failed session took, ns.
         """
         before = self.sequence
-        self.waiting = EarlyBatches(before.next or 0)
         if before.boot is not None:
             self._came_to = before.boot, before.next or 0, last_ns
-        self.sequence = before.anew(lost, uncounted)
+        self.sequence = before.anew(came, out)
         return self.sequence
+
+    def judge(self, batch: Samples, heard_s: float) -> Ruling:
+        """Rule on a batch from the owner, and count it where it is refused."""
+        sequence = self.sequence
+        if self._goes_on(batch):
+            self._took(batch, heard_s)
+            return Ruling.TAKE
+        if sequence.boot is None and self._known(batch):
+            sequence.refuse(batch, Reason.DUPLICATE)
+            return Ruling.LATE
+        ruling = self._judge_all(batch, heard_s)
+        if ruling is Ruling.LATE:
+            self.outdated = batch.boot, heard_s
+            sequence.fresh(batch)  # counts the batch
+        elif ruling is Ruling.RANGE:
+            sequence.refuse(batch, Reason.RANGE)
+        elif ruling is Ruling.JUMP:
+            sequence.jump(batch)
+        return ruling
+
+    def _judge_all(self, batch: Samples, heard_s: float) -> Ruling:
+        """Rule on a batch, also on what persists after it was refused."""
+        sequence, ruling = self.sequence, self._judge(batch, heard_s)
+        if ruling is not Ruling.LATE and self._crowds(batch):
+            return Ruling.RANGE
+        if ruling in REFUSED:
+            if not (_publishable(batch) and self._persists(batch, heard_s) and self._is_news(batch)):
+                return ruling
+            if ruling is Ruling.RANGE:
+                ruling = Ruling.JUMP
+            elif batch.boot != sequence.boot and sequence.follows(batch):
+                ruling = Ruling.RETURN
+            else:
+                ruling = Ruling.REPEAT
+        if ruling in BEGINS:
+            self._booted_ns = batch.receive_time_ns
+        self._took(batch, heard_s)
+        return ruling
 
     def _known(self, batch: Samples) -> bool:
         """Whether a failed session had already taken all samples of a batch."""
         boot, following, received_ns = self._came_to
         return batch.boot == boot and batch.sequence + batch.n <= following and batch.receive_time_ns <= received_ns
+
+    def _took(self, batch: Samples, heard_s: float) -> None:
+        self._refused = 0
+        self._latest = Mark(batch.sequence + batch.n, batch.last_s, batch.receive_time_ns, heard_s)
+        self._booted_ns = min(self._booted_ns, batch.receive_time_ns)  # the host's clock may be set back
+
+    def _goes_on(self, batch: Samples) -> bool:
+        """Whether a batch plainly continues the last one, as most do; then no other check is needed."""
+        latest, sequence, n = self._latest, self.sequence, batch.n
+        if latest is None or batch.boot != sequence.boot or not sequence.next == batch.sequence == latest.sequence:
+            return False
+        passed_s = batch.last_s - latest.device_s
+        if not (batch.first_s > latest.device_s and n / CROWD_HZ <= passed_s < PLAIN_S):
+            return False
+        return batch.sequence + n <= MAX_SEQUENCE
+
+    def _judge(self, batch: Samples, heard_s: float) -> Ruling:
+        sequence = self.sequence
+        boots = sequence.is_new_boot(batch.boot)
+        if boots and sequence.boot is not None and self._older(batch):
+            return Ruling.LATE
+        if not boots and (batch.boot != sequence.boot or not sequence.follows(batch)):
+            return Ruling.LATE
+        if not _publishable(batch) or self._leaps(batch, heard_s, anew=boots):
+            return Ruling.RANGE
+        return Ruling.BOOT if boots else Ruling.TAKE
+
+    def _leaps(self, batch: Samples, heard_s: float, *, anew: bool) -> bool:
+        begin_s, end_s = batch.first_s, batch.last_s
+        mark = Mark(batch.sequence, begin_s, batch.receive_time_ns, heard_s)
+        if self._latest is not None and not anew:
+            mark = self._latest
+        # The sender's clock may be set back between two batches; our steady clock cannot.
+        passed_s = max((batch.receive_time_ns - mark.receive_ns) * 1e-9, heard_s - mark.heard_s) + CACHE_S
+        device_s = passed_s / min(1.0, batch.clock_rate)
+        return batch.sequence - mark.sequence > FASTEST_HZ * device_s or end_s - mark.device_s > CLOCK_SLACK * device_s
+
+    def _crowds(self, batch: Samples) -> bool:
+        """Whether the samples are denser than any device's, or the batch is too long."""
+        begin_s, end_s = batch.first_s, batch.last_s
+        since_s = begin_s if self._latest is None else min(begin_s, self._latest.device_s)
+        room = min(CROWD, self._room + (end_s - since_s) * CROWD_HZ) - batch.n
+        if room < 0 or end_s - begin_s > BATCH_S:
+            return True
+        self._room = room
+        return False
+
+    def _older(self, batch: Samples) -> bool:
+        """Whether a boot never heard before is older than the present one: its samples were received earlier.
+
+        The cause may also be a host clock set back; then only such batches arrive, and `_persists` accepts them.
+        """
+        return batch.receive_time_ns < self._booted_ns
+
+    def _is_news(self, batch: Samples) -> bool:
+        """Whether a persistent stream was received after all accepted samples; else it is a replayed recording.
+
+        A boot never heard before may be older: no recording of it is known, and a host's clock may be set back.
+        """
+        latest_ns = self._latest.receive_ns if self._latest is not None else 0
+        return self.sequence.is_new_boot(batch.boot) or batch.receive_time_ns > latest_ns
+
+    def _persists(self, batch: Samples, heard_s: float) -> bool:
+        """Whether refused batches have come for long enough, each after the end of the last: no shuffled recording."""
+        goes_on = (batch.boot, batch.sequence) >= self._refused_next and batch.boot == self._refused_next[0]
+        if not self._refused or heard_s - self._refused_last_s > PERSISTS_S or not goes_on:
+            self._refused, self._refused_since_s = 0, heard_s
+        self._refused += 1
+        self._refused_last_s = heard_s
+        self._refused_next = batch.boot, batch.sequence + batch.n
+        return self._refused >= PERSISTS_BATCHES and heard_s - self._refused_since_s >= PERSISTS_S
+
+
+def _publishable(batch: Samples) -> bool:
+    """Whether the last sample's time and number fit the wire format: a corrected batch may be cut anywhere."""
+    return batch.last_ns < MAX_TIME_NS and batch.sequence + batch.n <= MAX_SEQUENCE

@@ -40,6 +40,12 @@ class Cut(NamedTuple):
         """Time stamps of the samples in ticks, packed as on the wire."""
         return self.samples.ticks[8 * self.first : 8 * self.end]
 
+    @property
+    def header(self) -> tuple[int, int, int, float, float, bytes]:
+        """Boot, sequence, start time, tick period, clock rate and ticks, as the wire's encoders take them."""
+        samples = self.samples
+        return samples.boot, self.sequence, self.start_time_ns, samples.tick_period_s, samples.clock_rate, self.ticks
+
 
 #: corrected rates (n, 3) float32 and flags (n,) uint32, packed as on the wire; flags are empty when none is set
 Rates = tuple[bytes, bytes]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.wire.batches import MAX_RATE, MAX_STD
 from bridge.wire.messages import Calibration, Quality
 from estimator.geometry.gyro_model import AXES, GyroModel, PriorKnobs, uncalibrated
 from estimator.orientation.attitude import known
@@ -14,6 +15,9 @@ from estimator.state import shaped
 
 Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
+#: range of each row of PublishedCorrection on the wire; a row that is not a number becomes the largest
+_MOST = np.array([[MAX_STD], [MAX_STD], [MAX_STD], [MAX_STD], [MAX_RATE], [MAX_STD]], np.float32)
+_LEAST = np.array([[0.0], [0.0], [0.0], [0.0], [-MAX_RATE], [0.0]], np.float32)
 #: m/s², bias of an accelerometer of which gravity has taught nothing yet
 _ACCEL_STD = 0.05
 
@@ -48,12 +52,12 @@ class Correction:
 
     @cached_property
     def told(self) -> PublishedCorrection:
-        """Parameters to publish; every batch with this correction shares the same arrays."""
+        """Parameters to publish, within the wire's range; every batch with this correction shares the same arrays."""
         model, of_reading, rows = self.model, np.empty((3, 3)), np.empty((6, 3), np.float32)
         of_reading[0], of_reading[1], of_reading[2] = model.noise_std, self.bias_std, self.flicker
         rows[0], rows[1], rows[5] = model.corrected_std(of_reading)
         rows[2], rows[3], rows[4] = model.scale_std, model.cross_std, model.bias
-        return PublishedCorrection(*rows)
+        return PublishedCorrection(*np.fmax(_LEAST, np.fmin(_MOST, rows)))
 
     @cached_property
     def parameters(self) -> Floats:

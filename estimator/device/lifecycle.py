@@ -75,7 +75,7 @@ _CALIBRATING = (S.AWAITING_STILL, S.BIAS_ONLY, S.TURNING)
 AWAY = (S.UNKNOWN, S.LOST)
 #: events possible while a device is away, also from samples that came before; they change the state it will return to
 _LEARNT = (E.RESTED, E.TURNED, E.CALIBRATED, E.NOT_CALIBRATED, E.DOUBTED, E.CONFIRMED)
-_MEANWHILE = (E.CANCEL_TO_TRACKING, E.CANCEL_TO_START, E.CHANGED, *_LEARNT)
+_MEANWHILE = (E.CANCEL_TO_TRACKING, E.CANCEL_TO_START, E.CHANGED, E.RESTORED, *_LEARNT)
 
 TABLE: dict[tuple[State, Event], State | type[Back]] = {
     **{(state, E.BOOTED): S.WARMING for state in State},

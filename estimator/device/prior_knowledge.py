@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bridge.wire.messages import Calibration
-from estimator.tracking.bias_filter import BIAS, BiasFilter, BiasKnobs, BiasState, start
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import BIAS, BiasKnobs, BiasState, start
 from estimator.tracking.temperature_law import TemperatureLaw
 
 #: s; samples older than the checkpoint by less come from the bus's cache, older ones mean that the device clock lost count

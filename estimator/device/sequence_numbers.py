@@ -84,18 +84,16 @@ class SequenceNumbers:
         self.samples_out -= n
         self.dropped.add(reason, n)
 
-    def anew(self, lost: int, uncounted: int) -> "SequenceNumbers":
+    def anew(self, came: int, out: int) -> "SequenceNumbers":
         """Counters for a new session after a failed one: the same counts and past boots, no current boot.
 
-        lost: samples the failed session took and did not publish; negative when it published more. uncounted: samples that
-        arrived and never reached these counters.
+        came, out: samples that came and samples that were published. The failed session has lost the rest.
         """
         fresh = SequenceNumbers()
-        fresh.samples_in, fresh.samples_out = self.samples_in + uncounted, self.samples_out - lost
+        fresh.samples_in, fresh.samples_out = came, out
         fresh.dropped, fresh.events, fresh._past = self.dropped, self.events, self._past
         fresh._before = self._before
-        if lost + uncounted:
-            fresh.dropped.add("session failed", lost + uncounted)
+        fresh.dropped.add("session failed", came - out - self.dropped.total())
         return fresh
 
     def fresh(self, batch: Samples) -> int:

@@ -1,13 +1,9 @@
 """Session of one device: raw samples in; corrected rates, calibrations and a status out.
 
 A pure core without clock, bus or store. Time is device time, from the samples; knowledge of earlier boots is passed in.
-What a block of device time (`estimator.samples.blocks`) teaches is applied from the end of the next block on. So the
-corrected rates do not depend on how the samples are batched, and the caller may run `learn` whenever there is time.
 """
 
 from collections.abc import Iterable
-from functools import partial
-from weakref import proxy
 
 import numpy as np
 
@@ -18,38 +14,30 @@ from bridge.wire.messages import (
     Alert,
     Calibration,
     DeviceCalibration,
-    DeviceInfo,
     Placement,
     Quality,
-    SampleBatch,
     State,
     Status,
     Verdict,
 )
-from bridge.wire.refusal import Reason
-from estimator.calibration.result import Result
-from estimator.device.batch_correction import Cut, batch_of, correct
-from estimator.device.boot_estimation import BootEstimation, BootEstimationState
+from estimator.device.boot_estimation import BootEstimationState
 from estimator.device.calibration_progress import CalibrationProgress
+from estimator.device.corrected_stream import CorrectedStream, as_message
 from estimator.device.correction import Correction
-from estimator.device.lifecycle import Event, Lifecycle
-from estimator.device.orientation import oriented
+from estimator.device.lifecycle import Event
 from estimator.device.outcome import Outcome
 from estimator.device.own_calibration import METHOD, judged
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.sequence_numbers import SequenceNumbers
 from estimator.device.session_knobs import SessionKnobs
-from estimator.device.window_summary import Second
 from estimator.geometry.gyro_model import Floats, axis_names
 from estimator.orientation.attitude import Attitude
 from estimator.samples.blocks import BLOCK_S, SHORT_S, Blocks
-from estimator.samples.finite import runs
-from estimator.samples.sample_buffer import CELSIUS, TIME, Samples, known
+from estimator.samples.sample_buffer import TIME
 from estimator.state import StateStruct, decode, encode
 from estimator.stillness.detector import too_seldom
-from estimator.tracking.bias_filter import BiasState
+from estimator.tracking.bias_state import BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
-from estimator.tracking.tracker import Tracker
 
 #: version of the bytes from `state`; any other version is refused
 VERSION = 3
@@ -57,8 +45,6 @@ VERSION = 3
 TURNS_LOST = "turns lost with an estimator"
 #: event name for calibrations of the device's own that were not plausible
 OWN_REFUSED = "own calibration refused"
-#: s; after a longer silence the bias is less certain from the first sample on, before the next second is judged
-SILENCE_S = 5.0
 
 
 class SessionState(StateStruct):
@@ -88,33 +74,8 @@ class SessionState(StateStruct):
     attitude: tuple[Floats, str] | None = None
 
 
-class DeviceSession:
-    """Processing of one device across its boots.
-
-    began: device time at which the first boot begins, s. sequence: sequence counters to continue; new ones by default.
-    """
-
-    def __init__(
-        self,
-        device: str,
-        knobs: SessionKnobs | None = None,
-        began: float = 0.0,
-        sequence: SequenceNumbers | None = None,
-    ) -> None:
-        self.device = device
-        self.knobs = knobs or SessionKnobs()
-        self.life = Lifecycle()
-        self.sequence = sequence or SequenceNumbers()
-        self.info: DeviceInfo | None = None
-        self.last_heard_ns = 0
-        #: whether summaries per window (`window_summary`) are wanted; only then the samples of a block are kept for them
-        self.windowed = False
-        #: orientation of the current boot; None while nobody wants it
-        self.attitude: Attitude | None = None
-        self._away_s = 0.0  # s since the previous admitted batch, by the host's clock
-        self._offered: DeviceCalibration | None = None  # the device's own calibration that was judged last
-        self._begin(began)
-        self._unused = True  # no boot has begun since `_begin`
+class DeviceSession(CorrectedStream):
+    """Processing of one device across its boots; see CorrectedStream for its arguments."""
 
     # ---- boots ----------------------------------------------------------------------------------------------------
 
@@ -153,22 +114,6 @@ class DeviceSession:
             self._apply()
             outcome.said.append("bias of this boot restored")
         return outcome
-
-    def _begin(self, device_time: float, law: TemperatureLaw | None = None) -> None:
-        # A proxy: a reference cycle would keep an ended session in memory until Python's cycle collector runs.
-        made = partial(_as_message, proxy(self))
-        self.learnt = BootEstimation(self.knobs, device_time, law, self.life, self.sequence.events, made)
-        self._blocks = Blocks(device_time)
-        #: correction in force now, and from the end of this block on
-        self._applied = self._ready = self.learnt.correction()
-        #: sample numbers of the last whole block, until it is learnt from
-        self._lesson: tuple[int, int] | None = None
-        self._lesson_applied = self._applied  # correction that was applied to that block, and its length, s
-        self._lesson_s = self._blocks.length_s
-
-    def orient(self) -> None:
-        """Begin to estimate the orientation, anew: heading zero is at the next sample."""
-        self.attitude = Attitude(self.knobs.orientation)
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
         if self.learnt.under_way is None:
@@ -221,7 +166,7 @@ class DeviceSession:
             return Outcome()
         self._offered = own
         result = judged(own, self.boot or 0, learnt.seen, learnt.noise_std)
-        made = _as_message(self, result, "", now_ns)
+        made = as_message(self, result, "", now_ns)
         if result.verdict is Verdict.ACCEPTED:
             learnt.accept(made, (Code.CALIBRATED(), *result.reason))
             self._apply()
@@ -308,135 +253,6 @@ class DeviceSession:
         if saved.learnt.turned:
             session._lost_turns(saved.learnt.turned, Outcome())
         return session
-
-    # ---- samples --------------------------------------------------------------------------------------------------
-
-    @property
-    def boot(self) -> int | None:
-        """Boot id whose samples are accepted; None before the first boot."""
-        return self.sequence.boot
-
-    @property
-    def calibration(self) -> Calibration | None:
-        """Calibration of the current boot, or None."""
-        return self.learnt.calibration
-
-    @property
-    def prior(self) -> Calibration | None:
-        """Calibration of an earlier boot under the same restore key, or None."""
-        return self.learnt.prior
-
-    @property
-    def tracker(self) -> Tracker:
-        """Bias tracker of the current boot."""
-        return self.learnt.tracker
-
-    @property
-    def applied(self) -> Correction:
-        """Correction applied to the next samples."""
-        return self._applied
-
-    def begins_earlier(self, samples: Samples) -> bool:
-        """Whether the samples precede the assumed begin of this boot, while none of the boot was taken yet."""
-        return self.sequence.next is None and samples.first_s < self.learnt.began
-
-    def handle(self, batch: SampleBatch) -> Outcome:
-        """Correct a batch of the current boot and learn from it at once; samples that are not finite are counted and dropped."""
-        samples, cuts = Samples.of(batch), list[Cut]()
-        first, outcome = self._admit(samples)
-        finite = runs(batch, first) if first < samples.n else []
-        self.sequence.drop(Reason.NON_FINITE, samples.n - first - sum(end - begin for begin, end in finite))
-        for begin, end in finite:
-            outcome = self._put(samples.part(begin, end), 0, cuts, outcome)
-        outcome = outcome or Outcome()
-        outcome.corrected = [batch_of(cut, rates) for cut, rates in zip(cuts, correct(cuts), strict=True)]
-        if self.attitude is not None:
-            outcome.oriented = oriented([(self.attitude, cut) for cut in cuts])
-        self._learn(outcome)
-        return outcome
-
-    def take(self, samples: Samples, cuts: list[Cut]) -> Outcome | None:
-        """Accept samples of the current boot (see `SequenceNumbers.is_new_boot`), all finite; late or repeated ones are counted.
-
-        Appends to `cuts` which samples each correction applies to. Returns what earlier samples led to, or None.
-        """
-        first, outcome = self._admit(samples)
-        return outcome if first == samples.n else self._put(samples, first, cuts, outcome)
-
-    @property
-    def to_learn(self) -> bool:
-        """Whether a whole block waits to be learnt from."""
-        return self._lesson is not None
-
-    def learn(self) -> Outcome:
-        """Learn from the last whole block now.
-
-        Otherwise this happens at the end of the next block, from which on the result is applied in either case.
-        """
-        outcome = Outcome()
-        self._learn(outcome)
-        return outcome
-
-    def _admit(self, samples: Samples) -> tuple[int, Outcome | None]:
-        """Count incoming samples; return how many leading ones to skip, and an outcome if the device was away."""
-        first = self.sequence.fresh(samples)
-        if first == samples.n:
-            return first, None
-        self._away_s = max(0.0, (samples.receive_time_ns - self.last_heard_ns) / 1e9 / samples.clock_rate)
-        self.last_heard_ns = samples.receive_time_ns
-        if not (self.life.away and self.life.on(Event.HEARD)):
-            return first, None
-        self._apply()
-        return first, Outcome(changed=True, said=["heard again"])
-
-    def _put(self, samples: Samples, first: int, cuts: list[Cut], outcome: Outcome | None) -> Outcome | None:
-        """Cut samples from index `first` on where the correction changes, and append the cuts."""
-        blocks, start = self._blocks, first
-        if blocks.went_back(samples.rows.item(first, TIME) if first else samples.first_s, self._away_s):
-            self.sequence.events.add("device clock went back")
-        for edge, now, before in blocks.put(samples, first):
-            applied, outcome = self._applied, outcome or Outcome()
-            if now - before > SILENCE_S:
-                self._end_block(outcome, (now, known(samples.rows.item(edge, CELSIUS))))
-            else:
-                self._end_block(outcome)
-            if edge > start and self._applied is not applied and not self._applied.same(applied):
-                cuts.append(Cut(samples, applied, start, edge))
-                start = edge
-        cuts.append(Cut(samples, self._applied, start, samples.n))
-        return outcome
-
-    def _end_block(self, outcome: Outcome, resumed: tuple[float, float | None] | None = None) -> None:
-        """End a block: it becomes the next to learn from, and the correction learnt from earlier blocks takes effect.
-
-        resumed: device time, s, and temperature, °C, of the next sample when a silence lies before it.
-        """
-        self._learn(outcome)
-        self._lesson_s = self._blocks.length_s
-        self._blocks.length_s = SHORT_S if self.learnt.awaited else BLOCK_S
-        if resumed is not None:
-            self.learnt.resumed(*resumed)
-            self._ready = self.learnt.correction()
-        self._lesson, self._lesson_applied = self._blocks.end_block(), self._applied
-        self._applied = self._ready
-
-    def _learn(self, outcome: Outcome) -> None:
-        if self._lesson is None:
-            return
-        (begin, end), self._lesson, buffer = self._lesson, None, self._blocks.buffer
-        of = self.device, self.boot or 0
-        if self.windowed:
-            block = buffer.rows(begin, end).copy(), buffer.places(begin, end).copy()
-            outcome.seconds.append(Second(*of, *block, self._lesson_applied))
-        if self.learnt.learn(buffer, end, of, outcome):  # an unchanged correction does not cut a batch
-            self._ready = self.learnt.correction()
-
-    def end(self) -> Outcome:
-        """Finish the stream: learn from its last blocks without waiting for more samples."""
-        outcome = Outcome()
-        self._end_block(outcome)
-        self._learn(outcome)
-        return outcome
 
     # ---- requests and silence -------------------------------------------------------------------------------------
 
@@ -533,17 +349,9 @@ class DeviceSession:
             epoch=epoch,
         )
 
-    def count_event(self, name: str) -> int:
-        """Count an event of this device that happened outside the session; returns its count."""
-        return self.sequence.events.add(name)
-
     def checkpoint(self) -> BiasState | None:
         """Bias to store for a restart; None without samples, or while the boot is uncalibrated and its bias is not sure."""
         return None if self.sequence.next is None else self.learnt.bias()
-
-    def _apply(self) -> None:
-        """Apply the latest correction at once: the change did not come from samples."""
-        self._applied = self._ready = self.learnt.correction()
 
     def _too_seldom(self) -> Sentences:
         told = self.info
@@ -558,31 +366,3 @@ class DeviceSession:
 def _same(own: DeviceCalibration, known: Calibration) -> bool:
     """Whether a calibration in use has these values."""
     return np.array_equal(own.scale, known.matrix.diagonal()) and np.array_equal(own.bias, known.bias)
-
-
-def _as_message(session: DeviceSession, result: Result, who: str, now_ns: int) -> Calibration:
-    info = session.info
-    boot = session.boot or 0
-    # The wire takes no infinity: parameters that were not estimated are left out.
-    known = bool(np.all(np.isfinite(result.covariance)))
-    return Calibration(
-        device=session.device,
-        boot=boot,
-        id=f"{session.device}-{boot:016x}-{now_ns // 1_000_000:x}",
-        time_ns=now_ns,
-        method=result.method,
-        verdict=result.verdict,
-        reason=result.reason,
-        matrix=result.matrix,
-        bias=result.bias,
-        parameters=result.parameters if known else (),
-        covariance=result.covariance if known else np.zeros((0, 0)),
-        turns=result.turns,
-        noise_std=result.noise_std if known else np.zeros(3),
-        model=info.model if info else "",
-        firmware=info.firmware if info else "",
-        gyro_range=info.gyro_range if info else 0.0,
-        rate_hz=info.rate_hz if info else 0.0,
-        temperature_c=session.tracker.thermometer.reading,
-        who=who,
-    )

@@ -8,7 +8,7 @@ from estimator.calibration.method_names import DEFAULT
 from estimator.geometry.gyro_model import PriorKnobs
 from estimator.orientation.attitude import OrientationKnobs
 from estimator.stillness.detector import StillnessKnobs
-from estimator.tracking.tracker import TrackKnobs
+from estimator.tracking.track_knobs import TrackKnobs
 
 
 @dataclass(frozen=True, slots=True)

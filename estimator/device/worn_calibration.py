@@ -9,7 +9,7 @@ from bridge.reasons.codes import Code
 from bridge.wire.messages import Calibration, Turn, Verdict
 from estimator.calibration.gravity_propagation import COLUMN, MATRIX_PARAMETERS, ROW
 from estimator.calibration.result import Result
-from estimator.tracking.bias_filter import BIAS
+from estimator.tracking.bias_state import BIAS
 from estimator.tracking.evidence import GATES
 from estimator.tracking.gravity import MATRIX
 from estimator.tracking.tracker import Tracker

@@ -96,7 +96,7 @@ class Boots:
 
     def resumed(self, device: Device) -> Outcome | None:
         """Apply the device info to a session taken over from another estimator, if an info of this boot is known."""
-        info = self._devices.info(device.admission.source.owner, device.name)
+        info = self._devices.info(device.admission.owner, device.name)
         device.session.sequence.recall(partial(self._before, device.name, device.session.boot or 0))
         return None if info is None or info.boot != device.session.boot else self.introduced(device, info, None)
 

@@ -29,7 +29,7 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
         session.boot,
         device.epoch,
         time_ns,
-        device.admission.source.owner,
+        device.admission.owner,
         used,
         answers,
         device.repeated == session.boot,
@@ -86,11 +86,6 @@ class Checkpoints:
     def of(self, device: str) -> Checkpoint | None:
         """Latest checkpoint of a device, or None."""
         return self._latest.get(device)
-
-    def bridge(self, device: str) -> str:
-        """Bridge the device was last heard from; empty if unknown."""
-        known = self._latest.get(device)
-        return "" if known is None else known.bridge
 
     def lately_from(self, device: str, now_ns: int) -> str:
         """Bridge of a checkpoint no older than LATELY_NS, else empty: a device silent for longer may be anywhere."""

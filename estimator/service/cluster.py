@@ -14,9 +14,8 @@ from estimator.client.decoder import Decoder
 from estimator.service.checkpoints import Checkpoints, checkpoint_of
 from estimator.service.device import Device
 from estimator.service.device_roster import MAX_DEVICES
-from estimator.service.membership import LEASE_S, Membership
+from estimator.service.membership import BEYOND, LEASE_S, Membership
 from estimator.service.moves import Moves
-from estimator.service.ownership import BEYOND
 from estimator.service.replay_log import ReplayLog
 
 log = logging.getLogger(__name__)
@@ -60,6 +59,7 @@ class Cluster:
         self._tokens: deque[tuple[str, bool]] = deque(maxlen=_TOKENS)
         self._owned = Decoder[Owned]("ownership", codec.decode_owned)
         self._checkpoints = Decoder[Checkpoint]("checkpoint", codec.decode_checkpoint)
+        self.decoders = self._owned, self._checkpoints
         self._own_key = keys.build(ward, "owned", estimator=own)
         self._said, self._mine = bus.publisher(self._own_key), deque[int](maxlen=_SAID)
         self._heard = bus.subscribe(keys.pattern(ward, "owned"), prompt=False)
@@ -67,9 +67,11 @@ class Cluster:
         self._watch = bus.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
         self._looked, self._deaf_s, self._next_say, self._scan = now, 0.0, 0.0, True
         self._moves = Moves(now_ns)
-        self._came = False
         self._why: Sentences = ()
-        self._calibrated: list[Checkpoint] = []
+        #: as seen in the last look: whether another estimator appeared, which needs checkpoints of our devices ...
+        self.came = False
+        #: ... and checkpoints with a calibration that former owners sent of our devices after we took them
+        self.calibrated: list[Checkpoint] = []
         #: standing alerts of this estimator itself
         self.alerts: tuple[Alert, ...] = ()
         self._load, self._load_since = 0.0, (now, time.process_time())
@@ -79,14 +81,6 @@ class Cluster:
         for thing in (self._watch, self._heard, self._kept, self._said):
             thing.close()
 
-    def refused(self) -> dict[str, int]:
-        """Number of other estimators' messages that could not be decoded, by kind and reason."""
-        return {
-            f"{door.name} messages refused, {why}": n
-            for door in (self._owned, self._checkpoints)
-            for why, n in door.refused.as_dict().items()
-        }
-
     # ---- what the others say ----------------------------------------------------------------------------------------
 
     def look(self, now: float, *, heard: bool) -> list[str]:
@@ -94,7 +88,7 @@ class Cluster:
 
         heard: whether samples arrived in this round. now: monotonic seconds.
         """
-        membership = self.membership
+        membership, self.came, self.calibrated = self.membership, False, []
         said = self._heard.drain(512, 0.0)
         self._excuse(now, heard=heard or any(message.key != self._own_key for message in said))
         if self._tokens and self.company and not self._bus.connected:
@@ -126,16 +120,6 @@ class Cluster:
             self.membership.hold_off(now)
         self._scan = True
 
-    def newcomer(self) -> bool:
-        """Whether another estimator appeared since the last call; it needs checkpoints of our devices."""
-        came, self._came = self._came, False
-        return came
-
-    def calibrated(self) -> list[Checkpoint]:
-        """Take checkpoints with a calibration that former owners sent of our devices after we took them."""
-        found, self._calibrated = self._calibrated, []
-        return found
-
     def _note(self, checkpoint: Checkpoint) -> None:
         if checkpoint.epoch >= BEYOND:  # no later epoch could ever replace it
             self._counts.add("checkpoint messages refused, epoch")
@@ -143,7 +127,7 @@ class Cluster:
         self.membership.hear(checkpoint.epoch)
         self.replicas.note(checkpoint)
         if checkpoint.calibration is not None and checkpoint.epoch < self.membership.held.get(checkpoint.device, 0):
-            self._calibrated.append(checkpoint)
+            self.calibrated.append(checkpoint)
 
     def _excuse(self, now: float, *, heard: bool) -> None:
         """Extend the others' lease for time in which we did not listen, or nothing arrived on our own line."""
@@ -175,7 +159,7 @@ class Cluster:
             return
         self.membership.token(name, now, alive=alive)
         if alive and name != self.membership.own:
-            self.company = self._came = True
+            self.company = self.came = True
 
     def _notice(self, came: list[str], gone: list[str]) -> None:
         for name in came:

@@ -5,14 +5,19 @@ import time
 from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
+from bridge.wire.batches import CorrectedEncoder
 from bridge.wire.messages import Alert, BiasRevision, Checkpoint, Note, Placement, State, Status, WindowBatch
+from bridge.wire.orientation import OrientationEncoder
 from estimator.alerts.board import Board, Change
 from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.device.admission import Admission
 from estimator.device.attention import attentions, ended
 from estimator.device.batch_correction import Cut, Rates
+from estimator.device.correction import Correction
 from estimator.device.orientation import OrientedCut
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
@@ -21,6 +26,7 @@ from estimator.service.overload import OVERLOADED, UNKEPT
 
 #: messages cached for late and returning subscribers; for corrected, a bridge's cache of 50 ms batches and some more
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
+CACHES |= {"orientation": 0, "@windowed": 0}  # live only, and made only while somebody subscribes
 #: kept open for a time after a takeover: rates, the calibrations they name, and checkpoints for a cut-off estimator
 _ASKED_FOR = "corrected", "calibration", "checkpoint"
 #: a newcomer that no list names is announced once it has lived for so long, device s: its publishers cost much
@@ -31,8 +37,6 @@ FIRST_CHECKPOINT_S = 1.0
 SILENT_S = 2.0
 #: s without a subscriber after which the orientation is given up; who comes back earlier finds the same heading
 FORGET_ORIENTATION_S = 10
-#: sample counts before some work on a device: held, taken in, corrected and published
-Counted = tuple[int, int, int, int]
 
 
 class Device:
@@ -83,21 +87,13 @@ class Device:
         self.session = DeviceSession(name, knobs, began, self.admission.sequence)
         #: boot number that another power-up had before, until this power-up is calibrated
         self.repeated: int | None = None
-        #: corrected samples published, or to be published in this round
-        self.told = 0
+        #: samples that came from the device's own bridge; corrected samples published, or to be published in this round
+        self.came = self.told = 0
         self._gone = False
         self._publishers: dict[str, Publisher] = {}
-        self._windowed: Publisher | None = None
-        self._oriented: Publisher | None = None
         self._unwanted_s = 0  # s for which nobody has subscribed to the orientation
-        self._encoder = output.Encoder(name, epoch)
-        self._orientation = output.Orientations(name, epoch)
-
-    @property
-    def counted(self) -> Counted:
-        """Sample counts needed by `FaultIsolation.failed`."""
-        sequence = self.session.sequence
-        return self.admission.waiting.samples, sequence.samples_in, sequence.samples_out, self.told
+        self._encoder, self._orientation = CorrectedEncoder(name, epoch), OrientationEncoder(name, epoch)
+        self._correction: Correction | None = None  # correction of the last encoded samples
 
     @property
     def announced(self) -> bool:
@@ -111,7 +107,10 @@ class Device:
 
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
         """Publish corrected samples, or keep them: of a newcomer, and while their calibration waits to be stored."""
-        self._held.append(self._encoder.encode(cut, rates))
+        if (correction := cut.correction) is not self._correction:
+            self._correction = correction
+            self._encoder.corrected_by(correction.quality, correction.calibration, correction.told._asdict())
+        self._held.append(self._encoder.encode(*cut.header, *rates))
         if not self.announced:
             self._first_s = min(self._first_s, cut.samples.first_s)
             if cut.samples.last_s - self._first_s >= self.announced_after_s:
@@ -123,28 +122,27 @@ class Device:
     def say_windows(self, batch: WindowBatch) -> None:
         """Publish window summaries, if they fit the wire's limits."""
         fit = output.windows(batch)
-        if fit is not None and self._windowed is not None:
-            self._windowed.put(codec.encode_windows(fit))
+        if fit is not None:
+            self._say("@windowed", codec.encode_windows(fit))
 
     def say_orientation(self, one: OrientedCut) -> None:
         """Publish the orientation of corrected samples."""
-        if self._oriented is not None and not self._unwanted_s:
-            self._oriented.put(self._orientation.encode(one))
+        if self._unwanted_s:
+            return
+        cut, (quat_wxyz, accel, cov), zero = one
+        quat, cov_of_last = quat_wxyz.astype(np.float32).tobytes(), cov[-1].astype(np.float32).tobytes()
+        packed = quat, output.linear_accel(accel), cov_of_last
+        self._say("orientation", self._orientation.encode(*cut.header, *packed, zero, cut.correction.quality))
 
     def look_round(self) -> None:
         """Once a second: make window summaries and orientation only while somebody subscribes to them."""
-        if self._oriented is None and self.announced:
-            self._oriented = self._bus.publisher(keys.build(self._ward, "orientation", device=self.name))
-        oriented = self._oriented is not None and self._oriented.wanted
+        oriented = self._is_wanted("orientation")
         self._unwanted_s = 0 if oriented else self._unwanted_s + 1
         if oriented and self.session.attitude is None:
             self.session.orient()
         elif self._unwanted_s > FORGET_ORIENTATION_S:
             self.session.attitude = None
-        if self._windowed is None and self.announced:
-            self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
-        wanted = self._windowed is not None and self._windowed.wanted
-        self.session.windowed = wanted
+        self.session.windowed = self._is_wanted("@windowed")
 
     def stands(self, standing: Iterable[Alert], now: float) -> None:
         """Go on with alerts that were raised before. now: monotonic s."""
@@ -223,8 +221,8 @@ class Device:
         silent_s = now - self.heard if now - self.heard > SILENT_S else 0.0
         said = self.session.status(
             time_ns,
-            bridge=self.admission.source.owner,
-            refused_bridges=self.admission.source.refused(now),
+            bridge=self.admission.owner,
+            refused_bridges=self.admission.refused(now),
             epoch=self.epoch,
             silent_s=silent_s,
             more=more,
@@ -247,13 +245,12 @@ class Device:
         """Whether the device is meant to send no more."""
         return self.session.life.away and ended(self.session.life.reason)
 
-    def restart(self, lost: int, uncounted: int) -> None:
+    def restart(self) -> None:
         """Start a new session without a boot; the next batch in sequence, or a later one, begins it.
 
-        lost: samples corrected and not published. uncounted: samples not yet counted as taken in. See
-        SequenceNumbers.anew.
+        Samples that came and were not published are dropped.
         """
-        sequence = self.admission.restart(lost, uncounted, self.session.last_heard_ns)
+        sequence = self.admission.restart(self.came, self.told, self.session.last_heard_ns)
         self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
     def take_over(self, known: Checkpoint) -> None:
@@ -262,7 +259,7 @@ class Device:
             known.state, known.calibration, self.name, self._knobs, self.admission.sequence
         )
         self.repeated = known.boot if known.boot_repeated else None
-        self.admission.go_on(self.session.sequence.next or 0, self.session.last_heard_ns)
+        self.admission.go_on(self.session.last_heard_ns)
 
     def leave(self) -> list[Publisher]:
         """Withdraw the publishers of a device lost to another estimator; returns those kept for late queries."""
@@ -275,15 +272,21 @@ class Device:
     def close(self) -> None:
         """Close all publishers."""
         self._say_unsaid()
-        for publisher in (*self._publishers.values(), *filter(None, [self._windowed, self._oriented])):
+        for publisher in self._publishers.values():
             publisher.close()
-        self._publishers, self._windowed, self._oriented = {}, None, None
+        self._publishers = {}
 
     def _say(self, what: str, payload: bytes) -> None:
-        """Publish a message of an announced device; publishers are declared on first use to keep a takeover fast."""
-        if not self.announced:
-            return
+        """Publish a message of an announced device."""
+        if self.announced:
+            self._publisher(what).put(payload)
+
+    def _is_wanted(self, what: str) -> bool:
+        return self.announced and self._publisher(what).wanted
+
+    def _publisher(self, what: str) -> Publisher:
+        """Publisher, declared on first use to keep a takeover fast."""
         if (publisher := self._publishers.get(what)) is None:
             key = keys.build(self._ward, what, device=self.name)
             publisher = self._publishers[what] = self._bus.publisher(key, cache=CACHES[what])
-        publisher.put(payload)
+        return publisher

@@ -37,12 +37,12 @@ class DeviceLoss:
         silent_s = now - device.heard
         if silent_s <= min(self._silence_s, SETTLED_S) or device.key in self._waiting:
             return
-        which = device.name, device.session.boot or 0, device.admission.source.owner
+        which = device.name, device.session.boot or 0, device.admission.owner
         if silent_s > self._silence_s or self._presence.gone(*which, now):
             self._lose(device, now)
 
     def _lose(self, device: Device, now: float) -> None:
-        name, owner = device.name, device.admission.source.owner
+        name, owner = device.name, device.admission.owner
         boot, outdated_s = device.admission.outdated
         speaks = device.heard < outdated_s and now - outdated_s <= self._silence_s
         if speaks and self._presence.heard(name, boot, owner):

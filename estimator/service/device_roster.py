@@ -20,8 +20,6 @@ ENDED_S = 600.0
 RECENT_NS = 5_000_000_000
 #: samples refused because the roster is full are counted under this name
 TOO_MANY = "samples refused, too many devices"
-#: after a search for room that found none, the next search waits this long, s
-_LOOK_S = 1.0
 
 
 class DeviceRoster(dict[str, Device]):
@@ -31,13 +29,11 @@ class DeviceRoster(dict[str, Device]):
         super().__init__()
         self._counts, self._silence_s = counts, silence_s
         self._infos: dict[tuple[str, str], DeviceInfo] = {}
-        self._full_until_s = float("-inf")
 
     def room(self, now: float, samples: int) -> bool:
         """Whether one more device fits at `now`, monotonic seconds; if not, its samples are counted as refused."""
-        if len(self) < MAX_DEVICES or (now >= self._full_until_s and self.forget(now, self._silence_s)):
+        if len(self) < MAX_DEVICES or self.forget(now, self._silence_s):
             return True
-        self._full_until_s = max(self._full_until_s, now + _LOOK_S) if now >= self._full_until_s else self._full_until_s
         if self._counts.add(TOO_MANY, samples) == samples:
             log.error(
                 "%d devices is the limit, further devices are refused and counted: list the ward's devices in [devices]",
@@ -63,7 +59,7 @@ class DeviceRoster(dict[str, Device]):
 
     def _heard(self, name: tuple[str, str]) -> bool:
         bridge, device = name
-        return device in self and self[device].admission.source.owner == bridge
+        return device in self and self[device].admission.owner == bridge
 
     def proven(self, name: str) -> bool:
         """Whether a device is known and has a calibration or a prior."""

@@ -31,8 +31,6 @@ class DeviceStarts:
         self._listed = listed
         self._parts, self._boots, self._resumed, self._tell = parts, boots, resumed, tell
         self._treatment = treatment(parts.settings)
-        #: calibrations of another estimator, to be adopted once their device is heard again
-        self._missed = dict[str, Checkpoint]()
 
     def use(self, treatment: Treatment) -> None:
         """Use other settings: for new devices at once, for known ones from their next boot or calibration on."""
@@ -43,8 +41,8 @@ class DeviceStarts:
     def begin(self, batch: Samples, now: float) -> Device | None:
         """Create a device from its first batch; None where there is no room.
 
-        The bridge known to another estimator, or from before a restart, becomes the owner. Beside other estimators no
-        sample before this batch is waited for. A boot stopped in order is resumed.
+        The bridge known to another estimator, or from before a restart, becomes the owner. A boot stopped in order is
+        resumed.
         """
         devices, cluster = self._parts.devices, self._parts.cluster
         if not devices.room(now, batch.n):
@@ -53,9 +51,7 @@ class DeviceStarts:
         device = self._made(name, now, batch.first_s)
         lately = cluster.replicas.lately_from(name, self._parts.now_ns())
         if known := lately or self._resumed.bridge(name, batch.receive_time_ns):
-            device.admission.source.owns(known, now)
-        if cluster.company:
-            device.admission.begin_at(batch.sequence)
+            device.admission.owns(known, now)
         devices[name] = device
         if (stopped := self._parts.record.stopped(name, batch.boot)) is not None and self._goes_on(device, stopped):
             self._resume(device)
@@ -70,8 +66,9 @@ class DeviceStarts:
         if self._parts.record.holds(device, known) and self._goes_on(device, known):
             device.heard = now - max(0.0, (self._parts.now_ns() - known.time_ns) / 1e9)
             if known.bridge:
-                device.admission.source.owns(known.bridge, device.heard)
-            devices[name] = device
+                device.admission.owns(known.bridge, device.heard)
+            devices[name], session = device, device.session
+            self._resumed.taken(name, session.boot or 0, session.sequence.next or 0, session.last_heard_ns, now)
             self._parts.guarded(device, self._resume, device)
         return devices.get(name)
 
@@ -83,13 +80,9 @@ class DeviceStarts:
         session, record = device.session, self._parts.record
         if session.boot != calibration.boot or session.calibration is not None:
             return
-        if session.life.away:
-            self._missed[device.name] = known
+        changed_since = session.info is not None and changed(calibration, session.info, within_boot=True)
+        if changed_since or record.of_before(device, calibration):
             return
-        if record.of_before(device, calibration):
-            return
-        if session.info is not None and changed(calibration, session.info, within_boot=True):
-            return  # invalidated since then
 
         def adopted() -> None:
             device.repeated = None
@@ -99,15 +92,6 @@ class DeviceStarts:
             device.say_status(self._parts.now_ns())
 
         self._parts.guarded(device, adopted)
-
-    def adopt_missed(self, device: str) -> None:
-        """Adopt the calibration that came while the device was away, if there is one."""
-        if (missed := self._missed.pop(device, None)) is not None:
-            self.adopt(missed)
-
-    def leave(self, device: str) -> None:
-        """Forget what waits for a device that another estimator has taken."""
-        self._missed.pop(device, None)
 
     def _made(self, name: str, now: float, began: float = 0.0) -> Device:
         """Create a device owned by us. began: device time in s of the start of its boot, if known."""

@@ -9,9 +9,10 @@ from collections.abc import Container
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bridge.bus.contract import Bus, Message, Publisher
+from bridge.bus.contract import Bus, Publisher
 from bridge.config import enrolment as enrolled
 from bridge.config.enrolment import Enrolment
+from bridge.config.ward_file import stamp_of
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import codec, keys
@@ -48,12 +49,6 @@ class EnrolmentGate:
         self._places = enrolment.read() if enrolment else {}
         self._heard = set[str]()  # enrolled devices heard from their own bridges
         self.strangers: dict[str, Stranger] = {}
-
-    def admit(self, messages: list[Message], now: float) -> list[Message]:
-        """The messages of enrolled devices, and those with malformed keys, which the decoder refuses with a reason."""
-        if self._enrolment is None:
-            return messages
-        return [message for message in messages if self.admits(message.key, now)]
 
     def look(self, now: float) -> None:
         """Once a second: reload the enrolment file if it changed, and drop strangers no longer heard."""
@@ -99,16 +94,15 @@ class EnrolmentGate:
             return ()
         return (Code.NOT_ENROLLED(),)
 
-    def admits(self, key: str, now: float) -> bool:
-        """Whether a message with this key is admitted; a refused one is counted, and its device may be listed."""
+    def admits(self, bridge: str, device: str, now: float) -> bool:
+        """Whether a message is admitted; a refused one is counted, and its device may be listed."""
         if self._enrolment is None:
             return True
-        _, bridge, device = ("", "", *key.rsplit("/", 2))[-3:]
         place = self._places.get(device)
-        if not (keys.ID.match(device) and keys.ID.match(bridge)):
-            return True
         if place is None:
-            self._count(device, bridge, now)
+            if self._counts.add(STRANGER) == 1:
+                log.warning("%s: %s (said once)", device, english(*self.why(device)))
+            self._list(device, bridge, now)
             return False
         if place and place != bridge:
             if self._counts.add(FOREIGN) == 1:
@@ -119,11 +113,6 @@ class EnrolmentGate:
         self._heard.add(device)
         return True
 
-    def _count(self, device: str, bridge: str, now: float) -> None:
-        if self._counts.add(STRANGER) == 1:
-            log.warning("%s: %s (said once)", device, english(*self.why(device)))
-        self._list(device, bridge, now)
-
     def _list(self, device: str, bridge: str, now: float) -> None:
         stranger = self.strangers.get(device)
         if stranger is not None:
@@ -133,13 +122,7 @@ class EnrolmentGate:
             self.strangers[device] = Stranger(bridge, 1, now)
 
     def _stamped(self) -> tuple[int, int, int] | None:
-        if self._enrolment is None or not self._enrolment.file:
-            return None
-        try:
-            found = Path(self._enrolment.file).stat()
-        except OSError:
-            return None
-        return found.st_mtime_ns, found.st_size, found.st_ino
+        return stamp_of(Path(self._enrolment.file)) if self._enrolment and self._enrolment.file else None
 
 
 class Notices:

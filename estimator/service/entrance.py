@@ -1,17 +1,80 @@
-"""Entrance of sample messages: which are decoded, by enrolment, number of new devices, and ownership of the device."""
+"""Entrance of messages: which are decoded, by enrolment, number of new devices, and ownership of the device.
 
-from collections.abc import Sequence
+Anybody who may publish samples can invent device ids. Where no `[devices]` list names the ward's devices, the number of
+uncalibrated devices and the rate at which they are admitted are bounded, so that a burst of them delays no other device.
+"""
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Sequence
 
 from bridge.bus.contract import Message
 from bridge.wire import keys
-from bridge.wire.refusal import Refusal
+from bridge.wire.refusal import Tally
 from estimator.service.cluster import Cluster
 from estimator.service.device_roster import DeviceRoster
 from estimator.service.enrolment_gate import EnrolmentGate
-from estimator.service.newcomers import FORGET_S, Newcomers
 
+log = logging.getLogger(__name__)
+
+#: most uncalibrated devices admitted at a time, from one bridge and from all bridges
+OF_ONE_BRIDGE, OF_ALL = 256, 512
+#: newcomers admitted at once, and further ones per second
+AT_ONCE, PER_S = 16.0, 16.0
+#: an uncalibrated device is forgotten after this silence, s
+FORGET_S = 60.0
 #: most keys remembered as admitted
 _KEYS = 16_384
+#: refused messages are counted under this name
+REFUSED = "messages refused, too many new devices"
+
+
+class Newcomers:
+    """Filter that admits known devices and a bounded number of new ones.
+
+    exempt(device): whether a device is admitted regardless of numbers, because it is known or was calibrated before.
+    """
+
+    def __init__(self, exempt: Callable[[str], bool], counts: Tally) -> None:
+        self._exempt, self._counts = exempt, counts
+        #: devices on probation with their bridges, and the time at which each was admitted
+        self._probation: dict[tuple[str, str], float] = {}
+        self._by_bridge = Counter[str]()
+        self._tokens, self._refilled_s = AT_ONCE, float("-inf")
+
+    def admits(self, bridge: str, device: str, now: float) -> bool:
+        """Whether a device is admitted from a bridge; a refusal is counted. now: monotonic s."""
+        if (bridge, device) in self._probation or self._exempt(device):
+            return True
+        if not self._room(bridge, now):
+            return False
+        self._probation[bridge, device] = now
+        self._by_bridge[bridge] += 1
+        return True
+
+    def look(self, now: float, *, kept: Callable[[str], bool], proven: Callable[[str], bool]) -> None:
+        """Once a second: end the probation of devices that are proven or no longer kept."""
+        for (bridge, device), since in list(self._probation.items()):
+            if (now - since > FORGET_S and not kept(device)) or proven(device):
+                del self._probation[bridge, device]
+                self._by_bridge[bridge] -= 1
+        self._by_bridge = +self._by_bridge
+
+    def _room(self, bridge: str, now: float) -> bool:
+        """Whether one more device of a bridge is admitted now; counts the message when not."""
+        if self._by_bridge[bridge] < OF_ONE_BRIDGE and len(self._probation) < OF_ALL:
+            self._tokens = min(AT_ONCE, self._tokens + PER_S * (now - self._refilled_s))
+            self._refilled_s = now
+            if self._tokens >= 1.0:
+                self._tokens -= 1.0
+                return True
+        if self._counts.add(REFUSED) == 1:
+            log.warning(
+                "more new devices send than are admitted at once (bridge %s; more are only counted): list the ward's devices in"
+                " [devices] if they are real",
+                bridge,
+            )
+        return False
 
 
 class Entrance:
@@ -25,16 +88,20 @@ class Entrance:
         #: device by admitted key; empty for a malformed key, which the decoder refuses and counts
         self._admitted: dict[str, str] = {}
 
+    def enrolled(self, messages: Sequence[Message], now: float) -> list[Message]:
+        """Messages of enrolled devices, and those with malformed keys; the gate counts the others. now: monotonic s."""
+        return [one for one in messages if not all(ids := _ids(one.key)) or self._gate.admits(*ids, now)]
+
     def sort(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
         """Messages of our devices, and messages of admitted devices that we do not hold, by device. now: monotonic s.
 
-        Beside other estimators all of them are kept for replay. Messages of refused devices are counted by the gate.
+        Beside other estimators all of them are kept for replay. Messages of refused devices are counted.
         """
         held, replay = self._cluster.membership.held, self._cluster.replay if self._cluster.company else None
         ours, others = list[Message](), dict[str, list[Message]]()
         for message in messages:
             device = self._admitted.get(message.key)
-            if device is None and (device := self._judge(message, now)) is None:
+            if device is None and (device := self._judge(message.key, now)) is None:
                 continue
             if not device or device in held:
                 ours.append(message)
@@ -52,17 +119,20 @@ class Entrance:
             self.newcomers.look(now, kept=devices.__contains__, proven=devices.proven)
         self._admitted.clear()
 
-    def _judge(self, message: Message, now: float) -> str | None:
-        """The device of a message, empty where its key is malformed; None where the device is not admitted."""
-        if not self._gate.admits(message.key, now):
+    def _judge(self, key: str, now: float) -> str | None:
+        """The device of a key, empty where the key is malformed; None where the device is not admitted."""
+        bridge, device = _ids(key)
+        if device and not self._gate.admits(bridge, device, now):
             return None
-        if self.newcomers is not None and not self.newcomers.admit([message], now):
+        if device and self.newcomers is not None and not self.newcomers.admits(bridge, device, now):
             return None
-        try:
-            device = keys.parse(message.key).device
-        except Refusal:
-            device = ""
         if len(self._admitted) >= _KEYS:
             self._admitted.clear()
-        self._admitted[message.key] = device
+        self._admitted[key] = device
         return device
+
+
+def _ids(key: str) -> tuple[str, str]:
+    """Bridge and device of a key; both empty where it is malformed."""
+    _, bridge, device = ("", "", *key.rsplit("/", 2))[-3:]
+    return (bridge, device) if keys.ID.match(device) and keys.ID.match(bridge) else ("", "")

@@ -6,7 +6,7 @@ from typing import TypeVarTuple
 
 from bridge.bus.contract import BusError
 from bridge.wire.refusal import Tally
-from estimator.service.device import Counted, Device
+from estimator.service.device import Device
 
 Ts = TypeVarTuple("Ts")
 
@@ -21,28 +21,24 @@ class FaultIsolation:
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
 
-    def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0) -> bool:
-        """Run work(*args) and return whether it succeeded; a failure restarts the session. came: see `failed`."""
-        before = device.counted
+    def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts) -> bool:
+        """Run work(*args) and return whether it succeeded; a failure restarts the session."""
         try:
             work(*args)
         except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
-            self.failed(device, error, before, came=came)
+            self.failed(device, error)
             return False
         return True
 
-    def failed(self, device: Device, error: Exception, before: Counted, *, came: int = 0) -> None:
+    def failed(self, device: Device, error: Exception) -> None:
         """Restart the session of a device whose work failed, so that the other devices' service goes on.
 
-        came: samples that the work was to take in. Raises BusError again, since a lost bus concerns all devices.
+        Its samples that came and were not published are lost and counted. Raises BusError again, since a lost bus concerns
+        all devices.
         """
         if isinstance(error, BusError):
-            raise error  # a lost bus concerns all devices
-        held, samples_in, samples_out, told = before
-        sequence = device.session.sequence
-        uncounted = held + came - (sequence.samples_in - samples_in)
-        unsaid = sequence.samples_out - samples_out - (device.told - told)
-        device.restart(lost=unsaid, uncounted=max(0, uncounted))
+            raise error
+        device.restart()
         self._counts.add("sessions failed")
         if device.session.count_event(FAILED) == 1:
             words = (

@@ -5,9 +5,7 @@ import time
 from bridge.reasons.codes import Code, Sentence
 from bridge.wire import keys
 from estimator.service.device import Device
-from estimator.service.device_start import DeviceStarts
 from estimator.service.enrolment_gate import EnrolmentGate
-from estimator.service.intake import Intake
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.presence import Presence
@@ -19,17 +17,8 @@ FORGET, ERASE = "forget", "erase"
 class Forgetting:
     """Removes devices from this estimator's memory, from the pages, and from the store if asked to."""
 
-    def __init__(
-        self,
-        parts: Parts,
-        gate: EnrolmentGate,
-        presence: Presence,
-        intake: Intake,
-        checks: PeriodicChecks,
-        starts: DeviceStarts,
-    ) -> None:
-        self._parts, self._gate, self._presence = parts, gate, presence
-        self._intake, self._checks, self._starts = intake, checks, starts
+    def __init__(self, parts: Parts, gate: EnrolmentGate, presence: Presence, checks: PeriodicChecks) -> None:
+        self._parts, self._gate, self._presence, self._checks = parts, gate, presence, checks
 
     def look(self, now: float) -> None:
         """Once a second: forget the devices that ended long ago; the store keeps what it knows of them."""
@@ -64,11 +53,7 @@ class Forgetting:
         return Code.STILL_SENDING(device=name) if sends else None
 
     def _drop(self, device: Device) -> None:
-        self._checks.check()  # while the device still counts
-        self._intake.leave(device)
-        self._checks.leave(device.name)
-        self._starts.leave(device.name)
-        del self._parts.devices[device.name]
+        self._checks.remove([device])
         device.close()
         self._clear(device.name, FORGET)
 

@@ -12,7 +12,6 @@ from bridge.bus.routers import Routers
 from bridge.runtime.health_server import HealthSource, MetricFamily
 from bridge.wire.messages import State, Status
 from estimator.device.lifecycle import AWAY, NEVER_S
-from estimator.service.conservation import SampleAccount
 
 #: a loop that has not turned for this long is stuck, s
 STUCK_S = 5.0
@@ -40,7 +39,6 @@ class Note:
     connected: bool
     store: str
     devices: Mapping[str, DeviceHealth] = field(default_factory=dict)
-    total: SampleAccount = field(default_factory=SampleAccount)
     violations: int = 0
     counts: Mapping[str, int] = field(default_factory=dict)
     busy: float = 0.0

@@ -1,10 +1,8 @@
 """Sample intake: decode a round of messages, admit each batch in turn, correct all together, publish."""
 
 import logging
-import math
 import time
-from collections.abc import Callable, Container, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 
 from bridge.bus.contract import Message
 from bridge.ingest import duplicate_bridges
@@ -12,48 +10,43 @@ from bridge.reasons.catalogue import english
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Refusal
 from estimator.client.decoder import Decoder
+from estimator.device.admission import BEGINS, Ruling
 from estimator.device.batch_correction import Cut, correct
-from estimator.device.bridge_choice import BEGINS, Ruling
 from estimator.device.orientation import oriented
 from estimator.device.outcome import Outcome
 from estimator.samples.sample_buffer import Samples
 from estimator.service.boot_start import Boots
 from estimator.service.decode import decode
 from estimator.service.device import Device
+from estimator.service.device_start import DeviceStarts
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.replay_log import DONE, Resumed
 
 log = logging.getLogger(__name__)
 
-#: samples that waited for their turn when another estimator took their device are counted under this name
-MOVED = "moved to another estimator"
-
 
 class Intake:
-    """Pipeline from the messages of the roster's devices to their publishers; other outcomes go to `tell`.
-
-    newcomer(batch, now): makes a device from its first batch; returns None where there is no room.
-    """
+    """Pipeline from the messages of the roster's devices to their publishers; other outcomes go to `tell`."""
 
     def __init__(
         self,
         parts: Parts,
         boots: Boots,
-        stock: PeriodicChecks,
+        checks: PeriodicChecks,
         resumed: Resumed,
         tell: Callable[[Device, Outcome], None],
-        newcomer: Callable[[Samples, float], Device | None],
+        starts: DeviceStarts,
     ) -> None:
         self._devices, self._boots, self._guarded = parts.devices, boots, parts.guarded
         self._resumed, self._counts = resumed, parts.counts
-        self._say, self._newcomer, self._came = tell, newcomer, stock.came
+        self._say, self._starts, self._came = tell, starts, checks.came
         self._samples = Decoder("sample", codec.decode_samples, self._refused)
         self._infos = Decoder("info", codec.decode_info, self._refused)
-        #: samples to correct and publish in this round, in order
+        self.decoders = self._samples, self._infos
+        #: samples to correct and publish in this round, in order; devices with samples that could not be published
         self._due: list[tuple[Device, Cut]] = []
-        #: devices with batches that wait for missing samples before them
-        self._holding = dict[str, Device]()
+        self._unsaid: list[tuple[Device, Exception]] = []
 
     def take(self, messages: Sequence[Message]) -> None:
         """Process a round of sample messages."""
@@ -70,6 +63,8 @@ class Intake:
             self._on_samples(message.key, samples, now)
         self._came(came)
         self._publish()
+        while self._unsaid:  # only now, when no batch is under way
+            self._guarded.failed(*self._unsaid.pop())
 
     def hear(self, message: Message) -> None:
         """Process a bridge's device info message."""
@@ -78,7 +73,7 @@ class Intake:
         before = self._devices.info(info.bridge, info.device)
         self._devices.note(info)
         device = self._devices.get(info.device)
-        if device is None or device.admission.source.owner != info.bridge or device.session.boot != info.boot:
+        if device is None or device.admission.owner != info.bridge or device.session.boot != info.boot:
             return
 
         def introduced() -> None:
@@ -89,32 +84,6 @@ class Intake:
 
         self._guarded(device, introduced)
 
-    def give_up(self, now: float = math.inf, waiting: Container[str] = ()) -> None:
-        """Stop waiting for missing samples whose deadline has passed, and process the batches held behind them.
-
-        waiting: keys with unread messages, which may contain the missing samples; their devices are left alone.
-        """
-        for device in list(self._holding.values()):
-            if device.key in waiting:
-                continue
-            self._handle(device, device.admission.waiting.overdue(now))
-            if not device.admission.waiting:
-                del self._holding[device.name]
-        self._publish()
-
-    def leave(self, device: Device) -> None:
-        """Release a device taken by another estimator; batches that wait for their turn are counted as MOVED."""
-        self._holding.pop(device.name, None)
-        device.admission.leave(MOVED)
-
-    def refused(self) -> dict[str, int]:
-        """Number of messages that could not be decoded, by kind and reason."""
-        return {
-            f"{door.name} messages refused, {reason}": n
-            for door in (self._samples, self._infos)
-            for reason, n in door.refused.as_dict().items()
-        }
-
     def _refused(self, key: str, refusal: Refusal) -> None:
         try:
             device = self._devices.get(keys.parse(key).ids.get("device", ""))
@@ -124,30 +93,23 @@ class Intake:
             device.session.count_event(f"refused {refusal.reason}")
 
     def _on_samples(self, key: str, samples: Samples, now: float) -> None:
-        device = self._devices.get(samples.device) or self._newcomer(samples, now)
+        device = self._devices.get(samples.device) or self._starts.begin(samples, now)
         if device is None:
             return
-        if device.admission.source.owns(samples.bridge, now):
+        if device.admission.owns(samples.bridge, now):
             device.key = key
-            before = device.counted
-            try:
-                self._take(device, samples, now)
-            except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
-                self._guarded.failed(device, error, before, came=samples.n)
+            device.came += samples.n
+            self._guarded(device, self._take, device, samples, now)
             return
-        if (
-            device.session.sequence.events.add(device.admission.source.label(samples.bridge, now), samples.n)
-            == samples.n
-        ):
+        if device.session.sequence.events.add(device.admission.label(samples.bridge, now), samples.n) == samples.n:
             # The number of such samples stands in the device's status.
             log.warning(
                 "%s (said once)",
-                english(duplicate_bridges.said([samples.device], device.admission.source.owner, (samples.bridge,))),
+                english(duplicate_bridges.said([samples.device], device.admission.owner, (samples.bridge,))),
             )
 
     def _take(self, device: Device, batch: Samples, now: float) -> None:
-        admission = device.admission
-        ruling, released = admission.judge(batch, now)
+        ruling = device.admission.judge(batch, now)
         if ruling is Ruling.LATE:
             return  # a repeat is no sign of life: it may come from a recording
         device.heard = now
@@ -155,24 +117,9 @@ class Intake:
             if device.session.count_event("refused leap") == 1:
                 log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
             return
-        self._handle(device, released)
         if ruling in BEGINS:
             self._publish()  # publish the samples of the boot before
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
-        ready = admission.in_order(batch, now)
-        if len(ready) == 1:
-            self._handle_one(device, ready[0])
-        else:
-            self._handle(device, ready)
-        if admission.waiting:
-            self._holding[device.name] = device
-
-    def _handle(self, device: Device, batches: list[Samples]) -> None:
-        """Process batches in order; a failure in one does not affect the others."""
-        for batch in batches:
-            self._guarded(device, partial(self._handle_one, device, batch), came=batch.n)
-
-    def _handle_one(self, device: Device, batch: Samples) -> None:
         session = device.session
         if session.sequence.next is None and (session.boot is None or session.begins_earlier(batch)):
             self._boots.begin(device, batch)
@@ -180,7 +127,7 @@ class Intake:
         if (outcome := session.take(batch, cuts)) is not None:
             self._tell(device, outcome)
         for cut in cuts:
-            device.told += cut.end - cut.first
+            device.told += cut.n
             self._due.append((device, cut))
 
     def _tell(self, device: Device, outcome: Outcome) -> None:
@@ -196,9 +143,8 @@ class Intake:
             try:
                 device.say_corrected(cut, rates)
             except Exception as error:  # noqa: BLE001 - any failure is contained: see `failed`
-                before = device.counted
                 device.told -= cut.n
-                self._guarded.failed(device, error, before)
+                self._unsaid.append((device, error))
         turning = [(attitude, cut) for device, cut in due if (attitude := device.session.attitude) is not None]
         for one in oriented(turning):
             if (turned := self._devices.get(one.cut.samples.device)) is not None:

@@ -3,20 +3,53 @@
 A device belongs to the live estimator with the highest rendezvous hash. That estimator takes the device under an epoch
 above every epoch it has heard of, and keeps it until another estimator claims it under a higher one. Subscribers follow
 the highest epoch.
+
+Every estimator must reach the same answer by itself, although each may have heard of different devices. So shares are
+not counted, and are as even as chance makes them (300 devices on three estimators: 100 ± 8 each).
+
+An epoch is higher than every epoch heard of, so that an owner loses against its successor. It is no lower than the
+time, so that estimators that all restarted and have heard of nothing continue above what subscribers know. Its last
+bits are the estimator's own, so that two estimators on opposite sides of a cut network take one device under different
+epochs.
 """
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
+from hashlib import blake2b
+from zlib import crc32
 
 from bridge.wire.messages import Holding, Owned
-from estimator.service.ownership import BEYOND, epoch_after, owner
+from bridge.wire.validation import MAX_EPOCH
 
 #: an estimator silent for this long is considered dead, s
 LEASE_S = 1.5
 #: nothing is taken over for this long after a start beside others, a router outage or our own pause, s
 HOLD_OFF_S = 2.0
 MAX_PEERS = 64
+
+_OWN_BITS = 16
+#: no clock and no number of takeovers reaches this epoch: a higher one is wrong, and could soon not be exceeded
+BEYOND = MAX_EPOCH // 4
+
+
+def owner(device: str, estimators: Collection[str]) -> str:
+    """The estimator that owns a device, of at least one. When an estimator comes or goes only its devices move."""
+    return max(estimators, key=lambda name: (_weight(name, device), name))
+
+
+@lru_cache(maxsize=1 << 16)
+def _weight(estimator: str, device: str) -> int:
+    # Python's own hash differs between processes. No id contains the separating byte.
+    digest = blake2b(f"{estimator}\0{device}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest)
+
+
+def epoch_after(highest: int, now_ns: int, estimator: str) -> int:
+    """Epoch of a takeover at now_ns, by a clock that may be wrong, when `highest` is the highest epoch heard of."""
+    turn = max(highest >> _OWN_BITS, now_ns // 1_000_000) + 1
+    own_bits = crc32(estimator.encode()) & ((1 << _OWN_BITS) - 1)
+    return min(turn << _OWN_BITS | own_bits, MAX_EPOCH)
 
 
 @dataclass(slots=True)
@@ -41,7 +74,6 @@ class Membership:
         self._peers = {name: _Peer(now) for name in peers if name != own}
         self._ready_s = now + HOLD_OFF_S if self._peers else float("-inf")
         self._lost: dict[str, tuple[float, str]] = {}  # by device: until when, s, it is left to the taker
-        self._owner = lru_cache(maxsize=1 << 14)(owner)
         #: ids of all live estimators, including our own
         self.members: tuple[str, ...] = tuple(sorted({own, *self._peers}))
 
@@ -105,7 +137,7 @@ class Membership:
 
     def owns(self, device: str) -> bool:
         """Whether a device belongs to this estimator, given the live estimators."""
-        return self._owner(device, self.members) == self.own
+        return owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
         """Whether to take a device now: it is ours, and no other estimator is in a calibration that would lose turns."""

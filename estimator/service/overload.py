@@ -1,4 +1,4 @@
-"""Overload detection: how busy the estimator's loop is, and how long messages wait. Pure."""
+"""Overload detection: how busy the estimator's loop is. Pure."""
 
 import logging
 from collections.abc import Iterable
@@ -12,8 +12,8 @@ log = logging.getLogger(__name__)
 OVERLOADED = "estimator overloaded"
 #: event of every device while the store cannot be written
 UNKEPT = "store does not work"
-#: overloaded when the loop is busier than this share of the time, or messages wait longer than this ...
-BUSY, WAITED_S = 0.95, 1.0
+#: overloaded when the loop is busier than this share of the time ...
+BUSY = 0.95
 #: ... without a break for the first number of seconds; recovered after the second number of seconds
 PERSISTS_S, OVER_S = 5.0, 10.0
 _DO = "use fewer devices, a lower rate, a faster machine, or a second estimator in the ward"
@@ -33,13 +33,13 @@ class Overload:
         """Add time in which the loop had nothing to do."""
         self._idle_s += seconds
 
-    def look(self, now: float, *, waited_s: float) -> int:
-        """Seconds of overload so far; 0 while the estimator keeps up. waited_s: waiting time of the oldest messages."""
+    def look(self, now: float) -> int:
+        """Seconds of overload so far; 0 while the estimator keeps up."""
         passed_s, self._looked = now - self._looked, now
         if passed_s > 0:
             self.busy = min(max(1.0 - self._idle_s / passed_s, 0.0), 1.0)
         self._idle_s = 0.0
-        if self.busy <= BUSY and waited_s <= WAITED_S:
+        if self.busy <= BUSY:
             self._calm = now
         if now - self._calm >= PERSISTS_S:
             if self._began is None:

@@ -6,7 +6,7 @@ own.
 """
 
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire import keys
@@ -14,25 +14,13 @@ from bridge.wire.refusal import Refusal, Tally
 
 #: time a token must be dead and its bridge alive to mean anything, s: a router change kills and revives all tokens
 SETTLED_S = 0.5
-MAX_NAMES, MAX_BOOTS, _MAX_WAITING = 8192, 8, 65536
+#: most tokens remembered, and most changes that wait
+MAX_TOKENS = 65536
 
 
-@dataclass(frozen=True, slots=True)
-class _Token:
+class _Token(NamedTuple):
     alive: bool
     since_s: float
-
-
-#: the latest tokens by name; the one that changed longest ago comes first
-_Tokens = dict[str, _Token]
-
-
-def _note(tokens: _Tokens, name: str, token: _Token, room: int) -> None:
-    """Note a token; beyond `room` names the one that changed longest ago is dropped."""
-    tokens.pop(name, None)
-    while len(tokens) >= room:
-        del tokens[next(iter(tokens))]
-    tokens[name] = token
 
 
 class Presence:
@@ -40,9 +28,9 @@ class Presence:
 
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
-        self._waiting: deque[tuple[str, bool]] = deque(maxlen=_MAX_WAITING)
-        self._bridges: _Tokens = {}
-        self._devices: dict[str, _Tokens] = {}
+        self._waiting: deque[tuple[str, bool]] = deque(maxlen=MAX_TOKENS)
+        #: by device and boot, or bridge; the token that changed longest ago comes first
+        self._tokens: dict[tuple[str, ...], _Token] = {}
         self._forgot = False
 
     def change(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
@@ -54,49 +42,41 @@ class Presence:
         while self._waiting:
             name, alive = self._waiting.popleft()
             try:
-                key = keys.parse(name)
+                ids = tuple(keys.parse(name).ids.values())
             except Refusal as refusal:
                 self._counts.add(f"tokens refused, {refusal.reason}")
                 continue
-            token = _Token(alive, now)
-            if key.what == "alive/bridge":
-                _note(self._bridges, key.ids["bridge"], token, MAX_NAMES)
-            elif key.what == "alive/device":
-                while key.device not in self._devices and len(self._devices) >= MAX_NAMES:
-                    del self._devices[next(iter(self._devices))]
-                _note(self._devices.setdefault(key.device, {}), key.ids["boot"], token, MAX_BOOTS)
+            self._tokens.pop(ids, None)
+            self._tokens[ids] = _Token(alive, now)
+            if len(self._tokens) > MAX_TOKENS:
+                del self._tokens[next(iter(self._tokens))]
 
     def forget(self) -> None:
         """Forget all tokens: they vanish with the router, which says nothing about devices."""
         self._forgot = True
         self._waiting.clear()
-        self._bridges.clear()
-        self._devices.clear()
+        self._tokens.clear()
 
     def gone(self, device: str, boot: int, bridge: str, now: float) -> bool:
         """Whether a live bridge has withdrawn the token of exactly this boot."""
-        token, there = self._boot(device, boot), self._bridges.get(bridge)
-        return (
-            token is not None
-            and there is not None
-            and not token.alive
-            and there.alive
-            and now - max(token.since_s, there.since_s) >= SETTLED_S
-        )
+        token, there = self._of(device, boot), self._tokens.get((bridge,))
+        if token is None or token.alive or there is None or not there.alive:
+            return False
+        return now - max(token.since_s, there.since_s) >= SETTLED_S
 
     def heard(self, device: str, boot: int, bridge: str) -> bool:
         """Whether a live bridge states that it hears exactly this boot."""
-        token, there = self._boot(device, boot), self._bridges.get(bridge)
-        return token is not None and there is not None and token.alive and there.alive
+        token = self._of(device, boot)
+        return token is not None and token.alive and self.alive(bridge)
 
     def alive(self, bridge: str) -> bool:
         """Whether a bridge is alive."""
-        there = self._bridges.get(bridge)
+        there = self._tokens.get((bridge,))
         return there is not None and there.alive
 
     def why(self, device: str, boot: int, bridge: str) -> Sentences:
         """Known reasons why nothing arrives from a device; empty if there are none."""
-        there, token = self._bridges.get(bridge), self._boot(device, boot)
+        there, token = self._tokens.get((bridge,)), self._of(device, boot)
         if there is not None and not there.alive:
             return (Code.BRIDGE_GONE(bridge=bridge),)
         if token is not None and not token.alive:
@@ -105,5 +85,5 @@ class Presence:
             return (Code.BRIDGE_NOT_BACK(bridge=bridge),)
         return ()
 
-    def _boot(self, device: str, boot: int) -> _Token | None:
-        return self._devices.get(device, {}).get(keys.boot_id(boot))
+    def _of(self, device: str, boot: int) -> _Token | None:
+        return self._tokens.get((device, keys.boot_id(boot)))

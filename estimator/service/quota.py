@@ -1,15 +1,16 @@
 """Quotas: each device's messages wait in their own queue, so that a flooding device delays no other. Pure."""
 
-import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Collection, Sequence
 
 from bridge.bus.contract import Message
 
+#: a message counts for at least so many bytes
+_LEAST_BYTES = 1024
 #: most messages and bytes of one device that may wait; a bridge caches fewer messages of a device
-QUOTA, QUOTA_BYTES = 4096, 4 * 2**20
+QUOTA, QUOTA_BYTES = 4096, 4096 * _LEAST_BYTES
 #: most messages and bytes of one device in a round; more wait for the next round
-SHARE, SHARE_BYTES = 32, 32 * 2**10
+SHARE, SHARE_BYTES = 32, 32 * _LEAST_BYTES
 #: approximate messages in a round: an estimator speaks to the other estimators between two rounds
 ROUND = 1024
 #: messages of a device above its quota are counted under this name
@@ -17,35 +18,34 @@ FLOODED = "messages flooded"
 
 
 class _Queue:
-    """Waiting messages of one device, each with its arrival time in s."""
+    """Waiting messages of one device, and their size in bytes."""
 
     def __init__(self) -> None:
-        self.waiting: deque[tuple[float, Message]] = deque()
-        self.size = 0
+        self.waiting: deque[Message] = deque()
+        self._size = 0
 
-    def put(self, message: Message, now: float) -> int:
+    def put(self, message: Message) -> int:
         """Append a message; returns how many of the oldest were dropped for it."""
-        self.waiting.append((now, message))
-        self.size += len(message.payload)
+        self.waiting.append(message)
+        self._size += _size(message)
         dropped = 0
-        while len(self.waiting) > QUOTA or self.size > QUOTA_BYTES:
-            self.pop()
+        while self._size > QUOTA_BYTES:
+            self._pop()
             dropped += 1
         return dropped
 
-    def pop(self) -> Message:
-        """Take the oldest message."""
-        _, message = self.waiting.popleft()
-        self.size -= len(message.payload)
-        return message
-
     def share(self) -> list[Message]:
         """Take the messages of one round, oldest first: at least one."""
-        taken = [self.pop()]
-        left = SHARE_BYTES - len(taken[0].payload)
-        while self.waiting and len(taken) < SHARE and (left := left - len(self.waiting[0][1].payload)) >= 0:
-            taken.append(self.pop())
+        taken = [self._pop()]
+        left = SHARE_BYTES - _size(taken[0])
+        while self.waiting and (left := left - _size(self.waiting[0])) >= 0:
+            taken.append(self._pop())
         return taken
+
+    def _pop(self) -> Message:
+        message = self.waiting.popleft()
+        self._size -= _size(message)
+        return message
 
 
 class Quotas:
@@ -54,8 +54,8 @@ class Quotas:
     dropped(key, messages) is called with the number of messages that exceeded the quota of a key.
     """
 
-    def __init__(self, dropped: Callable[[str, int], None], clock: Callable[[], float] = time.monotonic) -> None:
-        self._dropped, self._clock = dropped, clock
+    def __init__(self, dropped: Callable[[str, int], None]) -> None:
+        self._dropped = dropped
         self._queues: dict[str, _Queue] = {}
 
     def __len__(self) -> int:
@@ -64,20 +64,12 @@ class Quotas:
     def __contains__(self, key: object) -> bool:
         return key in self._queues
 
-    def typical_wait_s(self, devices: int) -> float:
-        """Waiting time of the median device's oldest message, s. The median, as one flooding device is no overload."""
-        waits = sorted((self._clock() - queue.waiting[0][0] for queue in self._queues.values()), reverse=True)
-        return waits[devices // 2] if len(waits) > devices // 2 else 0.0
-
     def round(self, messages: Sequence[Message]) -> list[Message]:
         """Queue messages; returns the messages of this round, at most one share of each key."""
-        if not self._queues and _ordinary(messages):
-            return list(messages)
-        now = self._clock()
         for message in messages:
             if (queue := self._queues.get(message.key)) is None:
                 queue = self._queues[message.key] = _Queue()
-            if dropped := queue.put(message, now):
+            if dropped := queue.put(message):
                 self._dropped(message.key, dropped)
         taken = list[Message]()
         for key in list(self._queues):
@@ -102,10 +94,5 @@ def _device(key: str) -> str:
     return key.rpartition("/")[2]
 
 
-def _ordinary(messages: Sequence[Message]) -> bool:
-    """Whether all messages fit in one round: no key exceeds its share, and no message is large."""
-    if len(messages) > ROUND:
-        return False
-    if len(messages) > SHARE and max(Counter(message.key for message in messages).values()) > SHARE:
-        return False
-    return all(len(message.payload) <= SHARE_BYTES // SHARE for message in messages)
+def _size(message: Message) -> int:
+    return max(_LEAST_BYTES, len(message.payload))

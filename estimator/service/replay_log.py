@@ -1,29 +1,24 @@
 """Replayed samples: the backlog of a device taken over, and samples corrected before a restart. Pure."""
 
 from collections import Counter, deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from itertools import takewhile
 
-from google.protobuf.message import DecodeError
-
 from bridge.bus.contract import Message
-from bridge.wire import columns_pb2 as columns
 from estimator.samples.sample_buffer import Samples
 
 #: how long messages are kept, s: more than the age of a checkpoint plus the time to notice a dead estimator
 REPLAY_S = 10.0
-#: most samples merged into one message of a backlog
-MERGED = 512
 #: most bytes of all messages, and of one device's, so that a flooding device leaves room for others
 REPLAY_BYTES, DEVICE_BYTES = 64 * 2**20, 4 * 2**20
-#: samples corrected before the restart are counted under this name
-DONE = "samples corrected before the restart"
+#: samples corrected before a restart or a takeover are counted under this name
+DONE = "samples corrected before"
 #: how long replayed samples may arrive after a restart, s: more than a bridge's cache holds and takes to arrive
 LASTS_S = 60.0
-#: span published again, s: a network cut may have lasted this long before it was noticed
-OVERLAP_S = 5.0
+#: span published again after a restart, ns: a network cut may have lasted this long before it was noticed
+OVERLAP_NS = 5_000_000_000
 
-#: progress of a device: boot, sequence number and host time, ns, of its last correction; and its bridge
+#: progress of a device: boot, number after the last sample corrected, host time of that, ns, and its bridge
 Reached = tuple[int, int, int, str]
 
 
@@ -79,7 +74,7 @@ class ReplayLog:
 
 
 class Resumed:
-    """Progress of each device before a restart; `now` is monotonic seconds."""
+    """Samples that were corrected before a restart or a takeover, and are replayed; `now` is monotonic seconds."""
 
     def __init__(self, reached: Mapping[str, Reached], now: float) -> None:
         self._reached, self._until = dict(reached), now + LASTS_S
@@ -90,76 +85,17 @@ class Resumed:
             self._reached = {}
         return bool(self._reached)
 
+    def taken(self, device: str, boot: int, following: int, heard_ns: int, now: float) -> None:
+        """Note that a device, heard last at host time heard_ns, goes on from its checkpoint at number `following`."""
+        self._reached[device], self._until = (boot, following, heard_ns + OVERLAP_NS, ""), now + LASTS_S
+
     def done(self, samples: Samples) -> bool:
-        """Whether samples were corrected before the restart; another run under the same boot number was not."""
+        """Whether samples were corrected before; another run under the same boot number was not."""
         boot, following, time_ns, _ = self._reached.get(samples.device, (-1, 0, 0, ""))
-        before = samples.receive_time_ns < time_ns - OVERLAP_S * 1e9
+        before = samples.receive_time_ns <= time_ns - OVERLAP_NS
         return samples.boot == boot and samples.sequence + samples.n <= following and before
 
     def bridge(self, device: str, came_ns: int) -> str:
         """Bridge a device was heard from before the restart, for samples received before it; empty where unknown."""
         found = self._reached.get(device)
         return "" if found is None or came_ns > found[2] else found[3]
-
-
-def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:
-    """Messages that a session at number `following` of a boot still needs, merged into few large ones."""
-    left = [(message, _read(message)) for message in messages]
-    ends = {n: _end(raw) for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot}
-    last = max((n for n, end in ends.items() if end <= following), default=-1)
-    # A second bridge may repeat the first one's samples later, so new samples before the repeat are kept.
-    return _merged([one for n, one in enumerate(left) if n > last or ends.get(n, 0) > following])
-
-
-_Left = tuple[Message, columns.SampleBatch | None]
-
-
-def _read(message: Message) -> columns.SampleBatch | None:
-    try:
-        return columns.SampleBatch.FromString(message.payload)
-    except (DecodeError, UnicodeDecodeError, RuntimeWarning):
-        return None  # refused and counted by the decoder
-
-
-def _end(raw: columns.SampleBatch) -> int:
-    return raw.sequence + len(raw.ticks) // 8
-
-
-def _merged(left: Sequence[_Left]) -> list[Message]:
-    """Merge consecutive messages into one, since a message costs as much as a hundred samples."""
-    merged: list[Message] = []
-    group: list[columns.SampleBatch] = []
-    for message, raw in (*left, (None, None)):
-        if group and (raw is None or message is None or message.key != merged[-1].key or not _goes_on(group, raw)):
-            if len(group) > 1:
-                merged[-1] = Message(merged[-1].key, _one(group).SerializeToString())
-            group = []
-        if message is not None:
-            if not group:
-                merged.append(message)
-            if raw is not None:
-                group.append(raw)
-    return merged
-
-
-def _goes_on(group: Sequence[columns.SampleBatch], raw: columns.SampleBatch) -> bool:
-    first, last = group[0], group[-1]
-    alike = (raw.version, raw.device, raw.boot, raw.tick_period_s) == (
-        first.version,
-        first.device,
-        first.boot,
-        first.tick_period_s,
-    )
-    columns_alike = all(
-        bool(getattr(raw, name)) == bool(getattr(first, name)) for name in ("accel", "temperature_c", "flags")
-    )
-    return alike and columns_alike and raw.sequence == _end(last) and _end(raw) - first.sequence <= MERGED
-
-
-def _one(group: Sequence[columns.SampleBatch]) -> columns.SampleBatch:
-    one = columns.SampleBatch()
-    one.CopyFrom(group[0])
-    one.receive_time_ns = group[-1].receive_time_ns
-    for name in ("ticks", "gyro", "accel", "temperature_c", "flags"):
-        setattr(one, name, b"".join(getattr(raw, name) for raw in group))
-    return one

@@ -17,6 +17,7 @@ from bridge.wire import keys
 from bridge.wire.messages import Placement
 from bridge.wire.refusal import Tally
 from estimator.alerts.board import Change
+from estimator.client.decoder import refused
 from estimator.config.alerts import DEFAULTS, Alerts
 from estimator.config.device_settings import treatment
 from estimator.config.schema import Estimator, Ward
@@ -30,17 +31,16 @@ from estimator.service.device_loss import DeviceLoss
 from estimator.service.device_roster import DeviceRoster
 from estimator.service.device_start import DeviceStarts
 from estimator.service.enrolment_gate import EnrolmentGate, Notices
-from estimator.service.entrance import Entrance
+from estimator.service.entrance import Entrance, Newcomers
 from estimator.service.fault_isolation import FaultIsolation
 from estimator.service.forgetting import Forgetting
 from estimator.service.health import ServiceHealth
 from estimator.service.intake import Intake
-from estimator.service.newcomers import Newcomers
-from estimator.service.outcomes import Outcomes
+from estimator.service.outcomes import Outcomes, WindowViews
 from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.own_alerts import OwnAlerts
 from estimator.service.parts import Parts
-from estimator.service.periodic_checks import PeriodicChecks, Totals
+from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.presence import Presence
 from estimator.service.quota import FLOODED, Quotas
 from estimator.service.replay_log import Resumed
@@ -48,7 +48,6 @@ from estimator.service.store import Store
 from estimator.service.store_access import StoreAccess
 from estimator.service.store_writer import StoreWriter
 from estimator.service.takeover import Takeover
-from estimator.service.window_views import WindowViews
 
 log = logging.getLogger(__name__)
 
@@ -57,8 +56,6 @@ STATUS_S = 1.0
 QUEUE = 65536
 #: longest time per round for learning and once-a-second work, s, so that samples do not wait for all devices
 WORK_S = 0.01
-#: a round longer than this is not counted as silence of any device, s
-SLOW_S = 0.5
 #: how long the last samples are still corrected after a stop request, s
 DRAIN_S = 2.0
 #: past messages per device requested from bridges beside other estimators: 10 s of 50 ms, more than a checkpoint's age
@@ -89,9 +86,8 @@ class Service:
     ) -> None:
         self.ward, self.settings, self._file = ward, settings, file
         self.counts = Tally()
-        self._bus, self._now_ns, self._store_path = bus, now_ns, store.path
+        self._bus, self._now_ns, self._store_path, self._send = bus, now_ns, store.path, send
         self._cluster = Cluster(ward, settings.id, bus, now_ns, self.counts, peers)
-        membership = self._cluster.membership
         self._guarded = FaultIsolation(self.counts)
         self._record = StoreAccess(
             store,
@@ -100,11 +96,10 @@ class Service:
             clerk,
             self._cluster.replicas,
             self._cluster.tell,
-            lambda: membership.highest,
+            lambda: self._cluster.membership.highest,
             self._guarded,
         )
-        membership.hear(self._record.epoch())
-        self._send = send
+        self._cluster.membership.hear(self._record.epoch())
         now = time.monotonic()
         standing = self._record.standing(settings.id)
         routers = vitals.routers if vitals else Routers(())
@@ -113,38 +108,37 @@ class Service:
         parts = Parts(
             ward, settings, alerts, bus, now_ns, self.counts, self._devices, self._cluster, self._record, self._guarded
         )
-        resumed = Resumed(self._record.reached(), time.monotonic())
+        resumed = Resumed(self._record.reached(), now)
         self._stock = PeriodicChecks(self._devices, self.counts, vitals or ServiceHealth())
         boots = Boots(parts)
         self._views = WindowViews(self.counts)
         self._outcomes = Outcomes(parts, self._views)
         self._starts = DeviceStarts(parts, boots, resumed, self._outcomes.tell, listed=enrolment is not None)
-        self._intake = Intake(parts, boots, self._stock, resumed, self._outcomes.tell, self._starts.begin)
+        self._intake = Intake(parts, boots, self._stock, resumed, self._outcomes.tell, self._starts)
         self._presence = Presence(self.counts)
         self._gate = EnrolmentGate(enrolment, self.counts)
         self._notices = Notices(bus, ward, self._gate)
         newcomers = None if enrolment is not None else Newcomers(self._is_known, self.counts)
         self._entrance = Entrance(self._gate, newcomers, self._cluster)
-        self._quotas = Quotas(self._flooded, time.monotonic)
-        self._takeover = Takeover(parts, self._starts, self._intake, self._quotas, self._stock, self._outcomes.learn)
-        self._overload = Overload(time.monotonic())
+        self._quotas = Quotas(self._flooded)
+        self._takeover = Takeover(parts, self._starts, self._stock, self._quotas, self._outcomes.learn)
+        self._overload = Overload(now)
         self._lost = DeviceLoss(self._devices, self._presence, self._gate, self._quotas, settings.silence_s)
         #: devices due for the once-a-second work, in order
         self._to_look = dict[str, None]()
-        forgetting = Forgetting(parts, self._gate, self._presence, self._intake, self._stock, self._starts)
-        self._forgetting = forgetting
+        self._forgetting = forgetting = Forgetting(parts, self._gate, self._presence, self._stock)
         self._orders = CommandHandler(parts, self._gate, self._own_alerts, forgetting)
         self._commands = Commands(
             self._cluster.answers, lambda reason: self.counts.add(f"commands {reason}"), forgetting.overhear
         )
-        self._next_status, self._looked = 0.0, time.monotonic()
+        #: when the present round began, when the last once-a-second work did, and when the next is due
+        self._began, self._looked, self._next_status = now, now, 0.0
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # The full past would delay an estimator beside others, and they have corrected it.
         past = PAST_IN_COMPANY if peers else None
         self._raw = bus.subscribe(keys.pattern(ward, "raw"), history=True, capacity=QUEUE, most_past=past)
         self._cluster.on_token = self._raw.wake
         self._info = bus.subscribe(keys.pattern(ward, "info"), history=True, prompt=False)
-        self._totals = Totals()
         self._declared = [
             bus.answer(keys.pattern(ward, "rpc"), self._commands.ask),
             bus.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
@@ -160,13 +154,12 @@ class Service:
         deadline = time.monotonic() + DRAIN_S
         while self.step(0.0) and time.monotonic() < deadline:
             pass
-        self._intake.give_up()
         self.work()
         now = time.monotonic()
         for device in self._devices.values():
             self._guarded(device, partial(self._record.checkpoint, device, now, force=True, whole=True))
         self._record.close()
-        self._totals.tell(now, self._count_all(), last=True)
+        self._stock.log(now, self._count_all(), last=True)
         self._takeover.tidy(math.inf)
         for thing in (
             *self._declared,
@@ -184,9 +177,9 @@ class Service:
         waits = time.monotonic()
         hurry = len(self._quotas) > 0 or bool(self._outcomes.to_learn) or bool(self._to_look)
         messages = self._raw.drain(QUEUE, 0.0 if hurry else timeout_s)
-        began = time.monotonic()
+        self._began = began = time.monotonic()
         self._overload.idle(began - waits)
-        for message in self._gate.admit(self._info.drain(512, 0.0), began):
+        for message in self._entrance.enrolled(self._info.drain(512, 0.0), began):
             self._intake.hear(message)
         self._takeover.look(began, heard=bool(messages))
         ours, others = self._entrance.sort(messages, began)
@@ -197,12 +190,7 @@ class Service:
         if self._file and (new := self._file.look(now)):
             self._take_settings(new)
         self._record.collect(now)
-        self._intake.give_up(now, self._quotas)
         self._views.say(now)
-        if now - began > SLOW_S:
-            for device in self._devices.values():
-                # Messages that arrived meanwhile still wait, so our own slowness is no silence. Never later than now.
-                device.heard = min(device.heard + now - began, now)
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
@@ -215,7 +203,7 @@ class Service:
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:
-                    do(device)
+                    self._guarded(device, do, device)
                 waiting.pop(name, None)
                 if time.monotonic() >= until:
                     return
@@ -252,8 +240,7 @@ class Service:
         if self._router.look(now, connected=connected):
             self._excuse(now, connected=connected)
         self._looked = now
-        waited_s = self._quotas.typical_wait_s(len(self._devices))
-        over_s = self._overload.look(now, waited_s=waited_s)
+        over_s = self._overload.look(now)
         if over_s:
             self.counts.add(f"{OVERLOADED}, seconds")
         for device in self._devices.values():
@@ -266,7 +253,6 @@ class Service:
         self._own_alerts.look(now, self._now_ns())
         self._cluster.alerts = self._own_alerts.board.standing
         counts = self._count_all()
-        self._totals.tell(now, counts)
         kinds = tuple(one.kind for one in self._cluster.alerts)
         self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._overload.busy, alerts=kinds)
 
@@ -276,16 +262,13 @@ class Service:
             # The outage neither ends nor extends the silence of a device that was silent before.
             was_silent = now - device.heard > self.settings.silence_s + STATUS_S
             device.heard = min(now, device.heard + now - self._looked) if was_silent else now
-            device.admission.source.hold(now)
+            device.admission.hold(now)
             if not connected:
                 device.session.silence((Code.ROUTER_GONE(),), Event.UNREACHABLE)
 
     def _look_after(self, device: Device) -> None:
-        self._guarded(device, self._looked_after, device, time.monotonic())
-
-    def _looked_after(self, device: Device, now: float) -> None:
-        self._starts.adopt_missed(device.name)
-        self._lost.look(device, now)
+        now = time.monotonic()
+        self._lost.look(device, self._began)  # what came since waits for the next round
         for change in device.look_for_alerts(now, self._now_ns()):
             self._record.alert(device.name, change)
             self._send(device.name, device.placement, change)
@@ -302,5 +285,5 @@ class Service:
 
     def _count_all(self) -> dict[str, int]:
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
-        met = self._intake.refused() | self._cluster.refused() | self.counts.as_dict()
+        met = refused(*self._intake.decoders, *self._cluster.decoders) | self.counts.as_dict()
         return met | {label: n for label, n in missed.items() if n}

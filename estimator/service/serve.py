@@ -45,7 +45,6 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
     """
     if ward.estimator is None:
         raise ValueError("no estimator is configured")
-    gc.set_threshold(_CYCLES)
     kernels = _load()
     routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
     vitals = ServiceHealth(expects=bool(ward.bridge and ward.bridge.devices), routers=routers)
@@ -113,6 +112,7 @@ def _look_for_another(ward: str, routers: Routers, own: str, stop: threading.Eve
 
 def _load() -> Future[None]:
     """Load the compiled kernels on a thread, then the modules for learning; returns the kernels' future."""
+    gc.set_threshold(_CYCLES)
     loader = ThreadPoolExecutor(1, "load")
     kernels = loader.submit(ready)
     for part in _LEARNING:

@@ -29,7 +29,7 @@ from estimator.service.store_rows import (
     repeat_request,
     written,
 )
-from estimator.tracking.bias_filter import OWN, BiasState
+from estimator.tracking.bias_state import OWN, BiasState
 from estimator.tracking.temperature_learning import Points
 
 __all__ = ["BOOTS", "POINTS", "REPEATED", "Before", "Store", "StoreError", "read_sentences"]

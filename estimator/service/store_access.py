@@ -260,7 +260,7 @@ class StoreAccess:
             calibration="" if used is None else used.id,
             asked=learnt.asked,
             reached=None if learnt.turned else learnt.reached,
-            bridge=device.admission.source.owner,
+            bridge=device.admission.owner,
             session=(session.state() or b"") if whole and not (session.prior or learnt.turned) else b"",
         )
         self._write(save, lambda: self._noting.discard(device.name), soon=force)

@@ -14,7 +14,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration
 from bridge.wire.refusal import Refusal
 from estimator.database import Row
-from estimator.tracking.bias_filter import BiasState
+from estimator.tracking.bias_state import BiasState
 
 log = logging.getLogger(__name__)
 

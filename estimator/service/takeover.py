@@ -8,11 +8,9 @@ from bridge.bus.contract import Message, Publisher
 from estimator.service.device import Device
 from estimator.service.device_loss import SILENT
 from estimator.service.device_start import DeviceStarts
-from estimator.service.intake import Intake
 from estimator.service.parts import Parts
 from estimator.service.periodic_checks import PeriodicChecks
 from estimator.service.quota import Quotas
-from estimator.service.replay_log import since
 
 #: how long publishers of a device lost to another estimator stay open for late queries, s
 LINGER_S = 40.0
@@ -25,13 +23,11 @@ class Takeover:
         self,
         parts: Parts,
         starts: DeviceStarts,
-        intake: Intake,
-        quotas: Quotas,
         checks: PeriodicChecks,
+        quotas: Quotas,
         learn: Callable[[Device], None],
     ) -> None:
-        self._parts, self._starts, self._intake, self._quotas = parts, starts, intake, quotas
-        self._checks, self._learn = checks, learn
+        self._parts, self._starts, self._checks, self._quotas, self._learn = parts, starts, checks, quotas, learn
         self._left = deque[tuple[float, Publisher]]()
 
     def look(self, now: float, *, heard: bool) -> None:
@@ -42,14 +38,14 @@ class Takeover:
         cluster = self._parts.cluster
         if lost := cluster.look(now, heard=heard):
             self._give_away(lost, now)
-        if cluster.newcomer():
+        if cluster.came:
             for device in self._parts.devices.values():
                 device.checkpoint_due = now  # the newcomer holds off until it has heard of all devices
-        for known in cluster.calibrated():
+        for known in cluster.calibrated:
             self._starts.adopt(known)
 
     def take(self, others: Mapping[str, Sequence[Message]], now: float) -> list[Message]:
-        """Take over the devices that are ours now; returns what they still need of their backlog.
+        """Take over the devices that are ours now; returns their backlog.
 
         others: messages of this round, by device, of devices that we do not hold.
         """
@@ -58,12 +54,8 @@ class Takeover:
             return ours
         self._parts.cluster.say(self._parts.devices, now)
         for name, backlog in taken.items():
-            going_on = self._starts.take_over(name, now)
-            if going_on is None:
-                ours += backlog
-            elif backlog:
-                ours += since(backlog, going_on.session.boot or 0, going_on.session.sequence.next or 0)
-            else:
+            ours += backlog
+            if (going_on := self._starts.take_over(name, now)) is not None and not backlog:
                 going_on.session.silence(SILENT)
         return ours
 
@@ -74,16 +66,10 @@ class Takeover:
 
     def _give_away(self, names: list[str], now: float) -> None:
         """Release devices taken by another estimator, which continues from our checkpoint."""
-        devices = self._parts.devices
         self._quotas.drop(names)  # the new owner has these messages in its replay log
-        leaving = [device for name in names if (device := devices.get(name)) is not None]
+        leaving = [device for name in names if (device := self._parts.devices.get(name)) is not None]
         for device in leaving:
-            self._starts.leave(device.name)
-            self._intake.leave(device)
-            self._learn(device)
+            self._parts.guarded(device, self._learn, device)
             self._parts.guarded(device, partial(self._parts.record.checkpoint, device, now, force=True))
-        self._checks.check()  # while the devices still count
-        for device in leaving:
-            self._checks.leave(device.name)
-            del devices[device.name]
-            self._left += [(now + LINGER_S, publisher) for publisher in device.leave()]
+        self._checks.remove(leaving)
+        self._left += [(now + LINGER_S, publisher) for device in leaving for publisher in device.leave()]

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from estimator.kernels.zaru import upright
 from estimator.state import StateStruct, shaped
-from estimator.tracking.bias_filter import BIAS, SLOPE, BiasFilter
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import BIAS, SLOPE
 from estimator.tracking.evidence import GATES, Evidence, Receipt
 from estimator.tracking.seconds import Second
 from estimator.tracking.zaru import INSISTED

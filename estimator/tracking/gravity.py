@@ -26,7 +26,8 @@ from estimator.geometry.strapdown import Span
 from estimator.kernels.gravity import carried
 from estimator.kernels.strapdown import DRIFT, END, PUSH
 from estimator.state import StateStruct
-from estimator.tracking.bias_filter import OWN, BiasFilter, BiasState, Step
+from estimator.tracking.bias_filter import BiasFilter, Step
+from estimator.tracking.bias_state import OWN, BiasState
 from estimator.tracking.evidence import Evidence, Receipt
 from estimator.tracking.steady_motion import SteadyMotion, SteadyMotionKnobs, SteadyMotionState
 

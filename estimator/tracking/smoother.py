@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.tracking.bias_filter import BIAS, OWN, Step
+from estimator.tracking.bias_filter import Step
+from estimator.tracking.bias_state import BIAS, OWN
 
 Floats = NDArray[np.float64]
 _NOTHING = np.zeros(OWN)

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from estimator.tracking.bias_filter import BiasKnobs
+from estimator.tracking.bias_state import BiasKnobs
 from estimator.tracking.temperature_law import TemperatureLaw
 
 Floats = NDArray[np.float64]

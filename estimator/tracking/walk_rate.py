@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.state import StateStruct, shaped
-from estimator.tracking.bias_filter import BiasKnobs
+from estimator.tracking.bias_state import BiasKnobs
 from estimator.tracking.seconds import Second
 
 Floats = NDArray[np.float64]

@@ -7,20 +7,20 @@ axis becomes horizontal.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from math import ceil, inf, radians
+from math import ceil
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.kernels.zaru import along, calm, together, upright
-from estimator.state import StateStruct, shaped
-from estimator.tracking.bias_filter import BIAS, BiasFilter
+from estimator.state import shaped
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import BIAS
 from estimator.tracking.evidence import GATES, Evidence, Receipt
 from estimator.tracking.gravity import GRAVITY
 from estimator.tracking.seconds import Second
-from estimator.tracking.tilt_check import TiltCheck, TiltKnobs, TiltState
+from estimator.tracking.tilt_check import TiltCheck
+from estimator.tracking.zaru_state import ZaruKnobs, ZaruState
 
 Floats = NDArray[np.float64]
 
@@ -33,69 +33,6 @@ _AXES = np.eye(3)
 _Waiting = tuple[Evidence, float, float, float]
 REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
 INSISTED, JUMPED = "insisted", "jumped"
-
-
-@dataclass(frozen=True, slots=True)
-class ZaruKnobs:
-    """When a rest is evidence of the bias."""
-
-    #: rad/s, motion of a resting body that no reading shows
-    quasi_static: float = radians(0.003)
-    #: rad/s, the same while quiet for less than proven_after seconds: too short to tell rest from a slow breath or sway
-    unproven: float = radians(0.1)
-    #: rad/s, the same without an accelerometer: so much a person sways who stands for a moment (tests/bench/honesty.py); and
-    #: before any proven rest of an unknown bias: half a breath at power-up shut out the truth for minutes
-    #: (tests/bench/warming.py: seed 16, begun late)
-    unproven_at_most: float = radians(0.19)
-    proven_after: int = 4
-    #: rad/s, the same in the last second of a rest: a movement may begin too gently for a gyro alone
-    edge: float = radians(0.015)
-    #: ratio of scatter to noise variance of the means above which a body moves a little
-    scatter: float = 3.0
-    #: a jump of the bias is believed after this many seconds of rest in a row
-    sure_rests: int = 5
-    #: NIS gate of the vertical part of a rest: 4 standard deviations
-    vertical_gate: float = 16.0
-    #: s; a contradiction that stays the same for this long is believed
-    insist_s: float = 120.0
-    #: factor by which the bias may have walked faster than BiasKnobs say, in a gap between rests
-    hurry: float = 5.0
-    #: s, least length of a gap
-    gap_s: float = 5.0
-    #: rad/s; gated measurements wait and are judged together until their mean is this good; longest wait, s
-    certain: float = radians(0.006)
-    longest_wait_s: int = 8
-    tilt: TiltKnobs = field(default_factory=TiltKnobs)
-
-
-class ZaruState(StateStruct):
-    """State of ZARU.
-
-    means (k, 2, 3): mean and its variance of the latest quiet seconds. quiet: quiet seconds in a row; quiet_until: end of the
-    last, s. rests: seconds of rest in a row. gap_s: how long the device moved before this rest. proven: whether the latest
-    second belongs to a proven rest. ever_proven: whether any did, or the bias was known at the start. rested: whether a rest
-    was proven since a restart. blind: whether samples were missing, and no rest was seen since. surprised: kinds of evidence
-    already checked against the gap. in_question: variance, (rad/s)², of a bias believed only for its insistence. waiting:
-    measurements to be judged with the following ones. contradiction: its begin, s, and z and R measured
-    then. surprises, judged: receipts not yet fetched.
-    """
-
-    tilt: TiltState
-    ever_proven: bool
-    means: Floats = msgspec.field(default_factory=lambda: np.zeros((0, 2, 3)))
-    quiet: int = 0
-    quiet_until: float = inf
-    rests: int = 0
-    gap_s: float = 0.0
-    proven: bool = False
-    rested: bool = True
-    blind: bool = False
-    surprised: set[str] = msgspec.field(default_factory=lambda: {"zaru", "zaru level", "zaru vertical"})
-    in_question: float = 0.0
-    waiting: list[tuple[Evidence, float, float, float]] = msgspec.field(default_factory=list)
-    contradiction: tuple[float, Floats, Floats] | None = None
-    surprises: list[Receipt] = msgspec.field(default_factory=list)
-    judged: list[Receipt] = msgspec.field(default_factory=list)
 
 
 class Zaru:

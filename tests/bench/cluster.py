@@ -40,7 +40,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Owned
 from estimator.client.reorder_buffer import ReorderBuffer
 from estimator.demo.ward import free_port, listens
-from estimator.service.ownership import owner
+from estimator.service.membership import owner
 from tests.bench.load import stream
 from tests.bench.load.stream import WARD
 

@@ -30,7 +30,8 @@ from estimator.stillness.detector import Stillness
 from estimator.tracking.bias_filter import BiasFilter
 from estimator.tracking.seconds import Seconds
 from estimator.tracking.smoother import History
-from estimator.tracking.tracker import Tracker, TrackKnobs
+from estimator.tracking.track_knobs import TrackKnobs
+from estimator.tracking.tracker import Tracker
 from tests.bench.load.stream import Fleet
 from tests.sim.day import Day, simulate_day
 

@@ -27,8 +27,9 @@ from bridge.sim.imu_errors import ImuSpec
 from estimator.config.device_settings import FLICKER
 from estimator.geometry.gyro_model import GyroModel, PriorKnobs, uncalibrated
 from estimator.stillness.detector import Stillness
-from estimator.tracking.bias_filter import BiasKnobs
-from estimator.tracking.tracker import Tracker, TrackKnobs
+from estimator.tracking.bias_state import BiasKnobs
+from estimator.tracking.track_knobs import TrackKnobs
+from estimator.tracking.tracker import Tracker
 from tests.sim.day import Day, simulate_day, worn_spec
 from tests.sim.scenes import rests_and_motion, steady_walk, turned_by_hand, walk_with_pauses
 

@@ -23,10 +23,12 @@ from estimator.geometry.gyro_model import GyroModel
 from estimator.service.store import Store
 from estimator.service.store_access import HISTORY_S
 from estimator.stillness.detector import Stillness
-from estimator.tracking.bias_filter import OWN, BiasFilter, BiasState
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import OWN, BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
 from estimator.tracking.temperature_learning import learn
-from estimator.tracking.tracker import Tracker, TrackKnobs
+from estimator.tracking.track_knobs import TrackKnobs
+from estimator.tracking.tracker import Tracker
 from tests.sim.day import Day, simulate_day, worn_spec
 from tests.sim.warmth import ROOM_C
 

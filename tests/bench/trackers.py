@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from estimator.geometry.gyro_model import GyroModel
 from estimator.stillness.detector import Stillness
-from estimator.tracking.bias_filter import BiasKnobs
+from estimator.tracking.bias_state import BiasKnobs
+from estimator.tracking.track_knobs import TrackKnobs
 from estimator.tracking.tracker import Tracker as OurTracker
-from estimator.tracking.tracker import TrackKnobs
 
 Floats = NDArray[np.float64]
 

@@ -10,9 +10,10 @@ from bridge.sim.motion_scripts import swing
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.geometry.gyro_model import PriorKnobs
-from estimator.tracking.bias_filter import OWN, BiasFilter, BiasKnobs, BiasState, start
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import OWN, BiasKnobs, BiasState, start
 from estimator.tracking.evidence import GATES, Evidence
-from estimator.tracking.tracker import TrackKnobs
+from estimator.tracking.track_knobs import TrackKnobs
 from tests.estimator.stream import NAME, calibration, feed, stream
 from tests.estimator.tracking.worn import Worn
 

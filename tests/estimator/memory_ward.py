@@ -65,10 +65,9 @@ class Ward:
         self.settle()
 
     def settle(self) -> None:
-        """Until nothing waits any more, and nothing is waited for."""
+        """Until nothing waits any more."""
         while self.service.step(0.0):
             pass
-        self.service._intake.give_up()
 
     def put(self, payload: bytes, **ids: str) -> None:
         MemoryBus(self.broker).publisher(keys.build(WARD, "raw", **ids), cache=0).put(payload)

@@ -110,11 +110,6 @@ class Served:
         self.service.step(0.0)
         return self.published()
 
-    def rest(self) -> list[CorrectedBatch]:
-        """What waits for what does not come."""
-        self.service._intake.give_up()
-        return self.published()
-
     def published(self) -> list[CorrectedBatch]:
         said = self._bus.said[:]
         self._bus.said.clear()

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from estimator.geometry import rotation
 from estimator.stillness.detector import Stillness, Window
-from estimator.tracking.bias_filter import OWN, BiasFilter, BiasKnobs, start
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import OWN, BiasKnobs, start
 from estimator.tracking.evidence import GATES, Evidence
 
 Floats = NDArray[np.float64]

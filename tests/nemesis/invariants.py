@@ -9,7 +9,7 @@ import numpy as np
 
 from bridge.sim.sample_source import TrueSamples
 from bridge.wire.messages import Quality, SampleFlag, Verdict
-from estimator.service.conservation import EVENT
+from estimator.service.periodic_checks import EVENT
 from tests.nemesis.history import Boot, Heard, History
 from tests.nemesis.losses import invented, lost
 

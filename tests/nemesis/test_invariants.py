@@ -9,7 +9,7 @@ from bridge.sim.sample_source import TrueSamples
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, Status, Verdict
 from estimator.client import Miss
 from estimator.device.session import DeviceSession
-from estimator.service.conservation import EVENT
+from estimator.service.periodic_checks import EVENT
 from tests.nemesis.history import Boot, Done, Heard, History, Sent
 from tests.nemesis.invariants import broken
 

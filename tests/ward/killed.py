@@ -25,7 +25,7 @@ from estimator.database import inspect
 from estimator.demo.subscribers import Watcher
 from estimator.demo.ward import WARD, Ward
 from estimator.service.store import Store
-from estimator.tracking.bias_filter import BiasKnobs
+from estimator.tracking.bias_state import BiasKnobs
 from tests.ward.parts import add_simulated, living, wait
 
 _SPEED = 10.0

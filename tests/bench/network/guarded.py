@@ -17,7 +17,7 @@ from bridge.bus import router_file
 from bridge.pki.certificate_checks import Identity
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.member import Member
-from estimator.service.ownership import owner
+from estimator.service.membership import owner
 from tests.bench.network.lan import Lan
 
 WARD, PORT = "w", 7447

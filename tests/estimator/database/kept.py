@@ -7,7 +7,7 @@ import numpy as np
 
 from bridge.wire import codec
 from estimator.service.store import Store
-from estimator.tracking.bias_filter import BiasState
+from estimator.tracking.bias_state import BiasState
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.estimator.stream import NAME, info
 from tests.sentences import free

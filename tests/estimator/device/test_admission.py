@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import SampleBatch
-from estimator.device.bridge_choice import PERSISTS_S, BridgeChoice, Ruling
-from estimator.device.sequence_numbers import SequenceNumbers
+from estimator.device.admission import BEGINS, PERSISTS_S, REFUSED, Admission, Ruling
 from estimator.samples.sample_buffer import Samples
 from tests.estimator.stream import Stream, stream
 
@@ -22,25 +21,21 @@ def source() -> Stream:
     return stream([], 20.0)
 
 
-def rule(
-    source: BridgeChoice, sequence: SequenceNumbers, batches: Iterable[SampleBatch], *, at: float, step: float
-) -> list[Ruling]:
+def rule(admission: Admission, batches: Iterable[SampleBatch], *, at: float, step: float) -> list[Ruling]:
     """As the service does, one batch each `step` seconds."""
     rulings = []
     for n, batch in enumerate(map(Samples.of, batches)):
-        ruling = source.judge(batch, sequence, at + n * step)
+        ruling = admission.judge(batch, at + n * step)
         rulings.append(ruling)
-        if ruling is R.JUMP:
-            sequence.jump(batch)
-        if ruling in (R.BOOT, R.RETURN, R.REPEAT):
-            sequence.begin(batch.boot)
-        if ruling is not R.RANGE:
-            sequence.fresh(batch)
+        if ruling in BEGINS:
+            admission.sequence.begin(batch.boot)
+        if ruling not in REFUSED:
+            admission.sequence.fresh(batch)
     return rulings
 
 
 def test_a_bridge_keeps_its_device_until_it_is_silent() -> None:
-    source = BridgeChoice(2.0)
+    source = Admission(2.0)
     assert source.owns("b1", 0.0)
     assert not source.owns("b2", 1.0)
     assert source.owns("b1", 2.9)
@@ -50,7 +45,7 @@ def test_a_bridge_keeps_its_device_until_it_is_silent() -> None:
 
 
 def test_an_outage_of_the_bus_gives_a_device_to_nobody_else() -> None:
-    source = BridgeChoice(2.0)
+    source = Admission(2.0)
     assert source.owns("b1", 0.0)
     source.hold(60.0)
     assert not source.owns("b2", 60.5)
@@ -69,7 +64,7 @@ def test_a_replay_at_a_thousand_times_its_speed_is_taken(source: Stream) -> None
         )
         for n, batch in enumerate(source.batches(range(5, len(source), 5)))
     ]
-    rulings = rule(BridgeChoice(2.0), SequenceNumbers(), fast[:100], at=UP_S, step=0.05)
+    rulings = rule(Admission(2.0), fast[:100], at=UP_S, step=0.05)
     assert rulings == [R.BOOT] + [R.TAKE] * 99
 
 
@@ -77,7 +72,7 @@ def test_a_replay_at_a_thousand_times_its_speed_is_taken(source: Stream) -> None
 def test_one_leap_is_refused_and_harms_nothing(source: Stream, field: str) -> None:
     batches = source.batches()
     bad = replace(batches[5], sequence=2**61) if field == "sequence" else leapt(batches[5])
-    rulings = rule(BridgeChoice(2.0), SequenceNumbers(), [*batches[:5], bad, *batches[5:20]], at=UP_S, step=0.1)
+    rulings = rule(Admission(2.0), [*batches[:5], bad, *batches[5:20]], at=UP_S, step=0.1)
     assert rulings == [R.BOOT] + [R.TAKE] * 4 + [R.RANGE] + [R.TAKE] * 15
 
 
@@ -85,7 +80,7 @@ def test_one_leap_is_refused_and_harms_nothing(source: Stream, field: str) -> No
 def test_a_leap_that_stays_is_followed(source: Stream, field: str) -> None:
     batches = source.batches()
     far = [replace(b, sequence=b.sequence + 2**61) if field == "sequence" else leapt(b) for b in batches[5:60]]
-    rulings = rule(BridgeChoice(2.0), SequenceNumbers(), [*batches[:5], *far], at=UP_S, step=0.1)
+    rulings = rule(Admission(2.0), [*batches[:5], *far], at=UP_S, step=0.1)
     refused = rulings.count(R.RANGE)
     assert refused == pytest.approx(PERSISTS_S / 0.1, abs=2)
     assert rulings[5 + refused :] == [R.JUMP] + [R.TAKE] * (len(far) - refused - 1)
@@ -93,44 +88,44 @@ def test_a_leap_that_stays_is_followed(source: Stream, field: str) -> None:
 
 def test_late_and_repeated_batches_are_late_however_many(source: Stream) -> None:
     first, second = source.batches(boot=1), source.batches(boot=2)
-    judge, sequence = BridgeChoice(2.0), SequenceNumbers()
-    rule(judge, sequence, [*first[:100], *second[:100]], at=UP_S, step=0.1)
-    assert set(rule(judge, sequence, [*first[:100], *second[:100]], at=20.0, step=0.001)) == {R.LATE}
+    admission = Admission(2.0)
+    rule(admission, [*first[:100], *second[:100]], at=UP_S, step=0.1)
+    assert set(rule(admission, [*first[:100], *second[:100]], at=20.0, step=0.001)) == {R.LATE}
     # Interleaved with news, for as long as they like.
     mixed = [b for pair in zip(first[:100], second[100:200], strict=True) for b in pair]
-    assert set(rule(judge, sequence, mixed, at=21.0, step=0.1)) == {R.LATE, R.TAKE}
+    assert set(rule(admission, mixed, at=21.0, step=0.1)) == {R.LATE, R.TAKE}
 
 
 def test_a_recording_is_late_however_long_it_is_played_while_the_device_is_silent(source: Stream) -> None:
     first, second = source.batches(boot=1), received(source.batches(boot=2), 60.0)
-    judge, sequence = BridgeChoice(2.0), SequenceNumbers()
-    rule(judge, sequence, [*first, *second], at=UP_S, step=0.1)
+    admission = Admission(2.0)
+    rule(admission, [*first, *second], at=UP_S, step=0.1)
     shuffled = [(first + second)[i] for i in np.random.default_rng(1).permutation(len(first) + len(second))]
     for recorded in (first, second, first[100:], shuffled):
-        assert set(rule(judge, sequence, recorded, at=1000.0, step=0.1)) == {R.LATE}
+        assert set(rule(admission, recorded, at=1000.0, step=0.1)) == {R.LATE}
 
 
 def test_a_boot_from_before_its_hosts_clock_was_set_back_is_not_waited_for_for_ever(source: Stream) -> None:
     first, second = received(source.batches(boot=1), 3600.0), source.batches(boot=2)
-    judge, sequence = BridgeChoice(2.0), SequenceNumbers()
-    rulings = rule(judge, sequence, [*first[:50], *second[:60]], at=UP_S, step=0.1)
+    admission = Admission(2.0)
+    rulings = rule(admission, [*first[:50], *second[:60]], at=UP_S, step=0.1)
     late = rulings.count(R.LATE)
     assert late == pytest.approx(PERSISTS_S / 0.1, abs=2)
     assert rulings[50 + late :] == [R.RETURN] + [R.TAKE] * (60 - late - 1)
     # Where the boot before was still heard afterwards, the new one is taken at once.
     back = [replace(b, receive_time_ns=b.receive_time_ns - 2 * 3_600_000_000_000) for b in first[50:60]]
-    judge, sequence = BridgeChoice(2.0), SequenceNumbers()
-    rulings = rule(judge, sequence, [*first[:50], *back, *second[:60]], at=UP_S, step=0.1)
+    admission = Admission(2.0)
+    rulings = rule(admission, [*first[:50], *back, *second[:60]], at=UP_S, step=0.1)
     assert rulings == [R.BOOT] + [R.TAKE] * 59 + [R.BOOT] + [R.TAKE] * 59
 
 
 @pytest.mark.parametrize(("start", "back"), [(100, R.RETURN), (0, R.REPEAT)])
 def test_a_boot_of_the_past_that_stays_is_not_dead(source: Stream, start: int, back: Ruling) -> None:
     first, second = source.batches(boot=1), source.batches(boot=2)
-    judge, sequence = BridgeChoice(2.0), SequenceNumbers()
-    rule(judge, sequence, [*first[:100], *second[:5]], at=UP_S, step=0.1)
+    admission = Admission(2.0)
+    rule(admission, [*first[:100], *second[:5]], at=UP_S, step=0.1)
     again = received(first[start : start + 60], 60.0)
-    rulings = rule(judge, sequence, again, at=20.0, step=0.1)
+    rulings = rule(admission, again, at=20.0, step=0.1)
     late = rulings.count(R.LATE)
     assert late == pytest.approx(PERSISTS_S / 0.1, abs=2)
     assert rulings[late:] == [back] + [R.TAKE] * (60 - late - 1)

@@ -8,8 +8,8 @@ from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 from estimator.overview.summary import as_json, most, summarise, total
-from estimator.service.conservation import EVENT
 from estimator.service.overload import UNKEPT
+from estimator.service.periodic_checks import EVENT
 from tests.estimator.stream import info as info_of
 from tests.sentences import free
 

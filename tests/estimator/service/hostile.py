@@ -112,7 +112,7 @@ def lived(
             if batch is not None:
                 served.put(batch)
         said += served.round(0.25)
-    return [batch for batches in cut.values() for batch in batches], said + served.rest()
+    return [batch for batches in cut.values() for batch in batches], said
 
 
 def played(served: Served, messages: Iterable[Message]) -> int:
@@ -128,4 +128,4 @@ def played(served: Served, messages: Iterable[Message]) -> int:
     said += sum(map(len, served.round(ROUND_S)))
     while len(served.service._quotas):
         said += sum(map(len, served.round(ROUND_S)))
-    return said + sum(map(len, served.rest()))
+    return said

@@ -102,20 +102,6 @@ def test_a_command_that_waited_too_long_is_not_done(now: list[float]) -> None:
     assert desk.answer().accepted
 
 
-def test_what_is_not_written_down_in_time_is_called_so(now: list[float]) -> None:
-    desk = Desk(writes=False)
-    replies = desk.ask()
-    desk.work()
-    assert replies == []
-    now[0] += 1.9
-    desk.work()
-    assert not replies[0].accepted
-    assert Code.OUTCOME_UNKNOWN in codes(replies[0].message)
-    desk.unwritten[0]()
-    assert len(replies) == 1
-    assert desk.answer().accepted, "asked again, it is told how it ended"
-
-
 def test_it_is_answered_once_it_is_written_down() -> None:
     desk = Desk(writes=False)
     first, second = desk.ask(), desk.ask()

@@ -6,20 +6,20 @@ from typing import Any
 import pytest
 
 from bridge.wire import codec
+from bridge.wire.batches import CorrectedEncoder
+from estimator.device.admission import Admission
 from estimator.device.boot_estimation import BootEstimation
-from estimator.device.bridge_choice import BridgeChoice
 from estimator.device.sequence_numbers import SequenceNumbers
 from estimator.device.session import DeviceSession
 from estimator.samples.blocks import Blocks
-from estimator.service.conservation import EVENT
 from estimator.service.device import Device
-from estimator.service.output import Encoder
+from estimator.service.periodic_checks import EVENT
 from estimator.service.store_access import StoreAccess
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
 
 PLACES: list[tuple[type[Any], str]] = [
-    (BridgeChoice, "judge"),
+    (Admission, "judge"),
     (StoreAccess, "recall"),
     (SequenceNumbers, "fresh"),
     (DeviceSession, "begin_boot"),
@@ -28,7 +28,7 @@ PLACES: list[tuple[type[Any], str]] = [
     (Blocks, "put"),
     (Blocks, "end_block"),
     (BootEstimation, "learn"),
-    (Encoder, "encode"),
+    (CorrectedEncoder, "encode"),
     (Device, "say_corrected"),
     (Device, "say_status"),
 ]
@@ -52,7 +52,6 @@ def test_a_fault_anywhere_leaves_no_sample_uncounted(
 
     with monkeypatch.context() as patch:
         patch.setattr(owner, name, failing)
-        # Some overtaken, so that others wait when it fails.
         overtaken = [batches[i + (1, -1, 0, 0)[i % 4]] for i in range(40, 80)] + batches[80:120]
         for begin in range(0, 80, 80 // rounds):
             ward.send(overtaken[begin : begin + 80 // rounds])

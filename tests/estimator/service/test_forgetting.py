@@ -28,7 +28,7 @@ def once() -> Stream:
 
 def age(ward: Ward, seconds: float) -> None:
     """So many seconds pass in silence."""
-    ward.service._devices[NAME].heard -= seconds
+    ward.service._devices[NAME].heard -= seconds + 1.0
     ward.service._every_second(time.monotonic())
     ward.service.work()
 

@@ -12,8 +12,8 @@ from bridge.sim.motion_scripts import swing
 from estimator.client import revised
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
-from estimator.tracking.bias_filter import BiasKnobs
-from estimator.tracking.tracker import TrackKnobs
+from estimator.tracking.bias_state import BiasKnobs
+from estimator.tracking.track_knobs import TrackKnobs
 from tests.estimator.stream import NAME, Stream, calibration, feed
 
 WALK_DPS = 0.003

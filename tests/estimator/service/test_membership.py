@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.wire.messages import Holding, Owned
-from estimator.service.membership import HOLD_OFF_S, LEASE_S, Membership
-from estimator.service.ownership import owner
+from estimator.service.membership import HOLD_OFF_S, LEASE_S, Membership, owner
 
 DEVICES = [f"wrist-{n}" for n in range(20)]
 NS = 1_700_000_000_000_000_000

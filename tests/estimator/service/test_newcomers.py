@@ -10,15 +10,19 @@ from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Tally
 from estimator.service.device import NEWCOMER_S
-from estimator.service.newcomers import AT_ONCE, FORGET_S, OF_ALL, OF_ONE_BRIDGE, PER_S, REFUSED, Newcomers
+from estimator.service.entrance import AT_ONCE, FORGET_S, OF_ALL, OF_ONE_BRIDGE, PER_S, REFUSED, Newcomers
 from tests.estimator.served import WARD, Served
 from tests.estimator.stream import calibration
 
 GHOSTS = 1000
 
 
-def sent(bridge: str, device: str) -> Message:
-    return Message(keys.build("w", "raw", bridge=bridge, device=device), b"")
+def sent(bridge: str, device: str) -> tuple[str, str]:
+    return bridge, device
+
+
+def admit(newcomers: Newcomers, sent: list[tuple[str, str]], now: float) -> list[tuple[str, str]]:
+    return [one for one in sent if newcomers.admits(*one, now)]
 
 
 @pytest.fixture
@@ -33,51 +37,60 @@ def newcomers(counts: Tally) -> Newcomers:
 
 def test_a_burst_is_admitted_at_a_bounded_rate(newcomers: Newcomers, counts: Tally) -> None:
     burst = [sent("b1", f"ghost{n}") for n in range(6000)]
-    first = newcomers.admit(burst, 0.0)
+    first = admit(newcomers, burst, 0.0)
     assert len(first) == AT_ONCE
     assert counts.as_dict() == {REFUSED: 6000 - AT_ONCE}
-    later = newcomers.admit(burst, 1.0)
+    later = admit(newcomers, burst, 1.0)
     assert later[: len(first)] == first, "who was admitted stays so"
     assert len(later) == AT_ONCE + PER_S
 
 
 def test_one_bridge_leaves_room_for_another_and_there_is_a_most_of_all(newcomers: Newcomers) -> None:
     for second in range(60):
-        newcomers.admit([sent("b1", f"ghost{n}") for n in range(1000)], second)
-    assert len(newcomers.admit([sent("b1", f"ghost{n}") for n in range(1000)], 60.0)) == OF_ONE_BRIDGE
-    assert newcomers.admit([sent("b2", "wrist")], 60.0)
+        admit(newcomers, [sent("b1", f"ghost{n}") for n in range(1000)], second)
+    assert len(admit(newcomers, [sent("b1", f"ghost{n}") for n in range(1000)], 60.0)) == OF_ONE_BRIDGE
+    assert admit(newcomers, [sent("b2", "wrist")], 60.0)
     for second in range(61, 120):
-        newcomers.admit([sent(f"c{n}", f"spectre{n}") for n in range(1000)], second)
+        admit(newcomers, [sent(f"c{n}", f"spectre{n}") for n in range(1000)], second)
     assert (
-        len(newcomers.admit([sent(f"c{n}", f"spectre{n}") for n in range(1000)], 120.0)) == OF_ALL - OF_ONE_BRIDGE - 1
+        len(admit(newcomers, [sent(f"c{n}", f"spectre{n}") for n in range(1000)], 120.0)) == OF_ALL - OF_ONE_BRIDGE - 1
     )
 
 
 def test_a_device_that_is_known_is_admitted_in_any_burst(newcomers: Newcomers) -> None:
-    newcomers.admit([sent("b1", f"ghost{n}") for n in range(6000)], 0.0)
-    assert newcomers.admit([sent("b1", "known")], 0.0)
+    admit(newcomers, [sent("b1", f"ghost{n}") for n in range(6000)], 0.0)
+    assert admit(newcomers, [sent("b1", "known")], 0.0)
 
 
 def test_a_device_that_is_not_kept_makes_room(newcomers: Newcomers) -> None:
     burst = [sent("b1", f"ghost{n}") for n in range(1000)]
     for second in range(60):
-        newcomers.admit(burst, second)
-    assert not newcomers.admit([sent("b1", "wrist")], 60.0)
+        admit(newcomers, burst, second)
+    assert not admit(newcomers, [sent("b1", "wrist")], 60.0)
     newcomers.look(60.0 + FORGET_S, kept=lambda _: False, proven=lambda _: False)
-    assert newcomers.admit([sent("b1", "wrist")], 60.0 + FORGET_S)
+    assert admit(newcomers, [sent("b1", "wrist")], 60.0 + FORGET_S)
 
 
-def test_a_device_that_is_calibrated_makes_room_and_stays(newcomers: Newcomers) -> None:
+def test_a_device_that_is_calibrated_makes_room_and_stays(counts: Tally) -> None:
+    calibrated = set[str]()
+    newcomers = Newcomers(calibrated.__contains__, counts)
     burst = [sent("b1", f"ghost{n}") for n in range(OF_ONE_BRIDGE)]
     for second in range(60):
-        newcomers.admit(burst, second)
-    newcomers.look(61.0, kept=lambda _: True, proven=lambda name: name == "ghost0")
-    assert len(newcomers.admit([*burst, sent("b1", "wrist")], 61.0)) == OF_ONE_BRIDGE + 1
+        admit(newcomers, burst, second)
+    calibrated.add("ghost0")
+    newcomers.look(61.0, kept=lambda _: True, proven=calibrated.__contains__)
+    assert len(admit(newcomers, [*burst, sent("b1", "wrist")], 61.0)) == OF_ONE_BRIDGE + 1
 
 
-def test_keys_that_are_none_are_left_to_the_decoder(newcomers: Newcomers) -> None:
-    strange = [Message(key, b"") for key in ("", "x", "truerate/@v1/w/raw/*/ghost", "truerate/@v1/w/raw/b1/GHOST")]
-    assert newcomers.admit(strange, 0.0) == strange
+def test_keys_that_are_none_are_left_to_the_decoder() -> None:
+    strange = ["", "x", "truerate/@v1/w/raw/*/ghost", "truerate/@v1/w/raw/b1/GHOST"]
+    for enrolment in (None, Enrolment(enrolled=("chest",))):
+        with Served(enrolment) as served:
+            served.raw.messages = [Message(key, b"") for key in strange]
+            served.round()
+            assert sum(
+                n for what, n in served.service._count_all().items() if what.startswith("sample messages refused")
+            ) == len(strange)
 
 
 def test_a_burst_of_invented_devices_costs_a_real_one_no_sample_and_leaves_nothing_behind() -> None:

@@ -13,7 +13,7 @@ from bridge.wire.messages import BiasRevision, SampleBatch, SampleFlag, Status
 from bridge.wire.refusal import Refusal
 from bridge.wire.validation import MAX_COUNTS, MAX_TIME_NS
 from estimator.config.schema import Estimator
-from estimator.device.batch_correction import Cut, correct
+from estimator.device.batch_correction import Cut, batch_of, correct
 from estimator.device.session import DeviceSession
 from estimator.samples.sample_buffer import Samples
 from estimator.service import output
@@ -122,9 +122,8 @@ def test_a_rate_that_cannot_be_is_said_as_clipped(scale: float) -> None:
     right = chosen(CALIBRATION)
     model = replace(right.model, matrix=np.diag([1.0, scale, 1.0]), bias=np.zeros(3))
     cut = Cut(Samples.of(batch), replace(right, model=model, bias_std=np.full(3, 1e9)), 0, 20)
-    encoder = output.Encoder(NAME)
     with np.errstate(all="ignore"):
-        payload = encoder.encode(cut, *correct([cut]))
+        payload = codec.encode_corrected(batch_of(cut, *correct([cut])))
     fit = codec.decode_corrected(keys.build("w", "corrected", device=NAME), payload)
     clipped = np.flatnonzero(fit.flags & SampleFlag.CLIPPED).tolist()
     assert clipped == ([3] if scale == 3.0 else list(range(20)))

@@ -15,28 +15,21 @@ from tests.estimator.served import Before, Served
 from tests.estimator.stream import NAME, calibration
 
 
-def looked(seconds: int, *, idle: float = 0.0, waited_s: float = 0.0) -> tuple[Overload, int]:
+def looked(seconds: int, idle: float) -> tuple[Overload, int]:
     made, over_s = Overload(0.0), 0
     for now in range(1, seconds + 1):
         made.idle(idle)
-        over_s = made.look(float(now), waited_s=waited_s)
+        over_s = made.look(float(now))
     return made, over_s
 
 
 @pytest.mark.parametrize(
-    ("seconds", "how", "over"),
-    [
-        (4, {}, False),
-        (5, {}, True),
-        (60, {"idle": 1.1 - BUSY}, False),
-        (9, {"idle": 0.5, "waited_s": 1.2}, True),
-        (60, {"idle": 0.5, "waited_s": 0.9}, False),
-    ],
+    ("seconds", "idle", "over"), [(4, 0.0, False), (5, 0.0, True), (60, 1.1 - BUSY, False), (60, 0.5, False)]
 )
-def test_busy_or_with_messages_that_wait_for_five_seconds(seconds: int, how: dict[str, float], *, over: bool) -> None:
-    made, over_s = looked(seconds, **how)
+def test_busy_for_five_seconds(seconds: int, idle: float, *, over: bool) -> None:
+    made, over_s = looked(seconds, idle)
     assert bool(over_s) is over
-    assert made.busy == pytest.approx(1.0 - how.get("idle", 0.0))
+    assert made.busy == pytest.approx(1.0 - idle)
 
 
 class Waiting(Before):

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.service.ownership import owner
+from estimator.service.membership import owner
 
 IDS = st.text("abcdefghijklmnopqrstuvwxyz0123456789-_", min_size=1, max_size=32)
 DEVICES = [f"bed-{number:03d}" for number in range(300)]

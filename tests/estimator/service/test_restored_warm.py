@@ -11,7 +11,7 @@ from bridge.sim.sample_source import SimulatedSource
 from estimator.device.prior_knowledge import PriorKnowledge
 from estimator.device.session import DeviceSession
 from estimator.samples.sample_buffer import Samples
-from estimator.tracking.bias_filter import BiasState
+from estimator.tracking.bias_state import BiasState
 from tests.estimator.stream import NAME, Stream, feed
 
 #: a bridge says again what it sent so long before the restart, s

@@ -11,7 +11,7 @@ from estimator.service import history
 from estimator.service.retention import ALL_NS, BOOTS, DAY_NS, HOUR_NS, HOURLY_NS, KEPT_BOOTS, POINTS
 from estimator.service.store import Store
 from estimator.service.store_care import THIN_S
-from estimator.tracking.bias_filter import BiasState
+from estimator.tracking.bias_state import BiasState
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, info

@@ -8,7 +8,7 @@ import pytest
 from bridge.wire.messages import Calibration, Verdict
 from estimator.service import history
 from estimator.service.store import REPEATED, Store
-from estimator.tracking.bias_filter import BiasState
+from estimator.tracking.bias_state import BiasState
 from tests.estimator.device.test_correction import CALIBRATION
 from tests.estimator.stream import NAME, info
 from tests.sentences import free

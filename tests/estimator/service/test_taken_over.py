@@ -18,7 +18,7 @@ from estimator.device.session_knobs import SessionKnobs
 from estimator.service.checkpoints import checkpoint_of
 from estimator.service.device import Device
 from estimator.service.device_loss import SILENT
-from estimator.service.ownership import BEYOND
+from estimator.service.membership import BEYOND
 from estimator.service.quota import ROUND
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.served import Kept
@@ -137,7 +137,7 @@ def test_a_checkpoint_of_an_epoch_that_nobody_can_go_above_displaces_no_other(
     say(ward, replace(checkpoint, epoch=BEYOND, bridge="wrong"))
     say(ward, replace(checkpoint, bridge="right"))
     ward.service.step(0.0)
-    assert ward.service._cluster.replicas.bridge(NAME) == "right"
+    assert [known.bridge for known in ward.service._cluster.replicas] == ["right"]
     assert ward.service._count_all()["checkpoint messages refused, epoch"] == 1
 
 

@@ -14,7 +14,7 @@ from estimator.device.session_knobs import SessionKnobs
 from estimator.service.device import Device
 from estimator.service.store import Store
 from estimator.service.store_access import StoreAccess
-from estimator.tracking.bias_filter import SLOPE, BiasState
+from estimator.tracking.bias_state import SLOPE, BiasState
 from estimator.tracking.temperature_law import TemperatureLaw
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, feed, info

@@ -5,8 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from estimator.tracking.bias_filter import OWN, SLOPE, BiasFilter, BiasKnobs
-from estimator.tracking.bias_filter import start as begin
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import OWN, SLOPE, BiasKnobs
+from estimator.tracking.bias_state import start as begin
 from estimator.tracking.evidence import GATES, Evidence
 
 Floats = NDArray[np.float64]

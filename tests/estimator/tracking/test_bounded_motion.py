@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.tracking.bias_filter import SLOPE, BiasFilter, BiasKnobs, start
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import SLOPE, BiasKnobs, start
 from estimator.tracking.bounded_motion import BoundedMotion, BoundedMotionKnobs
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.seconds import Second

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.geometry.strapdown import sum_up
-from estimator.tracking.bias_filter import BIAS, SLOPE, BiasFilter, BiasKnobs, BiasState, start
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import BIAS, SLOPE, BiasKnobs, BiasState, start
 from estimator.tracking.evidence import Receipt
 from estimator.tracking.gravity import ACCEL_BIAS, GRAVITY, MATRIX, SIZE, VELOCITY, G, Gravity, GravityKnobs
 

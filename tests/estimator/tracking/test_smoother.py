@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.tracking.bias_filter import OWN, BiasFilter, BiasKnobs, start
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import OWN, BiasKnobs, start
 from estimator.tracking.evidence import Evidence
 from estimator.tracking.smoother import History
 

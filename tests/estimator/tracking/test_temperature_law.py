@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimator.tracking.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, start
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import BIAS, OWN, SLOPE, BiasKnobs, start
 from estimator.tracking.evidence import Evidence
 from estimator.tracking.smoother import History
 from estimator.tracking.temperature_law import Floats, TemperatureLaw

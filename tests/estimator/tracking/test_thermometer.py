@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.tracking.bias_filter import SLOPE, BiasKnobs
+from estimator.tracking.bias_state import SLOPE, BiasKnobs
 from estimator.tracking.thermometer import Thermometer, ThermometerKnobs
 from tests.estimator.tracking.worn import PLAIN, Worn, rest
 

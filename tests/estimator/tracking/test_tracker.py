@@ -10,7 +10,7 @@ from bridge.sim.imu_errors import DEMO_SPEC, ImuSpec
 from bridge.sim.motion import Piece, Still
 from bridge.sim.motion_scripts import swing
 from estimator.stillness.detector import Stillness
-from estimator.tracking.bias_filter import BIAS, SLOPE
+from estimator.tracking.bias_state import BIAS, SLOPE
 from estimator.tracking.tracker import Tracker
 from tests.estimator.stream import Stream, stream
 from tests.estimator.tracking.worn import LEVEL, PLAIN, Worn, rest

@@ -6,10 +6,12 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.sim.motion import Piece, Spin, Still
-from estimator.tracking.bias_filter import OWN, BiasFilter, BiasKnobs, start
+from estimator.tracking.bias_filter import BiasFilter
+from estimator.tracking.bias_state import OWN, BiasKnobs, start
 from estimator.tracking.evidence import Evidence, Receipt
 from estimator.tracking.seconds import Second
-from estimator.tracking.zaru import REFUSED_TILT, UNPROVEN, Zaru, ZaruKnobs
+from estimator.tracking.zaru import REFUSED_TILT, UNPROVEN, Zaru
+from estimator.tracking.zaru_state import ZaruKnobs
 from tests.estimator.stream import Stream, stream
 from tests.estimator.tracking.worn import LEVEL, PLAIN, Worn, rest
 

@@ -11,9 +11,10 @@ from bridge.sim.imu_errors import ImuSpec
 from bridge.sim.motion import Still
 from estimator.geometry.gyro_model import GyroModel
 from estimator.stillness.detector import Stillness
-from estimator.tracking.bias_filter import BiasKnobs
+from estimator.tracking.bias_state import BiasKnobs
 from estimator.tracking.evidence import Receipt
-from estimator.tracking.tracker import Tracker, TrackKnobs
+from estimator.tracking.track_knobs import TrackKnobs
+from estimator.tracking.tracker import Tracker
 from tests.estimator.stream import Stream, stream
 
 Floats = NDArray[np.float64]

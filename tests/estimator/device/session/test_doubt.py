@@ -13,7 +13,7 @@ from bridge.wire.messages import Quality, State
 from estimator.device.session import DeviceSession
 from estimator.device.session_knobs import SessionKnobs
 from estimator.tracking.bias_monitor import BiasMonitorKnobs
-from estimator.tracking.tracker import TrackKnobs
+from estimator.tracking.track_knobs import TrackKnobs
 from tests.estimator.device.session.lives import again, calibrated, off, state
 from tests.estimator.stream import NAME, Stream, calibration, feed, rates, stream
 from tests.sentences import codes, free

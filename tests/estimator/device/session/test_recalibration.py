@@ -5,7 +5,7 @@ import pytest
 
 from bridge.reasons.codes import Code, Sentences
 from bridge.wire.messages import Quality, State
-from estimator.device.boot_estimation import CANCELLED_S
+from estimator.device.boot_calibration import CANCELLED_S
 from estimator.device.session import DeviceSession
 from tests.estimator.device.session.lives import again, calibrated, shaken, state
 from tests.estimator.stream import NAME, Stream, feed

@@ -14,7 +14,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Command, CommandReply, DeviceInfo, SampleBatch
 from estimator.client import Client
 from estimator.config.schema import Estimator
-from estimator.service.ownership import owner
+from estimator.service.membership import owner
 from estimator.service.run_loop import Service
 from estimator.service.store import Store
 from tests.estimator.stream import NAME, calibration, info

@@ -1,0 +1,87 @@
+"""State of the bias filter, what it begins with, and how fast the bias walks; letters as in bias_filter.py."""
+
+from dataclasses import dataclass
+from math import exp, expm1, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+BIAS, SLOPE = slice(0, 3), slice(3, 6)
+#: number of the filter's own states
+OWN = 6
+
+
+@dataclass(frozen=True, slots=True)
+class BiasKnobs:
+    """Process noise of the bias. Rates in rad/s."""
+
+    #: rate random walk at a constant temperature, rad/s per root second
+    rate_random_walk: float = radians(8e-4)
+    #: additional walk at power-up, rad/s per root second, while no temperature reading explains the warming; and its time
+    #: constant, s: the device's own heat takes minutes, a wearer's skin ten (tests/bench/warming.py)
+    warm_up_walk: float = radians(3e-3)
+    warm_up_s: float = 600.0
+    #: prior standard deviation of the slope, rad/s/K
+    per_kelvin: float = radians(0.03)
+    #: change of the slope per kelvin, rad/s/K²
+    curvature: float = radians(0.001)
+    #: rad/s, standard deviation of the bias instability about a mean over minutes. Not a state of the filter: a faster walk
+    #: that follows it improves the bias by 7 % at most, for the worst of the device kinds that come with truerate
+    flicker: float = 0.0
+
+    def warmed(self, since_power_up: float, dt: float) -> float:
+        """Variance that warming up adds to the bias in dt s, that many seconds after power-up, without a temperature."""
+        fading = exp(-max(0.0, since_power_up) / self.warm_up_s)
+        return self.warm_up_walk**2 * fading * -expm1(-dt / self.warm_up_s) * self.warm_up_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BiasState:
+    """State of the bias filter: x (n,), P (n, n), device time, s, temperature, °C, and power-up time, s.
+
+    The temperature is an average over the last seconds; the latest reading is lag_k kelvin above it.
+    """
+
+    x: Floats
+    P: Floats
+    time: float
+    temperature_c: float = np.nan
+    powered: float = -np.inf
+    #: temperature at which the slope was last allowed to change, °C
+    bent_c: float = np.nan
+    lag_k: float = 0.0
+
+    @property
+    def bias(self) -> Floats:
+        """(3,) estimated bias (reading at zero rate), rad/s."""
+        return self.x[BIAS]
+
+    @property
+    def bias_cov(self) -> Floats:
+        """(3, 3) covariance of the bias."""
+        return self.P[BIAS, BIAS]
+
+    @property
+    def std(self) -> Floats:
+        """(3,) standard deviation of the bias, rad/s."""
+        return np.asarray(np.sqrt(np.diag(self.P)[BIAS]))
+
+
+def start(
+    bias: Floats,
+    cov: Floats,
+    time: float,
+    knobs: BiasKnobs,
+    *,
+    temperature_c: float = np.nan,
+    powered: float = -np.inf,
+) -> BiasState:
+    """Initial filter state (six states) from a bias (3,) with covariance (3, 3); the slope is zero with a prior variance.
+
+    time, powered: device time now and at power-up, s. temperature_c: °C, NaN when unknown.
+    """
+    P = np.zeros((OWN, OWN))
+    P[BIAS, BIAS], P[SLOPE, SLOPE] = cov, knobs.per_kelvin**2 * np.eye(3)
+    return BiasState(np.concatenate([bias, np.zeros(3)]), P, time, temperature_c, powered)

@@ -1,0 +1,56 @@
+"""Settings of the bias tracker."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimator.tracking.accelerometer_check import AccelerometerKnobs
+from estimator.tracking.bias_monitor import BiasMonitorKnobs
+from estimator.tracking.bias_state import BiasKnobs
+from estimator.tracking.bounded_motion import BoundedMotionKnobs
+from estimator.tracking.gravity import GravityKnobs
+from estimator.tracking.seconds import SecondKnobs
+from estimator.tracking.thermometer import ThermometerKnobs
+from estimator.tracking.walk_rate import WalkKnobs
+from estimator.tracking.zaru_state import ZaruKnobs
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixKnobs:
+    """When the matrix that gravity teaches while the device is worn becomes part of the correction."""
+
+    learn: bool = False
+    #: relative standard deviation that every scale factor must reach
+    scale_std: float = 0.01
+    #: share of the variance known before, summed over the matrix, that may be left
+    left: float = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class TrackKnobs:
+    """Settings of the bias tracker. Device seconds, rad/s, m/s²."""
+
+    #: rad/s; a bias with a greater standard deviation counts as unknown
+    bias_std: float = np.radians(0.2)
+    #: rad/s, standard deviation of the turn-on bias of most gyros, whatever the worst of their kind have
+    usual_bias: float = np.radians(0.5)
+    #: standard deviations between the slope by temperature and the law at which the law is given up
+    refuted_sigmas: float = 4.0
+    #: rad/s and m/s²; a device whose readings vary less is quiet, for example on a sleeping wearer
+    quiet_gyro: float = np.radians(5.0)
+    quiet_accel: float = 1.0
+    #: s; after a gap in the evidence this long the past is smoothed, once evidence has come for settled_s
+    gap_s: float = 10.0
+    settled_s: float = 5.0
+    #: number of seconds kept for smoothing; None keeps all
+    history: int | None = 256
+    bias: BiasKnobs = field(default_factory=BiasKnobs)
+    seconds: SecondKnobs = field(default_factory=SecondKnobs)
+    zaru: ZaruKnobs = field(default_factory=ZaruKnobs)
+    gravity: GravityKnobs = field(default_factory=GravityKnobs)
+    bounded: BoundedMotionKnobs = field(default_factory=BoundedMotionKnobs)
+    accelerometer: AccelerometerKnobs = field(default_factory=AccelerometerKnobs)
+    thermometer: ThermometerKnobs = field(default_factory=ThermometerKnobs)
+    doubt: BiasMonitorKnobs = field(default_factory=BiasMonitorKnobs)
+    walk: WalkKnobs = field(default_factory=WalkKnobs)
+    matrix: MatrixKnobs = field(default_factory=MatrixKnobs)
