@@ -18,6 +18,7 @@ from bridge.drivers.driver import Driver
 from bridge.pki.certificate_files import Identity, identities_in
 from bridge.pki.member import Role
 from bridge.recording.settings import Recorder
+from bridge.runtime import os_errors
 from bridge.toml.loader import ConfigError, load, nearest, options
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
@@ -138,6 +139,10 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                 for member, identity in known.items():
                     if member.role is role and name in ("", member.name):
                         return Routers(self.connect, identity)
+            try:
+                next(Path(self.pki).iterdir(), None)
+            except OSError as error:
+                raise ConfigError(f"[bus]: pki: {self.pki} cannot be read: {os_errors.why(error)}. {make}") from None
             raise ConfigError(f"[bus]: pki: {self.pki} has no certificate for {wanted}. {make}")
         routers = self.every()[0]
         if routers.identity is not None:

@@ -20,7 +20,8 @@ from bridge.config.schema import Root
 from bridge.pki.member import Member, Role
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code, Sentence
-from bridge.toml.loader import ConfigError, content, load
+from bridge.runtime.regular_file import content
+from bridge.toml.loader import ConfigError, load
 from bridge.wire import keys
 from bridge.wire.codec import encode_reply
 from bridge.wire.messages import CommandReply

@@ -36,10 +36,10 @@ class Lines:
         *ended, rest = self._end.split(data)
         lines = []
         for piece in ended:
-            self._keep(piece)
-            if self._partial:
+            if piece or self._partial:
+                self._keep(piece)
                 lines.append(Line(bytes(self._partial), self._begun, self._too_long))
-            self._partial.clear()
+                self._partial.clear()
             self._too_long = self._begun = False
         self._keep(rest)
         return lines

@@ -14,6 +14,7 @@ from cryptography.x509.oid import NameOID
 from bridge.pki.certificate_files import Identity, Validity
 from bridge.pki.member import Member, Role
 from bridge.runtime import os_errors
+from bridge.runtime.regular_file import content
 
 __all__ = [
     "ISSUER_OF",
@@ -36,7 +37,7 @@ ISSUER_OF = "issuer of "
 def certificates(path: str) -> list[x509.Certificate]:
     """Read all certificates of a PEM file, the holder's own first. Raises ValueError for an unreadable file."""
     try:
-        found = x509.load_pem_x509_certificates(Path(path).read_bytes())
+        found = x509.load_pem_x509_certificates(content(path))
         for one in found:
             list(one.extensions), one.subject, one.public_key()  # parsed lazily: force errors now
     except OSError as error:
@@ -113,16 +114,26 @@ def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Ro
     except ValueError as error:
         return [str(error), *_key_faults(identity, None)]
     return [
+        *_place_faults(identity),
         *_key_faults(identity, given[0]),
         *(f"{identity.certificate}: {words}" for words in _role_faults(given[0], roles)),
         *_chain_faults(identity, given, trusted, now),
     ]
 
 
+def _place_faults(identity: Identity) -> Iterator[str]:
+    """Yield the files and folders in which any user of this machine could put another authority, certificate or key."""
+    files = dict.fromkeys(Path(path) for path in (identity.ca, identity.certificate))
+    for place in (*files, *dict.fromkeys(path.parent for path in (*files, Path(identity.key)))):
+        mode = place.stat().st_mode if place.exists() else 0  # what is missing has a fault of its own
+        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            yield f"{place}: every user of this machine can change it (mode {stat.S_IMODE(mode):04o}): chmod o-w {place}"
+
+
 def _key_faults(identity: Identity, own: x509.Certificate | None) -> Iterator[str]:
     path, form = Path(identity.key), (Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
     try:
-        pem, mode = path.read_bytes(), path.stat().st_mode
+        pem, mode = content(path), path.stat().st_mode
         public = load_pem_private_key(pem, None).public_key().public_bytes(*form)
     except OSError as error:
         yield f"{path}: {os_errors.why(error)}"

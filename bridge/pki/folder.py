@@ -14,6 +14,7 @@ from bridge.pki.certificate_checks import Identity, certificates, hosts_of, last
 from bridge.pki.certificate_files import Validity
 from bridge.pki.member import Member
 from bridge.runtime import whole_file
+from bridge.runtime.regular_file import content
 
 _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.txt"
 
@@ -58,7 +59,7 @@ class Folder:
             )
         own = certificates(files.certificate)[0]
         hosts, lasted = hosts_of(own), lasts_of(own)
-        key = Path(files.key).read_bytes()
+        key = content(files.key)
         if days is not None:
             ends = now + timedelta(days=days)
         elif now < (last := self.authority_lasts().ends):
@@ -162,7 +163,7 @@ class Folder:
     def _lines(self) -> list[str]:
         path = self.path / _REVOKED
         try:
-            text = path.read_text("utf-8-sig") if path.exists() else ""
+            text = content(path).decode("utf-8-sig") if path.exists() else ""
         except UnicodeDecodeError:
             raise ValueError(f"{path} is not UTF-8 text: save the file as UTF-8 in your editor") from None
         return [line for line in text.splitlines() if line.strip()]
@@ -174,7 +175,7 @@ def utc_now() -> datetime:
 
 
 def _pair(here: Path) -> Pair:
-    return Pair(Path(f"{here}.pem").read_bytes(), Path(f"{here}.key").read_bytes())
+    return Pair(content(f"{here}.pem"), content(f"{here}.key"))
 
 
 def _keep(here: Path, pair: Pair) -> None:

@@ -55,6 +55,8 @@ def load(
             f"{path}: the recording was not finished; complete it first: truerate recording recover {path}"
         )
     format_ = format_of(path)
+    if format_.whole and (size := path.stat().st_size) > MAX_BYTES:
+        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are allowed")
     if reading.device is not None and not format_.streams:
         raise RecordingError(f"{path}: the file holds one device: leave --device out")
     if format_ is WARD:
@@ -68,9 +70,6 @@ def load(
 
 def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, list[Calibration]]:
     """Return one boot of one device from a ward's recording, and its calibrations. Raises RecordingError."""
-    size = path.stat().st_size
-    if size > MAX_BYTES:
-        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are allowed")
     recorded = stretches.read([path], corrected=False)
     for words in recorded.trouble:
         _log.warning("%s", words)

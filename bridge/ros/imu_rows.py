@@ -88,6 +88,12 @@ class _Device:
     attitudes: _Heard = field(default_factory=_Heard)
     waiting: deque[tuple[float, CorrectedBatch]] = field(default_factory=deque)
 
+    def over(self, now_s: float) -> bool:
+        """Whether nothing waits, and nothing came for long."""
+        return not self.waiting and all(
+            not one.recent or one.recent[-1][0] < now_s - _KEPT_S for one in (self.readings, self.attitudes)
+        )
+
 
 class ImuJoin:
     """Joins the messages of any number of devices. `now_s` is seconds of a steady clock.
@@ -111,7 +117,10 @@ class ImuJoin:
 
     def due(self, now_s: float = inf) -> list[ImuRows]:
         """Return the rows that have waited WAIT_S; without a time, all that wait."""
-        return [rows for device in self._devices.values() for rows in self._ready(device, now_s)]
+        found = [rows for device in self._devices.values() for rows in self._ready(device, now_s)]
+        for name in [name for name, device in self._devices.items() if device.over(now_s)]:
+            del self._devices[name]
+        return found
 
     def _ready(self, device: _Device, now_s: float) -> Iterator[ImuRows]:
         others = device.readings, device.attitudes

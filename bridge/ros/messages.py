@@ -20,6 +20,8 @@ NEEDS: Final = "needs pip install 'truerate[ros]'"
 #: levels of a diagnostic status, in diagnostic_msgs/msg/DiagnosticStatus
 OK, WARN, ERROR, STALE = range(4)
 _NS: Final = 1_000_000_000
+#: last time that a stamp holds, in 2038; later ones are shown as this one
+_LAST_NS: Final = (1 << 31) * _NS - 1
 
 
 def available() -> bool:
@@ -51,7 +53,8 @@ def _encoded(kind: str, message: object) -> bytes:
 
 def _header(frame_id: str, time_ns: int = 0) -> Any:
     types = _store().types
-    stamp = types["builtin_interfaces/msg/Time"](sec=time_ns // _NS, nanosec=time_ns % _NS)
+    sec, nanosec = divmod(min(time_ns, _LAST_NS), _NS)
+    stamp = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
 
 
@@ -81,7 +84,7 @@ class ImuEncoder:
         variances = np.zeros_like(rows.rate) if rows.rate_var is None else rows.rate_var
         columns = (rows.time_ns.tolist(), rows.rate.tolist(), variances, rows.accel.tolist(), rows.quat_wxyz.tolist())
         for time_ns, rates, rate_var, (ax, ay, az), (w, x, y, z) in zip(*columns, strict=True):
-            stamp.sec, stamp.nanosec = divmod(time_ns, _NS)
+            stamp.sec, stamp.nanosec = divmod(min(time_ns, _LAST_NS), _NS)
             rate.x, rate.y, rate.z = rates
             imu.angular_velocity_covariance[::4] = rate_var
             if ax == ax:  # noqa: PLR0124 - not NaN

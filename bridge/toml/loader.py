@@ -5,10 +5,7 @@ The type is a msgspec Struct of Structs that forbid unknown fields. A class that
 """
 
 import difflib
-import errno
-import os
 import re
-import stat
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,12 +15,18 @@ import msgspec
 import msgspec.inspect as inspection
 
 from bridge.runtime import os_errors
+from bridge.runtime.regular_file import content
 
 T = TypeVar("T")
 
-#: longest file that is read, bytes; a ward of 1000 devices has about 200,000
-MAX_BYTES = 1 << 20
+#: most parts of a dotted name, as in `a.b.c`: the parser's time and memory grow with their square
+MAX_PARTS = 16
 
+#: most characters of an error: a name in the file may be as long as the file
+_LONGEST = 2000
+
+_NAME = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]*+')"""
+_LONG_NAME = re.compile(rf"(?<![\w-])(?:{_NAME}[ \t]*+\.[ \t]*+){{{MAX_PARTS}}}")
 _PATH = re.compile(r"(?P<text>.*?)(?: - at `(?P<path>\$[^`]*)`)?\Z", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]|\[\.\.\.\]")
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
@@ -58,7 +61,11 @@ def load(path: Path | str, kind: type[T]) -> T:
 def parsed(found: bytes, path: Path | str, kind: type[T]) -> T:
     """Read a TOML file's content as `load` does. path: the file's name in errors."""
     try:
-        tables = tomllib.loads(found.decode("utf-8-sig"))  # some editors write a byte order mark
+        text = found.decode("utf-8-sig")  # some editors write a byte order mark
+        if long := _LONG_NAME.search(text):
+            line = text.count("\n", 0, long.start()) + 1
+            raise ConfigError(f"{path}: line {line}: a dotted name has more than {MAX_PARTS} parts: correct that name")
+        tables = tomllib.loads(text)
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise ConfigError(f"{path}: line {line} is not UTF-8 text: save the file as UTF-8 in your editor") from None
@@ -67,25 +74,7 @@ def parsed(found: bytes, path: Path | str, kind: type[T]) -> T:
     try:
         return msgspec.convert(tables, kind, dec_hook=_from_table)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {_sentence(error, kind)}") from None
-
-
-def content(path: Path) -> bytes:
-    """Return the bytes of a regular file of at most MAX_BYTES. Raises OSError; never waits, as it would for a pipe."""
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-    try:
-        mode = os.fstat(descriptor).st_mode
-        if stat.S_ISDIR(mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        if not stat.S_ISREG(mode):
-            raise OSError("a pipe or a device, but a file is expected")
-        with os.fdopen(descriptor, "rb", closefd=False) as file:
-            found = file.read(MAX_BYTES + 1)
-    finally:
-        os.close(descriptor)
-    if len(found) > MAX_BYTES:
-        raise OSError(f"larger than {MAX_BYTES} bytes: give a TOML file")
-    return found
+        raise ConfigError(f"{path}: {_sentence(error, kind)[:_LONGEST]}") from None
 
 
 def options(table: dict[str, Any], kind: type[T]) -> T:

@@ -25,7 +25,7 @@ from bridge.wire.messages import (
 from bridge.wire.refusal import Refusal
 from estimator.client.connection import connected, denied
 from estimator.client.decoder import Decoder
-from estimator.client.reorder_buffer import HANDOVER_S, WAIT_S, Miss
+from estimator.client.reorder_buffer import BOOTS, HANDOVER_S, WAIT_S, Miss
 from estimator.client.stream import Corrected, Stream
 
 #: one device, several devices, or None for every device of the ward
@@ -280,7 +280,10 @@ def _current() -> Callable[[Status], bool]:
         now = time.monotonic()
         if status.epoch < epoch and now - heard_s < HANDOVER_S:
             return False
+        newest.pop(status.device, None)
         newest[status.device] = status.epoch, now
+        if len(newest) > BOOTS:  # the device heard longest ago leaves
+            del newest[next(iter(newest))]
         return True
 
     return current

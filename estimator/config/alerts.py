@@ -3,10 +3,10 @@
 import os
 import re
 from datetime import datetime, time
-from pathlib import Path
 
 from msgspec import Struct
 
+from bridge.runtime.regular_file import content
 from bridge.toml.loader import ConfigError, nearest
 from estimator.device.attention import Kind
 
@@ -71,7 +71,7 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         found = os.environ.get(URLS_VARIABLE, "").split()
         if self.urls_file:
             try:
-                lines = Path(self.urls_file).read_text().splitlines()
+                lines = content(self.urls_file).decode().splitlines()
             except (OSError, UnicodeDecodeError) as error:
                 raise ConfigError(f"[alerts] urls_file {self.urls_file} cannot be read: {error}") from None
             found += [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]

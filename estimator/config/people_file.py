@@ -11,7 +11,8 @@ import tomlkit
 from msgspec.structs import replace
 
 from bridge.runtime import whole_file
-from bridge.toml.loader import ConfigError, content, load, parsed
+from bridge.runtime.regular_file import content
+from bridge.toml.loader import ConfigError, load, parsed
 from estimator.config.dashboard import Dashboard, Person
 from estimator.config.schema import Ward
 

@@ -9,7 +9,8 @@ from typing import Any
 from bridge.config.schema import load
 from bridge.diagnose.port_probe import Verdict
 from bridge.diagnose.scan_report import snippet
-from bridge.toml.loader import content, parsed
+from bridge.runtime.regular_file import content
+from bridge.toml.loader import parsed
 from estimator.config import people_file
 from estimator.config.dashboard import Person
 from estimator.config.schema import Ward

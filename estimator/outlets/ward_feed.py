@@ -2,13 +2,14 @@
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from bridge.reasons.catalogue import explain
 from bridge.ros.imu_rows import ImuJoin, ImuRows
 from bridge.wire.messages import Quality, State, Status, Verdict
 from estimator.client import Client
+from estimator.outlets.places import Places
 
 #: devices in a row of the grid, and the distance between them, m
 _COLUMNS, _APART = 6, 0.5
@@ -34,9 +35,12 @@ class Event(NamedTuple):
 
 
 class WardFeed:
-    """Reads a ward's streams; call the methods again and again, from one thread."""
+    """Reads a ward's streams; call the methods again and again, from one thread.
 
-    def __init__(self, client: Client, devices: Sequence[str] | None) -> None:
+    left: called with a device that has left its place; what is kept for it can go.
+    """
+
+    def __init__(self, client: Client, devices: Sequence[str] | None, left: Callable[[str], None]) -> None:
         # Raw readings are for those who may hear them: without them, samples have no acceleration.
         self._rates = client.corrected(devices, quiet=True)
         self._raw = client.raw(devices)
@@ -45,30 +49,43 @@ class WardFeed:
         self._notes = client.follow_notes(devices)
         self._calibrations = client.follow_calibrations(devices)
         self._join = ImuJoin()
-        self._places: dict[str, int] = {}
+        self._places, self._left = Places(self._leave), left
+        #: places on the grid
+        self._grid: dict[str, int] = {}
         self._states: dict[str, tuple[int, State, Quality]] = {}
 
     def samples(self, timeout_s: float) -> Iterator[ImuRows]:
         """Wait at most timeout_s for corrected samples, and yield those that are complete."""
         self._rates.wait(timeout_s)
         now_s = time.monotonic()
-        for stream in (self._raw, self._orientation, self._rates):
+        for stream in (self._raw, self._orientation):
             for batch in stream.drain():
                 yield from self._join.take(batch, now_s)
+        for corrected in self._rates.drain():
+            if self._places.take(corrected.device, now_s):
+                yield from self._join.take(corrected, now_s)
         yield from self._join.due(now_s)
 
     def statuses(self) -> list[Status]:
         """Return the statuses since the last call: one a second of each device."""
-        return self._statuses.drain()
+        now_s = time.monotonic()
+        return [status for status in self._statuses.drain() if self._places.take(status.device, now_s)]
 
     def pose(self, rows: ImuRows) -> Pose:
         """Return a device's pose at the last sample; a device whose orientation is unknown is shown unturned."""
         w, x, y, z = rows.quat_wxyz[-1].tolist()
         turned = _NOT_TURNED if math.isnan(w) else (w, x, y, z)
-        return Pose(rows.device, int(rows.time_ns[-1]), self._place(rows.device), turned)
+        return Pose(rows.device, int(rows.time_ns[-1]), self._position(rows.device), turned)
 
-    def _place(self, device: str) -> tuple[float, float, float]:
-        row, column = divmod(self._places.setdefault(device, len(self._places)), _COLUMNS)
+    def _leave(self, device: str) -> None:
+        self._states.pop(device, None)
+        self._grid.pop(device, None)
+        self._left(device)
+
+    def _position(self, device: str) -> tuple[float, float, float]:
+        if device not in self._grid:
+            self._grid[device] = min(set(range(len(self._grid) + 1)) - set(self._grid.values()))
+        row, column = divmod(self._grid[device], _COLUMNS)
         return column * _APART, -row * _APART, 0.0
 
     def events(self, statuses: Sequence[Status]) -> Iterator[Event]:

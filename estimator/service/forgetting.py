@@ -1,5 +1,7 @@
 """Forgetting of devices: those that ended long ago, and those that a person wants removed."""
 
+import time
+
 from bridge.reasons.codes import Code, Sentence
 from bridge.wire import keys
 from estimator.alerts.board import Change
@@ -47,9 +49,9 @@ class Forgetting:
             return Code.STILL_LISTED(device=name, place="[devices]")
         if bridge := self._parts.devices.listed_by(name, self._presence.alive):
             return Code.STILL_LISTED(device=name, place=bridge)
-        if device is not None and not device.session.life.away:
-            return Code.STILL_SENDING(device=name)
-        return None
+        since = time.monotonic() - self._parts.settings.silence_s
+        sends = self._parts.cluster.replay.heard(name, since) if device is None else not device.session.life.away
+        return Code.STILL_SENDING(device=name) if sends else None
 
     def _drop(self, device: Device) -> None:
         for alert in device.board.standing:

@@ -2,6 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Collection, Mapping, Sequence
+from itertools import takewhile
 
 from google.protobuf.message import DecodeError
 
@@ -62,6 +63,11 @@ class ReplayLog:
         self._order = deque(entry for entry in self._order if entry[1] != device)
         self._kept.pop(device, None)
         self._size -= self._sizes.pop(device, 0)
+
+    def heard(self, device: str, since: float) -> bool:
+        """Whether a message of a device came after a time."""
+        late = takewhile(lambda entry: entry[0] > since, reversed(self._order))
+        return any(name == device for _, name in late)
 
     def devices(self) -> set[str]:
         """Devices with kept messages."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
-from starlette.middleware.gzip import GZipMiddleware
+from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount
@@ -24,6 +24,8 @@ from estimator.web.site import Desk
 from estimator.web.stream import routes as stream
 
 STATIC = Path(__file__).parent / "static"
+#: answers that are not compressed: 50 programs that poll the stream would keep all cores busy, and pages waiting
+_AS_IT_IS = (*DEFAULT_EXCLUDED_CONTENT_TYPES, "application/json")
 
 
 def routes() -> list[BaseRoute]:
@@ -52,7 +54,7 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
         routes=[*openid.routes(desk.settings), *routes()],
         middleware=[
             Middleware(Guard, settings=lambda: desk.settings),
-            Middleware(GZipMiddleware, minimum_size=2000),
+            Middleware(GZipMiddleware, minimum_size=2000, exclude_content_types=_AS_IT_IS),
         ],
         exception_handlers={Fault: _refused, HTTPException: _not_there, Exception: _failed},
         lifespan=lifespan,

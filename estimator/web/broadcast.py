@@ -45,7 +45,7 @@ class Heard:
         self._revisions: Stream[BiasRevision] = client.revisions()
         self._owned: Stream[Owned] = client.follow_owned()
         self._watches: list[Declared] = [
-            control.watch_alive(what, there.__setitem__) for what, there in known.alive.items()
+            control.watch_alive(what, partial(known.take_token, what)) for what in known.alive
         ]
 
     def hear(self, now: float) -> None:

@@ -40,8 +40,8 @@ class Trail:
     """History of one device. Columns of `points`: bias x, y, z, their std in rad/s, temperature in °C; NaN between boots."""
 
     def __init__(self) -> None:
-        self._times = np.zeros(POINTS, np.int64)
-        self._rows = np.zeros((POINTS, 7))
+        self._times = np.zeros(0, np.int64)  # grows, as most of many invented devices never have a point
+        self._rows = np.zeros((0, 7))
         self._n = 0
         self._behind_ns = 0  # time of the last status, where that status was left out
         self.rests: deque[tuple[int, int]] = deque(maxlen=RESTS)
@@ -87,6 +87,9 @@ class Trail:
     def _append(self, time_ns: int, row: Floats | tuple[float, ...]) -> None:
         if self._n == POINTS:
             self._thin()
+        elif self._n == len(self._times):
+            longer = min(max(16, 2 * self._n), POINTS)
+            self._times, self._rows = np.resize(self._times, longer), np.resize(self._rows, (longer, 7))
         self._times[self._n], self._rows[self._n] = time_ns, row
         self._n += 1
 

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import logging
-import resource
 import ssl
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from bridge.config.ward_file import stamp_of
 from bridge.runtime import os_errors
+from bridge.runtime.open_files import make_room
 from bridge.wire.refusal import Tally
 from estimator.web.client_address import neighbourhood
 
@@ -28,6 +28,8 @@ WHOLE_S = 15.0
 CONNECTIONS, OF_ONE_ADDRESS = 1000, 250
 #: open files needed for anything else: the bus, the store, Python's own
 _OTHER_FILES = 200
+#: what asyncio logs again and again while something is still written to a client that has left
+_LEFT = "socket.send() raised exception."
 #: addresses of a reverse proxy on this machine
 _PROXIES = ("127.0.0.1", "::1")
 _FULL = b"Too many connections are open; try again in a while.\n"
@@ -133,6 +135,7 @@ class Listener(uvicorn.Server):
     ) -> None:
         #: refused or aborted connections, by reason
         self.refused = Tally()
+        logging.getLogger("asyncio").addFilter(_is_news)
 
         class Ours(_Bounded):
             limits = Limits(connections, _PROXIES if behind_proxy else (), self.refused)
@@ -178,14 +181,10 @@ class Listener(uvicorn.Server):
         yield
 
 
-def make_room() -> int:
-    """Raise the limit of open files if needed and possible; returns how many connections fit into the limit."""
-    wanted = CONNECTIONS + _OTHER_FILES
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft == resource.RLIM_INFINITY or soft >= wanted:
-        return CONNECTIONS
-    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
-    if most < wanted:
-        log.warning("only %d files may be open, and %d may be needed: raise the limit (ulimit -Hn)", most, wanted)
-    return max(1, most - _OTHER_FILES)
+def _is_news(record: logging.LogRecord) -> bool:
+    return record.msg != _LEFT
+
+
+def room() -> int:
+    """Return how many connections the limit of open files allows; it is raised if possible."""
+    return max(1, make_room(CONNECTIONS + _OTHER_FILES) - _OTHER_FILES)

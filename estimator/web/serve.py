@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import logging
 import socket
 import threading
@@ -32,7 +33,7 @@ from estimator.web import device_topics, guide_topics, receipt_topic, topics, wa
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
 from estimator.web.hub import Hub
-from estimator.web.listener import CONNECTIONS, Listener, make_room
+from estimator.web.listener import CONNECTIONS, Listener, room
 from estimator.web.site import Desk
 from estimator.web.ward_state import Known
 
@@ -49,6 +50,8 @@ LIVE = (
 _LOOK_S = 0.5
 #: time between warnings that the page's certificate expires
 _SELDOM_S = 12 * 3600.0
+#: allocations between garbage collections: an answer of the stream makes thousands of objects, none of them in a cycle
+_CYCLES = 50_000
 #: addresses that mean every address of this machine
 _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 
@@ -134,6 +137,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None, people: WardFile[Ward] |
 
     file: the ward file, which may change. people: its `people_file`.
     """
+    gc.set_threshold(_CYCLES)
     settings = _settings(ward, people)
     store = Path(ward.estimator.store) if ward.estimator else None
     if settings.commanded and not settings.local and not settings.behind_proxy and not settings.certificate:
@@ -142,7 +146,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None, people: WardFile[Ward] |
             settings.listen,
         )
     listed = people or file
-    server = Server(ward.ward, settings, store, treatment(ward.estimator), make_room(), listed.path if listed else None)
+    server = Server(ward.ward, settings, store, treatment(ward.estimator), room(), listed.path if listed else None)
     server.desk.known.alert_settings = ward.alerts
     asyncio.run(_serve(server, ward, file, people))
     return 0

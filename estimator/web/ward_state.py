@@ -31,10 +31,11 @@ from estimator.web.device_trail import Mark, Trail
 LOOKED_S = 2.0
 #: most devices remembered: as many as an estimator has and some; and most that only a bridge reports
 DEVICES, STRANGERS = 4200, 256
-#: an uncalibrated device without a status is forgotten after this long, s, while other devices have statuses
+#: an uncalibrated device without recent statuses is forgotten after this long, s, while other devices have statuses; so is
+#: one that never had a status, and that no live bridge lists
 FORGET_S = 120.0
-#: most bridges named that list too many devices
-_NAMED = 8
+#: most bridges named that list too many devices, and most ids whose liveliness is known
+_NAMED, _TOKENS = 8, 1024
 CALIBRATIONS, NOTES, BOOTS = 50, 50, 50
 _CAUSES = {
     BootCause.UNKNOWN: "",
@@ -63,6 +64,8 @@ class Story:
     trail: Trail = field(default_factory=Trail)
     #: last status with samples, by the clock of receipt, s; None if there was none
     heard_s: float | None = None
+    #: since when no live bridge lists a device that has no status, s
+    unlisted_s: float | None = None
     calibrations: dict[str, Calibration] = field(default_factory=dict)
     notes: deque[Note] = field(default_factory=lambda: deque(maxlen=NOTES))
     boots: dict[int, Boot] = field(default_factory=dict)
@@ -143,22 +146,31 @@ class Known:
         return self.stories[device]
 
     def tidy(self, now: float) -> None:
-        """Forget devices that ended, and uncalibrated ones without recent statuses while other devices have them."""
-        for device in self._view.ended(now):
-            self._forget(device)
-        spoken = self._view.silences(now)
-        if not spoken or min(spoken.values()) > SILENT_S:
-            return
-        for device, silent_s in spoken.items():
-            status = self.stories[device].status
-            if silent_s > FORGET_S and status is not None and not status.calibration:
-                self._forget(device)
+        """Forget devices that ended, those that nobody lists, and uncalibrated ones while only other devices have statuses."""
+        over, spoken = {*self._view.ended(now), *self._unlisted(now)}, self._view.silences(now)
+        if spoken and min(spoken.values()) <= SILENT_S:
+            for device, silent_s in spoken.items():
+                status = self.stories[device].status
+                if silent_s > FORGET_S and status is not None and not status.calibration:
+                    over.add(device)
+        if over:
+            self._forget(*over)
 
-    def _forget(self, device: str) -> None:
-        del self.stories[device]
+    def _unlisted(self, now: float) -> list[str]:
+        found, bridges = list[str](), self.alive["bridge"].copy()
+        for device, story in self.stories.items():
+            listed = story.status is not None or (story.info is not None and bridges.get(story.info.bridge, False))
+            story.unlisted_s = None if listed else now if story.unlisted_s is None else story.unlisted_s
+            if story.unlisted_s is not None and now - story.unlisted_s > FORGET_S:
+                found.append(device)
+        return found
+
+    def _forget(self, *devices: str) -> None:
+        for device in devices:
+            del self.stories[device]
+            self._view.forget(device)
         for number, story in enumerate(self.stories.values()):
             story.number = number
-        self._view.forget(device)
         self._news += 1
 
     def take_router(self, now: float, *, there: bool) -> None:
@@ -167,6 +179,13 @@ class Known:
         if self._alone_at is None or not there:
             self._alone_at = now
         self.looked = now - self._alone_at > LOOKED_S
+
+    def take_token(self, kind: str, name: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+        """Take a change of liveliness, on a thread of the bus; of too many ids, one that is dead leaves, or the oldest."""
+        there = self.alive[kind]
+        there[name] = alive
+        if len(there) > _TOKENS:
+            del there[next((name for name, alive in there.items() if not alive), next(iter(there)))]
 
     def take_status(self, status: Status, now: float) -> None:
         """Take a status of a device, received at `now` seconds."""

@@ -42,7 +42,7 @@ from tests.web.talk import about
 
 DEVICES, PASSWORD = 12, "correct horse battery"
 INVENTED, MESSAGES, BURST_S, INFOS = 6000, 12, 5.0, 2000
-PICTURES, BRACKETS = 480, 60_000
+PICTURES, BRACKETS, POLLERS = 480, 60_000, 50
 #: goals: s, s, s, s, share of the memory before, s
 PAGE_S, LOGIN_S, PICTURE_S, HOLE_S, GROWN, STOP_S = 1.0, 2.0, 3.0, 0.3, 0.1, 5.0
 #: the ward runs for so long first, until its caches are full; memory is looked at so long after the attack
@@ -150,6 +150,24 @@ def pictures(at: Place) -> None:
             time.sleep(BURST_S / PICTURES)
 
 
+def polls(at: Place) -> None:
+    """Many programs at once poll everything that is kept of the ward, and take it compressed."""
+    until = time.monotonic() + 4 * BURST_S
+
+    def poll() -> None:
+        while time.monotonic() < until:
+            connection = http.client.HTTPConnection("127.0.0.1", at.web, timeout=60)
+            with contextlib.closing(connection), contextlib.suppress(OSError, http.client.HTTPException):
+                connection.request("GET", "/api/v1/stream?after=&wait_s=0", headers={"Accept-Encoding": "gzip"})
+                connection.getresponse().read()
+
+    pollers = [threading.Thread(target=poll) for _ in range(POLLERS)]
+    for poller in pollers:
+        poller.start()
+    for poller in pollers:
+        poller.join()
+
+
 def routes(at: Place) -> None:
     """Every route and parameter with long, nested and repeated input; raises RuntimeError where an answer takes long."""
     rng, until, worst, asked = random.Random(1), time.monotonic() + at.seconds, 0.0, 0
@@ -228,6 +246,7 @@ ATTACKS: dict[str, Callable[[Place], None]] = {
     "infos": infos,
     "brackets": brackets,
     "pictures": pictures,
+    "polls": polls,
     "routes": routes,
 }
 

@@ -47,6 +47,12 @@ def test_a_pattern_as_long_as_a_request_may_be_is_refused_at_once(asking: Asking
     assert asking.client.get(f"/{'x' * 9000}").status_code == 414
 
 
+def test_answers_to_programs_are_not_compressed(asking: Asking) -> None:
+    asked = {path: asking.client.get(path).headers for path in ("/api/v1/openapi.json", "/")}
+    assert all(int(headers["content-length"]) > 2000 for headers in asked.values())
+    assert [headers.get("content-encoding") for headers in asked.values()] == [None, "gzip"]
+
+
 @pytest.mark.parametrize(
     ("pattern", "matched"),
     [

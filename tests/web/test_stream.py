@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -295,6 +297,22 @@ def test_a_slow_program_is_told_what_it_missed_and_harms_nobody(site: Site, monk
     covered = numbers([one for one in found if one["type"] == "samples"])
     covered += range(missed["first"], missed["first"] + missed["count"])
     assert sorted(covered) == list(range(FIRST, FIRST + many * n))
+
+
+def test_programs_that_leave_fill_no_log(site: Site, caplog: pytest.LogCaptureFixture) -> None:
+    asks = (
+        "GET /api/v1/stream?device=chest&after= HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    )
+    site.talk(*(batch("chest", k * 20, n=100) for k in range(400)))
+    for _ in range(5):
+        with socket.create_connection(("127.0.0.1", int(site.url.rpartition(":")[2])), 10) as stream:
+            stream.sendall(asks.encode())
+            while stream.recv(1) != b"\x81":  # the first sample
+                pass
+            stream.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # leaves with a reset
+    time.sleep(0.3)
+    assert [record.getMessage() for record in caplog.records if record.name == "asyncio"] == []
 
 
 def test_readers_of_many_devices_take_turns_with_everything_else() -> None:

@@ -1,5 +1,6 @@
 """The pure parts: what is made of messages, with time as an argument."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -131,6 +132,22 @@ def test_a_device_without_a_calibration_is_forgotten_once_the_estimator_speaks_o
     ward.tidy(100.0 + FORGET_S + 1.0)
     assert {name: story.number for name, story in ward.stories.items()} == {"a": 0, "b": 1}
     assert {row.device for row in ward.rows(300.0)} == {"a", "b"}
+
+
+def test_devices_that_no_live_bridge_lists_cost_little_and_are_forgotten() -> None:
+    tracemalloc.start()
+    ward = known(*(about(f"d{i}", bridge="ghost") for i in range(STRANGERS - 1)), about("new", bridge="one"))
+    size, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert size / STRANGERS < 10_000
+    for n in range(3000):
+        ward.take_token("bridge", f"ghost-{n}", alive=n % 2 == 0)
+    ward.take_token("bridge", "one", alive=True)
+    ward.tidy(100.0)
+    assert len(ward.stories) == STRANGERS
+    ward.tidy(101.0 + FORGET_S)
+    assert set(ward.stories) == {"new"}
+    assert len(ward.alive["bridge"]) < 2000
 
 
 def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:

@@ -1,10 +1,25 @@
-"""Who may, and how often somebody may try: with time as an argument."""
+"""Who may change something, and how often somebody may try."""
+
+import time
+from pathlib import Path
 
 import pytest
+from starlette.routing import Route
 
+from bridge.pki.folder import Folder, utc_now
+from bridge.pki.member import Member
+from bridge.wire import keys
+from estimator.cli.main import main
+from estimator.config.dashboard import Person
+from estimator.web.api import openapi
+from estimator.web.app import routes
 from estimator.web.client_address import neighbourhood
+from estimator.web.cookie import NAME
 from estimator.web.login_attempts import ADDRESS_FREE, FORGET_S, FREE, NAME_FREE, Attempts
 from estimator.web.sessions import SESSIONS, Sessions
+from tests.web.conftest import PEOPLE
+from tests.web.talk import about, said
+from tests.web.test_http import Asking
 
 
 def test_tries_are_forgiven_and_forgotten() -> None:
@@ -94,3 +109,67 @@ def test_of_too_many_sessions_the_oldest_ends() -> None:
     cookies = [sessions.begin("nurse", 0.0) for _ in range(SESSIONS + 1)]
     assert sessions.find(cookies[0], 0.0) is None
     assert sessions.find(cookies[1], 0.0) is not None
+
+
+def _changing() -> list[tuple[str, str]]:
+    """Every way to change something over HTTP: method and path."""
+    found = [(route.path, route.methods or set()) for route in routes() if isinstance(route, Route)]
+    return [(method, path) for path, methods in found for method in methods - {"GET", "HEAD"}]
+
+
+def test_no_way_to_change_something_is_undocumented() -> None:
+    documented = {
+        (method.upper(), path)
+        for path, ways in openapi.document()["paths"].items()
+        for method in ways
+        if method != "get"
+    }
+    assert {way for way in _changing() if way[1].startswith("/api/")} == documented
+    assert len(documented) >= 5
+
+
+@pytest.mark.parametrize("people", [PEOPLE, ()], ids=["people", "nobody may"])
+def test_who_only_looks_changes_nothing_on_any_route(people: tuple[Person, ...]) -> None:
+    asking = Asking(people=people)
+    ways = [(method, path.replace("{device}", "chest")) for method, path in _changing() if path != "/login"]
+    with asking.client as client:
+        asking.hear(about("chest", boot=5), said("chest", boot=5, time_ns=time.time_ns()))
+        if people:  # somebody who is logged in, led to it by another site's page
+            asking.log_in()
+            assert {way: client.request(*way).status_code for way in ways} == dict.fromkeys(ways, 403)
+        client.cookies.clear()
+        for headers in ({}, {"Authorization": "Bearer nurse.guessed"}, {"Cookie": f"{NAME}=guessed"}):
+            for method, path in ways:
+                body = {"json": {"words": "x"}} if path.startswith("/api/") else {"data": {"words": "x", "csrf": "x"}}
+                answer = client.request(method, path, headers=headers, **body)  # type: ignore[arg-type]
+                assert answer.status_code in (401, 429), (path, headers)
+    asking.talk.hush()
+    assert asking.talk.asked == []
+
+
+#: a command line for each command on the bus
+COMMANDS = {
+    "recalibrate": ["recalibrate", "chest"],
+    "cancel": ["cancel", "chest"],
+    "note": ["note", "chest", "sat up"],
+    "zero-heading": ["zero-heading"],
+    "forget": ["forget", "chest"],
+    "erase": ["forget", "chest", "--yes"],
+    "place": ["placement", "set", "chest", "--wearer", "P07"],
+    "acknowledge": ["alerts", "acknowledge", "chest"],
+}
+
+
+FILES = 'ca = "{pki}/ca.pem"\ncertificate = "{pki}/viewer.hall.pem"\nkey = "{pki}/viewer.hall.key"'
+
+
+@pytest.mark.parametrize("named", ['pki = "{pki}"', FILES], ids=["folder", "files"])
+def test_a_viewers_certificate_sends_no_command(named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(COMMANDS) == set(keys.VERBS)
+    folder, file = Folder(tmp_path / "pki"), tmp_path / "ward.toml"
+    folder.make("a ward", utc_now())
+    folder.issue(Member.parse("viewer:hall"), utc_now())
+    file.write_text(f'ward = "w"\n[bus]\nconnect = ["tls/127.0.0.1:1"]\n{named.format(pki=folder.path)}\n')
+    for words in (*COMMANDS.values(), ["placement", "end", "chest"], ["calibrate", "--live", "chest"]):
+        assert main([*words, "--config", str(file)]) > 0
+        assert "certificate for commander" in capsys.readouterr().err, words

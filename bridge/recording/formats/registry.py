@@ -5,7 +5,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 
-from bridge.recording.error import MAX_BYTES, RecordingError
+from bridge.recording.error import RecordingError
 from bridge.recording.reading import Reading
 from bridge.recording.table import Table
 
@@ -30,8 +30,6 @@ class Format(NamedTuple):
 
     def read(self, path: Path, reading: Reading) -> Table:
         """Read the columns of a file. Raises RecordingError."""
-        if self.whole and path.is_file() and (size := path.stat().st_size) > MAX_BYTES:
-            raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are allowed")
         module = _loaded(path, self)
         try:
             table: Table = module.read(path, reading)

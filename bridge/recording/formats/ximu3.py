@@ -1,6 +1,7 @@
 """Reads the files of an x-IMU3's data logger: the device's messages as it sends them."""
 
-from math import radians
+from array import array
+from math import nan, radians
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,14 @@ from bridge.text.units import STANDARD_GRAVITY
 from bridge.wire.refusal import Tally
 
 _CHUNK = 1 << 16
+#: messages not decoded beyond those decoded, after which a file is refused
+_MOST_FAULTS = 10_000
 
 
 def read(path: Path, reading: Reading) -> Table:
     """Read the inertial messages, each with the latest temperature. Raises RecordingError."""
-    lines, faults, celsius = Lines(LONGEST), Tally(), np.nan
-    lines.opened()
-    samples, warm = list[Inertial](), list[float]()
+    lines, faults, celsius = Lines(LONGEST), Tally(), nan
+    times_us, numbers = array("Q"), array("d")
     with path.open("rb") as file:
         while data := file.read(_CHUNK):
             for line in lines.feed(data):
@@ -34,21 +36,23 @@ def read(path: Path, reading: Reading) -> Table:
                     faults.add(bad.label)
                     continue
                 if isinstance(message, Inertial):
-                    samples.append(message)
-                    warm.append(celsius)
+                    times_us.append(message.time_us)
+                    numbers.extend((*message.gyro_dps, *message.accel_g, celsius))
                 elif isinstance(message, Temperature):
                     celsius = message.celsius
+            if faults.total() > len(times_us) + _MOST_FAULTS:
+                raise RecordingError(f"{path}: not a readable x-IMU3 file: most of its messages cannot be decoded")
     undecoded = ", ".join(f"{n} {label.replace('_', ' ')}" for label, n in faults.as_dict().items() if n)
-    if not samples:
+    if not times_us:
         raise RecordingError(f"{path}: no inertial message of an x-IMU3 is in the file{undecoded and f': {undecoded}'}")
-    first_us = samples[0].time_us
+    times, rows = np.array(times_us), np.array(numbers).reshape(-1, 7)
     columns = {
-        "t_s": np.array([one.time_us - first_us for one in samples], np.float64) * 1e-6,
-        "gyro_rad_s": np.array([one.gyro_dps for one in samples]) * radians(1.0),
-        "accel_m_s2": np.array([one.accel_g for one in samples]) * STANDARD_GRAVITY,
+        "t_s": (times - times[0]).astype(np.int64) * 1e-6,
+        "gyro_rad_s": rows[:, :3] * radians(1.0),
+        "accel_m_s2": rows[:, 3:6] * STANDARD_GRAVITY,
     }
     if np.isfinite(celsius):
-        columns["temperature_c"] = np.array(warm)
+        columns["temperature_c"] = rows[:, 6]
     notes = [f"messages not decoded: {undecoded}"] if undecoded else []
     table = table_of(path, columns, reading, tick_s=1e-6, notes=notes)
     table.model = "x-IMU3"

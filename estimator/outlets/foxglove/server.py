@@ -29,6 +29,8 @@ from estimator.outlets.ward_feed import Event, Pose, WardFeed
 #: messages kept for a client that reads slowly: some eight seconds of twenty devices
 BACKLOG = 16_384
 _NS = 1_000_000_000
+#: last time that a stamp holds, in 2106; later ones are shown as this one
+_LAST_NS = (1 << 32) * _NS - 1
 _NUMBER, _COUNT, _TEXT = {"type": "number"}, {"type": "integer"}, {"type": "string"}
 _VECTOR = {"type": "array", "items": _NUMBER}
 _STATUS = {
@@ -52,7 +54,7 @@ class FoxgloveOutlet:
         self, client: Client, devices: Sequence[str] | None, host: str, port: int, *, recalibrate: bool = False
     ) -> None:
         self._client, self._context = client, foxglove.Context()
-        self._feed = WardFeed(client, devices)
+        self._feed = WardFeed(client, devices, self._left)
         self._imu: dict[str, tuple[foxglove.Channel, messages.ImuEncoder]] = {}
         self._status: dict[str, foxglove.Channel] = {}
         self._frames = FrameTransformsChannel("/tf", context=self._context)
@@ -108,10 +110,16 @@ class FoxgloveOutlet:
             for time_ns, payload in encoder.encode(rows):
                 channel.log(payload, log_time=time_ns)
 
+    def _left(self, device: str) -> None:
+        if device in self._imu:
+            self._imu.pop(device)[0].close()
+        if device in self._status:
+            self._status.pop(device).close()
+
     def _frame(self, pose: Pose) -> FrameTransform:
         (px, py, pz), (w, x, y, z) = pose.position, pose.quat_wxyz
         return FrameTransform(
-            timestamp=Timestamp(*divmod(pose.time_ns, _NS)),
+            timestamp=_stamp(pose.time_ns),
             parent_frame_id=self._client.ward,
             child_frame_id=pose.device,
             translation=Vector3(x=px, y=py, z=pz),
@@ -128,7 +136,7 @@ class FoxgloveOutlet:
     def _send_event(self, event: Event) -> None:
         self._log.log(
             Log(
-                timestamp=Timestamp(*divmod(event.time_ns, _NS)),
+                timestamp=_stamp(event.time_ns),
                 level=LogLevel.Warning if event.serious else LogLevel.Info,
                 name=event.device,
                 message=event.words,
@@ -150,6 +158,10 @@ class FoxgloveOutlet:
         except BusError as error:
             return _answer(str(error), accepted=False)
         return _answer(explain(reply.message), accepted=reply.accepted)
+
+
+def _stamp(time_ns: int) -> Timestamp:
+    return Timestamp(*divmod(min(time_ns, _LAST_NS), _NS))
 
 
 def _as_json(status: Status) -> Iterator[tuple[str, Any]]:

@@ -24,6 +24,11 @@ class Boots:
         found = [f"{batch.device} reboot {batch.boot:016x}"] if known not in (None, batch.boot) else []
         return [*found, f"{batch.device} missing {missing}"] if missing else found
 
+    def leave(self, device: str) -> None:
+        """Forget a device."""
+        self._boots.pop(device, None)
+        self._missing.pop(device, None)
+
 
 def of_calibration(calibration: Calibration) -> str:
     """Marker of a calibration, accepted or rejected."""

@@ -6,14 +6,18 @@ from collections.abc import Collection, Sequence
 
 import pylsl
 
-from bridge.wire.messages import DeviceInfo, Status
+from bridge.runtime.open_files import make_room
+from bridge.wire.messages import CorrectedBatch, DeviceInfo, Status
 from estimator.client import Client
 from estimator.outlets.lsl.clock import LslClock
 from estimator.outlets.lsl.markers import Boots, of_calibration, of_note
 from estimator.outlets.lsl.streams import Batch, DeviceStream, MarkerStream
+from estimator.outlets.places import Places
 
 #: seconds between looks at messages that are no samples
 _LOOK_S = 0.5
+#: most streams, and open files of each; it also takes two threads. And files that are needed otherwise
+_STREAMS, _FILES, _OTHER_FILES = 256, 9, 100
 
 
 class LslOutlet:
@@ -25,6 +29,8 @@ class LslOutlet:
     def __init__(self, client: Client, devices: Sequence[str] | None, kinds: Collection[str]) -> None:
         self._ward, self._quality = client.ward, "quality" in kinds
         self._boots = Boots()
+        streams = (make_room(_STREAMS * _FILES + _OTHER_FILES) - _OTHER_FILES) // _FILES
+        self._places = Places(self._leave, streams // (1 + len(kinds)))
         self._clock = LslClock(pylsl.local_clock)
         self._began_ns = time.time_ns()
         self._corrected = client.corrected(devices, on_miss=self._boots.missed)
@@ -45,7 +51,7 @@ class LslOutlet:
             if time.monotonic() - looked_s >= _LOOK_S:
                 looked_s = time.monotonic()
                 self._look()
-            for batch in self._corrected.drain(0.1):
+            for batch in filter(self._has_place, self._corrected.drain(0.1)):
                 for words in self._boots.before(batch):
                     self._markers.push(words, self._clock.stamp(batch.start_time_ns))
                 self._push("rates", batch)
@@ -61,8 +67,11 @@ class LslOutlet:
     def _look(self) -> None:
         """Take infos and statuses, and send markers of notes and calibrations; past ones are left out."""
         self._clock.follow()
-        self._infos |= {info.device: info for info in self._heard_infos.drain() if info.boot}
-        self._statuses |= {status.device: status for status in self._heard_statuses.drain()}
+        for status in filter(self._has_place, self._heard_statuses.drain()):
+            self._statuses[status.device] = status
+        for info in self._heard_infos.drain():
+            if info.boot and info.device in self._statuses and self._statuses[info.device].bridge in ("", info.bridge):
+                self._infos[info.device] = info
         for note in self._notes.drain():
             if note.time_ns >= self._began_ns:
                 self._markers.push(of_note(note), self._clock.stamp(note.time_ns))
@@ -71,6 +80,16 @@ class LslOutlet:
             if calibration.time_ns >= self._began_ns and calibration.id not in self._told:
                 self._told.add(calibration.id)
                 self._markers.push(of_calibration(calibration), self._clock.stamp(calibration.time_ns))
+
+    def _has_place(self, message: CorrectedBatch | Status) -> bool:
+        return self._places.take(message.device, time.monotonic())
+
+    def _leave(self, device: str) -> None:
+        self._boots.leave(device)
+        self._infos.pop(device, None)
+        self._statuses.pop(device, None)
+        for key in [key for key in self._streams if key[0] == device]:
+            del self._streams[key]
 
     def _push(self, kind: str, batch: Batch) -> None:
         stream = self._streams.get((batch.device, kind))

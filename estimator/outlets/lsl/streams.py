@@ -18,6 +18,8 @@ Batch = CorrectedBatch | OrientationBatch | SampleBatch
 Columns = NDArray[np.floating]
 
 _AXES: Final = ("x", "y", "z")
+#: highest nominal rate, Hz: liblsl reserves memory for five seconds of it. A higher rate is irregular, which reserves little
+_MAX_HZ: Final = 10_000.0
 _MANUFACTURERS: Final = {"ximu3": "x-io Technologies", "witmotion": "WitMotion", "mtdata2": "Xsens"}
 #: of an x-IMU3, whose driver appends it to the model
 _SERIAL: Final = re.compile(r" ([0-9A-F]{4}(?:-?[0-9A-F]{4}){1,3})$")
@@ -88,7 +90,7 @@ class DeviceStream:
             f"{info.device} {kind}",
             {"orientation": "MoCap", "quality": "Quality"}.get(kind, "IMU"),
             len(channels),
-            info.rate_hz,
+            info.rate_hz if info.rate_hz <= _MAX_HZ else pylsl.IRREGULAR_RATE,
             pylsl.cf_double64 if kind == "quality" else pylsl.cf_float32,
             f"truerate/{ward}/{info.device}/{kind}",
         )

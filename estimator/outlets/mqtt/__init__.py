@@ -5,6 +5,7 @@ Begin at `add_arguments` and `serve`. `broker` holds the connection, `messages` 
 
 import argparse
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +15,7 @@ from bridge.runtime import os_errors
 from bridge.toml.loader import ConfigError
 
 if TYPE_CHECKING:
-    from bridge.wire.messages import Status
+    from bridge.wire.messages import Status, WindowBatch
     from estimator.client import Client
 
 EXAMPLE = "mqtts://ward@broker.example:8883?ca=ca.pem"
@@ -45,6 +46,7 @@ def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Names
     """Publish until `stop` is set. Raises ConfigError for wrong arguments, BusError if the broker cannot be used."""
     from estimator.outlets.mqtt.broker import Broker, address_of  # noqa: PLC0415 - optional extra
     from estimator.outlets.mqtt.messages import Decimation, status_json, summary  # noqa: PLC0415 - numpy
+    from estimator.outlets.places import Places  # noqa: PLC0415
 
     if not given.topic or set(given.topic) & set("+#\0"):
         raise ConfigError(f"--topic is {given.topic!r}: use a topic without + and #, for example truerate")
@@ -54,12 +56,23 @@ def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Names
     statuses: dict[str, Status] = {}
     told: dict[str, tuple[object, ...]] = {}
     with Broker(address, _password(given.password_file), f"{top}/outlet") as broker:
+
+        def leave(device: str) -> None:
+            decimation.leave(device)
+            statuses.pop(device, None)
+            if told.pop(device, None):
+                broker.publish(f"{top}/{device}/status", b"", keep=True)  # the broker keeps it no longer
+
+        def has_place(message: "WindowBatch | Status") -> bool:
+            return places.take(message.device, time.monotonic())
+
+        places = Places(leave)
         windows, heard = client.windows(devices), client.follow(devices)
         while not stop.is_set():
-            for batch in windows.drain(0.2):
+            for batch in filter(has_place, windows.drain(0.2)):
                 for message in decimation.take(batch):
                     broker.publish(f"{top}/{batch.device}/rate", message)
-            statuses |= {status.device: status for status in heard.drain()}
+            statuses |= {status.device: status for status in filter(has_place, heard.drain())}
             if broker.came_back():
                 told.clear()
             for device, status in statuses.items():

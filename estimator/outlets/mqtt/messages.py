@@ -38,6 +38,10 @@ class Decimation:
                 found.append(_rate_json(held))
         return found
 
+    def leave(self, device: str) -> None:
+        """Forget a device."""
+        self._held.pop(device, None)
+
 
 def _rate_json(windows: list[tuple[WindowBatch, int]]) -> bytes:
     """One message of consecutive windows: mean over all their samples, with its standard deviation."""

@@ -42,13 +42,18 @@ class _Publisher:
         self._sent += 1
         self._publisher.put(payload, rmw_zenoh.attachment(self._sent, time.time_ns(), self._gid))
 
+    def close(self) -> None:
+        """End the publisher."""
+        self._token.close()
+        self._publisher.close()
+
 
 class Ros2Outlet:
     """Node of one ward on the session `bus`. Call `round` again and again; closing the bus ends the node."""
 
     def __init__(self, client: Client, devices: Sequence[str] | None, bus: ZenohBus, domain: int) -> None:
         self._ward, self._bus = client.ward, bus
-        self._feed = WardFeed(client, devices)
+        self._feed = WardFeed(client, devices, self._left)
         self._node = rmw_zenoh.Node(domain, bus.session_id, f"truerate_{ros_name(client.ward)}")
         self._token = bus.declare_alive(self._node.token)
         self._count = 0
@@ -92,6 +97,11 @@ class Ros2Outlet:
         if sender is not None and sender[0].wanted:
             for _, payload in sender[1].encode(rows):
                 sender[0].put(payload)
+
+    def _left(self, device: str) -> None:
+        if (sender := self._imu.pop(device, None)) is not None:
+            sender[0].close()
+            del self._topics[imu_topic(self._ward, device)]
 
     def _diagnosis(self, status: Status) -> Diagnosis:
         state, quality = State(status.state), Quality(status.quality)

@@ -12,7 +12,7 @@ from bridge.config.ward_file import SETTLED_S, WardFile, digest_of
 from bridge.pki.member import Role
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
-from bridge.toml.loader import MAX_BYTES
+from bridge.runtime.regular_file import MAX_BYTES
 from bridge.wire import keys
 from bridge.wire.codec import decode_reply
 from estimator.config.schema import Ward
@@ -127,6 +127,12 @@ def test_no_hash_of_a_password_is_shown(tmp_path: Path) -> None:
 def test_a_program_does_not_start_with_an_invalid_file(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="there is no such file"):
         WardFile(tmp_path / "none.toml", Root, (), ())
+
+
+@pytest.mark.parametrize("name", ["a", '"a.\\"b"', "'a'"])
+def test_a_name_of_20000_parts_is_refused_before_it_is_taken_apart(change: Change, name: str) -> None:
+    assert change.to(TEXT + "x = {" + " . ".join([name] * 20_000) + " = 1}") is None  # 1.5 GB, and 8 s
+    assert "line 4: a dotted name has more than 16 parts" in change.said
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "huge"])

@@ -1,5 +1,6 @@
 """Files that another authority made."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,33 @@ def no_certificate(pki: Path) -> Identity:
     return Folder(pki).identity(B1)
 
 
+def pipe_for_a_key(pki: Path) -> Identity:
+    (pki / "bridge.b1.key").unlink()
+    os.mkfifo(pki / "bridge.b1.key")  # reading it would wait for a writer
+    return Folder(pki).identity(B1)
+
+
+def endless_certificate(pki: Path) -> Identity:
+    (pki / "ca.pem").unlink()
+    (pki / "ca.pem").symlink_to("/dev/zero")
+    return Folder(pki).identity(B1)
+
+
+def huge_certificate(pki: Path) -> Identity:
+    os.truncate(pki / "bridge.b1.pem", 1 << 32)
+    return Folder(pki).identity(B1)
+
+
+def anybodys_authority(pki: Path) -> Identity:
+    (pki / "ca.pem").chmod(0o666)
+    return Folder(pki).identity(B1)
+
+
+def anybodys_folder(pki: Path) -> Identity:
+    pki.chmod(0o777)
+    return Folder(pki).identity(B1)
+
+
 def for_a_viewer(pki: Path) -> Identity:
     return Folder(pki).identity(Member.parse("viewer:hall"))
 
@@ -58,6 +86,11 @@ def for_a_viewer(pki: Path) -> Identity:
         (other_of_its_name, "another authority of the same name"),
         (no_file, "there is no such file"),
         (no_certificate, "not a PEM certificate"),
+        (pipe_for_a_key, "a pipe or a device"),
+        (endless_certificate, "a pipe or a device"),
+        (huge_certificate, "larger than"),
+        (anybodys_authority, "ca.pem: every user of this machine can change it"),
+        (anybodys_folder, "pki: every user of this machine can change it"),
         (for_a_viewer, "for viewer:hall, but this program is a bridge"),
     ],
 )

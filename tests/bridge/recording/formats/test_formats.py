@@ -218,3 +218,18 @@ def test_a_small_file_that_unpacks_to_much_is_refused_before_it_does(form: str, 
                 packed.write(bytes(1 << 20))
     assert path.stat().st_size < 8 << 20
     assert f"{MAX_BYTES} " in refusal(path)
+
+
+def test_a_text_named_as_a_column_of_numbers_is_not_read(tmp_path: Path) -> None:
+    path, rate = tmp_path / "a.parquet", pa.array(np.zeros(10))
+    names = ["gyro_x", "gyro_y", "gyro_z", "gyro_x"]
+    pq.write_table(pa.table([rate, rate, rate, pa.array(["far too long"] * 10)], names=names), path)
+    assert "duplicate field names" in refusal(path)
+
+
+def test_a_file_of_lines_that_are_no_messages_is_given_up(tmp_path: Path) -> None:
+    path = written.ximu3(tmp_path / "a.ximu3")
+    path.write_bytes(b"\n" * 1000 + path.read_bytes() + b"a\n" * 9_000)
+    assert "9000 message unknown" in right(path)
+    path.write_bytes(path.read_bytes() + b"a\n" * 9_000_000)
+    assert "most of its messages cannot be decoded" in refusal(path)

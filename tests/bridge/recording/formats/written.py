@@ -157,11 +157,14 @@ def _opal(sensor: Any, gyro: str, accel: str, temperature: str) -> None:
 
 
 def parquet(path: Path) -> Path:
-    """A table as pandas writes it: with dates and a column of words."""
+    """A table as pandas writes it: with dates, a column of words, and words within a column of several fields."""
     columns = {f"gyro_{axis} (deg/s)": GYRO_DPS[:, at] for at, axis in enumerate("xyz")}
     columns |= {f"acc_{axis}": ACCEL_MS2[:, at] for at, axis in enumerate("xyz")}
     dates = pa.array(T0_NS + np.rint(TIME * 1e9).astype(np.int64), pa.timestamp("ns"))
-    pq.write_table(pa.table({**columns, "timestamp": dates, "activity": ["turning"] * len(TIME)}), path)
+    words = pa.array(["turning"] * len(TIME))
+    within = pa.StructArray.from_arrays([words], names=["y"])
+    columns = {name.replace("acc_", "acc."): column for name, column in columns.items()}
+    pq.write_table(pa.table({**columns, "timestamp": dates, "activity": words, "acc": within}), path)
     return path
 
 

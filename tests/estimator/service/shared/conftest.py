@@ -112,7 +112,7 @@ class Both:
 @pytest.fixture
 def both(monkeypatch: pytest.MonkeyPatch) -> Iterator[Both]:
     made = Both()
-    for module in ("run_loop", "intake", "cluster", "device"):
+    for module in ("run_loop", "intake", "cluster", "device", "forgetting"):
         monkeypatch.setattr(f"estimator.service.{module}.time", Clock(made))
     yield made
     for bus in made.buses.values():

@@ -40,6 +40,21 @@ def test_it_goes_on_as_it_was_calibrated_and_all(both: Both) -> None:
     assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
 
 
+def test_a_device_that_sends_is_erased_by_neither(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.send(batches[:-120])
+    both.start(SECOND)
+    both.pass_(3.0)
+    both.send(batches[-120:-60])
+    assert both.has() == [SECOND]
+    assert not both.command("erase").accepted
+    assert all(store.calibrations(NAME) for store in both.stores.values())
+    both.kill(SECOND)
+    both.send(batches[-60:])
+    assert both.client.statuses(0.1)[NAME].calibration, "it went on from what FIRST had kept"
+
+
 def whole(both: Both, batches: list[SampleBatch]) -> list[CorrectedBatch]:
     """What a subscriber was given: each sample once and in order, under epochs that only rise."""
     given: list[CorrectedBatch] = both.stream.drain()

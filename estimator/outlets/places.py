@@ -1,0 +1,37 @@
+"""Places of devices at an outlet: however many devices are invented, a bounded number is shown. Time is an argument."""
+
+import logging
+from collections.abc import Callable
+
+log = logging.getLogger(__name__)
+
+#: most devices at an outlet
+MOST = 1024
+#: a device silent for so long leaves its place to a new one, s
+SILENT_S = 60.0
+
+
+class Places:
+    """Devices that an outlet shows; those heard first keep their place. leave: called with each device that leaves."""
+
+    def __init__(self, leave: Callable[[str], None], most: int = MOST) -> None:
+        self._leave, self._most = leave, most
+        self._heard_s: dict[str, float] = {}  # the one silent for longest comes first
+        self._warned = False
+
+    def take(self, device: str, now_s: float) -> bool:
+        """Whether a device, heard now, has a place."""
+        if self._heard_s.pop(device, None) is None and len(self._heard_s) >= self._most:
+            first, heard_s = next(iter(self._heard_s.items()))
+            if now_s - heard_s <= SILENT_S:
+                self._warn(device)
+                return False
+            del self._heard_s[first]
+            self._leave(first)
+        self._heard_s[device] = now_s
+        return True
+
+    def _warn(self, device: str) -> None:
+        if not self._warned:
+            self._warned = True
+            log.warning("%s is left out, as later devices will be: %d devices are shown already", device, self._most)
