@@ -112,7 +112,7 @@ def _members(given: argparse.Namespace) -> list[Member]:
     for member in members:
         if member.generation > 1:
             raise ValueError(
-                f"{member.common_name}: write {member.label} without the number; truerate knows the current generation"
+                f"{member.common_name}: write {member.label}, without the number of its generation, which truerate adds"
             )
     return members
 

@@ -17,7 +17,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `study NAME`."""
     inner = verbs.add_parser(
         "study",
-        help="compute the paper's tables and figures, and other simulations",
+        help="compute the paper's tables and figures, or run another simulation",
         description="Example: truerate study all --quick",
     ).add_subparsers(metavar="NAME", required=True)
     does = "run all studies of the paper and write a report with a row for each table, figure and claim"

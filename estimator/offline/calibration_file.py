@@ -343,5 +343,5 @@ def _celsius(value: float | None) -> float:
 
 def _turn(turn: _Turn) -> Turn:
     if len(turn.axis) != 1 or turn.axis not in AXES:
-        raise ValueError(f"a turn is about {turn.axis[:16]!r}; x, y or z is expected")
+        raise ValueError(f"the axis of a turn is {turn.axis[:16]!r}; x, y or z is expected")
     return Turn(AXES.index(turn.axis), radians(turn.angle_deg), radians(turn.closure_error_deg), turn.duration_s)

@@ -48,7 +48,7 @@ async def certificate(request: Request) -> Response:
     story = desk.story(name)
     page = reports.certificate(
         found, known.values(), story.status, texts(language(request)),
-        limit=desk.treatment.of(name).scale_limit, due_days=desk.settings.due_days,
+        limit=desk.treatment.of(name).scale_limit, due_days=desk.settings.due_days, now_ns=time.time_ns(),
     )  # fmt: skip
     picture = bool(reports.past(story, name).biases)
     label = request.query_params.get("label") == "1"

@@ -46,6 +46,7 @@ class Certificate:
     in_use: bool
     when: str
     due: str
+    overdue: bool
     facts: Sequence[tuple[str, str]]
     result: Sequence[Axis]
     matrix: Sequence[Sequence[str]]
@@ -87,14 +88,17 @@ def certificate(
     *,
     limit: float,
     due_days: float,
+    now_ns: int,
 ) -> Certificate:
     """Certificate of a calibration, accepted or rejected. known: all known calibrations of the device.
 
     limit: largest relative scale error that is taken (`SessionKnobs.scale_limit`). due_days: days until it is due again.
+    now_ns: host time.
     """
     c = calibration
     before = last_before(c, known)
     whole = bool(np.any(c.matrix - np.diag(np.diag(c.matrix))))
+    due_ns = c.time_ns + round(due_days * 86400e9)
     noise = " ".join(f"{degrees(float(std)):.3f}" for std in c.noise_std)
     facts = [
         ("device", c.device),
@@ -119,7 +123,8 @@ def certificate(
         accepted=c.verdict.name == "ACCEPTED",
         in_use=status is not None and status.calibration == c.id,
         when=number_format.clock(c.time_ns)[:10],
-        due=number_format.clock(c.time_ns + round(due_days * 86400e9))[:10],
+        due=number_format.clock(due_ns)[:10],
+        overdue=now_ns > due_ns,
         facts=[(t(f"report.{name}"), value) for name, value in facts if value],
         result=rows(c, before) if c.parameters else (),
         matrix=[[f"{value:.5f}".replace("-", number_format.MINUS) for value in row] for row in c.matrix]

@@ -182,7 +182,7 @@ def test_an_alert_comes_sounds_once_it_may_and_goes(page: Page, site: Site) -> N
     page.goto("/")
     expect(page.locator("#alerts")).to_be_hidden()
     site.talk(said(names[0], State.LOST, boot=5, time_ns=now_ns(), alerts=(lost,), placement=Placement(wearer="bed-3")))
-    expect(page.locator("#alerts li")).to_contain_text(f"{names[0]} (bed-3): it is lost.")
+    expect(page.locator("#alerts li")).to_contain_text(f"{names[0]} (bed-3): no contact.")
     expect(page.locator(f'[data-id="{names[0]}"] .placement')).to_have_text("bed-3")
     assert page.evaluate("globalThis.beeps") is None, "off until somebody switches it on"
     page.get_by_role("button", name="Sound of alerts").click()

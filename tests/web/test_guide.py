@@ -98,7 +98,7 @@ def test_from_the_table_to_the_verdict_without_a_click(page: Page, played: Playe
     expect(page.locator("#do")).to_have_text(DONE)
     expect(page.locator("#turns [data-mark='done']")).to_have_count(3)
     expect(page.locator("#rows tr")).to_have_count(3)
-    expect(page.locator("#compared")).to_have_text("There is none to compare it with.")
+    expect(page.locator("#compared")).to_have_text("There is no earlier calibration to compare it with.")
     shot("guide-done")
     assert serious(page) == []
     # A screen reader hears each step once.

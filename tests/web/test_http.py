@@ -250,7 +250,7 @@ def test_an_alert_is_shown_and_acknowledged_by_page_and_program(asking: Asking) 
     alerts = (Alert("lost", 10**18, 10**18 + 1), Alert("degraded", 10**18, 10**18 + 2, 10**18 + 3, "bo"))
     asking.hear(about("arm"), said("arm", boot=5, alerts=alerts, placement=Placement(wearer="bed-3")))
     page = client.get("/?lang=en").text
-    assert "arm (bed-3): it is lost." in page
+    assert "arm (bed-3): no contact." in page
     assert "Seen by bo" in page
     told = client.get("/api/v1/alerts").json()["alerts"]
     assert [(one["subject"], one["kind"], one["who"]) for one in told] == [
