@@ -166,9 +166,9 @@ class Client:
         return self._stream("owned", codec.decode_owned, history=False)
 
     def statuses(self, wait_s: float = 1.5, device: str | None = None) -> dict[str, Status]:
-        """Listen for wait_s seconds and return the latest status by device id, of all devices or of the one named.
+        """Listen for wait_s seconds; returns the latest status by device id, of all devices or of the one named.
 
-        Every estimator publishes each status once a second, so a shorter wait may find nothing.
+        Every estimator publishes each status once a second.
         """
         return {status.device: status for status in self.follow(device).collect(wait_s)}
 
