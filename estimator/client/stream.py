@@ -28,8 +28,9 @@ class Stream(AsyncIterator[T], Generic[T]):
     """Iterator over messages of one kind, for one thread or for the tasks of one event loop.
 
     decoder: turns bus messages into T; refused messages are skipped and counted. wanted(message): whether to deliver
-    it. Iteration ends after idle_s seconds without a message, or when the stream or its client is closed. A program
-    that
+    it.
+
+    Iteration ends after idle_s seconds without a message, or when the stream or its client is closed. A program that
     reads too slowly affects only itself: the oldest unread messages are dropped, counted in `dropped` and logged once.
     """
 

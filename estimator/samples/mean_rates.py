@@ -25,10 +25,11 @@ class MeanRates:
     """Means of one device's corrected rates over intervals of 1/hz device seconds.
 
     A mean is a batch of one sample: number and times of the last sample of its interval, the mean rate in rad/s, every
-    flag of the samples, and noise_std of the mean; the other standard deviations do not shrink. The intervals end at
-    multiples of 1/hz of the device's clock, so the means do not depend on how the samples are batched or where a stream
-    resumes. A sample
-    covers the time before its tick: at the end of an interval it belongs to that interval.
+    flag of the samples, and noise_std of the mean; the other standard deviations do not shrink.
+
+    The intervals end at multiples of 1/hz of the device's clock, so the means do not depend on how the samples are
+    batched or where a stream resumes. A sample covers the time before its tick: at the end of an interval it belongs to
+    that interval.
     """
 
     def __init__(self, hz: float) -> None:

@@ -30,10 +30,11 @@ class Boots:
         self.treatment = treatment(parts.settings)
 
     def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
-        """Begin a boot from the first batch, with what is known of the boot and a prior from earlier boots.
+        """Begin a boot from the first batch, with what is known of the boot, or with an earlier boot's calibration.
 
         same: False if another power-up used this boot number before. Then a remembered calibration serves only as a
-        prior. Returns what the start led to, for `Outcomes.tell`: log lines and messages to publish.
+        prior (scale factors to start from). Returns what the start led to, for `Outcomes.tell`: log lines and messages
+        to publish.
         """
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
         device.use(self.knobs(device.name, batch.bridge))
