@@ -90,7 +90,7 @@ class Checkpoints:
         return self._answers.get(device, ())
 
     def of(self, device: str) -> Checkpoint | None:
-        """Latest checkpoint of a device, or None."""
+        """Latest known checkpoint of a device, from any estimator, or None."""
         return self._latest.get(device)
 
     def lately_from(self, device: str, now_ns: int) -> str:
@@ -107,9 +107,9 @@ class Checkpoints:
         return None if known is None or known.boot != boot else calibrated(known)
 
     def repeated(self, device: str, boot: int) -> bool:
-        """Whether another power-up used this boot number before, and the present one is not calibrated yet.
+        """Whether an earlier power-up had this boot number and the present one is not calibrated, by the checkpoint.
 
-        As the latest checkpoint says; False without one of this boot.
+        False without a checkpoint of this boot.
         """
         known = self._latest.get(device)
         return known is not None and known.boot == boot and known.boot_repeated and not calibrated(known)

@@ -101,7 +101,11 @@ class Device:
 
     @property
     def announced(self) -> bool:
-        """Whether the device's messages are published; a newcomer's are only once it has lived for NEWCOMER_S."""
+        """Whether the device's messages are published.
+
+        Those of a newcomer (a device that neither a list nor the store knows) are only once it has lived for
+        NEWCOMER_S.
+        """
         return not self._gone and not self.announced_after_s
 
     @property
@@ -110,7 +114,7 @@ class Device:
         return self.session.calibration is None and self.session.prior is None
 
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
-        """Publish corrected samples, or hold them: of a newcomer, and while their calibration waits to be stored.
+        """Publish corrected samples, or hold them while the device is not announced or their calibration not stored.
 
         cut: which samples of which message, and their correction. rates: the corrected rates, rad/s.
         """
@@ -159,8 +163,8 @@ class Device:
     def look_for_alerts(self, now: float, time_ns: int) -> list[Change]:
         """Raise and clear the device's alerts; returns the changes.
 
-        now: monotonic s. time_ns: host time, ns since the Unix epoch. Empty for a newcomer, and while the state is
-        unknown.
+        now: monotonic s. time_ns: host time, ns since the Unix epoch. Empty while the device is not announced, or its
+        state is unknown.
         """
         if not self.announced or self.session.life.state is State.UNKNOWN:
             return []

@@ -105,7 +105,7 @@ class EarlierBoots:
         self._clerk.look_up(lambda: found.append(what()), looked_up)
 
     def past(self, device: str) -> list[int] | None:
-        """Boot numbers of a device heard before this estimator started, oldest first, at most BOOTS_KNOWN.
+        """Numbers of the boots of a device heard before this estimator started, oldest first, at most BOOTS_KNOWN.
 
         None where the store cannot be read.
         """

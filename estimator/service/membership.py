@@ -105,7 +105,7 @@ class Membership:
         self._ready_s = now + HOLD_OFF_S
 
     def excuse(self, seconds: float) -> None:
-        """Extend every other estimator's lease by the seconds in which we could not listen."""
+        """Postpone, by the seconds in which we could not listen, when silent estimators count as dead."""
         for peer in self._peers.values():
             peer.heard_s += seconds
 

@@ -18,7 +18,10 @@ _OTHERS = "others"
 
 
 def status(said: Status) -> Status:
-    """Copy of a status with every number in the wire's range; NaN becomes a safe value, for a std the largest."""
+    """Copy of a status with every number clipped to the wire's range; NaN becomes 0, for a std or age the largest.
+
+    An unknown temperature stays NaN. Counts with too many labels are merged into "others".
+    """
     return replace(
         said,
         bias=tuple([_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias]),

@@ -53,7 +53,7 @@ class Conservation:
         self._told: dict[str, int] = {}
 
     def leave(self, name: str) -> None:
-        """Remove a device with its account at the last check; another device may take its id later."""
+        """Remove a device and its sample counts at the last check; another device may take its id later."""
         account = self._last.pop(name, SampleAccount())
         self._gone += account.came + account.refused
         self._told.pop(name, None)
@@ -112,7 +112,7 @@ class PeriodicChecks:
                 device.session.count_event(EVENT)
 
     def remove(self, devices: Sequence[Device]) -> None:
-        """Take devices out of the roster, and out of the accounts."""
+        """Take devices out of the roster, and out of the count of samples in and out."""
         self.check()  # while the devices still count
         for device in devices:
             self._law.leave(device.name)

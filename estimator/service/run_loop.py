@@ -159,7 +159,7 @@ class Service:
         ]
 
     def run(self, stop: threading.Event) -> None:
-        """Serve until stopped; then correct the last samples, store the biases and withdraw the liveliness tokens."""
+        """Serve until `stop` is set; then correct the last samples, store the biases and leave the bus."""
         log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store_path)
         while not stop.is_set():
             self.step(0.05)
