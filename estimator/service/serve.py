@@ -47,7 +47,7 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
     """Run the estimator of a ward until SIGINT or SIGTERM; waits for a missing router.
 
     file: the ward file, which may change. Raises ValueError if no estimator is configured, StoreError where another
-    estimator uses the store, and BusError where an estimator of this id runs already.
+    estimator uses the store or the file is no store, and BusError where an estimator of this id runs already.
     """
     if ward.estimator is None:
         raise ValueError("no estimator is configured")
