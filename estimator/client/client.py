@@ -40,8 +40,10 @@ T = TypeVar("T")
 class Client:
     """Subscriber session on the bus of one ward; open one client for each ward.
 
-    Raises BusError when no router answers. Routers reject denied subscriptions silently. `denied` and the log state
-    what this client's certificate does not permit.
+    endpoints: addresses of routers, such as `tcp/10.0.0.5:7447`. ward: name of the ward. bus: an open session to use
+    instead of connecting to endpoints.
+    Raises BusError when no router answers, and Refusal when `ward` is not a valid id. Routers reject denied
+    subscriptions silently. `denied` and the log state what this client's certificate does not permit.
     """
 
     def __init__(self, endpoints: str | Sequence[str] = (LOCAL,), *, ward: str, bus: Bus | None = None) -> None:
@@ -68,12 +70,14 @@ class Client:
         queue: int = QUEUE,
         quiet: bool = False,
     ) -> Corrected:
-        """Stream of corrected batches, each sample exactly once and in order. With `history` the last seconds come first.
+        """Stream of corrected batches (CorrectedBatch, rates in rad/s), each sample exactly once and in order.
 
-        Iteration ends after idle_s seconds without a batch, or when the stream is closed. Missing samples are waited
-        for wait_s seconds, or at least 3 s where another estimator publishes the samples after the hole. Then the hole
-        is given up, counted in `missing` and reported to on_miss. Beyond `queue` unread messages the oldest are
-        dropped. If the named devices send nothing for five seconds, the log says so, unless `quiet`.
+        device: one device id, several ids, or None for every device of the ward. With `history` the last seconds come
+        first. Iteration ends after idle_s seconds without a batch, or when the stream is closed. Missing samples are
+        waited for wait_s seconds, or at least 3 s where another estimator publishes the samples after the hole. Then
+        the hole is given up, counted in `missing` and reported to on_miss. Beyond `queue` unread messages the oldest
+        are dropped. If the named devices send nothing for five seconds, the log says so, unless `quiet`.
+        Raises ValueError for an empty list of devices, as every stream of this class does.
         """
         device = device if device is None or isinstance(device, str) else tuple(device)
         named = device if isinstance(device, str) else ", ".join(device or ())
@@ -87,86 +91,103 @@ class Client:
     def rates(self, device: Devices = None) -> Stream[codec.Rates]:
         """Stream of live corrected rates without history, reordering or waiting, for a program that shows many devices.
 
-        A sample may arrive twice when two estimators publish it.
+        Each message has a device id and rates (n, 3) float32 in rad/s. A sample may arrive twice when two estimators
+        publish it.
         """
         return self._stream("corrected", codec.decode_rates, device, history=False)
 
     def revisions(
         self, device: Devices = None, *, history: bool = True, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[BiasRevision]:
-        """Stream of bias revisions: better estimates of the past bias. With `history` the last few come first.
+        """Stream of bias revisions: better estimates of the past bias, in rad/s.
 
-        Iteration ends as for `corrected`. `revised` applies a revision to a batch.
+        With `history` the last few come first. Iteration ends after idle_s seconds without a revision, or when the
+        stream is closed. Beyond `queue` unread messages the oldest are dropped. `revised` applies a revision to a
+        batch.
         """
         return self._stream("revision", codec.decode_revision, device, idle_s, history=history, queue=queue)
 
     def orientation(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[OrientationBatch]:
-        """Stream of attitudes: quaternions sensor to earth, tilt and heading with standard deviations (docs/orientation.md).
+        """Stream of attitudes: quaternions sensor to earth, scalar first, covariance in rad² (docs/orientation.md).
 
-        Made only while somebody subscribes, from a second later on, without history: a message follows each corrected batch.
-        Iteration ends as for `corrected`.
+        A message follows each corrected batch. Attitudes are computed only while somebody subscribes, from about a
+        second later on, and have no history. Iteration ends after idle_s seconds without a message, or when the stream
+        is closed.
         """
         return self._stream("orientation", codec.decode_orientation, device, idle_s, history=False, queue=queue)
 
     def windows(
         self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[WindowBatch]:
-        """Stream of window statistics at 10 Hz, for readings and corrected rates.
+        """Stream of window statistics at 10 Hz, for readings and corrected rates in rad/s.
 
         Each window has mean, standard deviation, minimum and maximum. For programs that show many devices. Messages
-        arrive about once a second, without history, and are made only while somebody subscribes. Iteration ends as for
-        `corrected`.
+        arrive about once a second, without history, and are made only while somebody subscribes. Iteration ends after
+        idle_s seconds without a message, or when the stream is closed.
         """
         return self._stream("@windowed", codec.decode_windows, device, idle_s, history=False, queue=queue)
 
     def raw(self, device: Devices = None, *, history: bool = True, queue: int = QUEUE) -> Stream[SampleBatch]:
-        """Stream of raw readings as the bridges publish them. With `history` the last seconds come first."""
+        """Stream of raw readings as the bridges publish them: gyro in rad/s; where known m/s² and °C.
+
+        With `history` the last seconds come first. Beyond `queue` unread messages the oldest are dropped.
+        """
         return self._stream("raw", codec.decode_samples, device, history=history, queue=queue)
 
     def follow(self, device: Devices = None) -> Stream[Status]:
-        """Stream of device statuses; the latest known status comes first.
+        """Stream of device statuses (state, quality, bias, counts); the latest known status of each device comes first.
 
-        Statuses of an estimator that has lost the device are left out.
+        Statuses of an estimator that has lost the device to another one are left out.
         """
         return self._stream("status", codec.decode_status, device, wanted=_current())
 
     def follow_infos(self, device: Devices = None) -> Stream[DeviceInfo]:
-        """Stream of device infos from every bridge that lists a device; the latest known info comes first."""
+        """Stream of device infos (identity, settings, sample counts) from every bridge that lists a device.
+
+        The latest known info comes first.
+        """
         return self._stream("info", codec.decode_info, device)
 
     def follow_calibrations(self, device: Devices = None) -> Stream[Calibration]:
-        """Stream of calibrations, accepted or rejected; the last few come first."""
+        """Stream of calibrations of devices, accepted or rejected; the last few of each device come first."""
         return self._stream("calibration", codec.decode_calibration, device)
 
     def follow_notes(self, device: Devices = None) -> Stream[Note]:
-        """Stream of notes that people attach to devices; the last few come first."""
+        """Stream of notes: texts that people attach to a moment of a device. The last few of each device come first."""
         return self._stream("note", codec.decode_note, device)
 
     def follow_owned(self) -> Stream[Owned]:
-        """Stream of what estimators say of themselves, with their own alerts."""
+        """Stream of ownership messages: the devices each estimator owns, its load, and alerts of the estimator itself.
+
+        Each estimator sends one at least once a second. There is no history.
+        """
         return self._stream("owned", codec.decode_owned, history=False)
 
     def statuses(self, wait_s: float = 1.5, device: str | None = None) -> dict[str, Status]:
-        """Latest status by device id, of all devices or of one, from the messages of wait_s seconds.
+        """Listen for wait_s seconds; returns the latest status by device id, of all devices or of the one named.
 
         Every estimator publishes each status once a second.
         """
         return {status.device: status for status in self.follow(device).collect(wait_s)}
 
     def calibrations(self, device: str | None = None, wait_s: float = 0.5) -> list[Calibration]:
-        """Recently published calibrations, accepted or rejected."""
+        """Listen for wait_s seconds; returns recent calibrations of one device or of all, accepted or rejected."""
         return self.follow_calibrations(device).collect(wait_s)
 
     def owned(self, wait_s: float = 1.3) -> list[Owned]:
-        """Ownership messages of estimators received within wait_s. Each estimator sends one at least once a second."""
+        """Listen for wait_s seconds and return the estimators' ownership messages: who owns which device.
+
+        Each estimator sends one at least once a second.
+        """
         return self._stream("owned", codec.decode_owned).collect(wait_s)
 
     def alive(self, what: str, wait_s: float = 0.3) -> list[str]:
         """Sorted ids of the live processes of one kind: `what` is `bridge` or `estimator`.
 
-        An empty list is returned only after a search of at least NONE_S seconds.
+        The search takes wait_s seconds, and up to NONE_S seconds more while no process is found. Empty if there is
+        none.
         """
         found: dict[str, bool] = {}
         watch = self.watch_alive(what, found.__setitem__)
@@ -178,7 +199,10 @@ class Client:
         return sorted(name for name, there in found.copy().items() if there)
 
     def watch_alive(self, what: str, on_change: Callable[[str, bool], None]) -> Declared:
-        """Call on_change(id, alive) for each live `bridge` or `estimator` and each change, on a thread of the bus."""
+        """Call on_change(id, alive) for each live `bridge` or `estimator` and each change, on a thread of the bus.
+
+        Returns the handle of the watch; close the handle to end it.
+        """
 
         def tell(key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
             if name := _id(key, what):
@@ -187,38 +211,61 @@ class Client:
         return self._bus.watch_alive(keys.pattern(self.ward, f"alive/{what}"), tell)
 
     def recalibrate(self, device: str, who: str, reason: str = "") -> CommandReply:
-        """Request a new calibration of a device. Raises BusError when no estimator answers."""
+        """Request a new calibration of a device.
+
+        who: name of the person or program that asks, for the audit. reason: free text.
+        Returns the estimator's reply: accepted or refused, with a message. Raises BusError when no estimator answers.
+        """
         return self._command(device, "recalibrate", who, reason)
 
     def cancel(self, device: str, who: str, reason: str = "") -> CommandReply:
-        """Cancel a running calibration; the previous one stays in force. Raises BusError when no estimator answers."""
+        """Cancel a running calibration of a device; the previous calibration stays in force.
+
+        Returns the estimator's reply: accepted or refused, with a message. Raises BusError when no estimator answers.
+        """
         return self._command(device, "cancel", who, reason)
 
     def note(self, device: str, who: str, text: str) -> CommandReply:
-        """Attach a text to this moment of a device, in the audit table and published for recordings."""
+        """Attach a text to this moment of a device. It is stored in the audit table and published for recordings.
+
+        Returns the estimator's reply; an empty text is refused. Raises BusError when no estimator answers.
+        """
         return self._command(device, "note", who, text)
 
     def forget(self, device: str, who: str, reason: str = "", *, erase: bool = False) -> CommandReply:
-        """Remove a device that sends no more from the ward. erase: also from the store, except its audit.
+        """Remove a device that sends no more from the ward.
 
-        Raises BusError if no estimator answers.
+        erase: also delete its entries in the store, except its audit.
+        Returns the estimator's reply; a device that still sends or is enrolled is refused. Raises BusError if no
+        estimator answers.
         """
         return self._command(device, "erase" if erase else "forget", who, reason)
 
     def zero_heading(self, device: str, who: str, reason: str = "") -> CommandReply:
-        """Make a device's present heading zero. Raises BusError when no estimator answers."""
+        """Make a device's present heading zero.
+
+        Returns the estimator's reply: accepted or refused, with a message. Raises BusError when no estimator answers.
+        """
         return self._command(device, "zero-heading", who, reason)
 
     def place(self, device: str, who: str, placement: Placement) -> CommandReply:
-        """Say where and by whom a device is worn from now on; an empty placement ends it. Raises as `recalibrate`."""
+        """State where on the body and by whom a device is worn from now on; an empty placement ends the present one.
+
+        Returns the estimator's reply: accepted or refused, with a message. Raises BusError when no estimator answers.
+        """
         return self._command(device, "place", who, "", placement)
 
     def acknowledge(self, subject: str, who: str, kind: str = "") -> CommandReply:
-        """Say that a person has seen an alert, or with "" all alerts, of a device or an estimator. Raises as `recalibrate`."""
+        """Acknowledge an alert: a person has seen it. With kind "", all alerts of the subject.
+
+        subject: id of a device or an estimator. kind: kind of alert, such as `lost` or `battery_low`.
+        Returns the estimator's reply; with nothing to acknowledge it is refused. Raises BusError when no estimator
+        answers.
+        """
         return self._command(subject, "acknowledge", who, kind)
 
     def close(self) -> None:
-        """Close the session; a bus that was passed in stays open."""
+        """Close the bus session, which ends the streams; a bus that was passed to the constructor stays open."""
         if self._own:
             self._bus.close()
 
@@ -272,7 +319,10 @@ class Client:
 
 
 def _current() -> Callable[[Status], bool]:
-    """Filter for statuses that drops former owners: a newer epoch was heard in the last HANDOVER_S."""
+    """Filter for statuses that drops those of former owners.
+
+    A status is dropped if one with a newer epoch was heard of the same device in the last HANDOVER_S.
+    """
     newest: dict[str, tuple[int, float]] = {}
 
     def current(status: Status) -> bool:

@@ -19,7 +19,10 @@ log = logging.getLogger(__name__)
 
 
 def connected(endpoints: Sequence[str]) -> ZenohBus:
-    """Open a session with a router; logs a warning when the connection takes longer than LOOKED_S."""
+    """Connect to a router at one of `endpoints`; logs a warning if that takes longer than LOOKED_S.
+
+    Returns the open bus session. Raises BusError when no router answers.
+    """
     told = threading.Timer(LOOKED_S, log.warning, ("looking for a router at %s", ", ".join(endpoints)))
     told.daemon = True
     told.start()
@@ -30,7 +33,10 @@ def connected(endpoints: Sequence[str]) -> ZenohBus:
 
 
 def denied(bus: Bus, endpoints: Sequence[str], ward: str) -> tuple[str, ...]:
-    """Reasons why no message may arrive although a router is connected, also logged; empty if no fault is known."""
+    """Reasons why no message of a ward may arrive although a router is connected; empty if no fault is known.
+
+    Checks the role of this program's certificate and what the routers let it receive. Each reason is also logged.
+    """
     routers = Routers.of(endpoints)
     if routers.identity is None:
         return ()

@@ -31,9 +31,9 @@ MISTAKEN_NS = 30_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Miss:
-    """Report of a hole: samples `first` to `first + count - 1` did not arrive.
+    """Report of a hole: samples `first` to `first + count - 1` of a device's boot did not arrive.
 
-    told: the sample after the hole is itself flagged AFTER_GAP.
+    first: sequence number. count: number of samples. told: the sample after the hole is itself flagged AFTER_GAP.
     """
 
     device: str
@@ -60,6 +60,7 @@ class _Boot:
 class ReorderBuffer:
     """Buffer that takes batches in any order and puts batches and misses into `ready` in delivery order.
 
+    wait_s: seconds to wait for missing samples. boots: largest number of boots remembered.
     `repeated` counts samples left out because they were duplicates, or came after being reported as missing. `missing`
     counts samples reported as missing, by device. `now` is seconds of a steady clock.
     """
@@ -73,7 +74,10 @@ class ReorderBuffer:
         self._waiting: dict[_Boot, None] = {}  # in the order in which they began to wait
 
     def feed(self, batch: CorrectedBatch, now: float) -> None:
-        """Add a batch received at `now`, monotonic seconds; batches that are due go to `ready`."""
+        """Add a batch received at `now`, monotonic seconds. Batches whose turn has come go to `ready`.
+
+        A batch that came before its predecessors is held until they arrive or its wait ends (`overdue`).
+        """
         boot, n = self._boot(batch), len(batch)
         if batch.sequence == boot.next and not boot.held and batch.epoch >= boot.latest.epoch:
             boot.next, boot.latest = batch.sequence + n, batch
@@ -94,11 +98,14 @@ class ReorderBuffer:
             self._advance(boot, 1)
 
     def due(self) -> float:
-        """Earliest deadline of a held batch, in seconds of the steady clock; inf when nothing is held."""
+        """Time at which the first wait of a held batch ends, in seconds of the steady clock; inf if none is held."""
         return min((held.due_s for boot in self._waiting for held in boot.held), default=inf)
 
     def overdue(self, now: float) -> None:
-        """Deliver batches whose deadline has passed and report samples missing before them; `now=inf` flushes all."""
+        """Deliver held batches whose wait has ended at `now`, and report the samples missing before them.
+
+        now: seconds of the steady clock; inf delivers every held batch.
+        """
         for boot in list(self._waiting):
             waited = [n for n, held in enumerate(boot.held, 1) if held.due_s <= now]
             if waited:

@@ -16,7 +16,8 @@ SAME_TIME_NS = 1_000_000_000
 def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
     """Correct a published batch with the revised bias, for the samples the revision covers; others stay unchanged.
 
-    A batch has one `bias` and one `bias_std`: the mean bias subtracted from its samples, and the largest std.
+    Returns a new batch; the same batch if no sample is covered. A batch has one `bias` and one `bias_std` (3,), rad/s:
+    the mean bias subtracted from its samples, and the largest std.
     """
     covered = covers(revision, batch)
     if not covered.any():
@@ -34,7 +35,10 @@ def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
 
 
 def covers(revision: BiasRevision, batch: CorrectedBatch) -> NDArray[np.bool_]:
-    """(n,) mask of the samples a revision covers, by device, boot, calibration, sequence number and time."""
+    """Mask (n,) of the samples of a batch that a revision covers.
+
+    Device, boot and calibration must be equal, and each sample's number and time (± SAME_TIME_NS) within the revision.
+    """
     if (batch.device, batch.boot, batch.calibration) != (revision.device, revision.boot, revision.calibration):
         return np.zeros(len(batch), np.bool_)
     number, time_ns = np.uint64(batch.sequence) + np.arange(len(batch), dtype=np.uint64), batch.sample_time_ns

@@ -27,6 +27,9 @@ NOTHING_S = 5.0
 class Stream(AsyncIterator[T], Generic[T]):
     """Iterator over messages of one kind, for one thread or for the tasks of one event loop.
 
+    decoder: turns bus messages into T; refused messages are skipped and counted. wanted(message): whether to deliver
+    it.
+
     Iteration ends after idle_s seconds without a message, or when the stream or its client is closed. A program that
     reads too slowly affects only itself: the oldest unread messages are dropped, counted in `dropped` and logged once.
     """
@@ -47,7 +50,7 @@ class Stream(AsyncIterator[T], Generic[T]):
 
     @property
     def refused(self) -> dict[str, int]:
-        """Number of messages that could not be decoded, by reason."""
+        """Number of messages that could not be decoded, by reason of the refusal."""
         return self._decoder.refused.as_dict()
 
     @property
@@ -62,7 +65,7 @@ class Stream(AsyncIterator[T], Generic[T]):
 
     @property
     def caught_up(self) -> bool:
-        """Whether the history has arrived."""
+        """Whether the history has arrived: the messages that publishers kept for new subscribers."""
         return self._subscription.caught_up
 
     def receive(self, timeout_s: float) -> T | None:
@@ -70,16 +73,16 @@ class Stream(AsyncIterator[T], Generic[T]):
         return self.pop() if self.wait(timeout_s) else None
 
     def drain(self, timeout_s: float = 0.0) -> list[T]:
-        """Take all messages that have arrived, waiting at most timeout_s for the first."""
+        """Take all messages that have arrived, oldest first; waits at most timeout_s for the first. May be empty."""
         self.wait(timeout_s)
         return list(iter(self.pop, None))
 
     def latest(self) -> T | None:
-        """The newest message since the last call, or None; older ones are discarded."""
+        """The newest message since the last call, or None if none came; older ones are discarded. Does not wait."""
         return next(reversed(self.drain()), None)
 
     def collect(self, for_s: float) -> list[T]:
-        """Collect all messages of the next for_s seconds, then close the stream."""
+        """Return all messages of the next for_s seconds, oldest first, and close the stream."""
         deadline, found = time.monotonic() + for_s, list[T]()
         while (left_s := deadline - time.monotonic()) > 0.0:
             found += self.drain(left_s)
@@ -87,18 +90,18 @@ class Stream(AsyncIterator[T], Generic[T]):
         return found
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait up to timeout_s for a message; returns whether `pop` has one."""
+        """Wait up to timeout_s seconds for a message; returns whether one is there for `pop`."""
         deadline = time.monotonic() + timeout_s
         while not self._ready and self._take(max(0.0, deadline - time.monotonic())):
             pass
         return bool(self._ready)
 
     def pop(self) -> T | None:
-        """Take the next message without waiting, or None."""
+        """Take the next message without waiting; None if none is ready. Call `wait` first to fetch messages."""
         return self._ready.popleft() if self._ready else None
 
     def close(self) -> None:
-        """Stop receiving; iteration ends at once."""
+        """Stop receiving and discard unread messages; iteration ends at once."""
         self._subscription.close()
         self._ready.clear()
 
@@ -176,7 +179,7 @@ class Corrected(Stream[CorrectedBatch]):
 
     @property
     def missing(self) -> dict[str, int]:
-        """Number of samples that did not arrive, by device."""
+        """Number of samples given up as missing, by device id."""
         return dict(self._buffer.missing)
 
     def pop(self) -> CorrectedBatch | None:

@@ -23,18 +23,21 @@ PERIOD_S = 82800.0
 
 @dataclass(frozen=True, slots=True)
 class Backups:
-    """Backups of one store, in a folder: NAME-00012.sqlite3. Numbers give their order, because a clock may be wrong."""
+    """Backups of one store, in a folder: NAME-00012.sqlite3. Numbers give their order, because a clock may be wrong.
+
+    store: path of the store's file. folder: folder of the backups.
+    """
 
     store: Path
     folder: Path
 
     @classmethod
     def of(cls, store: Path | str, folder: Path | str | None = None) -> "Backups":
-        """Return the backups in the given folder, by default `backups` beside the store."""
+        """Describe the backups of a store in the given folder, by default `backups` beside the store. Reads no file."""
         return cls(Path(store), Path(folder or Path(store).parent / "backups"))
 
     def newest_first(self) -> list[Path]:
-        """Return all backups, newest first."""
+        """Return the paths of all backups, newest first; empty if the folder does not exist."""
         numbered = re.compile(re.escape(self.store.stem) + r"-(\d{5,})" + re.escape(self.store.suffix))
         with suppress(FileNotFoundError):
             found = [(int(match[1]), one) for one in self.folder.iterdir() if (match := numbered.fullmatch(one.name))]
@@ -42,12 +45,15 @@ class Backups:
         return []
 
     def due(self, now_s: float) -> bool:
-        """Whether no backup was made in the last 23 hours, as far as the clock knows."""
+        """Whether it is time for a backup: none is newer than 23 hours at now_s, seconds since the Unix epoch.
+
+        A newest backup dated in the future does not count, since the clock was wrong.
+        """
         made = [one.stat().st_mtime for one in self.newest_first()[:1]]
         return not made or not 0 <= now_s - made[0] < PERIOD_S
 
     def make(self) -> Path:
-        """Make a backup, and remove all but the newest KEEP.
+        """Make a backup, and remove all but the newest KEEP. Returns the path of the new backup.
 
         Raises Damaged if the copy is not intact, Empty if the store is empty, or Unavailable.
         """
@@ -66,20 +72,21 @@ class Backups:
 
 
 def copies_of(estimator: str) -> str:
-    """Folder of the copies of an estimator's backups in a bucket."""
+    """Folder in an object-storage bucket for the copies of an estimator's backups. estimator: its id."""
     return f"backups/{estimator}"
 
 
 def name_of_copy(backup: Path) -> str:
-    """Name of a backup's copy: with its time, since the numbers begin again with a new store."""
+    """File name for a backup's copy in a bucket: with the backup's time, since numbers begin again with a new store."""
     made = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(backup.stat().st_mtime))
     return f"{backup.stem}-{made}{backup.suffix}"
 
 
 def back_up(store: Path, to: Path) -> None:
-    """Copy a store, in use or not, into a checked, self-contained file.
+    """Copy the store's file `store`, in use or not, into a checked, self-contained file `to`.
 
     Raises StoreError if `to` exists, and Empty if the store has no entries: such a copy would only seem to be a backup.
+    Raises Damaged if the copy is not intact, or Unavailable.
     """
     if to.exists():
         raise StoreError(f"{to} exists already; give another name, or remove the file")
@@ -100,7 +107,8 @@ def back_up(store: Path, to: Path) -> None:
 def restore(store: Path, backup: Path) -> str:
     """Replace a store with a copy of a sound backup; no estimator may have the store open.
 
-    Returns where the previous file is kept; empty if there was none. Raises StoreError if the backup is not sound.
+    Returns the path under which the previous file is kept; empty if there was none. Raises StoreError if the backup is
+    not sound.
     """
     checked(backup).close()
     aside, part = set_aside(store), store.with_name(store.name + ".part")
@@ -113,8 +121,8 @@ def restore(store: Path, backup: Path) -> str:
 def make_sound(store: Path, backups: Backups) -> str:
     """Ensure that there is a sound store: the file itself, else the newest sound backup, else a new store.
 
-    Returns what was wrong and what was done; empty if all was well. Raises
-    StoreError if the file is not a store, or Unavailable.
+    Returns a text for a person: what was wrong and what was done; empty if all was well. Raises StoreError if the file
+    is not a store, or Unavailable.
     """
     notes: list[str] = []
     known = backups.newest_first()
@@ -150,10 +158,10 @@ def make_sound(store: Path, backups: Backups) -> str:
 
 
 def rescue(db: sqlite3.Connection, store: Path) -> str:
-    """Rewrite a store from an open connection, because its file was removed or replaced.
+    """Rewrite a store from an open connection, because its file was removed or replaced while in use.
 
-    Returns where the replacing file is kept; empty if there was none. The caller must then close every connection of
-    the process. Raises Unavailable, or Damaged if the copy is not intact.
+    Returns the path under which the replacing file is kept; empty if there was none. The caller must then close every
+    connection of the process. Raises Unavailable, or Damaged if the copy is not intact.
     """
     try:
         store.parent.mkdir(parents=True, exist_ok=True)
@@ -180,9 +188,9 @@ def _copied(db: sqlite3.Connection, part: Path, store: Path) -> dict[str, int]:
 
 
 def begin(part: Path) -> Path:
-    """Create an empty file, never through a link or pipe of that name.
+    """Create an empty file `part` to be filled, replacing a file, link or pipe of that name. Returns its path.
 
-    The system's error says why it failed; SQLite's would not.
+    Raises OSError, which says why it failed; SQLite's error would not.
     """
     part.unlink(missing_ok=True)
     part.open("xb").close()
@@ -190,7 +198,10 @@ def begin(part: Path) -> Path:
 
 
 def set_aside(store: Path) -> str:
-    """Rename a store and its log out of the way; return the new name, empty if there was neither."""
+    """Rename a store's file and its write-ahead log out of the way, to NAME.aside-TIME.
+
+    Returns the new path; empty if there was neither file.
+    """
     aside = store.with_name(f"{store.name}.aside-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}")
     while aside.exists():
         aside = aside.with_name(aside.name + "-2")
@@ -205,7 +216,7 @@ def set_aside(store: Path) -> str:
 
 
 def set_asides(store: Path) -> list[Path]:
-    """Return every file that was set aside beside a store."""
+    """Return the paths of all files that `set_aside` renamed beside a store, sorted by name."""
     found = store.parent.glob(f"{store.name}.aside-*")
     return sorted(one for one in found if not one.name.endswith(("-wal", "-shm")))
 

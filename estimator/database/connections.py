@@ -21,7 +21,10 @@ _MAGIC, _APPLICATION = b"SQLite format 3\0", slice(68, 72)
 
 
 def to_write(path: Path | str, connect: Connect = sqlite3.connect) -> sqlite3.Connection:
-    """Return a writing connection; commits are on disk when they return, and no transaction begins implicitly."""
+    """Open a writing connection; commits are on disk when they return, and no transaction begins implicitly.
+
+    connect: sqlite3.connect, or a test's substitute. Raises sqlite3.Error if the file cannot be opened or written.
+    """
     db = connect(str(path), timeout=5.0, isolation_level=None, check_same_thread=False)
     try:
         db.execute("PRAGMA journal_mode = WAL")
@@ -35,14 +38,14 @@ def to_write(path: Path | str, connect: Connect = sqlite3.connect) -> sqlite3.Co
 
 
 def to_read(path: Path) -> sqlite3.Connection:
-    """Return a read-only connection; it leaves no file beside a store that nobody has open."""
+    """Open a read-only connection; it leaves no file beside a store that nobody has open. Raises sqlite3.Error."""
     alone = "" if log_of(path).exists() else "&immutable=1"
     uri = f"{path.absolute().as_uri()}?mode=ro{alone}"
     return sqlite3.connect(uri, uri=True, timeout=5.0, isolation_level=None, check_same_thread=False)
 
 
 def checked(path: Path, *, ours: bool = False) -> sqlite3.Connection:
-    """Return a reading connection to a store, after checking that the store is intact.
+    """Open a read-only connection to a store, after checking that the store is intact.
 
     ours: the file is known to be a store, even if its header is damaged.
 

@@ -23,8 +23,9 @@ _MEMORY = ":memory:"
 
 
 class Database:
-    """A store and its backups.
+    """An open store (SQLite file) and its backups. One thread may write, any thread may read.
 
+    path: the store's file, or `:memory:`. backups: folder of the backups, by default `backups` beside the store.
     alone: no other process may have the store open for writing.
     patient: if the file cannot be opened or read, `trouble` says why and queries find nothing; no error is raised.
     connect: sqlite3.connect, or a test's substitute.
@@ -92,11 +93,18 @@ class Database:
     def rows(
         self, table: str, where: str = "1", values: Sequence[object] = (), order: str = "number", limit: int = -1
     ) -> list[Row]:
-        """Return the rows of a table that fulfil a condition, in the given order, at most `limit` unless negative."""
+        """Return the rows of a table that fulfil a condition, as dicts by column.
+
+        where: SQL condition with a `?` for each of `values`. order: SQL columns to sort by. limit: most rows; negative
+        for all. Raises StoreError; a patient database returns an empty list instead.
+        """
         return self.select(f"SELECT * FROM {table} WHERE {where} ORDER BY {order} LIMIT {limit}", values)  # noqa: S608 - our own words
 
     def select(self, sql: str, values: Sequence[object] = ()) -> list[Row]:
-        """Return the rows that a query finds."""
+        """Return the rows that an SQL query finds, as dicts by column. values: one for each `?` of the query.
+
+        Raises StoreError if the query fails; a patient database returns an empty list instead.
+        """
         try:
             with self._telling():
                 if self._reader is None or self._damaged:
@@ -115,7 +123,7 @@ class Database:
     def transaction(self) -> Iterator[None]:
         """Context in which all statements are written together or not at all; they are on disk at its end.
 
-        A transaction within another belongs to the outer one.
+        A transaction within another belongs to the outer one. Raises StoreError if the store cannot be written.
         """
         if self._within:
             yield
@@ -141,7 +149,11 @@ class Database:
         self._worked()
 
     def execute(self, sql: str, values: Sequence[object] | Mapping[str, object] = ()) -> int:
-        """Execute a writing statement, by itself a transaction outside of one; returns how many rows it changed."""
+        """Execute a writing SQL statement; returns how many rows it changed.
+
+        values: for the placeholders of the statement. Outside of `transaction` the statement is a transaction by
+        itself. Raises StoreError if the store cannot be written.
+        """
         with self._telling():
             changed = self._to_write().execute(sql, values).rowcount
         if not self._within:
@@ -149,12 +161,18 @@ class Database:
         return changed
 
     def insert(self, table: str, row: Row, conflict: str = "") -> None:
-        """Add a row; conflict: SQL that follows the row, such as `ON CONFLICT DO NOTHING`."""
+        """Add a row to a table; conflict: SQL that follows the row, such as `ON CONFLICT DO NOTHING`.
+
+        row: values by column. Raises StoreError if the store cannot be written.
+        """
         places = ", ".join("?" * len(row))
         self.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({places}) {conflict}", tuple(row.values()))  # noqa: S608 - our own words
 
     def look(self) -> None:
-        """Check whether the open file is still at its path; if not, the next write puts it back. For any thread."""
+        """Check whether the open file is still at its path; if not, `trouble` says so and the next write puts it back.
+
+        Callable from any thread.
+        """
         if self._file is None or self._moved:
             return
         try:
@@ -168,9 +186,9 @@ class Database:
             self._failed(Unavailable(f"store {self.path} was removed or replaced while it is in use"))
 
     def back_up_if_due(self) -> None:
-        """Make the day's backup if it is due; callable from any thread.
+        """Make a backup if the newest one is older than 23 hours; callable from any thread.
 
-        A failure is logged. Damage found by the backup is repaired by the next write.
+        A failure is logged and kept in `backup_fault`. Damage found by the backup is repaired by the next write.
         """
         if self.path == _MEMORY:
             return

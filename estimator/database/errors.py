@@ -13,19 +13,19 @@ _DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
 
 
 class StoreError(Exception):
-    """The store could not be opened, read or written: the message says which file, why, and what to do."""
+    """Error of a store: it could not be opened, read or written. The message says which file, why, and what to do."""
 
 
 class Empty(StoreError):
-    """The store has no entries."""
+    """Error of a backup: the store has no entries to back up."""
 
 
 class Unavailable(StoreError):
-    """The store may work again later: the disk is full, read-only or failing, or another process holds the file."""
+    """Error that may pass: the disk is full, read-only or failing, or another process holds the store's file."""
 
 
 class Damaged(StoreError):
-    """The file is a store, but its content is not what was written; `why` says what was found."""
+    """Error of a damaged store: its content is not what was written. `why` says what was found."""
 
     def __init__(self, path: object, why: object) -> None:
         super().__init__(f"store {path} is damaged: {why}; `truerate store restore` replaces it by a backup")
@@ -33,7 +33,10 @@ class Damaged(StoreError):
 
 
 def translated(path: str, error: Exception) -> StoreError:
-    """Return the StoreError for an error of SQLite or of the system."""
+    """Translate an error of SQLite or the operating system into a StoreError; returns it, does not raise.
+
+    Damaged for corrupt content, Unavailable for a fault that may pass, else a plain StoreError. path: the store's file.
+    """
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the primary result code
     no_text = isinstance(error, (UnicodeDecodeError, sqlite3.OperationalError)) and not code  # Python's own decoding
     if code in _DAMAGED or no_text:

@@ -11,7 +11,10 @@ from estimator.database.schema import rows_of
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """Result of a check: `fault` says why a file is not sound; `rows` counts the rows of each table of a sound one."""
+    """Result of checking a store's file.
+
+    fault: why the file is not sound; empty if it is. rows: number of rows by table of a sound store.
+    """
 
     path: str
     fault: str = ""
@@ -19,12 +22,15 @@ class Inspection:
 
     @property
     def sound(self) -> bool:
-        """Whether the content is as it was written."""
+        """Whether the store's content is as it was written."""
         return not self.fault
 
 
 def inspect(path: Path) -> Inspection:
-    """Check a store, in use or not. Raises StoreError if it does not exist or cannot be read."""
+    """Check a store, in use or not; returns the fault or the number of rows of each table.
+
+    Raises StoreError if the file does not exist, is not a store or cannot be read; damage is returned as a fault.
+    """
     try:
         db = checked(path)
     except Damaged as damage:

@@ -21,9 +21,10 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def owned(path: str) -> Iterator[None]:
-    """Hold a store's lock during the context. Raises StoreError if another process holds it.
+    """Hold the lock of the store at `path` during the context, so that no other estimator uses the store.
 
-    If no file can be written beside the store, there is no lock, and a warning is logged.
+    Raises StoreError if another process holds the lock. If no file can be written beside the store, there is no lock,
+    and a warning is logged.
     """
     place = Path(f"{path}.lock")
     try:
@@ -43,9 +44,10 @@ def owned(path: str) -> Iterator[None]:
 
 
 def hold(path: Path) -> int:
-    """Lock a store's file; return its descriptor, to be closed after every SQLite connection to the file.
+    """Lock the store's file itself; returns the descriptor that holds the lock.
 
-    Raises StoreError if another process holds the file, or it is not a regular file.
+    Close the descriptor after every SQLite connection to the file. Raises StoreError if another process holds the lock
+    or the file is not a regular file, and OSError if it cannot be opened.
     """
     lock = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
@@ -58,7 +60,10 @@ def hold(path: Path) -> int:
 
 
 def check_free(path: Path) -> None:
-    """Raise StoreError if another process holds a store's file; a missing file is free."""
+    """Check that no other process holds the lock of a store's file; a missing file is free.
+
+    Raises StoreError if another process holds it.
+    """
     try:
         os.close(hold(path))
     except FileNotFoundError:
@@ -66,7 +71,10 @@ def check_free(path: Path) -> None:
 
 
 def check_regular(path: Path, mode: int) -> None:
-    """Raise StoreError if a file is a folder, a pipe or a device."""
+    """Check that a store's path is a regular file. mode: `st_mode` of the path.
+
+    Raises StoreError if it is a folder, a pipe or a device.
+    """
     if not stat.S_ISREG(mode):
         raise StoreError(f"store {path} is not a regular file: give another path")
 

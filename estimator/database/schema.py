@@ -71,25 +71,26 @@ ENTRIES = ("calibrations", "boots", "bias", "bias_history", "audit", "placements
 
 
 def create(db: sqlite3.Connection) -> None:
-    """Make an empty database a store, atomically."""
+    """Create the tables of the present schema in an empty database, in one transaction."""
     _write(db, SCHEMA_VERSION)
 
 
 def version_of(db: sqlite3.Connection) -> int:
-    """Return the schema version of a checked store."""
+    """Return the schema version of a store that `check` found sound, by its tables."""
     found = _described(db)
     return next(version for version in STEPS if found == _expected(version))
 
 
 def upgrade(db: sqlite3.Connection) -> None:
-    """Add what newer versions have to a checked store, in one transaction."""
+    """Add the tables of newer schema versions to a store that `check` found sound, in one transaction."""
     _write(db, SCHEMA_VERSION, since=version_of(db))
 
 
 def check(db: sqlite3.Connection, path: object) -> None:
-    """Check a store's schema and content; an earlier version is sound, too.
+    """Check a store's schema and content; an earlier schema version is sound, too.
 
-    Raises StoreError if it is not a store of a known schema, Damaged if its content is not what was written.
+    path: the file, for messages. Raises StoreError if it is not a store of a known schema, Damaged if its content is
+    not what was written.
     """
     version, application = (_pragma(db, name) for name in ("user_version", "application_id"))
     found = _described(db)
@@ -110,7 +111,7 @@ def check(db: sqlite3.Connection, path: object) -> None:
 
 
 def rows_of(db: sqlite3.Connection) -> dict[str, int]:
-    """Return the number of rows of each table with entries of devices; an earlier version has fewer."""
+    """Return the number of rows by table, for the tables with entries of devices that this store has."""
     there = {name for kind, name, _ in _described(db) if kind == "table"}
     tables = [table for table in ENTRIES if table in there]
     return {table: int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0]) for table in tables}  # noqa: S608 - our own words

@@ -1,4 +1,4 @@
-"""Device time cut into blocks of a second, at the same samples for any batching."""
+"""Device time cut into blocks of half a second or a second, at the same samples for any batching."""
 
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator
@@ -12,9 +12,9 @@ CLOCK_LOST_S = 1.0
 
 
 class Blocks:
-    """Cuts the samples of one boot into blocks of device time; finished blocks go to `buffer`.
+    """Cutter of the samples of one boot into blocks of device time; finished blocks go to `buffer`.
 
-    began: device time at the start, s. `latest` is the device time of the last sample.
+    began: device time at the start, s. `latest` is the device time of the last sample, s.
     """
 
     def __init__(self, began: float) -> None:
@@ -28,25 +28,29 @@ class Blocks:
         self._end_after(began)
 
     def anew(self) -> "Blocks":
-        """New Blocks of the same boot from the latest sample on, without the samples so far."""
+        """New Blocks of the same boot that go on after the latest sample, without the samples so far."""
         anew = Blocks(self.latest)
         anew._first_s, anew._later_s = self._first_s, self._later_s
         return anew
 
     @property
     def begun(self) -> tuple[float, int] | None:
-        """Device time and sequence number of the first sample of the unfinished block; None while it is empty."""
+        """Device time, s, and sequence number of the first sample of the unfinished block; None while it is empty."""
         return (self._block[0][0].item(0, TIME), self._block[0][1].item(0, SEQUENCE)) if self._block else None
 
     @property
     def clock(self) -> tuple[float | None, float]:
-        """Device time of the first sample, and the offset of device time from the device's clock, s."""
+        """Device time of the first sample, None before it, and device time minus the device's clock; both in s.
+
+        The difference is above 0 once the device's clock went back: see `went_back`.
+        """
         return self._first_s, self._later_s
 
     def resume(self, buffer: SampleBuffer, clock: tuple[float | None, float], begun: float | None) -> None:
         """Continue from saved samples and clock.
 
-        clock: as the property `clock` gives it. begun: device time at which the present block begins, or None.
+        buffer: the saved samples. clock: as the property `clock` gives it. begun: device time, s, at which the present
+        block begins, or None.
         """
         self.buffer, (self._first_s, self._later_s) = buffer, clock
         if begun is not None:
@@ -54,13 +58,13 @@ class Blocks:
 
     @property
     def seconds(self) -> float:
-        """Seconds from the first sample to the last."""
+        """Device time from the first sample to the last, s; 0 before the first sample."""
         return 0.0 if self._first_s is None else self.latest - self._first_s
 
     def went_back(self, first_s: float, away_s: float) -> bool:
-        """Whether the device's clock went back; if so, shift device time so that it goes on.
+        """Whether the device's clock went back; if so, device time is shifted so that it goes on rising.
 
-        first_s: device clock of the next sample. away_s: least time that passed meanwhile according to the host.
+        first_s: device clock of the next sample, s. away_s: least time, s, that passed meanwhile according to the host.
         """
         if self._first_s is None or first_s + self._later_s > self.latest:
             return False
@@ -70,9 +74,8 @@ class Blocks:
     def put(self, samples: Samples, skip: int = 0) -> Iterable[tuple[int, float, float]]:
         """Add samples, without the first `skip`, and report each block boundary.
 
-        Yields for the first sample of each block its index in `samples`, its device time, and that of the sample
-        before.
-        The caller ends the finished block at each boundary, and may change `length_s`.
+        Yields for the first sample of each new block its index in `samples`, its device time, and the device time of
+        the sample before, both in s. At each boundary the caller must call `end_block`, and may change `length_s`.
         """
         rows, places = (samples.rows[skip:], samples.places[skip:]) if skip else (samples.rows, samples.places)
         if self._later_s:
@@ -101,7 +104,7 @@ class Blocks:
     def end_block(self) -> tuple[int, int] | None:
         """End the block and move its samples to `buffer`; None for an empty block.
 
-        The result is the number of its first sample and the number after its last sample.
+        Returns the numbers of its first sample and of the sample after its last, in the numbering of `buffer`.
         """
         if not self._block:
             return None
@@ -111,9 +114,9 @@ class Blocks:
         return begin, self.buffer.end
 
     def own(self) -> None:
-        """Copy the samples of the unfinished block.
+        """Copy the samples of the unfinished block, which otherwise are views of larger arrays.
 
-        Without the copy a silent device would keep all samples decoded in the same rounds in memory.
+        Without the copy a silent device would keep all samples in memory that were decoded together with its last ones.
         """
         self._block = [(rows.copy(), places.copy()) for rows, places in self._block]
 

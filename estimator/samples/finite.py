@@ -6,8 +6,9 @@ from bridge.wire.messages import SampleBatch
 
 
 def runs(batch: SampleBatch, first: int) -> list[tuple[int, int]]:
-    """Begin and end of each run of samples whose readings are all finite, from index `first` on.
+    """Find the runs of consecutive samples whose gyro and accelerometer readings are all finite.
 
+    first: index of the first sample to look at. Returns (begin, end) indices of each run, end exclusive, in order.
     A batch without NaN or infinity is a single run.
     """
     finite = np.isfinite(batch.gyro[first:]).all(axis=1)

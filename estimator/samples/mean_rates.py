@@ -22,12 +22,14 @@ class _Interval:
 
 
 class MeanRates:
-    """Means of one device's samples over intervals of 1/hz device seconds.
+    """Means of one device's corrected rates over intervals of 1/hz device seconds.
 
-    A mean is a batch of one sample: number and times of the last sample of its interval, the mean rate, every flag of the
-    samples, and noise_std of the mean; the other standard deviations do not shrink. The intervals end at multiples of 1/hz of
-    the device's clock, so the means do not depend on how the samples are batched or where a stream resumes. A sample covers
-    the time before its tick: at the end of an interval it belongs to that interval.
+    A mean is a batch of one sample: number and times of the last sample of its interval, the mean rate in rad/s, every
+    flag of the samples, and noise_std of the mean; the other standard deviations do not shrink.
+
+    The intervals end at multiples of 1/hz of the device's clock, so the means do not depend on how the samples are
+    batched or where a stream resumes. A sample covers the time before its tick: at the end of an interval it belongs to
+    that interval.
     """
 
     def __init__(self, hz: float) -> None:
@@ -35,7 +37,7 @@ class MeanRates:
         self._interval: _Interval | None = None
 
     def add(self, batch: CorrectedBatch) -> list[CorrectedBatch]:
-        """Add the next samples; returns the means of the intervals that they end."""
+        """Add the device's next samples; returns the mean of each interval that they end, as batches of one sample."""
         numbers = np.ceil(batch.device_time * self._hz - _ROUNDING).astype(np.int64)
         cuts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(batch)]
         ended: list[CorrectedBatch] = []
@@ -55,7 +57,7 @@ class MeanRates:
         return ended
 
     def flush(self) -> list[CorrectedBatch]:
-        """End the present interval; returns its mean, if it has samples."""
+        """End the unfinished interval; returns its mean as a list of one batch, or an empty list without samples."""
         ended, self._interval = self._interval, None
         if ended is None:
             return []

@@ -26,9 +26,13 @@ _ROOM = 256
 
 @dataclass(slots=True, eq=False)
 class Samples:
-    """Decoded samples of one message: rows (n, 9) and places (n, 3), columns as above.
+    """Decoded samples of one message: rows (n, 9) float64 and places (n, 3) int64.
 
-    ticks and flags are packed as on the wire; flags are empty where none is set.
+    The columns of rows and places are the constants of this module, such as TIME, GYRO and SEQUENCE.
+    sequence: number of the first sample since boot. n: number of samples. receive_time_ns: host time of receipt at the
+    bridge, ns since the Unix epoch.
+    clock_rate: host seconds per second of the device's clock.
+    ticks (uint64) and flags (uint32) are packed as on the wire; flags are empty where none is set.
     first_s, last_s: device time of the first and the last sample.
     """
 
@@ -49,7 +53,7 @@ class Samples:
 
     @classmethod
     def of(cls, batch: SampleBatch) -> "Samples":
-        """Decode a batch into samples."""
+        """Convert a decoded SampleBatch into Samples; unknown values become NaN."""
         n = len(batch)
         rows, places = np.full((n, WIDTH), np.nan), np.empty((n, 3), np.int64)
         rows[:, TIME], rows[:, GYRO] = batch.device_time, batch.gyro
@@ -78,7 +82,7 @@ class Samples:
         return known(self.rows.item(0, CELSIUS))
 
     def part(self, first: int, end: int) -> "Samples":
-        """Samples from index `first` up to but not including `end`."""
+        """New Samples with those from index `first` up to but not including `end`."""
         rows, places = self.rows[first:end], self.places[first:end]
         return replace(
             self,
@@ -94,9 +98,9 @@ class Samples:
 
 
 class SampleBuffer:
-    """Buffer of the samples of one boot, numbered from `first` in the order of arrival.
+    """Buffer of the samples of one boot, numbered in the order of arrival; the first one has the number `first`.
 
-    Rows once returned are never overwritten.
+    These numbers are not sequence numbers. Arrays once returned are never overwritten.
     """
 
     def __init__(self, first: int = 0) -> None:
@@ -115,7 +119,7 @@ class SampleBuffer:
         return self._first + self._end
 
     def put(self, parts: Sequence[tuple[Floats, Wholes]]) -> None:
-        """Append samples: rows (n, 9) and places (n, 3) of each part."""
+        """Append samples. parts: pairs of rows (n, 9) and places (n, 3), columns as the constants of this module."""
         rows, places = zip(*parts, strict=True)
         n = sum(map(len, rows))
         if self._end + n > len(self._rows):
@@ -125,22 +129,25 @@ class SampleBuffer:
         np.concatenate(places, out=self._places[begin : self._end])
 
     def rows(self, begin: int, end: int) -> Floats:
-        """Rows of the samples numbered `begin` up to but not including `end`."""
+        """Rows (n, 9) of the samples numbered `begin` up to but not including `end`: time, gyro, accel, temperature."""
         return self._rows[begin - self._first : end - self._first]
 
     def places(self, begin: int, end: int) -> Wholes:
-        """Places (n, 3) of the samples numbered `begin` up to but not including `end`."""
+        """Places (n, 3) of the samples numbered `begin` up to but not including `end`: sequence, host time, flags."""
         return self._places[begin - self._first : end - self._first]
 
     def place(self, number: int) -> tuple[int, int]:
-        """Sequence number and host time, ns, of a sample still held; raises IndexError for any other."""
+        """Sequence number and host time, ns since the Unix epoch, of the sample with this number in the buffer.
+
+        Raises IndexError if the buffer does not hold the sample.
+        """
         at = number - self._first
         if not self._begin <= at < self._end:
             raise IndexError(f"sample {number} is not in the buffer: {self._first + self._begin} to {self.end - 1} are")
         return self._places.item(at, SEQUENCE), self._places.item(at, HOST_NS)
 
     def forget(self, number: int) -> None:
-        """Drop the samples before this number."""
+        """Drop the samples whose number in the buffer is below `number`."""
         self._begin = max(self._begin, number - self._first)
 
     def _make_room(self, more: int) -> None:
@@ -154,5 +161,5 @@ class SampleBuffer:
 
 
 def known(celsius: float) -> float | None:
-    """Temperature of a row, °C, as an optional: None for NaN."""
+    """Convert a temperature in °C of a row: NaN, which means unknown, becomes None."""
     return None if isnan(celsius) else celsius

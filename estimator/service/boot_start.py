@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 
 
 class Boots:
-    """Starts boots of the roster's devices from stored and replicated knowledge."""
+    """Starter of device boots from stored knowledge and from other estimators' checkpoints."""
 
     def __init__(self, parts: Parts) -> None:
         self._devices, self._record, self._guarded = parts.devices, parts.record, parts.guarded
@@ -30,10 +30,11 @@ class Boots:
         self.treatment = treatment(parts.settings)
 
     def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
-        """Begin a boot from the first batch, with what is known of the boot and a prior from earlier boots.
+        """Begin a boot from the first batch, with what is known of the boot, or with an earlier boot's calibration.
 
         same: False if another power-up used this boot number before. Then a remembered calibration serves only as a
-        prior.
+        prior (scale factors to start from). Returns what the start led to, for `Outcomes.tell`: log lines and messages
+        to publish.
         """
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
         device.use(self.knobs(device.name, batch.bridge))
@@ -69,7 +70,10 @@ class Boots:
         return outcome
 
     def knobs(self, device: str, bridge: str) -> SessionKnobs:
-        """Settings of a device; where the ward file tells no model, of the one that the device states through this bridge."""
+        """Session settings of a device, for samples from this bridge.
+
+        The sensor model is the ward file's; where the file names none, it is the one that the device states.
+        """
         info = self._devices.info(bridge, device)
         return self.treatment.of(device, info.model if info else "")
 
@@ -84,9 +88,10 @@ class Boots:
         return kept[: kept.index(boot)] if kept is not None and boot in kept else kept
 
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
-        """Apply a new device info from the owning bridge. before: the bridge's previous info of the device.
+        """Apply a new device info from the owning bridge. before: the bridge's previous info of the device, or None.
 
-        Calibrations that do not match the info are dropped. Returns None if the info changes nothing.
+        Calibrations that do not match the info are dropped, and a matching prior is looked up. Returns what changed,
+        for `Outcomes.tell`; None if neither boot nor restore key (model, firmware, range, rate) is new.
         """
         session = device.session
         session.info = info
@@ -112,7 +117,10 @@ class Boots:
         return outcome
 
     def resumed(self, device: Device) -> Outcome | None:
-        """Apply the device info to a session taken over from another estimator, if an info of this boot is known."""
+        """Apply the latest device info to a session that continues from a checkpoint.
+
+        Returns what changed, for `Outcomes.tell`; None if nothing changed or no info of this boot is known.
+        """
         info = self._devices.info(device.admission.owner, device.name)
         device.session.sequence.recall(partial(self._before, device.name, device.session.boot or 0))
         return None if info is None or info.boot != device.session.boot else self.introduced(device, info, None)

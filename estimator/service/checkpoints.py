@@ -16,7 +16,10 @@ Answers = tuple[tuple[str, CommandReply], ...]
 
 
 def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkpoint | None:
-    """Checkpoint of a device for the other estimators, with its last command replies; None before its first boot."""
+    """Make the checkpoint of a device: all that another estimator needs to continue it. None before its first boot.
+
+    time_ns: host time, ns since the Unix epoch. answers: the device's last command replies, with their verbs.
+    """
     session = device.session
     if session.boot is None:
         return None
@@ -40,13 +43,13 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
 
 
 def calibrated(checkpoint: Checkpoint) -> Calibration | None:
-    """The checkpoint's calibration if made in the checkpoint's own boot, else None."""
+    """The checkpoint's calibration if it was made in the checkpoint's own boot, else None."""
     used = checkpoint.calibration
     return used if used is not None and used.boot == checkpoint.boot else None
 
 
 class Checkpoints:
-    """Latest checkpoint and last command replies of each device, from any estimator; bounded number of devices."""
+    """Latest checkpoint and last command replies of each device, from any estimator. devices: most devices kept."""
 
     def __init__(self, devices: int) -> None:
         self._room = devices
@@ -54,7 +57,10 @@ class Checkpoints:
         self._answers: dict[str, Answers] = {}
 
     def note(self, checkpoint: Checkpoint) -> None:
-        """Keep a checkpoint unless one of a higher epoch is known; checkpoints of one epoch arrive in order."""
+        """Keep a checkpoint unless one of a higher epoch is known; checkpoints of one epoch arrive in order.
+
+        The calibration of an older-epoch checkpoint is kept if the known checkpoint of the same boot has none.
+        """
         self.answer(checkpoint.device, checkpoint.answers)
         known = self._latest.get(checkpoint.device)
         if known is not None and checkpoint.epoch < known.epoch:
@@ -72,7 +78,7 @@ class Checkpoints:
         return iter(self._latest.values())
 
     def answer(self, device: str, given: Answers) -> None:
-        """Remember replies given to commands for a device."""
+        """Remember replies given to commands for a device: pairs of verb and reply. The last few are kept."""
         if given:
             known = self._answers.pop(device, ())
             self._answers[device] = (*(one for one in known if one not in given), *given)[-MAX_ANSWERS:]
@@ -80,34 +86,43 @@ class Checkpoints:
                 del self._answers[next(iter(self._answers))]
 
     def answers(self, device: str) -> Answers:
-        """The last command replies of a device, oldest first."""
+        """The last command replies of a device with their verbs, oldest first; empty if there are none."""
         return self._answers.get(device, ())
 
     def of(self, device: str) -> Checkpoint | None:
-        """Latest checkpoint of a device, or None."""
+        """Latest known checkpoint of a device, from any estimator, or None."""
         return self._latest.get(device)
 
     def lately_from(self, device: str, now_ns: int) -> str:
-        """Bridge of a checkpoint no older than LATELY_NS, else empty: a device silent for longer may be anywhere."""
+        """Bridge named by a device's latest checkpoint, if that is no older than LATELY_NS at now_ns; else empty.
+
+        A device silent for longer may be anywhere.
+        """
         known = self._latest.get(device)
         return known.bridge if known is not None and abs(now_ns - known.time_ns) <= LATELY_NS else ""
 
     def calibration(self, device: str, boot: int) -> Calibration | None:
-        """Calibration of exactly this boot from the latest checkpoint, or None."""
+        """Calibration that the latest checkpoint of a device says was made in exactly this boot, or None."""
         known = self._latest.get(device)
         return None if known is None or known.boot != boot else calibrated(known)
 
     def repeated(self, device: str, boot: int) -> bool:
-        """Whether this boot has a number that another power-up used before, and is not calibrated yet."""
+        """Whether an earlier power-up had this boot number and the present one is not calibrated, by the checkpoint.
+
+        False without a checkpoint of this boot.
+        """
         known = self._latest.get(device)
         return known is not None and known.boot == boot and known.boot_repeated and not calibrated(known)
 
     def forget(self, device: str) -> None:
-        """Drop the checkpoint of a device that this estimator now knows better."""
+        """Drop the checkpoint of a device, because this estimator now knows better or the device is to be forgotten."""
         self._latest.pop(device, None)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
-        """Latest calibration of an earlier boot of the same hardware, or None."""
+        """Calibration of an earlier boot of the same hardware from the device's latest checkpoint, or None.
+
+        The restore key (device, model, firmware, range, mostly rate) must match `info`.
+        """
         known = self._latest.get(info.device)
         used = None if known is None else known.calibration
         if used is None or used.boot == info.boot or differing(restore_key(used), info):

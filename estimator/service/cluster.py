@@ -34,7 +34,9 @@ DOUBLE = "messages of another estimator with our id"
 class Cluster:
     """Membership, ownership and checkpoints of the ward's estimators, as seen from one of them.
 
-    peers: ids seen at the start. Runs on the service's own thread, except the handler of liveliness tokens.
+    own: id of this estimator. now_ns: the host's clock, ns since the Unix epoch. counts: the ward's counts.
+    peers: ids of other estimators seen at the start. Runs on the service's own thread, except the handler of liveliness
+    tokens.
     """
 
     def __init__(
@@ -77,16 +79,17 @@ class Cluster:
         self._load, self._load_since = 0.0, (now, time.process_time())
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close the subscriptions, the publisher and the watch of this object."""
         for thing in (self._watch, self._heard, self._kept, self._said):
             thing.close()
 
     # ---- what the others say ----------------------------------------------------------------------------------------
 
     def look(self, now: float, *, heard: bool) -> list[str]:
-        """Read the other estimators' messages, once a round; returns devices of ours that another estimator has taken.
+        """Read the other estimators' messages, once a round; returns ids of our devices that another estimator took.
 
-        heard: whether samples arrived in this round. now: monotonic seconds.
+        now: monotonic seconds. heard: whether samples arrived in this round; while nothing at all arrives, the others'
+        silence is excused. Sets `came` and `calibrated`.
         """
         membership, self.came, self.calibrated = self.membership, False, []
         said = self._heard.drain(512, 0.0)
@@ -114,7 +117,10 @@ class Cluster:
         return list(lost)
 
     def look_round(self, now: float, devices: Collection[str]) -> None:
-        """Once a second: drop ownership of devices not in `devices`, and schedule a search for unowned devices."""
+        """Once a second: give up ownership of all devices but `devices`, and schedule a search for unowned devices.
+
+        now: monotonic seconds. The search is done by the next `take`.
+        """
         self.membership.keep(devices)
         if self.company and not self._bus.connected:  # alone, no other estimator takes what this one leaves
             self.membership.hold_off(now)
@@ -176,9 +182,10 @@ class Cluster:
     # ---- which devices are ours ---------------------------------------------------------------------------------------
 
     def take(self, others: Mapping[str, Sequence[Message]], now: float) -> dict[str, list[Message]]:
-        """Take the devices that belong to us now; returns each with its backlog of messages.
+        """Take ownership of the devices that belong to us now; returns each with its backlog of sample messages.
 
-        others: messages of this round, by device, of devices that we do not hold.
+        others: messages of this round, by device, of devices that we do not hold. now: monotonic seconds. Beside other
+        estimators at most TAKEN_AT_ONCE devices are taken at a time.
         """
         self.replay.tidy(now)
         wanted = [device for device in others if self.membership.wants(device, now)]
@@ -199,11 +206,17 @@ class Cluster:
         return self.replay.of(taken) if self.company else {device: list(others.get(device, ())) for device in taken}
 
     def epoch(self, device: str) -> int:
-        """Epoch under which we hold a device; takes the device if it is not held yet."""
+        """Epoch (number of the ownership, rising with each takeover) under which we hold a device.
+
+        Takes the device if it is not held yet.
+        """
         return self.membership.held.get(device) or self.membership.take(device, self._now_ns())
 
     def answers(self, key: keys.Key) -> bool:
-        """Whether this estimator is the one to answer a command: for a device of its own, or for itself."""
+        """Whether this estimator must answer a command, given the command's key.
+
+        It answers for the devices it holds, for unclaimed devices that belong to it, and for its own alerts.
+        """
         if key.ids["verb"] == "acknowledge" and key.device in self.membership.members:
             return key.device == self.membership.own
         return self.membership.answers(key.device)
@@ -211,7 +224,11 @@ class Cluster:
     # ---- what is said of ours -----------------------------------------------------------------------------------------
 
     def say(self, devices: dict[str, Device], now: float) -> None:
-        """Publish our devices when due. During a hold-off nothing is published, so that nobody waits for us."""
+        """Publish which devices this estimator owns, every SAY_S, or every SAY_ALONE_S without other estimators.
+
+        devices: our devices by id. now: monotonic seconds. During a hold-off (no takeovers after a start or an outage)
+        nothing is published, so that nobody waits for us.
+        """
         membership = self.membership
         if now < self._next_say or not membership.ready(now):
             return
@@ -239,7 +256,10 @@ class Cluster:
             self._said.put(payload)
 
     def tell(self, device: Device) -> None:
-        """Publish a device's checkpoint; when alone, keep it locally if another estimator had the device before."""
+        """Publish a device's checkpoint for the other estimators.
+
+        Without other estimators the checkpoint is only kept locally, and only if another one had the device before.
+        """
         alone = not self.company
         if alone and self.replicas.of(device.name) is None:
             return

@@ -25,7 +25,7 @@ REPEATED = "commands repeated"
 
 
 class CommandHandler:
-    """Executor of commands, on the service's own thread. Commands.work calls `do`."""
+    """Executor of commands, on the service's own thread. `Commands.work` calls `do` for each command."""
 
     def __init__(self, parts: Parts, gate: EnrolmentGate, watch: OwnAlerts, forgetting: Forgetting) -> None:
         self._watch, self._forgetting = watch, forgetting
@@ -33,7 +33,12 @@ class CommandHandler:
         self._guarded, self._counts, self._now_ns = parts.guarded, parts.counts, parts.now_ns
 
     def do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
-        """Execute a command unless it was executed before; `kept` is called once the outcome is on disk."""
+        """Execute a command and return the reply: accepted or refused, with a message.
+
+        key: names device and verb. kept() is called once the outcome is on disk, after half a second of a failing disk,
+        or at once if nothing is stored. A command that was executed before is not repeated: its earlier reply is
+        returned and counted.
+        """
         if (before := self._record.answered(key, command)) is not None:
             self._counts.add(REPEATED)
             kept()
@@ -89,7 +94,10 @@ class CommandHandler:
 
 
 def acknowledged(subject: str, seen: Sequence[Change]) -> Sentences:
-    """Reply to an acknowledgement: what was acknowledged."""
+    """Text of the reply to an acknowledgement: which alerts of the subject were acknowledged, or that there were none.
+
+    seen: the alerts that nobody had acknowledged before.
+    """
     if not seen:
         return (Code.NOTHING_TO_ACKNOWLEDGE(subject=subject),)
     return (Code.ACKNOWLEDGED(labels=", ".join(f"{subject}/{one.alert.kind}" for one in seen)),)

@@ -37,7 +37,8 @@ class _Asked(NamedTuple):
 class Commands:
     """Command queue between the bus and the service.
 
-    ours(key): whether this estimator answers the command. others: called with commands that another one answers.
+    ours(key): whether this estimator answers the command. counted(reason): called for each malformed or repeated
+    command. others(key): called for each command that another estimator answers.
     """
 
     def __init__(
@@ -53,14 +54,20 @@ class Commands:
         self._unkept = dict[Request, list[tuple[_Asked, bytes]]]()
 
     def ask(self, key: str, payload: bytes, reply: Reply) -> None:
-        """Queue a command, or refuse it when too many wait; called by the bus."""
+        """Queue a command, or refuse it when MOST commands wait; called on a thread of the bus.
+
+        reply(payload) is called once: with the encoded reply, or empty if another estimator answers.
+        """
         if len(self._waiting) >= MOST:
             _refuse(reply, "", Code.TOO_MANY_COMMANDS())
         else:
             self._waiting.append(_Asked(key, payload, reply, time.monotonic()))
 
     def work(self, do: Do) -> None:
-        """Execute queued commands; called by the service."""
+        """Execute the queued commands with `do` and send the replies; called on the service's thread.
+
+        Malformed commands, and those that waited longer than ANSWER_S, are refused.
+        """
         now = time.monotonic()
         while self._waiting:
             asked = self._waiting.popleft()

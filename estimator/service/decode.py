@@ -1,4 +1,4 @@
-"""Decode a round of sample messages into columns, all at once."""
+"""Decode the sample messages of one round of the run loop into columns, all at once."""
 
 from array import array
 from collections.abc import Sequence
@@ -29,7 +29,10 @@ _Read = tuple[str, str, int, int, int, int, float, float, bytes, bytes, bytes, b
 
 
 def decode(messages: Sequence[Message]) -> list[Samples | Refusal]:
-    """Decode sample messages in bulk into samples, or the refusal that `codec.decode_samples` would give."""
+    """Decode sample messages in bulk: returns for each message, in order, its samples or why it is refused.
+
+    The result is that of `codec.decode_samples`, which decodes one message; nothing is raised.
+    """
     read = [_read(*message) for message in messages]
     plain = iter(_columns([one for one in read if one is not None]))
     found = [None if one is None else next(plain) for one in read]

@@ -40,7 +40,11 @@ FORGET_ORIENTATION_S = 10
 
 
 class Device:
-    """Session and publishers of one device. After a failure in the session, `restart` begins a new one."""
+    """Session and publishers of one device. After a failure in the session, `restart` begins a new one.
+
+    silence_s: silence after which the device counts as lost, s. now: monotonic s. epoch: of this estimator's ownership.
+    began: device time at the start of the boot, s.
+    """
 
     def __init__(
         self,
@@ -97,16 +101,23 @@ class Device:
 
     @property
     def announced(self) -> bool:
-        """Whether the device's messages are published; a newcomer's are only once it has lived for NEWCOMER_S."""
+        """Whether the device's messages are published.
+
+        Those of a newcomer (a device that neither a list nor the store knows) are only once it has lived for
+        NEWCOMER_S.
+        """
         return not self._gone and not self.announced_after_s
 
     @property
     def worthless(self) -> bool:
-        """Whether the device can be forgotten without loss: it has neither calibration nor prior."""
+        """Whether the device can be forgotten without loss: no calibration is known, of this boot or an earlier one."""
         return self.session.calibration is None and self.session.prior is None
 
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
-        """Publish corrected samples, or keep them: of a newcomer, and while their calibration waits to be stored."""
+        """Publish corrected samples, or hold them while the device is not announced or their calibration not stored.
+
+        cut: which samples of which message, and their correction. rates: the corrected rates, rad/s.
+        """
         if (correction := cut.correction) is not self._correction:
             self._correction = correction
             self._encoder.corrected_by(correction.quality, correction.calibration, correction.told._asdict())
@@ -120,13 +131,13 @@ class Device:
             self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
 
     def say_windows(self, batch: WindowBatch) -> None:
-        """Publish window summaries, if they fit the wire's limits."""
+        """Publish window summaries for viewers; does nothing if a number is outside the wire's limits."""
         fit = output.windows(batch)
         if fit is not None:
             self._say("@windowed", codec.encode_windows(fit))
 
     def say_orientation(self, one: OrientedCut) -> None:
-        """Publish the orientation of corrected samples."""
+        """Publish the attitudes of corrected samples, if somebody subscribes to orientation."""
         if self._unwanted_s:
             return
         cut, (quat_wxyz, accel, cov), zero = one
@@ -136,7 +147,7 @@ class Device:
         self._say("orientation", payload)
 
     def look_round(self) -> None:
-        """Once a second: make window summaries and orientation only while somebody subscribes to them."""
+        """Once a second: switch window summaries and orientation on or off, by whether somebody subscribes to them."""
         oriented = self._is_wanted("orientation")
         self._unwanted_s = 0 if oriented else self._unwanted_s + 1
         if oriented and self.session.attitude is None:
@@ -146,11 +157,15 @@ class Device:
         self.session.windowed = self._is_wanted("@windowed")
 
     def stands(self, standing: Iterable[Alert], now: float) -> None:
-        """Go on with alerts that were raised before. now: monotonic s."""
+        """Replace the alert board by one with these alerts, raised before a restart or a takeover. now: monotonic s."""
         self.board = Board(self._alerts, standing, now)
 
     def look_for_alerts(self, now: float, time_ns: int) -> list[Change]:
-        """Alerts raised and cleared now; unchanged for a newcomer, and where the state is unknown."""
+        """Raise and clear the device's alerts; returns the changes.
+
+        now: monotonic s. time_ns: host time, ns since the Unix epoch. Empty while the device is not announced, or its
+        state is unknown.
+        """
         if not self.announced or self.session.life.state is State.UNKNOWN:
             return []
         return self.board.look(
@@ -158,23 +173,32 @@ class Device:
         )
 
     def say_status(self, time_ns: int) -> None:
-        """Publish the present status, unless a calibration still waits to be stored."""
+        """Publish the present status, unless a calibration still waits to be stored; it is kept in `latest`.
+
+        time_ns: host time, ns since the Unix epoch.
+        """
         if not self._unsaid:
             self.latest = self.status(time_ns)
             self._say("status", codec.encode_status(self.latest))
             self._say_known()
 
     def say_calibration(self, calibration: str, payload: bytes) -> None:
-        """Publish an encoded calibration with this id."""
+        """Publish an encoded calibration. calibration: its id."""
         self._told = calibration
         self._say("calibration", payload)
 
     def hold(self, calibration: str, payload: bytes) -> None:
-        """Hold back rates corrected by this calibration until it is stored: nobody could look it up before."""
+        """Hold back corrected rates until a calibration is stored, since nobody could look it up before.
+
+        calibration: its id. payload: the encoded calibration, published by `let_go`.
+        """
         self._unsaid[calibration] = payload
 
     def let_go(self, calibration: str) -> bool:
-        """Publish a held calibration and the rates that waited for it; returns whether it was held."""
+        """Publish a calibration held back by `hold`, then the rates that waited for it.
+
+        Returns whether a calibration of this id was held.
+        """
         payload = self._unsaid.pop(calibration, None)
         if payload is None:
             return False
@@ -194,7 +218,7 @@ class Device:
             self.let_go(calibration)
 
     def say_checkpoint(self, payload: bytes) -> None:
-        """Publish an encoded checkpoint for the other estimators."""
+        """Publish an encoded checkpoint of this device for the other estimators."""
         self._say("checkpoint", payload)
 
     def _say_known(self) -> None:
@@ -204,18 +228,21 @@ class Device:
             self.say_calibration(known.id, codec.encode_calibration(replace(known, epoch=self.epoch)))
 
     def say_revision(self, revision: BiasRevision) -> None:
-        """Publish a revision of the past bias, if any of it fits the wire's limits."""
+        """Publish a revision of the past bias; does nothing if too few of its points fit the wire's limits."""
         fit = output.revision(revision)
         if fit is not None:
             self._say("revision", codec.encode_revision(fit))
 
     def say_note(self, time_ns: int, who: str, text: str) -> None:
-        """Publish a person's note on the device."""
+        """Publish a person's note on the device. time_ns: host time, ns since the Unix epoch."""
         note = Note(self.name, self.session.boot or 0, time_ns, who, text)
         self._say("note", codec.encode_note(note))
 
     def status(self, time_ns: int) -> Status:
-        """The complete status, within the wire's limits."""
+        """Make the complete status of the device, every number within the wire's limits.
+
+        time_ns: host time, ns since the Unix epoch.
+        """
         more = [(OVERLOADED, self.overloaded_s)] if self.overloaded_s else []
         more += [(UNKEPT, 1)] if self.unkept else []
         now = time.monotonic()
@@ -238,25 +265,31 @@ class Device:
         return math.nan if delay_s is None else delay_s
 
     def use(self, knobs: SessionKnobs, alerts: Alerts | None = None) -> None:
-        """Use other settings: of alerts at once, of the session from the next boot or calibration on."""
+        """Use other settings: of alerts at once, of the session from the next boot or calibration on.
+
+        alerts: None to keep the present ones.
+        """
         self._knobs = self.session.knobs = knobs
         self._alerts = self.board.settings = alerts or self._alerts
 
     @property
     def ended(self) -> bool:
-        """Whether the device is meant to send no more."""
+        """Whether the device is away and meant to send no more, such as after the end of a recording."""
         return self.session.life.away and ended(self.session.life.reason)
 
     def restart(self) -> None:
-        """Start a new session without a boot; the next batch in sequence, or a later one, begins it.
+        """Start a new session without a boot, after a failure; the next batch in sequence, or a later one, begins it.
 
-        Samples that came and were not published are dropped.
+        Samples that came and were not published are counted as dropped.
         """
         sequence = self.admission.restart(self.came, self.told, self.session.last_heard_ns)
         self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
     def take_over(self, known: Checkpoint) -> None:
-        """Continue from a checkpoint. Raises ValueError where its state is invalid; the device is then unchanged."""
+        """Continue the session from a checkpoint.
+
+        Raises ValueError where the checkpoint's state is invalid; the device is then unchanged.
+        """
         self.session = DeviceSession.restored(
             known.state, known.calibration, self.name, self._knobs, self.admission.sequence
         )
@@ -264,7 +297,10 @@ class Device:
         self.admission.go_on(self.session.last_heard_ns)
 
     def leave(self) -> list[Publisher]:
-        """Withdraw the publishers of a device lost to another estimator; returns those kept for late queries."""
+        """Close the publishers of a device lost to another estimator, except those that late queries may ask.
+
+        Returns the publishers left open; the caller closes them later.
+        """
         self._say_unsaid()
         kept = [self._publishers.pop(what) for what in _ASKED_FOR if what in self._publishers]
         self.close()
@@ -272,7 +308,7 @@ class Device:
         return kept
 
     def close(self) -> None:
-        """Close all publishers."""
+        """Publish what still waits for the disk, and close all publishers."""
         self._say_unsaid()
         for publisher in self._publishers.values():
             publisher.close()

@@ -19,7 +19,10 @@ SILENT = (Code.NO_SAMPLES_SINCE_TAKEOVER(),)
 
 
 class DeviceLoss:
-    """Detector of lost devices. Times are monotonic seconds. waiting: keys of devices with unhandled messages."""
+    """Detector of lost devices: those without a usable sample for silence_s seconds.
+
+    waiting: bus keys of devices with messages not handled yet; such a device is not lost.
+    """
 
     def __init__(
         self,
@@ -33,7 +36,10 @@ class DeviceLoss:
         self._presence, self._gate, self._waiting, self._silence_s = presence, gate, waiting, silence_s
 
     def look(self, device: Device, now: float) -> None:
-        """Check one device, once a second; marks its session as lost when it has been silent too long."""
+        """Check one device, once a second, at `now`, monotonic seconds; marks its session as lost after a long silence.
+
+        A device whose live bridge has withdrawn it is lost after SETTLED_S already. The reason is found and logged.
+        """
         silent_s = now - device.heard
         if silent_s <= min(self._silence_s, SETTLED_S) or device.key in self._waiting:
             return

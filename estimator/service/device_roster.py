@@ -12,6 +12,7 @@ from estimator.service.device import Device
 
 log = logging.getLogger(__name__)
 
+#: most devices of one estimator
 MAX_DEVICES = 4096
 _AT_ONCE = 64
 #: a device that ended is forgotten after this time, s
@@ -23,7 +24,10 @@ TOO_MANY = "samples refused, too many devices"
 
 
 class DeviceRoster(dict[str, Device]):
-    """Devices by name, and the latest info that each bridge sent of each device."""
+    """Known devices by id, at most MAX_DEVICES, and the latest info that each bridge sent of each device.
+
+    counts: the ward's counts. silence_s: silence, s, after which an uncalibrated device may make room for another.
+    """
 
     def __init__(self, counts: Tally, silence_s: float) -> None:
         super().__init__()
@@ -31,7 +35,10 @@ class DeviceRoster(dict[str, Device]):
         self._infos: dict[tuple[str, str], DeviceInfo] = {}
 
     def room(self, now: float, samples: int) -> bool:
-        """Whether one more device fits at `now`, monotonic seconds; if not, its samples are counted as refused."""
+        """Whether one more device fits at `now`, monotonic seconds; forgets silent uncalibrated devices if necessary.
+
+        samples: number of samples to count as refused if there is no room.
+        """
         if len(self) < MAX_DEVICES or self.forget(now, self._silence_s):
             return True
         if self._counts.add(TOO_MANY, samples) == samples:
@@ -42,7 +49,7 @@ class DeviceRoster(dict[str, Device]):
         return False
 
     def info(self, bridge: str, device: str) -> DeviceInfo | None:
-        """Latest info that a bridge sent of a device, or None."""
+        """Latest info (identity and settings) that a bridge sent of a device, or None."""
         return self._infos.get((bridge, device))
 
     def note(self, info: DeviceInfo) -> None:
@@ -62,11 +69,14 @@ class DeviceRoster(dict[str, Device]):
         return device in self and self[device].admission.owner == bridge
 
     def proven(self, name: str) -> bool:
-        """Whether a device is known and has a calibration or a prior."""
+        """Whether a device is known and has a calibration, of this boot or an earlier one."""
         return name in self and not self[name].worthless
 
     def forget(self, now: float, silent_s: float) -> bool:
-        """Forget uncalibrated devices silent for over silent_s, the longest silent first; returns whether any was."""
+        """Forget uncalibrated devices silent for over silent_s seconds, the longest silent first, up to 64 per call.
+
+        now: monotonic seconds. Returns whether any device was forgotten.
+        """
         gone = [d for d in self.values() if d.worthless and now - d.heard > silent_s]
         for device in nsmallest(_AT_ONCE, gone, key=lambda d: d.heard):
             del self[device.name]
@@ -75,7 +85,10 @@ class DeviceRoster(dict[str, Device]):
         return bool(gone)
 
     def listed_by(self, device: str, alive: Callable[[str], bool]) -> str:
-        """A living bridge whose latest infos include the device; empty if there is none. alive: whether a bridge is alive."""
+        """Id of a living bridge whose latest infos include the device; empty if there is none.
+
+        alive(bridge): whether a bridge is alive.
+        """
         latest = Counter[str]()
         for (bridge, _), info in self._infos.items():
             latest[bridge] = max(latest[bridge], info.time_ns)
@@ -86,5 +99,5 @@ class DeviceRoster(dict[str, Device]):
         return ""
 
     def over(self, now: float) -> list[Device]:
-        """Devices that ended long ago."""
+        """Devices meant to send no more that have been silent for over ENDED_S at `now`, monotonic seconds."""
         return [device for device in self.values() if device.ended and now - device.heard > ENDED_S]

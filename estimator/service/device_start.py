@@ -22,9 +22,10 @@ log = logging.getLogger(__name__)
 
 
 class DeviceStarts:
-    """Puts devices into the roster.
+    """Starter of devices: creates them and puts them into the roster.
 
-    resumed: what was reached before a restart. tell: reports a session's outcome. listed: a `[devices]` list names all devices.
+    resumed: progress before a restart. tell(device, outcome): reports what a start led to. listed: whether a
+    `[devices]` table of the ward file names all devices.
     """
 
     def __init__(
@@ -44,7 +45,7 @@ class DeviceStarts:
         self._last_run = parts.record.last_run()
 
     def use(self, settings: Estimator, alerts: Alerts) -> None:
-        """Use other settings: placements and alerts at once, those of a session from its next boot or calibration on."""
+        """Use changed settings: placements and alerts at once, a session's from its next boot or calibration on."""
         moved = settings.placements != self._settings.placements
         self._settings, self._alerts, self._boots.treatment = settings, alerts, treatment(settings)
         for device in self._parts.devices.values():
@@ -53,10 +54,10 @@ class DeviceStarts:
                 device.placement = self._worn(device.name)
 
     def begin(self, batch: Samples, now: float) -> Device | None:
-        """Create a device from its first batch; None where there is no room.
+        """Create a device from its first batch, at `now`, monotonic s; None where the roster has no room.
 
-        The bridge known to another estimator, or from before a restart, becomes the owner. A boot stopped in order is
-        resumed.
+        The bridge known to another estimator, or from before a restart, becomes the owner. A boot that this estimator
+        saved at an orderly stop is resumed.
         """
         devices, cluster = self._parts.devices, self._parts.cluster
         if not devices.room(now, batch.n):
@@ -72,7 +73,11 @@ class DeviceStarts:
         return device
 
     def take_over(self, name: str, now: float) -> Device | None:
-        """Take over a device from its checkpoint; without a usable one it starts with its first sample, and is None."""
+        """Continue a device from another estimator's checkpoint, at `now`, monotonic s.
+
+        Without a usable checkpoint or room the device is not created: it starts with its first sample. Returns the
+        device of this name in the roster, or None.
+        """
         devices, known = self._parts.devices, self._parts.cluster.replicas.of(name)
         if known is None or not known.state or not devices.room(now, 0):
             return devices.get(name)
@@ -86,9 +91,9 @@ class DeviceStarts:
         return devices.get(name)
 
     def miss(self, now: float, wanted: Callable[[str], bool]) -> None:
-        """Put the devices of the last run that are not heard since into the roster, so that they count as lost.
+        """Add devices of the last run that were not heard since the start to the roster, so that they count as lost.
 
-        wanted: whether a device is to be served.
+        now: monotonic s. wanted(device): whether a device is to be served.
         """
         devices, cluster, record = self._parts.devices, self._parts.cluster, self._parts.record
         for name, (boot, seen_ns, bridge) in self._last_run.items():
@@ -105,7 +110,11 @@ class DeviceStarts:
         self._last_run = {}
 
     def adopt(self, known: Checkpoint) -> None:
-        """Adopt a calibration that another estimator made during a network partition, so that no turns are repeated."""
+        """Adopt a calibration that another estimator made during a network partition, so that no turns are repeated.
+
+        Does nothing if the device is unknown, in another boot, calibrated already, or no longer matches the
+        calibration.
+        """
         device, calibration = self._parts.devices.get(known.device), calibrated(known)
         if device is None or calibration is None:
             return

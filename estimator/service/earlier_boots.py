@@ -30,9 +30,9 @@ AHEAD_S = 60.0
 
 
 class EarlierBoots:
-    """Lookup of a device's earlier boots.
+    """Lookup of a device's earlier boots, in the store and in other estimators' checkpoints.
 
-    pending: returns the calibrations of a device that are not on disk yet.
+    clerk: the store's thread. now_ns: the host's clock. pending(device): calibrations of a device not on disk yet.
     """
 
     def __init__(
@@ -47,7 +47,11 @@ class EarlierBoots:
         self._now_ns, self._pending = now_ns, pending
 
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
-        """Latest calibration of the same hardware in an earlier boot, on disk or still pending, or None."""
+        """Latest calibration of the same hardware in an earlier boot, on disk or still to be written, or None.
+
+        info: the present boot; device, model, firmware, range and mostly rate must match. A calibration dated in the
+        future is logged.
+        """
         for pending in reversed(self._pending(device.name)):
             if pending.boot != info.boot and not differing(restore_key(pending), info):
                 return pending
@@ -66,20 +70,24 @@ class EarlierBoots:
         return c
 
     def scratch(self, info: DeviceInfo) -> Sentences:
-        """Why no stored calibration of this device applies; empty where none is stored."""
+        """Reasons why this device's latest stored calibration does not apply; empty where it does or none exists."""
         latest = self._store.latest(info.device)
         return () if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
 
     def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw], None]) -> None:
-        """Learn the temperature law from earlier boots of the same hardware and pass it to `then`, if there is one.
+        """Learn the temperature law (bias against temperature) from earlier boots of the same hardware.
 
-        Runs on the store's thread, since learning takes as long as correcting many samples.
+        Calls then(law) if there is one. Learning runs on the store's thread, since it takes as long as correcting many
+        samples; `then` runs on the service's thread.
         """
         knobs = session.knobs.track.bias
         self._look_up(lambda: learn(self._store.points(info), knobs), then)
 
     def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
-        """Compute how far the scale factor changed from boot to boot of the same hardware, and pass it to `then`."""
+        """Compute the relative standard deviation of the scale factors from boot to boot of the same hardware.
+
+        Calls then(std) on the service's thread. The store is read on its own thread.
+        """
 
         def moved() -> float:
             return repeatability([np.diag(c.matrix) for c in self._store.earlier(info)], session.knobs.prior)
@@ -97,6 +105,9 @@ class EarlierBoots:
         self._clerk.look_up(lambda: found.append(what()), looked_up)
 
     def past(self, device: str) -> list[int] | None:
-        """Boots of a device heard before this estimator started, oldest first; None where the store cannot be read."""
+        """Numbers of the boots of a device heard before this estimator started, oldest first, at most BOOTS_KNOWN.
+
+        None where the store cannot be read.
+        """
         boots = self._store.boots(device, BOOTS_KNOWN)
         return None if self._store.database.trouble and not boots else boots

@@ -33,7 +33,10 @@ _CHANGED = (0, 0, 0)
 
 @dataclass(slots=True)
 class Stranger:
-    """A device that is not enrolled, or is enrolled with another bridge than the one that sends it."""
+    """A device that is not enrolled, or is enrolled with another bridge than the one that sends it.
+
+    messages: number of refused messages. heard: time of the last one, monotonic s.
+    """
 
     bridge: str
     messages: int
@@ -41,7 +44,10 @@ class Stranger:
 
 
 class EnrolmentGate:
-    """Filter for messages by enrolment; `strangers` lists some refused devices. Without enrolment all are admitted."""
+    """Filter for messages by enrolment; `strangers` lists some refused devices by id.
+
+    enrolment: the `[devices]` table of the ward file; None admits every device.
+    """
 
     def __init__(self, enrolment: Enrolment | None, counts: Tally) -> None:
         self._enrolment, self._counts = enrolment, counts
@@ -51,7 +57,10 @@ class EnrolmentGate:
         self.strangers: dict[str, Stranger] = {}
 
     def look(self, now: float) -> None:
-        """Once a second: reload the enrolment file if it changed, and drop strangers no longer heard."""
+        """Once a second, at `now` monotonic s: reload a changed list of enrolled devices, and drop silent strangers.
+
+        An unreadable or emptied file is logged, and the list stays as it was.
+        """
         gone = [name for name, stranger in self.strangers.items() if now - stranger.heard > LISTED_S]
         for name in {*gone, *(self.strangers.keys() & self._heard)}:
             del self.strangers[name]
@@ -77,16 +86,19 @@ class EnrolmentGate:
             del self.strangers[name]
 
     def lists(self, device: str) -> bool:
-        """Whether a device is enrolled by name."""
+        """Whether a device is enrolled by its id."""
         return device in self._places
 
     def enrol(self, enrolment: Enrolment) -> None:
-        """Use the changed table of enrolled devices from the next look on. There must have been a table before."""
+        """Use a changed `[devices]` table from the next `look` on; does nothing if there was no table before."""
         if self._enrolment is not None and enrolment != self._enrolment:
             self._enrolment, self._stamp = enrolment, _CHANGED
 
     def why(self, device: str, bridge: str = "") -> Sentences:
-        """Why a device sent by this bridge is refused; empty where it would be admitted."""
+        """Reasons why a device sent by this bridge is refused; empty where it would be admitted.
+
+        bridge: empty for any bridge.
+        """
         place = self._places.get(device)
         if place and bridge and place != bridge:
             return (Code.ENROLLED_ELSEWHERE(place=place, bridge=bridge),)
@@ -95,7 +107,10 @@ class EnrolmentGate:
         return (Code.NOT_ENROLLED(),)
 
     def admits(self, bridge: str, device: str, now: float) -> bool:
-        """Whether a message is admitted; a refused one is counted, and its device may be listed."""
+        """Whether a message of a device from this bridge is admitted, at `now`, monotonic s.
+
+        A refused message is counted, and its device may be listed in `strangers`.
+        """
         if self._enrolment is None:
             return True
         place = self._places.get(device)
@@ -126,7 +141,7 @@ class EnrolmentGate:
 
 
 class Notices:
-    """Publishes a status for each stranger, so that strangers appear in every list of devices."""
+    """Publisher of a status for each refused device (stranger), so that strangers appear in every list of devices."""
 
     def __init__(self, bus: Bus, ward: str, gate: EnrolmentGate) -> None:
         self._bus, self._ward, self._gate = bus, ward, gate
@@ -134,7 +149,10 @@ class Notices:
         self._publishers: dict[str, Publisher] = {}
 
     def say(self, time_ns: int, known: Container[str]) -> None:
-        """Publish the strangers' statuses, once a second; devices in `known` have a status already."""
+        """Publish the strangers' statuses, once a second; devices in `known` have a status already.
+
+        time_ns: host time, ns since the Unix epoch.
+        """
         for name in self._publishers.keys() - self._gate.strangers.keys():
             self._publishers.pop(name).close()
         for name, stranger in self._gate.strangers.items():
@@ -154,7 +172,7 @@ class Notices:
             self._publishers[name].put(codec.encode_status(said))
 
     def close(self) -> None:
-        """Close the publishers."""
+        """Close the publishers of the strangers' statuses."""
         for publisher in self._publishers.values():
             publisher.close()
         self._publishers.clear()

@@ -30,7 +30,7 @@ REFUSED = "messages refused, too many new devices"
 
 
 class Newcomers:
-    """Filter that admits known devices and a bounded number of new ones.
+    """Filter that admits known devices and a bounded number of new, uncalibrated ones.
 
     exempt(device): whether a device is admitted regardless of numbers, because it is known or was calibrated before.
     """
@@ -43,7 +43,10 @@ class Newcomers:
         self._tokens, self._refilled_s = AT_ONCE, float("-inf")
 
     def admits(self, bridge: str, device: str, now: float) -> bool:
-        """Whether a device is admitted from a bridge; a refusal is counted. now: monotonic s."""
+        """Whether a device is admitted from a bridge; a refusal is counted. now: monotonic s.
+
+        A new device then counts against the limits until it is calibrated or forgotten.
+        """
         if (bridge, device) in self._probation or self._exempt(device):
             return True
         if not self._room(bridge, now):
@@ -53,7 +56,10 @@ class Newcomers:
         return True
 
     def look(self, now: float, *, kept: Callable[[str], bool], proven: Callable[[str], bool]) -> None:
-        """Once a second: end the probation of devices that are proven or no longer kept."""
+        """Once a second, at `now` monotonic s: stop counting calibrated and forgotten devices against the limits.
+
+        kept(device): whether the device is still in the roster. proven(device): whether it has a calibration.
+        """
         for (bridge, device), since in list(self._probation.items()):
             if (now - since > FORGET_S and not kept(device)) or proven(device):
                 del self._probation[bridge, device]
@@ -78,8 +84,9 @@ class Newcomers:
 
 
 class Entrance:
-    """Sorts messages by owner of their device. A key is judged once, and anew after `look`, once a second.
+    """Sorter of sample messages by the owner of their device.
 
+    Whether a bus key is admitted is remembered until `look`, once a second.
     newcomers: bounds new devices where no `[devices]` list names the ward's devices; None where one does.
     """
 
@@ -89,13 +96,14 @@ class Entrance:
         self._admitted: dict[str, str] = {}
 
     def enrolled(self, messages: Sequence[Message], now: float) -> list[Message]:
-        """Messages of enrolled devices, and those with malformed keys; the gate counts the others. now: monotonic s."""
+        """Messages of enrolled devices, and those with malformed keys; the others are counted. now: monotonic s."""
         return [one for one in messages if not all(ids := _ids(one.key)) or self._gate.admits(*ids, now)]
 
     def sort(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
-        """Messages of our devices, and messages of admitted devices that we do not hold, by device. now: monotonic s.
+        """Split messages: those of our devices, and by device those of admitted devices that we do not hold.
 
-        Beside other estimators all of them are kept for replay. Messages of refused devices are counted.
+        now: monotonic s. Beside other estimators, messages of both kinds are kept for a takeover. Messages of refused
+        devices are counted.
         """
         held, replay = self._cluster.membership.held, self._cluster.replay if self._cluster.company else None
         ours, others = list[Message](), dict[str, list[Message]]()
@@ -112,7 +120,7 @@ class Entrance:
         return ours, others
 
     def look(self, now: float, devices: DeviceRoster) -> None:
-        """Once a second: reload enrolment, forget silent new devices, and judge every key anew."""
+        """Once a second, at `now` monotonic s: reload enrolment, forget silent new devices, judge all keys anew."""
         self._gate.look(now)
         if self.newcomers is not None:
             devices.forget(now, FORGET_S)

@@ -12,11 +12,12 @@ Ts = TypeVarTuple("Ts")
 
 log = logging.getLogger(__name__)
 
+#: event of a device whose session ended by an error
 FAILED = "session failed"
 
 
 class FaultIsolation:
-    """Runs work of one device and contains its exceptions, except BusError. `counts` are the ward's."""
+    """Runs work of one device and contains its exceptions, except BusError. counts: the ward's counts."""
 
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
@@ -33,8 +34,8 @@ class FaultIsolation:
     def failed(self, device: Device, error: Exception) -> None:
         """Restart the session of a device whose work failed, so that the other devices' service goes on.
 
-        Its samples that came and were not published are lost and counted. Raises BusError again, since a lost bus concerns
-        all devices.
+        The device's samples that came and were not published are lost and counted. Raises the error again if it is a
+        BusError, since a lost bus concerns all devices.
         """
         if isinstance(error, BusError):
             raise error

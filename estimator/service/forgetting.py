@@ -16,18 +16,22 @@ FORGET, ERASE = "forget", "erase"
 
 
 class Forgetting:
-    """Removes devices from this estimator's memory, from the pages, and from the store if asked to."""
+    """Remover of devices from this estimator's memory, from the pages, and from the store if asked to."""
 
     def __init__(self, parts: Parts, gate: EnrolmentGate, presence: Presence, checks: PeriodicChecks) -> None:
         self._parts, self._gate, self._presence, self._checks = parts, gate, presence, checks
 
     def look(self, now: float) -> None:
-        """Once a second: forget the devices that ended long ago; the store keeps what it knows of them."""
+        """Once a second, at `now` monotonic s: forget devices that ended long ago; the store keeps their entries."""
         for device in self._parts.devices.over(now):
             self._drop(device)
 
     def obey(self, name: str, verb: str, who: str) -> tuple[bool, Sentence]:
-        """Remove a device as a person asked; returns whether it was done, and what to say."""
+        """Remove a device because a person asked for it; returns whether that was done, and the text of the reply.
+
+        name: device id. verb: FORGET, or ERASE to delete its store entries too. who: the person. A device that still
+        sends or is still listed is not removed.
+        """
         device = self._parts.devices.get(name)
         if (refusal := self._refusal(name, device)) is not None:
             return False, refusal
@@ -39,7 +43,10 @@ class Forgetting:
         return True, Code.ERASED(who=who) if verb == ERASE else Code.FORGOTTEN(who=who)
 
     def overhear(self, key: keys.Key) -> None:
-        """Follow a command to another estimator, so that no copy of what it forgets comes back from here."""
+        """Follow a FORGET or ERASE command that another estimator answers, so that no copy of the device remains here.
+
+        key: of the command; names device and verb.
+        """
         verb = key.ids["verb"]
         if verb in (FORGET, ERASE) and self._refusal(key.device, self._parts.devices.get(key.device)) is None:
             self._clear(key.device, verb)

@@ -18,9 +18,11 @@ STUCK_S = 5.0
 
 
 class DeviceHealth(NamedTuple):
-    """Health of one device: status, mean NIS per degree of freedom, seconds from a sample's receipt to its publication.
+    """Health of one device for metrics and alerts.
 
-    violations: how often the conservation law was broken. needs_person: see `estimator.device.attention`.
+    status: the latest one published. nis: mean NIS per degree of freedom, about 1 for an honest filter. latency_s:
+    seconds from a sample's receipt to its publication, NaN if unknown. violations: how often received = corrected +
+    dropped did not hold. needs_person: whether a person has to do something. alerts: kinds of the standing alerts.
     """
 
     status: Status
@@ -33,7 +35,12 @@ class DeviceHealth(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Snapshot of the service's health. time_s is monotonic; busy is the working share of the loop's last second."""
+    """Snapshot of the service's health.
+
+    time_s: monotonic s. connected: to a router. store: why the store cannot be written, or empty. devices: by id.
+    violations: how often received = corrected + dropped did not hold. counts: refused and lost messages and samples, by
+    cause. busy: working share of the loop's last second, 0 to 1. alerts: kinds of the estimator's own standing alerts.
+    """
 
     time_s: float
     connected: bool
@@ -46,7 +53,10 @@ class Note:
 
 
 class ServiceHealth:
-    """Holder of the latest health snapshot. expects: the ward's file lists devices, so hearing none is a fault."""
+    """Holder of the latest health snapshot, and its answers for /metrics, /healthz and /readyz.
+
+    expects: the ward's file lists devices, so hearing none is a fault. clock: monotonic s.
+    """
 
     def __init__(
         self, *, expects: bool = False, clock: Callable[[], float] = time.monotonic, routers: Routers | None = None
@@ -57,21 +67,24 @@ class ServiceHealth:
         self._note: Note | None = None
 
     def note(self, note: Note) -> None:
-        """Replace the snapshot by one assignment, so that a reader sees either the old or the new one."""
+        """Replace the health snapshot by one assignment, so that a reader on any thread sees the old or the new one."""
         self._note = note
 
     @property
     def asked(self) -> HealthSource:
-        """Answers for a health server."""
+        """Callbacks for a health server: `families` for metrics, `sick` for /healthz, `unready` for /readyz."""
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Why the process is not alive; empty when it is. A process waiting for its first router is alive."""
+        """Reasons why the process is not alive: its loop is stuck. Empty when it is alive.
+
+        A process that waits for its first router is alive.
+        """
         age = 0.0 if self._note is None else self._clock() - self._note.time_s
         return [f"the service's loop has been stuck for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
-        """Why the service cannot do its work now; empty when ready."""
+        """Reasons why the service cannot do its work now, such as a missing router; empty when it can."""
         note = self._note
         if note is None:
             return ["no router yet", *self.routers.faults()]
@@ -88,7 +101,7 @@ class ServiceHealth:
         return why
 
     def families(self) -> Iterator[MetricFamily]:
-        """All metrics. Labels are devices of the roster, reasons and states, all bounded in number."""
+        """Yield all metrics of the service. Labels are device ids, reasons and states, all bounded in number."""
         yield from certificate(self.routers)
         note = self._note
         yield MetricFamily(

@@ -19,7 +19,11 @@ _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Biases:
-    """The bias of one boot: m points, time_ns (m,), bias (m, 3) rad/s and its std (m, 3), temperature_c (m,) or NaN."""
+    """The tracked bias of one boot at m points, oldest first.
+
+    time_ns (m,): host time, ns since the Unix epoch. bias (m, 3) rad/s and its standard deviation std (m, 3).
+    temperature_c (m,), NaN where unknown. boot: boot id as text.
+    """
 
     boot: str
     time_ns: NDArray[np.int64]
@@ -47,7 +51,11 @@ class History:
 
 
 def read(store: StoreReader, device: str, since_ns: int = 0) -> History:
-    """The history of a device from a time on (`since_ns`, host clock); raises StoreError."""
+    """Read the history of a device from the store: calibrations, boots, commands, biases and placements.
+
+    since_ns: start, ns since the Unix epoch by the host's clock; the placement that held then is included. Raises
+    StoreError.
+    """
     where, values, order = "device = ? AND time_ns >= ?", (device, since_ns), "time_ns, rowid"
     points: dict[str, list[Row]] = {}
     for row in store.database.rows("bias_history", where, values, order):
@@ -73,16 +81,19 @@ def _placements(store: StoreReader, device: str, since_ns: int) -> list[Placemen
 
 
 def ahead(found: History, now_ns: int) -> int:
-    """Count the records whose time lies ahead of now: the clock was wrong when they were written, or is wrong now."""
+    """Count the records of a history whose time lies after now_ns, ns since the Unix epoch.
+
+    A record from the future means that the clock was wrong when it was written, or is wrong now.
+    """
     times = [c.time_ns for c in found.calibrations] + [row["time_ns"] for row in (*found.boots, *found.commands)]
     times += [time_ns for of in found.biases for time_ns in of.time_ns.tolist()]
     return len([time_ns for time_ns in times if time_ns > now_ns])
 
 
 def since(text: str, now: datetime) -> datetime:
-    """Parse a start time: `7d`, `12h`, `30m` before now, or a date with or without a time, in this machine's zone.
+    """Parse a start time: `7d`, `12h`, `30m` before `now`, or a date with or without a time.
 
-    Raises ValueError, which says what is accepted.
+    A date without a zone is in this machine's zone. Raises ValueError, which says what is accepted.
     """
     if match := _SPAN.match(text.strip()):
         try:

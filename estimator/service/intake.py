@@ -1,4 +1,4 @@
-"""Sample intake: decode a round of messages, admit each batch in turn, correct all together, publish."""
+"""Sample intake: decode one round's messages, admit each batch in turn, correct all together, publish."""
 
 import logging
 import time
@@ -27,7 +27,10 @@ log = logging.getLogger(__name__)
 
 
 class Intake:
-    """Pipeline from the messages of the roster's devices to their publishers; other outcomes go to `tell`."""
+    """Pipeline from the sample messages of the roster's devices to their publishers.
+
+    tell(device, outcome): reports what samples led to besides corrected rates, such as calibrations.
+    """
 
     def __init__(
         self,
@@ -49,7 +52,10 @@ class Intake:
         self._unsaid: list[tuple[Device, Exception]] = []
 
     def take(self, messages: Sequence[Message]) -> None:
-        """Process a round of sample messages."""
+        """Decode, correct and publish the sample messages of one round of the run loop.
+
+        Refused messages are counted. A failure in one device's work restarts only that device's session.
+        """
         now, came = time.monotonic(), 0
         resumed = self._resumed.lasts(now)
         for message, samples in zip(messages, decode(messages), strict=True):
@@ -67,7 +73,10 @@ class Intake:
             self._guarded.failed(*self._unsaid.pop())
 
     def hear(self, message: Message) -> None:
-        """Process a bridge's device info message."""
+        """Process a bridge's device info message: keep the info, and apply it if it belongs to the present boot.
+
+        A calibration that the device made itself and states in the info is offered to its session.
+        """
         if (info := self._infos.take(message)) is None:
             return
         before = self._devices.info(info.bridge, info.device)

@@ -26,6 +26,7 @@ from bridge.wire.validation import MAX_EPOCH
 LEASE_S = 1.5
 #: nothing is taken over for this long after a start beside others, a router outage or our own pause, s
 HOLD_OFF_S = 2.0
+#: most other estimators remembered
 MAX_PEERS = 64
 
 _OWN_BITS = 16
@@ -34,7 +35,10 @@ BEYOND = MAX_EPOCH // 4
 
 
 def owner(device: str, estimators: Collection[str]) -> str:
-    """The estimator that owns a device, of at least one. When an estimator comes or goes only its devices move."""
+    """Id of the estimator that owns a device, of at least one estimator: the one with the highest rendezvous hash.
+
+    When an estimator comes or goes, only its devices move.
+    """
     return max(estimators, key=lambda name: (_weight(name, device), name))
 
 
@@ -46,7 +50,11 @@ def _weight(estimator: str, device: str) -> int:
 
 
 def epoch_after(highest: int, now_ns: int, estimator: str) -> int:
-    """Epoch of a takeover at now_ns, by a clock that may be wrong, when `highest` is the highest epoch heard of."""
+    """Epoch for a takeover: higher than `highest`, the highest epoch heard of, and no lower than the time now_ns.
+
+    now_ns: ns since the Unix epoch, by a clock that may be wrong. estimator: id whose hash forms the last bits, so that
+    two estimators hardly ever choose the same epoch.
+    """
     turn = max(highest >> _OWN_BITS, now_ns // 1_000_000) + 1
     own_bits = crc32(estimator.encode()) & ((1 << _OWN_BITS) - 1)
     return min(turn << _OWN_BITS | own_bits, MAX_EPOCH)
@@ -62,7 +70,10 @@ class _Peer:
 
 
 class Membership:
-    """One estimator's view of all estimators. peers: ids seen at the start; without any, there is no hold-off."""
+    """One estimator's view of all live estimators of its ward, and the devices it holds.
+
+    own: its id. peers: ids seen at the start; without any, there is no hold-off (time in which no device is taken).
+    """
 
     def __init__(self, own: str, peers: Collection[str] = (), now: float = 0.0) -> None:
         self.own = own
@@ -83,20 +94,23 @@ class Membership:
         return len(self.members) == 1
 
     def ready(self, now: float) -> bool:
-        """Whether the hold-off is over."""
+        """Whether devices may be taken now: the hold-off after a start, an outage or a pause is over."""
         return now >= self._ready_s
 
     def hold_off(self, now: float) -> None:
-        """Start a hold-off after a router outage or our own pause: no member is removed and no device taken."""
+        """Start a hold-off after a router outage or our own pause.
+
+        For HOLD_OFF_S after `now`, monotonic s, no member is removed and no device taken.
+        """
         self._ready_s = now + HOLD_OFF_S
 
     def excuse(self, seconds: float) -> None:
-        """Extend every lease by the time in which we could not listen."""
+        """Postpone, by the seconds in which we could not listen, when silent estimators count as dead."""
         for peer in self._peers.values():
             peer.heard_s += seconds
 
     def token(self, name: str, now: float, *, alive: bool) -> None:
-        """Take note that an estimator's liveliness token appeared or vanished."""
+        """Note that an estimator's liveliness token on the bus appeared (alive) or vanished."""
         peer = self._peers.get(name)
         if peer is not None:
             peer.token = alive
@@ -105,11 +119,14 @@ class Membership:
             self._peers[name] = _Peer(now - LEASE_S)
 
     def hear(self, *epochs: int) -> None:
-        """Take note of epochs; impossibly high ones are ignored, since no estimator could exceed them."""
+        """Raise `highest` to the highest of these epochs; impossibly high ones are ignored."""
         self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
 
     def said(self, owned: Owned, now: float) -> list[str]:
-        """Take note of another estimator's claims; returns those of our devices that it holds under a higher epoch."""
+        """Note an estimator's ownership message; returns those of our devices that it holds under a higher epoch.
+
+        now: monotonic s.
+        """
         if owned.estimator == self.own:
             return []
         if owned.estimator not in self._peers and len(self._peers) < MAX_PEERS:
@@ -125,7 +142,7 @@ class Membership:
         return [h.device for h in others if (h.epoch, owned.estimator) > (self.held[h.device], self.own)]
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
-        """Update the members; returns the ids that appeared and the ids that disappeared since the last call."""
+        """Update `members`; returns the ids that appeared and those that disappeared since the last call, sorted."""
         living = {name for name, peer in self._peers.items() if peer.token and now - peer.heard_s < LEASE_S}
         before, there = set(self.members), {self.own, *living}
         if not self.ready(now):
@@ -136,11 +153,15 @@ class Membership:
         return sorted(there - before), sorted(before - there)
 
     def owns(self, device: str) -> bool:
-        """Whether a device belongs to this estimator, given the live estimators."""
+        """Whether a device belongs to this estimator by its hash, given the live estimators; it may not hold it yet."""
         return owner(device, self.members) == self.own
 
     def wants(self, device: str, now: float) -> bool:
-        """Whether to take a device now: it is ours, and no other estimator is in a calibration that would lose turns."""
+        """Whether to take a device now: it belongs to us, we do not hold it, and no hold-off is running.
+
+        False while another estimator is in a calibration of the device that would lose its turns, and for a while after
+        we lost the device to a live estimator.
+        """
         if device in self.held or not self.ready(now) or not self.owns(device):
             return False
         until_s, taker = self._lost.get(device, (now, ""))
@@ -149,7 +170,11 @@ class Membership:
         return not any(claim.busy for claim in self._claims(device))
 
     def take(self, device: str, now_ns: int) -> int:
-        """Take a device and return its epoch. All devices taken before another estimator takes any share one epoch."""
+        """Take ownership of a device; returns the epoch (number of the ownership, higher than every one heard of).
+
+        now_ns: host time, ns since the Unix epoch. All devices taken before another estimator takes any share one
+        epoch.
+        """
         if not self._epoch or self.highest != self._epoch:
             self.highest = self._epoch = epoch_after(self.highest, now_ns, self.own)
         self._lost.pop(device, None)
@@ -157,18 +182,21 @@ class Membership:
         return self._epoch
 
     def lose(self, device: str, taker: str, now: float) -> None:
-        """Give up a device to `taker`. It is not taken back during the hold-off, so that it does not go to and fro."""
+        """Give up a device to the estimator `taker`.
+
+        The device is not taken back for HOLD_OFF_S, so that it does not go to and fro.
+        """
         self.held.pop(device, None)
         self._epoch = 0  # the next take uses a new epoch, also where both epochs were equal
         self._lost = {name: lost for name, lost in self._lost.items() if lost[0] > now}
         self._lost[device] = now + HOLD_OFF_S, taker
 
     def keep(self, devices: Collection[str]) -> None:
-        """Give up all held devices except these."""
+        """Give up all held devices except these ids."""
         self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
 
     def answers(self, device: str) -> bool:
-        """Whether this estimator answers for a device: it holds the device, or owns an unclaimed one."""
+        """Whether this estimator answers commands for a device: it holds the device, or owns one that nobody claims."""
         if device in self.held or self.alone:
             return True
         return self.owns(device) and not any(True for _ in self._claims(device))

@@ -11,18 +11,24 @@ _LATEST = 8
 
 
 class Moves:
-    """Moves of one estimator's devices. now_ns: the host's clock."""
+    """Log of the latest moves of devices to and from one estimator, oldest first in `latest`.
+
+    now_ns: the host's clock, ns since the Unix epoch.
+    """
 
     def __init__(self, now_ns: Callable[[], int]) -> None:
         self._now_ns = now_ns
         self.latest: deque[Move] = deque(maxlen=_LATEST)
 
     def came(self, devices: int, why: Sentences) -> None:
-        """Add devices that came; those that come one after the other for the same reason are one move."""
+        """Record that a number of devices came to this estimator, and why.
+
+        Devices that come one after the other for the same reason are one move.
+        """
         if self.latest and self.latest[-1].came and self.latest[-1].reason == why:
             devices += self.latest.pop().came
         self.latest.append(Move(self._now_ns(), devices, 0, why))
 
     def left(self, devices: int, taker: str) -> None:
-        """Add devices that another estimator took."""
+        """Record that the estimator `taker` took a number of devices from this one."""
         self.latest.append(Move(self._now_ns(), 0, devices, (Code.ESTIMATOR_TOOK(estimator=taker),)))

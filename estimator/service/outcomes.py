@@ -18,11 +18,15 @@ log = logging.getLogger(__name__)
 AT_ONCE, WAIT_S = 64, 0.2
 #: most seconds that wait; beyond that the oldest are dropped, since viewers want the present
 MOST = 4096
+#: device blocks whose summaries failed are counted under this name
 FAILED = "windows failed"
 
 
 class WindowViews:
-    """Queue of device seconds, published as window summaries; `counts` are the ward's."""
+    """Queue of finished blocks of samples (about a second each), published as window summaries for viewers.
+
+    counts: the ward's counts.
+    """
 
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
@@ -30,11 +34,14 @@ class WindowViews:
         self._said = float("-inf")
 
     def take(self, device: Device, seconds: Sequence[Second]) -> None:
-        """Queue the completed seconds of a device."""
+        """Queue the finished blocks of a device."""
         self._waiting.extend((device, second) for second in seconds)
 
     def say(self, now: float) -> None:
-        """Publish due summaries, at `now` s of any steady clock."""
+        """Publish summaries once AT_ONCE blocks wait or WAIT_S have passed; at most AT_ONCE blocks per call.
+
+        now: s of any steady clock. A failure is logged and counted; only BusError is raised.
+        """
         if not self._waiting or (len(self._waiting) < AT_ONCE and now - self._said < WAIT_S):
             return
         self._said = now
@@ -50,7 +57,7 @@ class WindowViews:
 
 
 class Outcomes:
-    """Reporter of outcomes of the devices' sessions."""
+    """Reporter of what the devices' sessions made of their samples: logs, stores and publishes it."""
 
     def __init__(self, parts: Parts, views: WindowViews) -> None:
         self._parts, self._views = parts, views
@@ -58,7 +65,10 @@ class Outcomes:
         self.to_learn = dict[str, None]()
 
     def tell(self, device: Device, outcome: Outcome) -> None:
-        """Report an outcome, and note whether the device has a block to learn from."""
+        """Report an outcome: log its lines, store and publish its calibrations, publish revisions and a changed status.
+
+        A device whose finished block still has to be learnt from is added to `to_learn`.
+        """
         for words in outcome.said:
             log.info("%s: %s", device.name, words)
         for made in outcome.calibrations:
@@ -77,6 +87,6 @@ class Outcomes:
             self.to_learn[device.name] = None
 
     def learn(self, device: Device) -> None:
-        """Learn from a device's whole block, if one waits."""
+        """Let a device's session learn (update bias and calibration) from its finished block, if one waits."""
         if device.session.to_learn:
             self.tell(device, device.session.learn())

@@ -18,7 +18,10 @@ _OTHERS = "others"
 
 
 def status(said: Status) -> Status:
-    """Status with every number in the wire's range; NaN becomes the worst value of the range."""
+    """Copy of a status with every number clipped to the wire's range; NaN becomes 0, for a std or age the largest.
+
+    An unknown temperature stays NaN. Counts with too many labels are merged into "others".
+    """
     return replace(
         said,
         bias=tuple([_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias]),
@@ -34,7 +37,7 @@ def status(said: Status) -> Status:
 
 
 def linear_accel(found: NDArray[np.float64]) -> bytes:
-    """Linear acceleration (n, 3), m/s², packed and within the wire's range; empty where it is unknown."""
+    """Pack linear acceleration (n, 3), m/s², as float32 bytes within the wire's range; empty where it is unknown."""
     if isnan(found.item(0)):
         return b""
     packed = found.astype(np.float32)
@@ -42,7 +45,10 @@ def linear_accel(found: NDArray[np.float64]) -> bytes:
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
-    """Revision without points that subscribers would refuse, evenly thinned to MAX_POINTS; None with too few points."""
+    """Copy of a revision without the points that subscribers would refuse, evenly thinned to MAX_POINTS.
+
+    None with fewer than MIN_POINTS points left, or with a matrix outside the wire's range.
+    """
     known = ((said.bias_std >= 0) & (said.bias_std < np.inf) & (np.abs(said.bias) <= MAX_RATE)).all(axis=1)
     known &= (said.sequences <= MAX_SEQUENCE) & (said.times_ns >= 0) & (said.times_ns <= validation.MAX_TIME_NS)
     kept = np.flatnonzero(known)
@@ -61,7 +67,7 @@ def revision(said: BiasRevision) -> BiasRevision | None:
 
 
 def windows(said: WindowBatch) -> WindowBatch | None:
-    """Windows, for viewers; None where a time or number is outside the wire's range."""
+    """Check window summaries against the wire's limits; returns them unchanged, or None if a number is outside."""
     times = said.times_ns.tolist()
     if times[0] < 0 or times[-1] > validation.MAX_TIME_NS or any(a >= b for a, b in pairwise(times)):
         return None

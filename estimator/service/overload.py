@@ -20,7 +20,7 @@ _DO = "use fewer devices, a lower rate, a faster machine, or a second estimator 
 
 
 class Overload:
-    """Overload detector: told of idle time, checked once a second. Times are of a steady clock."""
+    """Overload detector of the run loop: told of idle time, checked once a second. now: s of a steady clock."""
 
     def __init__(self, now: float) -> None:
         self._looked, self._idle_s = now, 0.0
@@ -30,11 +30,14 @@ class Overload:
         self.busy = 0.0
 
     def idle(self, seconds: float) -> None:
-        """Add time in which the loop had nothing to do."""
+        """Add seconds in which the loop had nothing to do."""
         self._idle_s += seconds
 
     def look(self, now: float) -> int:
-        """Seconds of overload so far; 0 while the estimator keeps up."""
+        """Check at `now` whether the loop keeps up; returns the seconds of overload so far, 0 while it keeps up.
+
+        An overload begins when the loop is busier than BUSY for PERSISTS_S, and ends after OVER_S without.
+        """
         passed_s, self._looked = now - self._looked, now
         if passed_s > 0:
             self.busy = min(max(1.0 - self._idle_s / passed_s, 0.0), 1.0)
@@ -57,12 +60,12 @@ class Overload:
 
 
 def found(statuses: Iterable[Status]) -> list[Sentence]:
-    """Overload notice with advice, if the statuses report an overloaded estimator; else empty."""
+    """Overload notice with advice, a list of one sentence, if a status reports an overloaded estimator; else empty."""
     seconds = max((status.events.get(OVERLOADED, 0) for status in statuses), default=0)
     return [Code.ESTIMATOR_OVERLOADED(duration_s=seconds)] if seconds else []
 
 
 def unkept(statuses: Iterable[Status]) -> list[Sentence]:
-    """Notice that an estimator cannot write its store, if the statuses report it; else empty."""
+    """Notice that an estimator cannot write its store, as a list of one sentence, if a status says so; else empty."""
     devices = sum(UNKEPT in status.events for status in statuses)
     return [Code.STORE_FAILING(devices=devices)] if devices else []

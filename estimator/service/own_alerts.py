@@ -17,9 +17,10 @@ LOOK_S = 30.0
 
 
 class OwnAlerts:
-    """Alert board of an estimator. standing: alerts raised before a restart. told: takes each change.
+    """Alert board of an estimator, for its machine: disk, clock, certificate and backups.
 
-    copies_fail: whether backups are not copied where they should be.
+    own: id of the estimator. standing: alerts raised before a restart. told(change): called for each change.
+    copies_fail(): whether backups are not copied to the bucket. now_s: monotonic s.
     """
 
     def __init__(
@@ -40,14 +41,17 @@ class OwnAlerts:
         self._machine = frozenset[Kind]()
 
     def due(self, now: float) -> bool:
-        """Whether to call `look_at_machine`, on a thread that may wait for a disk."""
+        """Whether it is time for `look_at_machine`, every LOOK_S; a True answer starts the next interval.
+
+        now: monotonic s.
+        """
         due = now >= self._next_s
         if due:
             self._next_s = now + LOOK_S
         return due
 
     def look_at_machine(self) -> None:
-        """Look at disk, clock and certificate."""
+        """Check free disk space, clock and certificate, for the next `look`; may wait for a disk."""
         found = set[Kind]()
         if self._database.path != ":memory:":
             room = machine.disk({"store": Path(self._database.path).absolute().parent})
@@ -60,7 +64,7 @@ class OwnAlerts:
         self._machine = frozenset(found)
 
     def look(self, now: float, time_ns: int) -> None:
-        """Raise and clear alerts, once a second."""
+        """Raise and clear the estimator's alerts, once a second. now: monotonic s. time_ns: ns since the Unix epoch."""
         found = set(self._machine)
         if self._database.trouble:
             found.add(Kind.DISK)
@@ -70,7 +74,10 @@ class OwnAlerts:
             self._told(change)
 
     def acknowledge(self, kind: str, who: str, time_ns: int) -> list[Change]:
-        """Acknowledge an alert, or with "" all; returns those not seen before."""
+        """Acknowledge the alert of a kind, or with "" all alerts; returns those that nobody had acknowledged before.
+
+        who: the person. time_ns: host time, ns since the Unix epoch.
+        """
         seen = self.board.acknowledge(kind, who, time_ns)
         for change in seen:
             self._told(change)

@@ -14,7 +14,11 @@ from estimator.service.store_access import StoreAccess
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Bus, clock, counts, roster, cluster, store access and fault isolation of one estimator. now_ns: the host's clock."""
+    """Shared parts of one running estimator.
+
+    now_ns: the host's clock, ns since the Unix epoch. counts: the ward's counts of refused and lost messages. devices:
+    the roster. record: access to the store. guarded: runs one device's work and contains its failures.
+    """
 
     ward: str
     settings: Estimator

@@ -17,13 +17,14 @@ from estimator.service.replay_log import DONE
 
 log = logging.getLogger(__name__)
 
+#: event of a device, or of all devices, where the law is broken
 EVENT = "conservation law broken"
 #: shortest interval between log lines with totals, s
 TOLD_S = 10.0
 
 
 class SampleAccount(NamedTuple):
-    """Sample counts of one device: `came` in, `out` corrected and published, and `dropped`.
+    """Sample counts of one device: `came` in, `out` corrected and published, and `dropped` with a reason.
 
     `refused` samples came from another bridge and do not count as `came`.
     """
@@ -35,12 +36,15 @@ class SampleAccount(NamedTuple):
 
     @property
     def unaccounted(self) -> int:
-        """Samples that came in and are nowhere; negative where more went out than came in."""
+        """Number of samples that came in and are neither out nor dropped; negative where more went out than came in."""
         return self.came - self.out - self.dropped
 
 
 class Conservation:
-    """Checks the sample accounts of all devices repeatedly; remembers reported violations and forgotten devices."""
+    """Checker of the conservation law (samples in = out + dropped) for all devices.
+
+    `violations`: number of violations found so far by device; the key "" is for the ward as a whole.
+    """
 
     def __init__(self) -> None:
         self.violations: dict[str, int] = {}
@@ -49,16 +53,16 @@ class Conservation:
         self._told: dict[str, int] = {}
 
     def leave(self, name: str) -> None:
-        """Remove a device, with its account at the last check; another device may take its name later."""
+        """Remove a device and its sample counts at the last check; another device may take its id later."""
         account = self._last.pop(name, SampleAccount())
         self._gone += account.came + account.refused
         self._told.pop(name, None)
 
     def check(self, accounts: Mapping[str, SampleAccount], decoded: int, turned_away: int) -> dict[str, int]:
-        """New violations, as samples unaccounted for, by device; the key "" is for the ward as a whole.
+        """Find new violations of the law: samples unaccounted for, by device; the key "" is for the whole ward.
 
-        decoded: samples decoded by the service. turned_away: decoded samples that went to no device, counted with a
-        reason.
+        accounts: by device. decoded: samples decoded by the service. turned_away: decoded samples that went to no
+        device, counted with a reason.
         """
         for name in self._last.keys() - accounts.keys():
             self.leave(name)
@@ -74,7 +78,10 @@ class Conservation:
 
 
 class PeriodicChecks:
-    """Compares the samples that came in with what the devices made of them, and notes the service's health."""
+    """Checker, once a second: compares samples in with samples out and dropped, and notes the service's health.
+
+    counts: the ward's counts. vitals: takes the health snapshot.
+    """
 
     def __init__(self, devices: DeviceRoster, counts: Tally, vitals: ServiceHealth) -> None:
         self._devices, self._counts, self._vitals = devices, counts, vitals
@@ -85,11 +92,14 @@ class PeriodicChecks:
         self._next_s = float("-inf")
 
     def came(self, samples: int) -> None:
-        """Count samples that came in."""
+        """Add the number of samples that were decoded."""
         self._decoded += samples
 
     def check(self) -> None:
-        """Check the conservation law between two rounds; each new violation is counted, and logged once per device."""
+        """Check the conservation law between two rounds; each new violation is counted, and logged once per device.
+
+        The law: every sample that came in went out, or was dropped with a reason.
+        """
         accounts = {name: _account(device) for name, device in self._devices.items()}
         counts = self._counts.as_dict()
         turned_away = counts.get(TOO_MANY, 0) + counts.get(DONE, 0)
@@ -102,14 +112,14 @@ class PeriodicChecks:
                 device.session.count_event(EVENT)
 
     def remove(self, devices: Sequence[Device]) -> None:
-        """Take devices out of the roster, and out of the accounts."""
+        """Take devices out of the roster, and out of the count of samples in and out."""
         self.check()  # while the devices still count
         for device in devices:
             self._law.leave(device.name)
             del self._devices[device.name]
 
     def see(self, device: Device) -> None:
-        """Note the health of a device that has a published status."""
+        """Note the health of a device for the next snapshot, once it has published a status."""
         if device.latest is not None:
             nis, violations = device.session.tracker.doubt.consistency.nis, self._law.violations.get(device.name, 0)
             needs = needs_person(device.latest, device.session.info)
@@ -119,7 +129,11 @@ class PeriodicChecks:
     def note(
         self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float, alerts: tuple[str, ...]
     ) -> None:
-        """Publish the health snapshot, with the last noted health of every device still in the roster; log the totals."""
+        """Publish the health snapshot, with the last noted health of every device still in the roster; log the totals.
+
+        now: monotonic s. store: why the store cannot be written, or empty. busy: working share of the loop, 0 to 1.
+        alerts: kinds of the estimator's own standing alerts.
+        """
         self.log(now, counts)
         devices = {name: seen for name, seen in self._seen.items() if name in self._devices}
         self._seen = dict(devices)
@@ -127,7 +141,10 @@ class PeriodicChecks:
         self._vitals.note(Note(now, connected, store, devices, violations, counts, busy, alerts))
 
     def log(self, now: float, counts: dict[str, int], *, last: bool = False) -> None:
-        """Log the counts if they changed since the last log line, at most every TOLD_S unless `last`."""
+        """Log the counts if they changed since the last log line, at most every TOLD_S unless `last`.
+
+        now: monotonic s.
+        """
         if counts == self._logged or (now < self._next_s and not last):
             return
         self._logged, self._next_s = counts, now + TOLD_S

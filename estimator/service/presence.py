@@ -24,7 +24,7 @@ class _Token(NamedTuple):
 
 
 class Presence:
-    """Tokens of devices' boots and of bridges; `now` is monotonic seconds."""
+    """Record of which devices' boots and bridges have a liveliness token on the bus. now: monotonic s."""
 
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
@@ -34,11 +34,11 @@ class Presence:
         self._forgot = False
 
     def change(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
-        """Queue the birth or death of a token; called on a thread of the bus."""
+        """Queue the birth or death of a token; called on a thread of the bus. key: bus key of the token."""
         self._waiting.append((key, alive))
 
     def note(self, now: float) -> None:
-        """Process the queued changes."""
+        """Process the queued births and deaths of tokens, at `now`, monotonic s."""
         while self._waiting:
             name, alive = self._waiting.popleft()
             try:
@@ -58,7 +58,7 @@ class Presence:
         self._tokens.clear()
 
     def gone(self, device: str, boot: int, bridge: str, now: float) -> bool:
-        """Whether a live bridge has withdrawn the token of exactly this boot."""
+        """Whether a live bridge has withdrawn the token of exactly this boot, for at least SETTLED_S."""
         token, there = self._of(device, boot), self._tokens.get((bridge,))
         if token is None or token.alive or there is None or not there.alive:
             return False
@@ -70,12 +70,12 @@ class Presence:
         return token is not None and token.alive and self.alive(bridge)
 
     def alive(self, bridge: str) -> bool:
-        """Whether a bridge is alive."""
+        """Whether a bridge is alive: its token is on the bus."""
         there = self._tokens.get((bridge,))
         return there is not None and there.alive
 
     def why(self, device: str, boot: int, bridge: str) -> Sentences:
-        """Known reasons why nothing arrives from a device; empty if there are none."""
+        """Reasons known from tokens why nothing arrives from a device; empty if there are none."""
         there, token = self._tokens.get((bridge,)), self._of(device, boot)
         if there is not None and not there.alive:
             return (Code.BRIDGE_GONE(bridge=bridge),)

@@ -10,7 +10,11 @@ _READ, _ENTER = stat.S_IROTH, stat.S_IXOTH
 
 
 def exposed(file: Path, ward: Ward) -> list[Path]:
-    """Ward file with password hashes, addresses of alerts, store, backups and recordings, as far as others can read them."""
+    """Paths of a ward's private files that every user of this machine can read; empty if there are none.
+
+    Looks at the ward file with password hashes, the people file, addresses of alerts, store, backups and recordings.
+    file: path of the ward file.
+    """
     folders, files = list[Path](), [Path(ward.alerts.urls_file)] if ward.alerts.urls_file else []
     if ward.dashboard.people:
         files.append(file)
@@ -29,7 +33,7 @@ def exposed(file: Path, ward: Ward) -> list[Path]:
 
 
 def advice(paths: Iterable[Path]) -> tuple[str, str]:
-    """What is wrong, and what to do."""
+    """Text of what is wrong with exposed files, and text of the remedy. paths: at least one."""
     first, *more = paths
     others = f" and {len(more)} more" if more else ""
     return f"every user of this machine can read {first}{others}", f"chmod o-rwx {first.parent}, or the files in it"

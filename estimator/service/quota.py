@@ -49,7 +49,7 @@ class _Queue:
 
 
 class Quotas:
-    """Fair queue of messages by key, emptied in rounds; each key keeps its order.
+    """Fair queue of messages by bus key, emptied in rounds of the run loop; each key keeps its order.
 
     dropped(key, messages) is called with the number of messages that exceeded the quota of a key.
     """
@@ -65,7 +65,10 @@ class Quotas:
         return key in self._queues
 
     def round(self, messages: Sequence[Message]) -> list[Message]:
-        """Queue messages; returns the messages of this round, at most one share of each key."""
+        """Queue messages; returns those to process in this round, at most SHARE_BYTES of each key.
+
+        Each message counts for at least 1024 bytes. Beyond QUOTA_BYTES the oldest messages of a key are dropped.
+        """
         for message in messages:
             if (queue := self._queues.get(message.key)) is None:
                 queue = self._queues[message.key] = _Queue()
@@ -82,11 +85,11 @@ class Quotas:
         return taken
 
     def devices(self) -> set[str]:
-        """Devices with waiting messages."""
+        """Ids of the devices with waiting messages."""
         return {_device(key) for key in self._queues}
 
     def drop(self, devices: Collection[str]) -> None:
-        """Discard all messages of some devices, from any bridge."""
+        """Discard all waiting messages of these devices, from any bridge."""
         self._queues = {key: queue for key, queue in self._queues.items() if _device(key) not in devices}
 
 

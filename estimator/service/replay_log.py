@@ -28,7 +28,7 @@ Reached = tuple[int, int, int, str]
 
 
 class ReplayLog:
-    """Recent messages of all devices, in order of arrival; `now` is monotonic seconds."""
+    """Log of all devices' sample messages of the last REPLAY_S, for a takeover. now: monotonic s."""
 
     def __init__(self) -> None:
         self._order: deque[tuple[float, str]] = deque()  # arrival time and device of each message
@@ -37,7 +37,7 @@ class ReplayLog:
         self._size = 0
 
     def add(self, device: str, message: Message, now: float) -> None:
-        """Keep a message, unless its device has used up its share already."""
+        """Keep a message received at `now`, unless its device has used up DEVICE_BYTES already."""
         size = len(message.payload)
         if self._sizes[device] + size > DEVICE_BYTES:
             return
@@ -48,7 +48,7 @@ class ReplayLog:
         self.tidy(now)
 
     def tidy(self, now: float) -> None:
-        """Drop messages that are too old or exceed the size limit, oldest first."""
+        """Drop messages older than REPLAY_S at `now`, or beyond REPLAY_BYTES in all, oldest first."""
         order = self._order
         while order and (order[0][0] < now - REPLAY_S or self._size > REPLAY_BYTES):
             _, device = order.popleft()
@@ -59,51 +59,60 @@ class ReplayLog:
                 del self._kept[device], self._sizes[device]
 
     def forget(self, device: str) -> None:
-        """Drop the messages of a device."""
+        """Drop all kept messages of a device."""
         self._order = deque(entry for entry in self._order if entry[1] != device)
         self._kept.pop(device, None)
         self._size -= self._sizes.pop(device, 0)
 
     def heard(self, device: str, since: float) -> bool:
-        """Whether a message of a device came after a time."""
+        """Whether a kept message of a device came after the time `since`, monotonic s."""
         late = takewhile(lambda entry: entry[0] > since, reversed(self._order))
         return any(name == device for _, name in late)
 
     def devices(self) -> set[str]:
-        """Devices with kept messages."""
+        """Ids of the devices with kept messages."""
         return set(self._kept)
 
     def of(self, devices: Collection[str]) -> dict[str, list[Message]]:
-        """Kept messages of some devices, each device's in order."""
+        """Kept messages of these devices, by device, each device's in order of arrival."""
         return {device: list(self._kept.get(device, ())) for device in devices}
 
 
 class Resumed:
-    """Progress of each device before a restart; `now` is monotonic seconds."""
+    """Progress of each device before a restart, to recognise samples corrected then. now: monotonic s."""
 
     def __init__(self, reached: Mapping[str, Reached], now: float) -> None:
         self._reached, self._until = dict(reached), now + LASTS_S
 
     def lasts(self, now: float) -> bool:
-        """Whether replayed samples may still arrive."""
+        """Whether replayed samples may still arrive at `now`: for LASTS_S after the start."""
         if self._reached and now >= self._until:
             self._reached = {}
         return bool(self._reached)
 
     def done(self, samples: Samples) -> bool:
-        """Whether samples were corrected before the restart; another run under the same boot number was not."""
+        """Whether samples were corrected before the restart, by boot, sequence number and host time.
+
+        Samples of another run under the same boot number were not: they are later.
+        """
         boot, following, time_ns, _ = self._reached.get(samples.device, (-1, 0, 0, ""))
         before = samples.receive_time_ns < time_ns - OVERLAP_S * 1e9
         return samples.boot == boot and samples.sequence + samples.n <= following and before
 
     def bridge(self, device: str, came_ns: int) -> str:
-        """Bridge a device was heard from before the restart, for samples received before it; empty where unknown."""
+        """Id of the bridge from which a device was heard before the restart; empty where unknown.
+
+        came_ns: host time of a sample's receipt, ns since the Unix epoch. Empty if the sample came after the restart.
+        """
         found = self._reached.get(device)
         return "" if found is None or came_ns > found[2] else found[3]
 
 
 def since(messages: Sequence[Message], boot: int, following: int) -> list[Message]:
-    """Messages that a session at number `following` of a boot still needs, merged into few large ones."""
+    """Messages that a session still needs: those not wholly before sample number `following` of its boot.
+
+    messages: in order of arrival. Consecutive ones are merged into few large ones.
+    """
     left = [(message, _read(message)) for message in messages]
     ends = {n: _end(raw) for n, (_, raw) in enumerate(left) if raw is not None and raw.boot == boot}
     last = max((n for n, end in ends.items() if end <= following), default=-1)

@@ -50,6 +50,7 @@ from estimator.service.takeover import Takeover
 
 log = logging.getLogger(__name__)
 
+#: interval of the once-a-second work and of statuses, s
 STATUS_S = 1.0
 #: most messages that the bus queues for us, and that are read in one round
 QUEUE = 65536
@@ -66,8 +67,11 @@ MISSING_S = 10.0
 class Service:
     """Running estimator on a session of the bus.
 
-    peers: ids of other estimators of the ward that were seen already. file: the ward file, which may change. send: takes
-    alerts and all-clears for people. sends: takes changed settings of alerts. copies_fail: whether the copies of backups failed.
+    now_ns: the host's clock, ns since the Unix epoch. vitals: takes the health snapshots. clerk: the store's thread.
+    enrolment: the `[devices]` table of the ward file; None admits every device. peers: ids of other estimators of the
+    ward that were seen already. file: the ward file, which may change.
+    send(subject, placement, change): takes alerts and all-clears for people. sends(alerts): takes changed settings of
+    alerts. copies_fail(): whether the copies of backups failed.
     """
 
     def __init__(
@@ -155,7 +159,7 @@ class Service:
         ]
 
     def run(self, stop: threading.Event) -> None:
-        """Serve until stopped; then correct the last samples, store the biases and withdraw the liveliness tokens."""
+        """Serve until `stop` is set; then correct the last samples, store the biases and leave the bus."""
         log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store_path)
         while not stop.is_set():
             self.step(0.05)
@@ -181,7 +185,10 @@ class Service:
         log.info("estimator %s stopped", self.settings.id)
 
     def step(self, timeout_s: float) -> int:
-        """Run one round: samples, commands and due work. Returns how many sample messages arrived or still wait."""
+        """Run one round: process samples, commands and the work whose time has come.
+
+        timeout_s: seconds to wait for a sample message. Returns how many sample messages arrived or still wait.
+        """
         waits = time.monotonic()
         hurry = len(self._quotas) > 0 or bool(self._outcomes.to_learn) or bool(self._to_look)
         messages = self._raw.drain(QUEUE, 0.0 if hurry else timeout_s)
@@ -207,7 +214,7 @@ class Service:
         return len(messages) + len(self._quotas)
 
     def work(self, until: float = math.inf) -> None:
-        """Learn from blocks and do the devices' once-a-second work until a monotonic time; the rest waits."""
+        """Learn from finished blocks and do the devices' once-a-second work until a monotonic time; the rest waits."""
         for waiting, do in ((self._outcomes.to_learn, self._outcomes.learn), (self._to_look, self._look_after)):
             while waiting:
                 if (device := self._devices.get(name := next(iter(waiting)))) is not None:

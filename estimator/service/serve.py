@@ -44,9 +44,10 @@ _LEARNING = ("filterpy.kalman", "scipy.linalg", "scipy.optimize", "scipy.spatial
 
 
 def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
-    """Serve until SIGINT or SIGTERM; waits for a missing router. file: the ward file, which may change.
+    """Run the estimator of a ward until SIGINT or SIGTERM; waits for a missing router.
 
-    Raises StoreError where the store is not ours to use, and BusError where an estimator of this id runs already.
+    file: the ward file, which may change. Raises ValueError if no estimator is configured, StoreError where another
+    estimator uses the store or the file is no store, and BusError where an estimator of this id runs already.
     """
     if ward.estimator is None:
         raise ValueError("no estimator is configured")
@@ -109,7 +110,10 @@ def run(ward: Ward, file: WardFile[Ward] | None = None) -> None:
 
 
 def copied(ward: Ward) -> Mirror | None:
-    """Start to copy backups to the bucket of [s3]; None where nothing says so. Raises ConfigError."""
+    """Start to copy the estimator's backups to the bucket of [s3].
+
+    Returns the running copier; None where the ward does not ask for copies. Raises ConfigError.
+    """
     if ward.s3 is None or not ward.s3.backups or ward.estimator is None:
         return None
     backups = Backups.of(ward.estimator.store, ward.estimator.backups)
@@ -150,5 +154,9 @@ def look_round(
     meanwhile: Callable[[], None] = lambda: None,
     another: Callable[[str], object] = lambda _: None,
 ) -> Declared:
-    """Watch the ward's other estimators; calls another(id) for each. Raises BusError when one has our own id."""
+    """Claim this estimator's id in the ward and watch the other estimators; calls another(id) for each.
+
+    meanwhile: work to do during the wait for others. Returns the handle of the watch. Raises BusError when another
+    estimator has our own id.
+    """
     return claim_id(bus, ward, "estimator", own, another, meanwhile)

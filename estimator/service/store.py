@@ -32,13 +32,18 @@ _ONE_OF_BOOT = "ON CONFLICT (device, boot) DO UPDATE SET"
 
 
 class Store(StoreReader):
-    """Open store. Only the writing thread calls `add_…`, `save_…`, `repeat`, `erase` and `thin`; any thread may call the rest."""
+    """Open store of a ward's devices, to read and write.
+
+    path: the file, or an open Database. patient: an unreadable file raises no error (see Database).
+    Only the writing thread calls `add_…`, `save_…`, `repeat`, `erase` and `thin`; any thread may call the rest. Writing
+    methods raise StoreError.
+    """
 
     def __init__(self, path: Path | str | Database, *, patient: bool = False) -> None:
         super().__init__(path if isinstance(path, Database) else Database(path, patient=patient))
 
     def add_calibration(self, c: Calibration) -> None:
-        """Append an accepted calibration; a repeat changes nothing. Raises ValueError for another verdict."""
+        """Append an accepted calibration; a known id changes nothing. Raises ValueError for another verdict."""
         if c.verdict is not Verdict.ACCEPTED:
             raise ValueError(f"a calibration with verdict {c.verdict.name} is not stored")
         row: Row = {"id": c.id, "device": c.device, "boot": keys.boot_id(c.boot), "time_ns": c.time_ns}
@@ -53,7 +58,10 @@ class Store(StoreReader):
         self.database.insert("calibrations", row, "ON CONFLICT (id) DO NOTHING")
 
     def add_boot(self, info: DeviceInfo, time_ns: int) -> None:
-        """Add a boot; a repeat only fills in unknown properties of its device."""
+        """Store a boot of a device with its settings; a repeat only fills in unknown model, firmware, range and rate.
+
+        time_ns: host time, ns since the Unix epoch.
+        """
         row: Row = {"device": info.device, "boot": keys.boot_id(info.boot), "time_ns": time_ns}
         row |= {"cause": BootCause(info.boot_cause).name, **restore_key(info)}
         self.database.insert("boots", row, f"{_ONE_OF_BOOT} {_FILLED}")
@@ -75,9 +83,11 @@ class Store(StoreReader):
     ) -> None:
         """Store the latest bias of a boot for a restart; with `history` also as a point of the bias history.
 
-        doubted, asked: see PriorKnowledge. calibration: id of the one in use. reached: sequence number and host time of
-        the last sample the bias knows of, None while the device is being turned. bridge: the one the device is heard
-        from. session: see DeviceSession.state.
+        time_ns: host time, ns since the Unix epoch. doubted: whether the bias was in doubt. calibration: id of the one
+        in use.
+        asked: who asked for a recalibration in progress, and why. reached: sequence number and host time, ns, of the
+        last sample the bias knows of; None while the device is being turned. bridge: the one the device is heard from.
+        session: the whole session as bytes, or empty (DeviceSession.state).
         """
         # A restored tracker starts anew with all states except the filter's own.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
@@ -93,7 +103,7 @@ class Store(StoreReader):
                 self.database.insert("bias_history", row | {"temperature_c": celsius})
 
     def save_epoch(self, epoch: int) -> None:
-        """Store the highest known epoch."""
+        """Store the highest known ownership epoch, in place of the one before."""
         row: Row = {"number": 1, "epoch": epoch}
         self.database.insert("epochs", row, "ON CONFLICT DO UPDATE SET epoch = excluded.epoch")
 
@@ -109,17 +119,26 @@ class Store(StoreReader):
         *,
         accepted: bool,
     ) -> None:
-        """Append a request to the estimator, or its refusal of a calibration, with the outcome, to the audit."""
+        """Append to the audit: a command with its outcome, or a calibration that the estimator refused.
+
+        time_ns: host time, ns since the Unix epoch. request_id: of the command. who: asked. message: the reply.
+        """
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
         self.database.insert("audit", row | {"reason": reason, "accepted": int(accepted), "message": written(message)})
 
     def add_placement(self, device: str, one: Placement) -> None:
-        """Append a placement, which ends the one before; an empty one says that nobody wears the device any more."""
+        """Append a device's placement (where and by whom it is worn), which ends the one before.
+
+        An empty placement says that nobody wears the device any more.
+        """
         row: Row = {"device": device, "time_ns": one.since_ns, "segment": one.segment, "side": one.side}
         self.database.insert("placements", row | {"wearer": one.wearer, "who": one.who})
 
     def save_alert(self, device: str, one: Alert, time_ns: int, *, cleared: bool) -> None:
-        """Store an alert of a device or an estimator, or its acknowledgement or end."""
+        """Store an alert, or its acknowledgement or end. device: id of a device or an estimator.
+
+        time_ns: host time of this change, ns since the Unix epoch. cleared: whether the alert has ended.
+        """
         row: Row = {"device": device, "kind": one.kind, "since_ns": one.since_ns, "raised_ns": one.raised_ns}
         row |= {"acknowledged_ns": one.acknowledged_ns, "who": one.who, "time_ns": time_ns, "cleared": int(cleared)}
         changed = ", ".join(f"{name} = excluded.{name}" for name in ("acknowledged_ns", "who", "time_ns", "cleared"))
@@ -128,7 +147,8 @@ class Store(StoreReader):
     def repeat(self, device: str, boot: int, time_ns: int, made: Iterable[str] = ()) -> None:
         """Note that another power-up has this boot number: stored calibrations and bias belong to the earlier one.
 
-        made: ids of calibrations of the earlier power-up that are still to be written.
+        time_ns: host time, ns since the Unix epoch. made: ids of calibrations of the earlier power-up that are still to
+        be written.
         """
         name = keys.boot_id(boot)
         message = written((Code.BOOT_NUMBER_REPEATED(),))
@@ -157,7 +177,10 @@ class Store(StoreReader):
         self.database.insert("bias", row, filled)
 
     def thin(self, device: str, now_ns: int) -> Counter[str]:
-        """Delete the old rows of a device: see retention. Returns how many of each table."""
+        """Delete the old rows of a device, by the rules of `retention`. now_ns: host time, ns since the Unix epoch.
+
+        Returns the number of rows deleted, by table.
+        """
         deleted = Counter[str]()
         with self.database.transaction():
             for table, where in THIN:
@@ -168,7 +191,7 @@ class Store(StoreReader):
         return +deleted
 
     def erase(self, device: str) -> None:
-        """Delete everything of a device but its audit."""
+        """Delete all stored entries of a device except its audit."""
         with self.database.transaction():
             for table in ("calibrations", "boots", "bias", "bias_history", "placements", "alerts"):
                 self.database.execute(f"DELETE FROM {table} WHERE device = ?", (device,))  # noqa: S608 - our own words

@@ -1,8 +1,8 @@
 """Store access of the service: no sample waits for the disk, and no disk failure stops the service.
 
 A calibration is published once it is on disk, or after half a second of a failing disk. Writes that fail wait in memory
-and are tried again (`clerk`). Another estimator's statements on a device it owned count as much as what is stored here
-(`replicas`); `tell` publishes such statements on our devices.
+and are tried again (`StoreWriter`). Another estimator's checkpoint of a device it owned counts as much as what is
+stored here (`replicas`); `tell` publishes checkpoints of our devices.
 """
 
 import logging
@@ -28,6 +28,7 @@ from estimator.service.store_writer import StoreWriter
 
 log = logging.getLogger(__name__)
 
+#: interval of checkpoints, and of points of the bias history, s
 CHECKPOINT_S, HISTORY_S = 5.0, 60.0
 #: audit verb for a device whose earlier calibrations no longer apply
 SCRATCH = "from scratch"
@@ -40,7 +41,11 @@ HELD_S = 0.5
 
 
 class StoreAccess:
-    """Stored knowledge of the ward's devices; no method raises StoreError. highest(): the highest known epoch."""
+    """Reads and writes of the ward's store for the service; no method raises StoreError.
+
+    clerk: the store's thread. replicas: checkpoints from other estimators. tell(device): publishes its checkpoint.
+    highest(): the highest known epoch. guarded: runs one device's work and contains its failures.
+    """
 
     def __init__(
         self,
@@ -68,26 +73,26 @@ class StoreAccess:
 
     @property
     def trouble(self) -> str:
-        """Why the store cannot be written now; empty when it can."""
+        """Reason why the store cannot be written now; empty when it can."""
         return self._store.database.trouble
 
     def collect(self, now: float) -> None:
-        """Report finished writes, and release what has waited too long for a failing disk."""
+        """Call back for finished writes, and release what has waited too long for a failing disk. now: monotonic s."""
         self._clerk.collect()
         while self._due and (self._due[0][0] <= now or self.trouble):
             _, do = self._due.popleft()
             do()
 
     def close(self) -> None:
-        """Write what waits, and stop the writer."""
+        """Write what waits, for a bounded time, and stop the store's thread."""
         self._clerk.close()
 
     def tend(self, now: float) -> None:
-        """Once a second: see StoreCare."""
+        """Once a second, at `now` monotonic s: start the store's regular work, such as backups (StoreCare)."""
         self._care.tend(now)
 
     def look_up(self, read: Callable[[], None]) -> None:
-        """Do something that may wait for the disk on the store's thread."""
+        """Call read() on the store's thread, since it may wait for the disk."""
         self._clerk.look_up(read)
 
     def knows(self, device: str) -> bool:
@@ -97,7 +102,11 @@ class StoreAccess:
     # ---- calibrations -----------------------------------------------------------------------------------------------
 
     def recall(self, device: Device, boot: int) -> PriorKnowledge | None:
-        """Knowledge of exactly this boot, from disk, pending writes or other estimators; None if there is none."""
+        """Look up the knowledge of exactly this boot: its calibration, and the bias last tracked.
+
+        Sources are the disk, pending writes and other estimators' checkpoints. None if there is none, or if the boot
+        number was used by another power-up.
+        """
         if device.repeated == boot:
             return None  # all of it belongs to another power-up
         said = self._replicas.calibration(device.name, boot)
@@ -123,14 +132,17 @@ class StoreAccess:
         return ours
 
     def stopped(self, device: str, boot: int) -> Checkpoint | None:
-        """Checkpoint of a boot from when this estimator was stopped in order, or None."""
+        """Checkpoint of a boot that this estimator stored when it was stopped in order, or None."""
         state, bridge = self._store.session(device, boot)
         if not state:
             return None
         return Checkpoint(device, boot, 0, 0, bridge, self._store.calibrated(device, boot), state=state)
 
     def holds(self, device: Device, known: Checkpoint) -> bool:
-        """Whether another estimator's checkpoint agrees with what is stored here; if so its calibration is stored."""
+        """Whether another estimator's checkpoint agrees with the calibrations stored here.
+
+        If it does, its calibration is stored here, too. False if it is of an earlier power-up or was superseded here.
+        """
         if (said := calibrated(known)) is None:
             return True
         if self._store.made_before(device.name, known.boot).has(said) or self._later(said) is not None:
@@ -164,7 +176,7 @@ class StoreAccess:
             device.say_calibration(c.id, payload)
 
     def keep(self, device: Device, c: Calibration) -> None:
-        """Store a calibration, also one of another estimator that may be gone for ever."""
+        """Store an accepted calibration of a device, made here or elsewhere; rates held for it are then published."""
         self._pending[c.id] = c
 
         def saved() -> None:
@@ -189,12 +201,12 @@ class StoreAccess:
     # ---- boots ------------------------------------------------------------------------------------------------------
 
     def boot(self, info: DeviceInfo) -> None:
-        """Store a boot whose device info is known."""
+        """Store the start of a boot with the device's settings from its info."""
         time_ns = self._now_ns()
         self._write(lambda: self._store.add_boot(info, time_ns))
 
     def started_over(self, info: DeviceInfo, why: Sentences) -> None:
-        """Note in the audit, once a boot, that the device is calibrated from scratch, and why."""
+        """Note in the audit, once a boot, that a device is calibrated from scratch. why: the reasons."""
         request = keys.boot_id(info.boot)
         row = (self._now_ns(), info.device, SCRATCH, request, "estimator", "", why)
 
@@ -207,8 +219,8 @@ class StoreAccess:
     def repeat(self, device: Device, boot: int, *more: Calibration) -> None:
         """Note that another power-up has this boot number and needs a new calibration.
 
-        more: unwritten calibrations of the earlier power-up. The other estimators are told at once: if we are killed,
-        one that takes the device over may have the old calibration under that number.
+        more: unwritten calibrations of the earlier power-up. The other estimators are told at once: if this estimator
+        is killed, one that takes the device over may have the old calibration under that number.
         """
         device.repeated = boot
         self._replicas.forget(device.name)
@@ -224,21 +236,27 @@ class StoreAccess:
     # ---- where it was -----------------------------------------------------------------------------------------------
 
     def reached(self) -> dict[str, tuple[int, int, int, str]]:
-        """Last corrected samples by device, as far as bridges may still replay them. See Store.reached."""
+        """Last corrected sample of each device, as far back as bridges may still replay samples.
+
+        By device: boot, sequence number, host time in ns since the Unix epoch, and bridge.
+        """
         return self._store.reached(self._now_ns() - CACHE_NS)
 
     def last_run(self) -> dict[str, tuple[int, int, str]]:
-        """Devices that were in the roster when this estimator ended. See Store.last_run."""
+        """Devices that were in the roster when this estimator ended.
+
+        By device: boot, host time of its last stored bias in ns since the Unix epoch, and bridge (empty if unknown).
+        """
         return self._store.last_run(round(2e9 * CHECKPOINT_S))
 
     def epoch(self) -> int:
-        """Highest epoch known before this estimator started."""
+        """Highest ownership epoch stored before this estimator started; 0 if none."""
         return self._care.stored_epoch()
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False, whole: bool = False) -> None:
-        """Every few seconds: publish a checkpoint and store the bias, where known.
+        """Every CHECKPOINT_S: publish a device's checkpoint and store its bias, where known. now: monotonic s.
 
-        whole: store the session with it, since no sample follows. force: do not wait for the next due time.
+        force: do not wait for the next time. whole: store the whole session with the bias, since no sample follows.
         """
         if now < device.checkpoint_due and not force:
             return
@@ -273,7 +291,7 @@ class StoreAccess:
     # ---- who wears it -----------------------------------------------------------------------------------------------
 
     def placement(self, device: str) -> Placement | None:
-        """Latest placement that a person set; one set at another estimator is stored here, too."""
+        """Latest placement that a person set for a device, or None; one set elsewhere is stored here, too."""
         stored, said = self._store.placements(device)[-1:], self._replicas.of(device)
         if said is None or said.placement is None or (stored and stored[0].since_ns >= said.placement.since_ns):
             return stored[0] if stored else None
@@ -281,19 +299,22 @@ class StoreAccess:
         return said.placement
 
     def standing(self, subject: str) -> Sequence[Alert]:
-        """Standing alerts of a device or estimator: another estimator's, whose device it was, or those stored."""
+        """Alerts of a device or an estimator that have not ended.
+
+        Taken from another estimator's checkpoint if there is one, else from the store.
+        """
         said = self._replicas.of(subject)
         if said is not None:
             return said.alerts
         return [alert for alert, end_ns in self._store.alerts(subject) if end_ns is None]
 
     def alert(self, subject: str, change: Change) -> None:
-        """Store an alert of a device or an estimator, its acknowledgement, or its end."""
+        """Store a change of an alert: raised, acknowledged or ended. subject: id of a device or an estimator."""
         time_ns = self._now_ns()
         self._write(lambda: self._store.save_alert(subject, change.alert, time_ns, cleared=change.cleared))
 
     def place(self, device: str, placement: Placement) -> None:
-        """Store a placement."""
+        """Store the placement of a device: where and by whom it is worn."""
         self._write(lambda: self._store.add_placement(device, placement))
 
     # ---- commands ---------------------------------------------------------------------------------------------------
@@ -307,7 +328,7 @@ class StoreAccess:
         return None if found is None else CommandReply(command.request_id, accepted=found[0], message=found[1])
 
     def erase(self, device: str) -> None:
-        """Delete everything of a device but its audit."""
+        """Delete all stored entries of a device except its audit."""
         self._known.discard(device)
         self._write(lambda: self._store.erase(device))
 
@@ -320,8 +341,8 @@ class StoreAccess:
     ) -> None:
         """Record a command with its reply: tell the other estimators, and write it to the audit.
 
-        device: None if it is not known any more; nobody is told then.
-        kept is called once it is on disk, or after half a second of a failing disk.
+        device: None if it is not known any more; the other estimators are not told then. kept() is called once the
+        entry is on disk, or after half a second of a failing disk.
         """
         if device is not None:
             self._replicas.answer(device.name, ((key.ids["verb"], reply),))

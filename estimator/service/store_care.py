@@ -16,7 +16,10 @@ THIN_S, BACKUP_S = 86400.0, 3600.0
 
 
 class StoreCare:
-    """Regular work on a store. highest(): the highest known epoch. write: queues a write."""
+    """Regular work on a store: count failures, store the epoch, start backups and thinning.
+
+    now_ns: the host's clock. clerk: the store's thread. highest(): the highest known epoch. write: queues a write.
+    """
 
     def __init__(
         self,
@@ -37,12 +40,15 @@ class StoreCare:
         self._looked = True
 
     def stored_epoch(self) -> int:
-        """Highest epoch known before this estimator started."""
+        """Read the highest ownership epoch stored before this estimator started; 0 if none."""
         self._epoch = self._store.epoch()
         return self._epoch
 
     def tend(self, now: float) -> None:
-        """Do the work that is due at `now`, monotonic seconds."""
+        """Do or start the regular work whose time has come at `now`, monotonic s; call it once a second.
+
+        Backups are due every BACKUP_S, thinning of old rows every THIN_S.
+        """
         database = self._store.database
         for what, n in (("store failed", database.failures), ("damage in the store", len(database.notes))):
             if n > self._counted[what]:

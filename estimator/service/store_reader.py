@@ -1,4 +1,4 @@
-"""What the estimator's store of a ward knows of its devices. For any thread."""
+"""Read-only queries on a ward's store: devices, calibrations, boots, biases, placements and alerts. For any thread."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,19 +24,19 @@ _FEW = 8
 
 
 class StoreReader:
-    """Store whose content is read."""
+    """Reader of a ward's store. Methods raise StoreError unless the database is patient."""
 
     def __init__(self, database: Database) -> None:
         self.database = database
 
     @classmethod
     def reading(cls, path: Path | str) -> "StoreReader":
-        """Open a store for reading only, whether or not an estimator uses it."""
+        """Open a store for reading only, whether or not an estimator uses it. Raises StoreError if it is not sound."""
         return StoreReader(Database.reading(path))
 
     @property
     def path(self) -> str:
-        """Path of the database file."""
+        """Path of the store's file."""
         return self.database.path
 
     def close(self) -> None:
@@ -44,22 +44,25 @@ class StoreReader:
         self.database.close()
 
     def devices(self) -> list[str]:
-        """Every device with any stored data."""
+        """Sorted ids of all devices with a stored boot, calibration, bias or command."""
         tables = ("boots", "calibrations", "bias", "audit")
         found = self.database.select(" UNION ".join(f"SELECT device FROM {table}" for table in tables))  # noqa: S608 - our own words
         return sorted(row["device"] for row in found)
 
     def calibrated_devices(self) -> set[str]:
-        """Every device with a stored calibration."""
+        """Ids of all devices with a stored calibration."""
         return {row["device"] for row in self.database.select("SELECT DISTINCT device FROM calibrations")}
 
     def placements(self, device: str) -> list[Placement]:
-        """All placements of a device, oldest first: each holds until the next."""
+        """All placements of a device (where and by whom it was worn), oldest first: each holds until the next."""
         names = "segment", "side", "wearer", "time_ns", "who"
         return [Placement(*(row[name] for name in names)) for row in self._added("placements", device)]
 
     def alerts(self, device: str) -> list[tuple[Alert, int | None]]:
-        """All alerts of a device or an estimator, oldest first, each with its end, or None while it stands."""
+        """All alerts of a device or an estimator, oldest first, each with its end.
+
+        The end is host time, ns since the Unix epoch; None while the alert stands.
+        """
         names = "kind", "since_ns", "raised_ns", "acknowledged_ns", "who"
         return [
             (Alert(*(row[name] for name in names)), row["time_ns"] if row["cleared"] else None)
@@ -73,7 +76,7 @@ class StoreReader:
         return self.database.rows(table, "device = ?", (device,), "number")
 
     def boots(self, device: str, most: int) -> list[int]:
-        """Latest boots of a device, at most `most`, oldest first."""
+        """Latest boot numbers of a device, at most `most`, oldest first."""
         rows = self.database.rows("boots", "device = ?", (device,), _LATEST_FIRST, most)
         return [int(row["boot"], 16) for row in reversed(rows)]
 
@@ -85,7 +88,10 @@ class StoreReader:
         return None
 
     def recall(self, device: str, boot: int, now_ns: int) -> PriorKnowledge | None:
-        """Calibration of this boot, if any, with the bias since then and its age at now_ns; None if neither is stored."""
+        """Look up the latest calibration of this boot, if any, and the bias last stored in it.
+
+        now_ns: host time, ns since the Unix epoch, for the age of the bias. None if neither is stored.
+        """
         calibration = self.calibrated(device, boot)
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
             if (kept := kept_in(row)) is not None:
@@ -97,7 +103,7 @@ class StoreReader:
         return None if calibration is None else PriorKnowledge(calibration, None)
 
     def session(self, device: str, boot: int) -> tuple[bytes, str]:
-        """Whole session of this boot, left by an estimator stopped in order, and its bridge; empty where not stored."""
+        """Session of this boot as bytes, saved at an orderly stop, and its bridge's id; both empty if not saved."""
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
             if (kept := kept_in(row)) is not None:
                 return kept.session, kept.bridge
@@ -115,7 +121,7 @@ class StoreReader:
         return calibrations_in(row for row in rows if row["id"] not in before.ids)
 
     def made_before(self, device: str, boot: int) -> Before:
-        """Calibrations under this boot number that belong to an earlier power-up."""
+        """Find which calibrations under this boot number belong to an earlier power-up."""
         values = device, repeat_request(device, boot), REPEATED
         repeats = self.database.rows("audit", "device = ? AND request_id = ? AND verb = ?", values)
         ids = frozenset(made for row in repeats for made in row["reason"].split())
@@ -124,8 +130,8 @@ class StoreReader:
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
         """Last sample known to the latest stored bias, by device: boot, sequence number, host time in ns, and bridge.
 
-        The bridge is empty where unknown. Only biases stored since since_ns count. Devices with a running calibration
-        are left out: the bridges' caches may hold its turns.
+        The bridge is empty where unknown. Only biases stored since since_ns, ns since the Unix epoch, count. Devices
+        with a running calibration are left out: the bridges' caches may hold its turns.
         """
         found: dict[str, tuple[int, int, int, str]] = {}
         for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
@@ -136,9 +142,10 @@ class StoreReader:
         return found
 
     def last_run(self, within_ns: int) -> dict[str, tuple[int, int, str]]:
-        """Devices whose bias was stored within the last within_ns of this store, or that were lost then.
+        """Devices whose bias was stored at the end of the last run, or that stood as lost then.
 
-        Returns the boot of each, when its bias was stored in ns, and its bridge.
+        within_ns: the end is this long before the newest bias of the store, ns. By device: boot, host time at which its
+        bias was stored in ns since the Unix epoch, and its bridge, empty if unknown.
         """
         newest = self.database.select("SELECT max(time_ns) AS time_ns FROM bias")
         if not newest or newest[0]["time_ns"] is None:
@@ -152,11 +159,11 @@ class StoreReader:
         }
 
     def epoch(self) -> int:
-        """Highest stored epoch; 0 where none is stored."""
+        """Highest stored ownership epoch; 0 where none is stored."""
         return max((int(row["epoch"]) for row in self.database.rows("epochs")), default=0)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
-        """Latest calibration of an earlier boot with the same restore key, or None.
+        """Latest calibration of an earlier boot with the same restore key as `info`, or None.
 
         The key is device, model, firmware, range, and mostly rate.
         """
@@ -164,7 +171,10 @@ class StoreReader:
         return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
 
     def earlier(self, info: DeviceInfo) -> list[Calibration]:
-        """Last calibration of each recent earlier boot with the same restore key, oldest first."""
+        """Last calibration of each recent earlier boot with the same restore key as `info`, oldest first.
+
+        The key is device, model, firmware, range, and mostly rate. The newest 8 stored calibrations are searched.
+        """
         this, found = keys.boot_id(info.boot), dict[str, Row]()
         for row in self.database.rows("calibrations", "device = ?", (info.device,), _LATEST_FIRST, _FEW):
             if row["boot"] not in {this, *found} and not differing(row, info):
@@ -172,11 +182,14 @@ class StoreReader:
         return calibrations_in(reversed(found.values()))
 
     def latest(self, device: str) -> Calibration | None:
-        """Latest calibration of a device, whatever its restore key."""
+        """Latest calibration of a device, of any boot and settings, or None."""
         return self._latest(device, lambda _: True)
 
     def points(self, info: DeviceInfo) -> list[Points]:
-        """Bias history of the latest earlier boots with the same restore key, where the temperature is known."""
+        """Bias history of the latest earlier boots with the same restore key as `info`, one `Points` a boot.
+
+        At most BOOTS boots, and the first POINTS points of each where the temperature is known.
+        """
         this = keys.boot_id(info.boot)
         rows = self.database.rows("boots", "device = ?", (info.device,), _LATEST_FIRST)
         boots = [row for row in rows if row["boot"] != this and not differing(row, info)][:BOOTS]
@@ -191,7 +204,7 @@ class StoreReader:
         return Points(1e-9 * table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7]) if len(table) else None
 
     def calibrations(self, device: str) -> list[Calibration]:
-        """All calibrations of a device, oldest first."""
+        """All stored calibrations of a device, oldest first."""
         return calibrations_in(self.database.rows("calibrations", "device = ?", (device,), "time_ns, number"))
 
     def _latest(self, device: str, wanted: Callable[[Row], bool]) -> Calibration | None:

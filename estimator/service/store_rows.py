@@ -20,7 +20,11 @@ log = logging.getLogger(__name__)
 
 
 class Before(NamedTuple):
-    """Calibrations of an earlier power-up under the same boot number: their ids, and when that was seen, or None."""
+    """Calibrations of an earlier power-up under the same boot number.
+
+    ids: of the calibrations. seen_ns: host time at which the repeated number was seen, ns since the Unix epoch; None if
+    the number was not repeated.
+    """
 
     ids: frozenset[str]
     seen_ns: int | None
@@ -31,7 +35,13 @@ class Before(NamedTuple):
 
 
 class Kept(msgspec.Struct):
-    """Stored bias of a boot: see `Store.save_bias`."""
+    """Stored bias of a boot, as `Store.save_bias` writes it.
+
+    x, P: state and covariance of the bias filter, bias in rad/s. time and powered (power-up): device time, s.
+    temperature_c: mean of the last seconds, °C; the latest reading is lag_k kelvin above it.
+    doubted: whether the bias was in doubt. calibration: id of the one in use. asked: who asked for a recalibration in
+    progress, and why. reached: sequence number and host time, ns, of the last sample the bias knows of.
+    """
 
     x: list[float]
     P: list[list[float]]
@@ -48,13 +58,16 @@ class Kept(msgspec.Struct):
     session: bytes = b""
 
     def state(self) -> BiasState:
-        """The bias filter's state."""
+        """Convert the stored bias to the state of a bias filter."""
         x, P = np.array(self.x), np.array(self.P)
         return BiasState(x, P, self.time, self.temperature_c, self.powered, lag_k=self.lag_k)
 
 
 def calibrations_in(rows: Iterable[Row]) -> list[Calibration]:
-    """Calibrations of rows of `calibrations`; one that this version cannot decode is left out and logged."""
+    """Decode the calibrations of rows of the table `calibrations`.
+
+    One that this version cannot decode is left out and logged.
+    """
     found = []
     for row in rows:
         try:
@@ -66,26 +79,26 @@ def calibrations_in(rows: Iterable[Row]) -> list[Calibration]:
 
 
 def written(sentences: Sentences) -> str:
-    """Sentences as JSON for a text column."""
+    """Encode sentences as JSON for a text column. Inverse of `read_sentences`."""
     return msgspec.json.encode(sentences).decode()
 
 
 def read_sentences(text: str) -> Sentences:
-    """Sentences from the JSON of a text column."""
+    """Decode sentences from the JSON of a text column. Inverse of `written`."""
     return msgspec.json.decode(text, type=Sentences)
 
 
 def kept_in(row: dict[str, Any]) -> Kept | None:
-    """Content of a row of `bias`; None where another power-up used its boot number."""
+    """Decode the stored bias of a row of the table `bias`; None where another power-up used its boot number."""
     return msgspec.msgpack.decode(row["state"], type=Kept) if row["state"] else None
 
 
 def repeat_request(device: str, boot: int) -> str:
-    """Request id of a repeated boot number in the audit."""
+    """Request id under which the audit notes that a boot number was used by two power-ups."""
     return f"{device} {keys.boot_id(boot)}"
 
 
 @cache
 def own_version() -> str:
-    """Version of this program."""
+    """Version of the installed truerate package, such as `1.2.0`."""
     return version("truerate")

@@ -31,7 +31,7 @@ Done = Callable[[StoreError | None], None]
 
 
 class StoreWriter:
-    """Queue of writes to a database, executed until it is closed.
+    """Queue of writes to a database, executed in order until it is closed.
 
     thread: write on its own thread; else within `do`, with failed writes retried within `collect`.
     """
@@ -53,7 +53,11 @@ class StoreWriter:
         return not self._waiting
 
     def do(self, write: Write, done: Done = lambda _: None, *, soon: bool = True) -> None:
-        """Queue a write, urgent if `soon`. `done` is called in `collect`, once it is on disk or can never be."""
+        """Queue write(), executed on the store's thread; soon: do not wait up to GATHER_S for more writes.
+
+        done(error) is called in `collect`: with None once the write is on disk, or with the error if it can never be.
+        Beyond MOST waiting writes, done is called at once with an error.
+        """
         with self._more:
             refused = self._closing or len(self._waiting) >= MOST
             if not refused:
@@ -67,7 +71,10 @@ class StoreWriter:
             self.collect()
 
     def look_up(self, read: Write, done: Done = lambda _: None) -> None:
-        """Queue a read or backup on the store's thread; `done` is called in `collect`. After close nothing is read."""
+        """Queue read(), a long read or a backup, on the store's thread; writes marked `soon` come first.
+
+        done(error) is called in `collect`, with None for success. After close nothing is read.
+        """
         if self._thread is None:
             done(_looked_up(read))
             return
@@ -76,7 +83,7 @@ class StoreWriter:
             self._more.notify()
 
     def collect(self) -> None:
-        """Call each due `done` on the caller's thread."""
+        """Call `done` of every finished write and read, on the caller's thread."""
         if self._thread is None and self._waiting:
             self._write_all()
         while self._finished:

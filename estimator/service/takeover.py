@@ -18,7 +18,10 @@ LINGER_S = 40.0
 
 
 class Takeover:
-    """Moves devices between this estimator and the others. learn: learns from a device's last whole block."""
+    """Mover of devices between this estimator and the others.
+
+    learn(device): lets a device's session learn from its last finished block before it leaves.
+    """
 
     def __init__(
         self,
@@ -34,7 +37,8 @@ class Takeover:
     def look(self, now: float, *, heard: bool) -> None:
         """Read the other estimators' messages, once a round, and give away the devices they have taken.
 
-        heard: whether samples arrived in this round.
+        now: monotonic s. heard: whether samples arrived in this round. Calibrations that former owners made are
+        adopted.
         """
         cluster = self._parts.cluster
         if lost := cluster.look(now, heard=heard):
@@ -46,9 +50,9 @@ class Takeover:
             self._starts.adopt(known)
 
     def take(self, others: Mapping[str, Sequence[Message]], now: float) -> list[Message]:
-        """Take over the devices that are ours now; returns what they still need of their backlog.
+        """Take over the devices that are ours now; returns the sample messages of their backlog still to be processed.
 
-        others: messages of this round, by device, of devices that we do not hold.
+        others: messages of this round, by device, of devices that we do not hold. now: monotonic s.
         """
         ours = list[Message]()
         if not (taken := self._parts.cluster.take(others, now)):
@@ -65,7 +69,7 @@ class Takeover:
         return ours
 
     def tidy(self, now: float) -> None:
-        """Close the publishers of devices given away long ago; `now=inf` closes all."""
+        """Close the publishers of devices given away more than LINGER_S before `now`, monotonic s; inf closes all."""
         while self._left and self._left[0][0] <= now:
             self._left.popleft()[1].close()
 

@@ -15,16 +15,23 @@ _MOST_BYTES, _MOST_VALUES = 1 << 22, 1 << 18
 
 
 class StateStruct(msgspec.Struct, array_like=True):
-    """Base class of saved state."""
+    """Base class of state that can be saved: a msgspec struct, encoded by `encode` as the list of its fields."""
 
 
 def encode(state: StateStruct) -> bytes:
-    """Encode a state; equal states give equal bytes, so sets are sorted."""
+    """Encode a state as deflated MessagePack bytes; equal states give equal bytes, since sets are sorted.
+
+    Arrays must be float64. Inverse of `decode`.
+    """
     return zlib.compress(msgspec.msgpack.encode(state, enc_hook=_packed, order="deterministic"), 1)
 
 
 def decode(data: bytes, kind: type[T]) -> T:
-    """Decode a state of type `kind`; the shapes of its arrays are not checked. Raises ValueError when damaged."""
+    """Decode the bytes of `encode` into a state of type `kind`; arrays come back as float64.
+
+    The shapes of arrays are not checked: see `shaped`. Raises ValueError when the bytes are damaged, do not fit `kind`,
+    or inflate to more than 4 MiB.
+    """
     inflating = zlib.decompressobj()
     try:
         return msgspec.msgpack.decode(inflating.decompress(data, _MOST_BYTES), type=kind, dec_hook=_unpacked)
@@ -33,7 +40,10 @@ def decode(data: bytes, kind: type[T]) -> T:
 
 
 def shaped(array: Floats, *shape: int, finite: bool = False) -> None:
-    """Check an array's shape (-1: any length) and, with `finite`, its values. Raises ValueError."""
+    """Check that a decoded array has the expected shape; -1 in `shape` allows any length.
+
+    finite: also check that every value is finite. Raises ValueError if a check fails.
+    """
     if array.ndim != len(shape) or any(want not in (-1, n) for want, n in zip(shape, array.shape, strict=True)):
         raise ValueError(f"damaged state: an array is {array.shape}, expected {shape}")
     if finite and not np.isfinite(array).all():
