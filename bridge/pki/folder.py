@@ -175,7 +175,7 @@ class Folder:
     def gate(self, router: Member) -> Identity:
         """Return the paths of a router's certificate and key, and of the issuers it trusts.
 
-        The file written by `admit`.
+        `admit` writes the latter.
         """
         return replace(self.identity(router), ca=str(self.path / f"{router.file}{_MEMBERS}"))
 
