@@ -137,7 +137,10 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return [Routers(self.connect, one) for one in known] or [Routers(self.connect, self._lacking())]
 
     def _lacking(self) -> Identity | None:
-        """Files that are not there, so that a check names the folder; None without certificates."""
+        """Return paths of certificate files that do not exist, so that a check reports the folder `pki`.
+
+        None without certificates.
+        """
         here = f"{self.pki}/ROLE.NAME"
         return Identity(f"{self.pki}/ca.pem", f"{here}.pem", f"{here}.key") if self.pki else None
 
@@ -234,7 +237,10 @@ class Device:
 
 
 class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The bridge: its id, publishing interval, health address and devices."""
+    """The bridge, which reads devices and publishes their samples.
+
+    The table has its id, publishing interval, health address and devices.
+    """
 
     #: name of the bridge in keys and certificates
     id: str
@@ -269,8 +275,9 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The whole ward file: a field per table, None for a table that is not there. ward: id of the ward.
+    """The whole ward file, a field per table; a table that is not there has its defaults, or is None.
 
+    ward: id of the ward.
     The estimator's subclass gives `estimator`, `dashboard` and `alerts` their types. Raises ValueError for an invalid
     ward id.
     """
