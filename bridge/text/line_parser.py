@@ -175,7 +175,10 @@ class RegexReader:
         self._always = {*profile.gyro.columns} | ({profile.time.column} if profile.time else set())
 
     def read(self, line: str) -> Row | Header | Refused:
-        """Parse one line to a sample; a refusal if the line does not match, or lacks a gyro or time column."""
+        """Parse one line to a sample.
+
+        The result is a refusal if the line does not match, lacks a gyro or time column, or has a bad number.
+        """
         match = self._pattern.fullmatch(line)
         if match is None:
             return Refused(NO_MATCH, "the line does not match the profile's pattern")

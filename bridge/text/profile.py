@@ -118,8 +118,7 @@ class Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Table [gyro] of a profile: the columns with the rates about x, y, z, and their unit.
 
     scale: further factor, one for all axes or one per axis. sensitivity_mdps: value of one count in m°/s, if unit is
-    `counts`.
-    Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
+    `counts`. Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
     """
 
     columns: tuple[str, str, str]
@@ -142,8 +141,7 @@ class Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Table [accel] of a profile: the columns with the accelerations along x, y, z, and their unit.
 
     scale: further factor, one for all axes or one per axis. sensitivity_mg: value of one count in mg, if unit is
-    `counts`.
-    Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
+    `counts`. Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
     """
 
     columns: tuple[str, str, str]
@@ -226,9 +224,9 @@ class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def said(self) -> Sentence:
-        """Sentence for the user.
+        """Sentence for the user about the fault.
 
-        By how many percent the device reads low or high, why, and the scale that corrects it.
+        It states by how many percent the device reads low or high, why, and the scale that corrects it.
         """
         code = Code.READS_LOW if self.factor > 1 else Code.READS_HIGH
         return code(percent=f"{100 * abs(1 - 1 / self.factor):.1f}", cause=self.cause, scale=f"{self.factor:g}")
