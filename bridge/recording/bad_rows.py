@@ -39,9 +39,8 @@ def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: l
     """Drop rows whose rate is missing or impossible; interpolate gaps in acceleration and temperature.
 
     columns: in SI units, by name; changed in place. place: names a value in an error. notes: gets a sentence per
-    repair.
-    If rows are dropped, the column `row` keeps the old numbers of the others. Raises RecordingError if too many rows
-    are bad.
+    repair. If rows are dropped, the column `row` keeps the old numbers of the others. Raises RecordingError if too many
+    rows are bad.
     """
     gyro = columns["gyro_rad_s"]
     limit = _LIMITS["gyro_rad_s"][0]

@@ -110,9 +110,9 @@ def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path
 
 
 def channels(stretch: Stretch) -> list[Channel]:
-    """Return the columns of a stretch's motion file, in order.
+    """Return the columns of the motion file of a stretch (samples of one boot), in the order of the file.
 
-    Time in s, rates in rad/s, accelerations in m/s², and so on.
+    Times are in s, rates in rad/s, accelerations in m/s², standard deviations of angles in rad, temperatures in °C.
     """
     corrected = stretch.corrected
     vectors: list[tuple[str, str, str, str, NDArray[np.generic] | None]] = [

@@ -49,10 +49,11 @@ class Mended(NamedTuple):
 
 
 def mend(time: Floats, tick_s: float) -> Mended:
-    """Repair sample times (n,) in s, NaN where one is missing.
+    """Repair the sample times (n,) of a recording, in s, NaN where one is missing.
 
-    Wraps, swapped rows, bad times, coarse clocks, arrival times.
-    tick_s: seconds per count of the file's time column, 0 when unknown. Raises ClockFault if they cannot be repaired.
+    Repaired are counter wraps, swapped rows, single bad times, coarse clocks and times of arrival; reboots are found.
+    tick_s: seconds per count of the file's time column, 0 when unknown. Raises ClockFault if the times cannot be
+    repaired.
     """
     notes = list[str]()
     order = np.arange(len(time))

@@ -28,10 +28,8 @@ class Contents:
     """Iterates over the decoded messages (Heard) of a ward's recording files, earliest file first.
 
     wanted: kinds of message to decode, by the first word of their topic; empty means all. tell(done, total): progress,
-    bytes.
-    After iterating, `refused` counts the messages that could not be decoded, and `trouble` says what is wrong with each
-    file.
-    `size`: bytes of the files read. Raises RecordingError for a file that is not a recording of a ward.
+    bytes. After iterating, `refused` counts the messages that could not be decoded, and `trouble` says what is wrong
+    with each file. `size`: bytes of the files read. Raises RecordingError for a file that is not a recording of a ward.
     """
 
     def __init__(self, paths: Sequence[Path], wanted: Sequence[str] = (), tell: Tell = lambda _done, _of: None) -> None:

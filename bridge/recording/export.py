@@ -86,7 +86,7 @@ def make_folder(folder: Path) -> None:
 
 
 def columns(stretch: Stretch) -> Columns:
-    """Return the columns (n,), (n, 3) or (n, 4) of a stretch by name, in the order of the CSV.
+    """Return the columns (n,), (n, 3) or (n, 4) of a stretch (samples of one boot) by name, in the order of the CSV.
 
     The module's docstring lists names and units.
     """

@@ -36,7 +36,7 @@ class Output:
             raise FileNotFoundError(f"{with_part(self.path).name} was removed while it was being written")
 
     def finish(self) -> None:
-        """Sync and close the file, and give it its final name."""
+        """Sync and close the file, and give it its final name. Raises OSError."""
         self.sync()
         self.file.close()  # Windows renames no open file
         with_part(self.path).rename(self.path)
@@ -85,7 +85,7 @@ class Folder:
         )
 
     def free_bytes(self) -> int:
-        """Return the free bytes on the disk for users other than root."""
+        """Return the number of free bytes on the disk for users other than root."""
         return shutil.disk_usage(self.path).free
 
     def leftovers(self) -> list[Path]:

@@ -23,9 +23,10 @@ class Gap(NamedTuple):
 class Findings(NamedTuple):
     """Results of inspecting a recording, in SI units.
 
-    rate_hz: the rate in use; measured_hz: the rate by the median step. noise, rest_mean (3,): standard deviation and
-    mean of the quietest second, rad/s. most (3,): largest absolute rates, rad/s. gravity: median length of the
-    acceleration, m/s². temperature_c: lowest and highest. notes: what the reader understood, repaired or doubted.
+    samples: number of samples. rate_hz: the rate in use; measured_hz: the rate by the median step.
+    noise, rest_mean (3,): standard deviation and mean of the quietest second, rad/s. most (3,): largest absolute rates,
+    rad/s. gravity: median length of the acceleration, m/s²; None without an accelerometer. temperature_c: lowest and
+    highest, or None. notes: what the reader understood, repaired or doubted.
     """
 
     samples: int

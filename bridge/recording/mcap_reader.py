@@ -52,8 +52,7 @@ class McapReader:
 
     file: binary and seekable. place: its name in errors. The following are complete after `entries` has ended.
     finished: the file has its end. trouble: what is wrong with the file, for the user. good: bytes examined. size:
-    bytes in all.
-    messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
+    bytes in all. messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
     """
 
     def __init__(self, file: BinaryIO, place: str) -> None:

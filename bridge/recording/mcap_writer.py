@@ -68,8 +68,8 @@ class McapWriter:
     """Writes one MCAP file to any binary file. A message is in the file once the `flush` after `add` has returned.
 
     name, facts: metadata record at the file's beginning. messages: number of messages in the file. pending: not yet
-    flushed.
-    After an OSError the file holds what was flushed before. The `pending` messages are lost, and no more can be added.
+    flushed. After an OSError the file holds what was flushed before. The `pending` messages are lost, and no more can
+    be added.
     """
 
     def __init__(self, file: BinaryIO, name: str, facts: dict[str, str]) -> None:

@@ -31,8 +31,7 @@ class Kind:
     """One kind of recorded message: its schema name, decoder and time.
 
     decode(key, payload): the codec's decoder, which raises Refusal. own_ns: name of the message's field with its own
-    time.
-    repeated: every file begins with the latest message of each device, so that each file is readable alone.
+    time. repeated: every file begins with the latest message of each device, so that each file is readable alone.
     """
 
     schema: str

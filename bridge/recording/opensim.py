@@ -66,13 +66,12 @@ def convert(
     segments: Mapping[str, str],
     skip_s: float = 0.0,
 ) -> Written:
-    """Write OpenSim .sto files.
+    """Write the orientations and rates of devices as OpenSim .sto files, at the sample times of the first device.
 
-    The orientation of every device at the sample times of the first one, and the rates beside it.
-    devices: ids to write, none for all. boot: which boot of a ward's recording, from 1. segments: body of the model by
-    device id;
-    without one, the recorded placement, else the device id is the body. skip_s: seconds to leave out at the beginning.
-    Raises RecordingError.
+    out: the file of orientations; the file of rates lies beside it, if every device has rates. devices: ids to write,
+    none for all. boot: which boot of a ward's recording, from 1. segments: body of the model by device id; without one,
+    the body of the recorded placement, else the device id. skip_s: seconds to leave out at the beginning. Raises
+    RecordingError.
     """
     tracks = [track for track in _tracks(files, boot) if not devices or track.device in devices]
     names = {track.device: segments.get(track.device, track.body) for track in tracks}

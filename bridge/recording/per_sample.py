@@ -33,9 +33,9 @@ class Copy(NamedTuple):
 
 
 class PerSample:
-    """Makes one ROS 2 message per sample of a ward, a Copy.
+    """Makes one ROS 2 message, a Copy, per sample of a ward.
 
-    Readings in `/WARD/DEVICE/imu_raw`, corrected in `/WARD/DEVICE/imu`.
+    Readings have the topic `/WARD/DEVICE/imu_raw`, corrected samples `/WARD/DEVICE/imu`.
     A sample that arrives again is not repeated. `now_s` is seconds of a steady clock.
     """
 

@@ -44,8 +44,7 @@ class Knobs:
     """Settings of a recorder: when to begin a new file, how much disk to leave free, and when to delete old files.
 
     A new file begins after rotate_s seconds or rotate_bytes. flush_s: seconds between flushes; so much may be lost in a
-    power failure.
-    retry_s: seconds between attempts after an error.
+    power failure. retry_s: seconds between attempts after an error.
     A file is begun only if room_bytes are free in addition to keep_free_bytes. Finished files are deleted, the oldest
     first, when they are older than keep_s seconds, or when all files together exceed keep_bytes.
     """

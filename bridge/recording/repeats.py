@@ -15,7 +15,7 @@ _BY_CHANCE = 0.05
 def repeated(time: Floats, values: Floats) -> Flags:
     """Return a mask (n,) of the rows that were written twice.
 
-    Equal to an earlier row in time (n,) and all values (n, c).
+    Such a row equals an earlier row in time (n,) and in all values (n, c).
     """
     return _seen_before(np.column_stack([time, values]))
 

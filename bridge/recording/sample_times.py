@@ -23,8 +23,7 @@ def sample_times(
     """Return the time (n,) of each kept row, s, and the index of the first row of each boot.
 
     columns: by name; sorted, and repeated rows dropped, in place. tick_s: seconds per count of the time column, 0 when
-    unknown.
-    rate: the rate that the file or the user states, Hz, or None. notes: gets a sentence per repair. Raises
+    unknown. rate: the rate that the file or the user states, Hz, or None. notes: gets a sentence per repair. Raises
     RecordingError.
     """
     if "t_s" not in columns:

@@ -12,8 +12,7 @@ class Continuation(NamedTuple):
     """How a batch continues the batches before it.
 
     skip: number of samples at its beginning that are already known. missing: number of samples lost before its new
-    ones.
-    anew: the sequence numbers start over. step: ticks from the last known sample to the first new one.
+    ones. anew: the sequence numbers start over. step: ticks from the last known sample to the first new one.
     """
 
     skip: int

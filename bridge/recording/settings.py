@@ -75,5 +75,5 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def rotate_s(self) -> float:
-        """Seconds until a new file begins; infinite for never."""
+        """Duration after which a new file begins, s; infinite for never."""
         return seconds(self.rotate, "rotate")

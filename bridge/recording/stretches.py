@@ -30,8 +30,9 @@ NOT_CORRECTED = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rates:
-    """Corrected rates of a stretch, one row per sample; NaN for a sample without a corrected rate.
+    """Corrected rates of a Stretch (samples of one boot), one row per sample.
 
+    NaN for a sample without a corrected rate.
     rate, rate_std, bias (n, 3): rad/s, sensor frame, as in a CorrectedBatch.
     quality (n,): number of messages.Quality, or NOT_CORRECTED.
     """
@@ -44,7 +45,7 @@ class Rates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attitudes:
-    """Orientation of a stretch, one row per sample; NaN for a sample without one.
+    """Orientation of a Stretch (samples of one boot), one row per sample; NaN for a sample without one.
 
     quat_wxyz (n, 4): sensor to earth, scalar first. tilt_std, heading_std (n,): standard deviations in rad, of the last
     sample of the sample's message.
@@ -62,8 +63,7 @@ class Stretch:
     boot: boot id. number: of the device's stretch, from 1. tick_period_s: seconds per tick.
     time_ns (n,): host time, ns since the Unix epoch. gyro (n, 3): rad/s.
     accel (n, 3): m/s², None if any sample lacks it. temperature_c (n,): °C, gaps interpolated, None if no sample has
-    it.
-    flags (n,): SampleFlag bits. corrected, oriented: None if not recorded.
+    it. flags (n,): SampleFlag bits. corrected, oriented: None if not recorded.
     """
 
     device: str
@@ -122,7 +122,10 @@ class Recorded:
         return min((int(s.time_ns[0]) for stretches in self.stretches.values() for s in stretches), default=0)
 
     def calibrations_of(self, stretch: Stretch) -> list[Calibration]:
-        """Return the accepted calibrations made during a stretch, in order of time."""
+        """Return the accepted calibrations made during a stretch (samples of one boot), in order of time.
+
+        Calibrations whose covariance is unknown are left out.
+        """
         same = [one for one in self.stretches[stretch.device] if one.boot == stretch.boot]
         at = same.index(stretch)
         since_ns = int(stretch.time_ns[0]) if at else 0
@@ -137,7 +140,7 @@ class Recorded:
         return sorted(made, key=lambda one: one.time_ns)
 
     def only(self, devices: Sequence[str]) -> "Recorded":
-        """Return the content of these devices alone. Raises RecordingError for an unknown device."""
+        """Return the content of these devices alone; devices: ids. Raises RecordingError for an unknown device."""
         for device in devices:
             if device not in self.stretches:
                 raise RecordingError(f"no samples of --device {device!r}; choose from {', '.join(self.stretches)}")
@@ -230,7 +233,7 @@ def _rates(batches: list[CorrectedBatch], sequence: NDArray[np.int64], ticks: ND
 def _attitudes(
     batches: list[OrientationBatch], sequence: NDArray[np.int64], ticks: NDArray[np.uint64]
 ) -> Attitudes | None:
-    """Return the orientation of the samples with these numbers and ticks, as `_rates` does."""
+    """Return the orientation of the samples with these numbers and ticks; of a sample in two messages, the last."""
     n = len(ticks)
     found = Attitudes(np.full((n, 4), np.nan, np.float32), *(np.full(n, np.nan, np.float32) for _ in range(2)))
     for batch in batches:

@@ -177,8 +177,7 @@ def survey(
     """Survey a ward's recordings: devices, boots, rates, gaps, calibrations and notes.
 
     tell(done, total): progress in bytes. wanted: kinds of message to read, by the first word of their topic; empty for
-    all.
-    keep: keep the samples. Raises RecordingError for a file that is not a recording of a ward.
+    all. keep: keep the samples. Raises RecordingError for a file that is not a recording of a ward.
     """
     contents = Contents(paths, wanted, tell)
     devices: dict[str, Device] = {}

@@ -31,8 +31,8 @@ class Table:
 
     columns: gyro_rad_s (n, 3) and, if known, accel_m_s2 (n, 3), temperature_c (n,), t_s (n,), counter (n,), rate_hz ().
     place: names a value of the file in an error. device, boot: ids, empty and 0 when unknown. model: empty when
-    unknown.
-    tick_s: seconds per count of the file's time column, 0 when unknown. notes: what was understood, for the user.
+    unknown. tick_s: seconds per count of the file's time column, 0 when unknown. notes: what was understood, for the
+    user.
     """
 
     columns: dict[str, Floats]

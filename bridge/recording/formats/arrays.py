@@ -27,8 +27,7 @@ def table_of(
     """Make a Table from arrays in SI units whose names are in WANTED; options of `reading` replace their units.
 
     present: names of all arrays of the file, for the message. tick_s: seconds per count of its time column, 0 when
-    unknown.
-    notes: sentences for the user, to which more are added. Raises RecordingError.
+    unknown. notes: sentences for the user, to which more are added. Raises RecordingError.
     """
     arrays = dict(arrays)
     corrected = arrays.pop(_CORRECTED, None)

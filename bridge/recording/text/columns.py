@@ -18,9 +18,9 @@ _SHOWN = 12
 
 @dataclass(slots=True)
 class Triple:
-    """Indices of three columns, x y z, of a text table, and the factor from their numbers to SI.
+    """Three columns of a text table that are the x, y, z of one vector.
 
-    None if no unit is stated.
+    at: their indices. factor: from their numbers to SI; None if no unit is stated.
     unit: as stated, in its standard spelling; empty if not stated.
     """
 
@@ -31,8 +31,9 @@ class Triple:
 
 @dataclass(slots=True)
 class Clock:
-    """Index of a time column of a text table, and its factor to seconds; None if no unit is stated.
+    """Time column of a text table.
 
+    at: its index. factor: from its numbers to seconds; None if no unit is stated.
     text: the column holds dates or times of day. rank: preference among several clocks, the lower the better.
     """
 

@@ -43,8 +43,7 @@ class Name(NamedTuple):
 
     kind: gyro, accel, axis, time, counter, temperature, rate, or empty for none of these. axis: x, y, z or empty.
     unit: in its standard spelling, empty if not stated. group: its other words, the same for the three axes of one
-    sensor.
-    rank: of a time column, the lower the better.
+    sensor. rank: of a time column, the lower the better.
     """
 
     kind: str

@@ -27,9 +27,9 @@ _SLOW_HZ, _FAST_HZ = 4.5, 4000.0
 _NEAR_GRAVITY = 0.15
 #: _EVEN: tolerance of an even step, of the median step; _EVENLY: share of even steps of a device's own clock
 _EVEN, _EVENLY = 0.5, 0.8
-#: two time columns whose steps differ by a larger factor are not one clock in two units
 #: time column of an exported recording, and its other times
 _OWN_TIMES = "t_s", ["host_time_ns"]
+#: two time columns whose steps differ by a larger factor are not one clock in two units
 _SAME_STEP = 1.1
 
 
@@ -55,8 +55,7 @@ def read_columns(
     """Make a table in SI units from numbers (n, c) and the names of their columns.
 
     Names are understood as those of a text table. rate_hz: as the file states it, else 0. sensor: words that tell which
-    sensor columns named x, y, z belong to.
-    Raises RecordingError.
+    sensor columns named x, y, z belong to. Raises RecordingError.
     """
     layout = Layout(None, ".", names, len(names), 0, rate_hz)
     columns, wanted = _columns(path, layout, reading, ["0"] * len(names), tag=sensor)
@@ -65,9 +64,9 @@ def read_columns(
 
 
 def join_accel(path: Path, table: Table, reading: Reading) -> None:
-    """Add the accelerometer of the text file that `reading.accel_file` names to the table, in place.
+    """Add the accelerometer of the text file `reading.accel_file` to the table, in place.
 
-    Nothing if it names none.
+    Without that option, nothing is added.
     If both files have times, it is interpolated at those of the rates. Raises RecordingError.
     """
     if reading.accel_file is not None:

@@ -88,7 +88,7 @@ def plain(name: str) -> str:
 
 @lru_cache(maxsize=1)
 def known() -> dict[str, Tool]:
-    """Return the tools that come with truerate, by name."""
+    """Return the descriptions of tools' exports that are shipped with truerate, by name of the tool."""
     return {name: load(path, Tool) for name, path in shipped(_FOLDERS).items()}
 
 
