@@ -75,8 +75,7 @@ def issue(
 
     authority: signs; a member's issuer, or an authority. begins, ends: validity, UTC.
     hosts: names and addresses of a router or page; clients refuse it under any other name. key: PEM of the private key;
-    None for a new key.
-    usages: extended key usages; by default those of the role.
+    None for a new key. usages: extended key usages; by default those of the role.
     Raises ValueError for invalid hosts, an invalid key, or an end after the authority's.
     """
     names = check_hosts(member, hosts)

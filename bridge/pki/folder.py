@@ -110,8 +110,7 @@ class Folder:
         """Revoke the current generation of a member and return that generation.
 
         New router rules must not name the generation any more. now: UTC. why: reason, kept in the file of revoked
-        names.
-        Raises ValueError if the member has no certificate.
+        names. Raises ValueError if the member has no certificate.
         """
         member = self.current(member)
         if not Path(self.identity(member).certificate).exists():
