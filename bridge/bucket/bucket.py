@@ -1,4 +1,4 @@
-"""A ward's part of a bucket of S3-compatible storage, and its keys, which never stand in the ward file."""
+"""Client of a ward's folder in a bucket of S3-compatible storage; its access keys never stand in the ward file."""
 
 import configparser
 import os
@@ -16,7 +16,7 @@ from bridge.toml.loader import ConfigError
 
 #: keys, as variables of the environment, or in lower case in a `credentials_file`
 KEYS = "AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"
-#: time for which a request is repeated before it fails; longest time of one request, of at most 5 MB
+#: RETRY: time for which a request is repeated before it fails. REQUEST: longest time of one request, of at most 5 MB
 RETRY, REQUEST = timedelta(seconds=30), timedelta(minutes=2)
 #: causes within obstore's errors: the storage's answer (XML), a certificate that is not trusted, or the system's words
 _CAUSE = re.compile(r'(?s).*?(?:<Code>(\w+)</Code>|InvalidCertificate\(\s*(\w+)|(?:message|error): "([^"]+)")|([^\n]*)')
@@ -43,7 +43,10 @@ class S3(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             )
 
     def keys(self) -> list[str]:
-        """Access key and secret key. Raises ConfigError where there are none, or where other users can read the file."""
+        """Return the access key and the secret key, from `credentials_file`, else from the environment.
+
+        Raises ConfigError if a key is missing, or if other users can read or change the file.
+        """
         file, told = self.credentials_file, configparser.ConfigParser(interpolation=None)
         try:
             if file and Path(file).stat().st_mode & 0o026:
@@ -56,7 +59,10 @@ class S3(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class BucketError(OSError):
-    """What a bucket did not do. sentence: the same as a code."""
+    """A request to a bucket failed.
+
+    sentence: the reason as a code with parameters, which each reader's language translates.
+    """
 
     def __init__(self, sentence: Sentence) -> None:
         super().__init__(english(sentence))
@@ -64,9 +70,10 @@ class BucketError(OSError):
 
 
 class Bucket:
-    """A ward's part of a bucket. Names are relative to it. Methods raise BucketError.
+    """A ward's folder in a bucket of S3-compatible storage: lists, uploads and downloads objects.
 
-    Raises ConfigError where obstore or the keys are missing.
+    Names of objects are relative to the ward's folder. Methods raise BucketError.
+    Raises ConfigError if the package obstore or the access keys are missing.
     """
 
     def __init__(self, settings: S3, ward: str) -> None:
@@ -86,19 +93,25 @@ class Bucket:
         )
 
     def copies(self, folder: str) -> list[tuple[datetime, str, int]]:
-        """Objects of a folder, the newest first: when copied, by the storage's clock; name within the folder; bytes."""
+        """List the objects of a folder, newest first, as (time, name, size).
+
+        time: last change, by the storage's clock. name: within the folder. size: bytes.
+        """
         with self._translated():
             found = self._store.list(folder).collect()
         made = [(one["last_modified"], one["path"].removeprefix(f"{folder}/"), one["size"]) for one in found]
         return sorted(made, reverse=True)
 
     def upload(self, path: Path, name: str) -> None:
-        """Copy a file, in parts of 5 MB; the object appears whole or not at all."""
+        """Upload a local file as the object `name`, in parts of 5 MB; the object appears whole or not at all."""
         with self._translated():
             self._store.put(name, path, max_concurrency=2)
 
     def download(self, name: str, to: Path, progress: Callable[[int, int], None]) -> None:
-        """Copy an object into a file. progress: called with the bytes done, of all."""
+        """Download the object `name` into the file `to`, which is overwritten.
+
+        progress: called with the number of bytes done and the number in all.
+        """
         with self._translated(), to.open("wb") as file:
             for chunk in (found := self._store.get(name)).stream():
                 file.write(chunk)

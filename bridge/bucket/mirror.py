@@ -15,9 +15,12 @@ LOOK_S, LAST_S = 60.0, 10.0
 
 
 class Mirror:
-    """Copies of the finished files of one folder. An object that has the name of a file and another size is never replaced.
+    """Thread that copies finished files to one folder of a bucket, and tries again what failed. It starts at once.
 
-    files: finds the finished files. name: an object's name for a file; another file must never get the same.
+    An object that has the name of a file and another size is never replaced.
+    folder: within the ward's folder of the bucket. files: returns the finished local files.
+    name: returns the object's name for a file; no two files may have the same. look_s: seconds between two looks for
+    files.
     """
 
     def __init__(
@@ -37,11 +40,17 @@ class Mirror:
         self._thread.start()
 
     def has(self, path: Path) -> bool:
-        """Whether a file is known to be in the bucket."""
+        """Whether a file is known to be in the bucket, under its name and with its size.
+
+        Raises OSError if the file is gone.
+        """
         return self._there.get(self._name(path)) == path.stat().st_size
 
     def close(self) -> None:
-        """Copy the last files, for at most LAST_S; the next start copies the others."""
+        """Copy the last files and end the thread, waiting for at most LAST_S seconds.
+
+        The next start copies the others.
+        """
         self._stop.set()
         self._thread.join(LAST_S)
 

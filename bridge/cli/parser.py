@@ -15,37 +15,46 @@ _NO_CHOICE = re.compile(r"(?P<where>.*)invalid choice: '(?P<word>.*)' \(choose f
 
 
 class Verbs(Protocol[P_co]):
-    """The result of argparse's `add_subparsers`."""
+    """Result of argparse's `add_subparsers`, as a type: the object that verbs are added to.
+
+    P_co: type of a verb's parser.
+    """
 
     def add_parser(self, name: str, **how: Any) -> P_co:
-        """Add the parser of a verb."""
+        """Add a verb and return its parser. name: the verb as typed. how: keyword arguments of argparse's parser."""
 
 
 class Parser(argparse.ArgumentParser):
     """Argument parser whose errors name the nearest known word, and which lists its commands."""
 
     def add_subparsers(self, **how: Any) -> "argparse._SubParsersAction[Any]":
-        """See argparse."""
+        """Add subcommands as argparse does, and remember them for `commands`. how: argparse's keyword arguments."""
         self._verbs = super().add_subparsers(**how)
         return self._verbs
 
     @property
     def commands(self) -> "dict[str, Parser]":
-        """The parser of each command, by the command's name."""
+        """The parser of each command, by the command's name; empty if the parser has no commands."""
         verbs = getattr(self, "_verbs", None)
         return dict(verbs.choices) if verbs else {}
 
     def parse_known_args(  # type: ignore[override] # argparse's overloads say no more
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """See argparse; unknown arguments are refused here, where the verb's options are known."""
+        """Parse arguments as argparse does; return the namespace and an empty list.
+
+        An unknown argument ends the program with an error that names the verb's nearest option.
+        """
         given, over = super().parse_known_args(args, namespace)
         if over:
             self.error(_left_over(over, _OPTION.findall(self.format_usage())))
         return given, over
 
     def error(self, message: str) -> NoReturn:
-        """See argparse; the error is one line, with the nearest choice instead of all choices."""
+        """Print the error in one line on stderr and exit with code 2.
+
+        The nearest choice replaces the list of choices.
+        """
         if match := _NO_CHOICE.fullmatch(message):
             known = re.findall(r"[\w-]+", match["known"])
             message = f"{match['where']}unknown {match['word']!r}; {nearest(match['word'], known)}"
@@ -60,7 +69,10 @@ def _left_over(words: Sequence[str], options: Iterable[str]) -> str:
 
 
 class Version(argparse.Action):
-    """Print truerate's version; looked up only when asked, because that is slow."""
+    """Action of the option `--version`: prints truerate's version and exits.
+
+    The version is looked up only then, because that is slow.
+    """
 
     def __init__(self, option_strings: Sequence[str], dest: str) -> None:
         super().__init__(option_strings, dest, nargs=0, help="show program's version number and exit")
@@ -74,14 +86,17 @@ class Version(argparse.Action):
 
 
 def seed(text: str) -> int:
-    """Parse a random seed, 0 to 2**31 - 1; an argparse type."""
+    """Parse the text of an option to a random seed, 0 to 2**31 - 1.
+
+    Raises ArgumentTypeError; use it as an argparse type.
+    """
     if not (text.isdecimal() and int(text) < 1 << 31):
         raise argparse.ArgumentTypeError(f"{text!r}: use a whole number from 0 to {(1 << 31) - 1}")
     return int(text)
 
 
 def sentence(words: str) -> str:
-    """A verb's help text as a sentence."""
+    """Return a verb's help text as a sentence: with a capital and a full stop."""
     return f"{words[:1].upper()}{words[1:]}{'' if words.endswith(('.', '?')) else '.'}"
 
 
@@ -92,7 +107,11 @@ def add_verb(
     does: str,
     more: str = "",
 ) -> argparse.ArgumentParser:
-    """Add a verb that calls `run` with the parsed arguments. more: text after the options, with its own line breaks."""
+    """Add a verb that calls `run` with the parsed arguments, and return its parser.
+
+    run: returns an exit code, or None for 0.
+    does: help text, without a full stop. more: text after the options, with its own line breaks.
+    """
     verb = _add(verbs, name, does, sentence(does), more)
     verb.set_defaults(run=run)
     return verb
@@ -101,19 +120,25 @@ def add_verb(
 def add_guarded(
     verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Run, does: str, example: str
 ) -> argparse.ArgumentParser:
-    """Add a verb whose ValueErrors are reported as errors in the arguments."""
+    """Add a verb and return its parser; a ValueError of `run` becomes ConfigError, an error in the arguments.
+
+    run: takes the parsed arguments and returns an exit code. does: help text. example: command shown after the options.
+    """
     return add_verb(verbs, name, _guarded(run), does, f"Example: {example}")
 
 
 def add_group(
     verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, more: str = "", *, about: str = ""
 ) -> "Verbs[argparse.ArgumentParser]":
-    """Add a verb that has verbs of its own; returns these. more, about: text after and before them."""
+    """Add a verb that has verbs of its own; return the object to which these are added.
+
+    does: help text. about, more: text before and after the list of verbs.
+    """
     return _add(verbs, name, does, about or sentence(does), more).add_subparsers(metavar="VERB", required=True)
 
 
 def add_device(verb: argparse.ArgumentParser, more: str = "") -> None:
-    """Add the argument that names a device. more: follows its help text."""
+    """Add the positional argument `device`, the id of a device. more: text that follows its help text."""
     verb.add_argument("device", help=f"device id as in `truerate devices`{more}")
 
 

@@ -37,7 +37,7 @@ docs/security.md explains each step."""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `pki`; each of its verbs sets `run(args) -> exit code`."""
+    """Add `pki` and its verbs to the command; each verb sets `run(args) -> exit code`."""
     inner = add_group(verbs, "pki", "make, renew and revoke certificates of routers and programs", ROLES)
     verb = _verb(inner, "init", _init, "make the certificate authority of a ward")
     verb.add_argument(

@@ -12,6 +12,7 @@ from bridge.terminal.plurals import count
 from bridge.terminal.tables import Column, Columns
 from bridge.text.profile import load_profile, shipped
 
+#: most bytes of a captured file that are read
 MAX_FILE: Final = 64_000_000
 _DONE, _FAILED = 0, 1
 #: the bytes of nearly all text, and their least share in it; at a wrong baud rate the share is lower
@@ -19,7 +20,10 @@ _PRINTED, _MOSTLY = frozenset(b"\t\r\n" + bytes(range(32, 127))), 0.9
 
 
 def profiles(_: argparse.Namespace) -> int:
-    """List the profiles shipped with truerate: `truerate bridge profiles`."""
+    """Print the profiles shipped with truerate, with a summary of each (`truerate bridge profiles`).
+
+    Return exit code 0.
+    """
     known = Columns([Column("profile", least=16), Column("device", least=20)], headings=False)
     for name in shipped():
         known.add(name, load_profile(name).summary)
@@ -28,7 +32,7 @@ def profiles(_: argparse.Namespace) -> int:
 
 
 def add_try(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `truerate bridge try`."""
+    """Add the arguments of `truerate bridge try` to its parser."""
     parser.add_argument("profile", metavar="PROFILE", help="name of a profile, or path of its .toml file")
     parser.add_argument(
         "file", type=Path, metavar="FILE", help="captured output of the device: cat /dev/ttyACM0 > FILE"
@@ -42,7 +46,10 @@ def add_try(parser: argparse.ArgumentParser) -> None:
 
 
 def try_profile(args: argparse.Namespace) -> int:
-    """Try a profile on a captured file: `truerate bridge try`. Exit code 0 if any sample was understood."""
+    """Print what a profile reads from a captured file (`truerate bridge try`).
+
+    Returns exit code 0 if any sample was understood, else 1. Raises ValueError for an option that is not above 0.
+    """
     for option, given in (("--seconds", args.seconds), ("--rate-hz", args.rate_hz)):
         if given is not None and not 0 < given < math.inf:
             raise ValueError(f"{option} is {given:g}: use a number above 0, or leave the option out if it is unknown")

@@ -9,7 +9,10 @@ from bridge.toml.loader import ConfigError
 
 
 def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
-    """Add the options of a Reading; device: also the option that chooses a device of a ward's recording."""
+    """Add the command-line options that make a Reading: rate, units, columns and boot of a recording's file.
+
+    device: add also the option that chooses a device of a ward's recording.
+    """
     told = verb.add_argument_group("properties missing or wrong in the file")
     told.add_argument("--rate-hz", type=float, metavar="HZ", help="output data rate in Hz; replaces the file's times")
     told.add_argument("--gyro-unit", metavar="UNIT", help="unit of the rates: deg/s, rad/s, mdeg/s")
@@ -36,7 +39,7 @@ def add_reading(verb: argparse.ArgumentParser, *, device: bool = True) -> None:
 
 
 def reading_of(given: argparse.Namespace) -> Reading:
-    """The Reading of the given options; raises ConfigError for an invalid option, which is wrong usage."""
+    """Return the parsed options as a Reading. Raises ConfigError for an invalid option, which is wrong usage."""
     try:
         return _reading(given)
     except RecordingError as error:
@@ -59,5 +62,5 @@ def _reading(given: argparse.Namespace) -> Reading:
 
 
 def named(columns: str) -> tuple[str, ...]:
-    """Column names separated by commas, or by semicolons where names contain commas."""
+    """Split the option `--columns` into column names, at commas, or at semicolons where names contain commas."""
     return tuple(name.strip() for name in columns.split(";" if ";" in columns else ",") if name.strip())

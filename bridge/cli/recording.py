@@ -64,7 +64,7 @@ CONVERT = """examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `record` and `recording`; each sets `run(args) -> exit code`."""
+    """Add `record` and `recording` to the command; each verb sets `run(args) -> exit code`."""
     verb = add_verb(verbs, "record", _record, "record all data of a ward to MCAP files until stopped (Ctrl-C)", RECORD)
     add_ward(verb, "the ward's file (TOML): gives the ward's name, the routers and the table [recorder]")
     verb.add_argument(

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add the verb `router`."""
+    """Add the verb `router`, which runs a zenoh router, to the command."""
     example = f"truerate router --listen {LOCAL}"
     verb = add_guarded(verbs, "router", router, "run a zenoh router on this machine until stopped (Ctrl-C)", example)
     verb.add_argument(
@@ -41,7 +41,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def router(args: argparse.Namespace) -> int:
-    """Run the router until stopped; raises ValueError for an invalid argument."""
+    """Run a zenoh router until Ctrl-C or SIGTERM (`truerate router`); return exit code 0.
+
+    Raises ValueError for an invalid argument, and ConfigError for a file or certificate that cannot be used.
+    """
     written = args.config and args.config.suffix in (".json5", ".json")
     file = _looked_through(args.config) if written else None
     lasts = Routers(file.listen, file.identity).lasts() if file else None

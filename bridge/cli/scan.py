@@ -14,7 +14,7 @@ _DONE, _NOTHING = 0, 1
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of `truerate bridge scan`."""
+    """Add the arguments of `truerate bridge scan` to its parser."""
     verb.add_argument(
         "--port",
         action="append",
@@ -38,7 +38,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def scan(args: argparse.Namespace) -> int:
-    """Scan the ports; print a table, advice and a snippet to paste. Raises ValueError for an invalid argument."""
+    """Listen on the ports; print the devices found, advice and a snippet for the ward file (`truerate bridge scan`).
+
+    Returns exit code 0 if a device was recognised, else 1. Raises ValueError for an invalid argument.
+    """
     tried = candidates(registry.kinds().values())
     speeds = args.baud or bauds(tried)
     if not 0.1 <= args.seconds <= 60:

@@ -14,7 +14,10 @@ R = TypeVar("R", bound=Root)
 def add_ward(
     verb: argparse.ArgumentParser, config: str = "the ward's file (TOML): gives the ward's name and the routers"
 ) -> None:
-    """Add --config, --ward and --connect; config: the help text of --config."""
+    """Add the options --config, --ward and --connect, which select a ward and its routers.
+
+    config: help text of --config.
+    """
     verb.add_argument("--config", type=Path, help=config)
     verb.add_argument("--ward", metavar="W", help="name of the ward (default: the file's, else 'ward')")
     verb.add_argument(
@@ -26,7 +29,11 @@ def add_ward(
 
 
 def ward_of(args: argparse.Namespace, kind: type[R]) -> R:
-    """The ward's file or its defaults, with the given ward and routers; raises ValueError if these are invalid."""
+    """Return the ward file's content, or defaults without a file. The options for ward and routers take precedence.
+
+    kind: type of the content, Root or a subclass. Raises ConfigError for an invalid file, ValueError for an invalid
+    option.
+    """
     root = load(args.config, kind) if args.config else kind(ward=args.ward or "ward")
     bus = replace(root.bus, connect=check_endpoints(args.connect, "--connect")) if args.connect else root.bus
     return replace(root, ward=check(args.ward or root.ward, "--ward"), bus=bus)

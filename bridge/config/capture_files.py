@@ -7,7 +7,10 @@ from bridge.drivers import registry
 
 
 def unreadable(devices: Iterable[Device]) -> list[str]:
-    """Return a sentence for each device with an unreadable file."""
+    """Return a sentence for each played-back device whose recording or capture file is missing or cannot be read.
+
+    Devices that are not played back from a file are skipped.
+    """
     states = {device.id: (place, _state(device)) for device in devices if (place := _file(device))}
     return [f"device {name!r}: {place}: {state}" for name, (place, state) in states.items() if state != "present"]
 

@@ -20,7 +20,11 @@ _ALIKE = ("method", "model", "models", "horizontal_turns", "warming_s", "silence
 
 
 def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datetime) -> list[str]:
-    """Return all faults, as sentences that begin with the file. now: time at which certificates must be valid."""
+    """Compare ward files with each other, with their certificates and with the routers' rules; return all faults.
+
+    Each fault is a sentence that begins with the file.
+    wards: content of the ward files, by path. now: time, with time zone, at which certificates must be valid.
+    """
     return [
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
         *(f"{path}: {words}" for path, root in wards.items() for words in _of_ward(root, now)),
@@ -31,7 +35,10 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
 
 
 def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[str]:
-    """Yield a sentence for each certificate due for renewal, beginning with the file."""
+    """Yield a sentence for each certificate that ends soon: within 14 days, or in the last third of a short validity.
+
+    The sentence begins with the file. wards: content of the ward files, by path.
+    """
     for path, root in wards.items():
         yield from (f"{path}: [bus]: {words}" for routers in root.bus.every() for words in routers.soon())
     for router in routers:
@@ -39,7 +46,10 @@ def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[
 
 
 def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
-    """Yield a sentence for each device in `models` that is not enrolled; without enrolment, not listed in these files."""
+    """Yield a sentence for each device that `[estimator] models` names but that is not enrolled.
+
+    Without a table [devices], the names are compared with the devices listed in these files. wards: content by path.
+    """
     for path, root in wards.items():
         listed = {
             one.id

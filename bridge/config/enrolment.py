@@ -31,7 +31,11 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             self.read()
 
     def read(self) -> dict[str, str]:
-        """Read all enrolled devices: bridge by device id, "" for any bridge. Raises ValueError for an invalid file."""
+        """Return the enrolled devices of the table and its file.
+
+        The result has bridge ids by device id; "" if any bridge may send the device.
+        The file is read again at each call. Raises ValueError for an unreadable or invalid file.
+        """
         if not self.file:
             return places(self.enrolled)
         if words := os_errors.unreadable(Path(self.file)):
@@ -52,7 +56,10 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def places(entries: Iterable[str]) -> dict[str, str]:
-    """Parse entries to bridge by device id, "" for any bridge. Raises ValueError for an invalid or contradictory entry."""
+    """Parse entries `DEVICE` or `BRIDGE/DEVICE` to bridge ids by device id; "" stands for any bridge.
+
+    Raises ValueError for an invalid id, and for a device with two different bridges.
+    """
     found: dict[str, str] = {}
     for entry in entries:
         bridge, _, device = entry.rpartition("/")

@@ -10,7 +10,12 @@ _ANEW = "write both files of the router with `truerate pki router`, and copy bot
 
 
 def faults(router: RouterFile) -> Iterator[str]:
-    """Yield faults for members trusted without access rules, and for members with rules but not trusted."""
+    """Yield faults of members trusted by a router without access rules, and of members with rules but not trusted.
+
+    Each is a sentence for a person.
+    The issuers in the router's file of authorities are compared with the names in its access rules. Nothing is compared
+    if a certificate is unreadable, or if the site has its own authority.
+    """
     try:
         trusted = [common_name(one) for one in certificates(router.identity.ca)] if router.identity else []
         own = {member_of(router.identity).common_name} if router.identity else set()
@@ -27,7 +32,10 @@ def faults(router: RouterFile) -> Iterator[str]:
 
 
 def reaches(endpoint: str, router: RouterFile) -> bool:
-    """Whether an endpoint leads to a router: compares port, and host with the certificate or the listen address."""
+    """Whether an endpoint such as `tls/ward-3.example:7447` leads to this router.
+
+    The protocol and port must be the same; the host must be in the router's certificate, else in its listen addresses.
+    """
     hosts = hosts_at(router) or [host_of(listen) for listen in router.listen]
     return port_of(endpoint) in map(port_of, router.listen) and any(
         host in ANYWHERE or is_for(host, host_of(endpoint)) for host in hosts
@@ -43,19 +51,22 @@ def hosts_at(router: RouterFile) -> list[str]:
 
 
 def host_of(endpoint: str) -> str:
-    """Return the host name or address of an endpoint, in lower case."""
+    """Return the host name or address of an endpoint, in lower case: `10.0.0.5` of `tls/10.0.0.5:7447`."""
     address = endpoint.partition("/")[2].partition("#")[0].partition("?")[0]
     return address.rpartition(":")[0].strip("[]").lower()
 
 
 def is_for(certified: str, host: str) -> bool:
-    """Whether a name in a certificate matches a host; a leading `*` stands for one part."""
+    """Whether a name in a certificate matches a host. A leading `*.` stands for one part: `*.ward.example`."""
     name = certified.lower()
     return name == host or (name.startswith("*.") and name[2:] == host.partition(".")[2])
 
 
 def port_of(endpoint: str) -> tuple[str, str]:
-    """Return protocol and port of an endpoint; for a Unix socket, its path instead of the port."""
+    """Return protocol and port of an endpoint as texts, such as ("tls", "7447").
+
+    A Unix socket has its path instead of a port.
+    """
     protocol, _, address = endpoint.partition("/")
     bare = address.partition("#")[0].partition("?")[0]
     return protocol, bare if protocol.startswith("unixsock") else bare.rpartition(":")[2]

@@ -25,6 +25,7 @@ from bridge.wire.refusal import Refusal
 
 __all__ = ["Bridge", "Bus", "ConfigError", "Device", "Root", "Router", "check", "check_endpoints", "load"]
 
+#: default endpoint of a router on this machine
 LOCAL = "tcp/127.0.0.1:7447"
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")
 #: listen hosts that stand for all addresses of a machine
@@ -33,7 +34,10 @@ _ADDRESS = re.compile(r"[^?#\s]+:(\d{1,5})(?:[?#].*)?\Z")
 
 
 def check(text: object, what: str) -> str:
-    """Check an id of the configuration. Raises ValueError with the expected format."""
+    """Return an id of the configuration if it is valid. Raises ValueError with the expected format.
+
+    what: name of the id in the error.
+    """
     try:
         return check_id(text, what)
     except Refusal as refusal:
@@ -41,7 +45,11 @@ def check(text: object, what: str) -> str:
 
 
 def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
-    """Check zenoh endpoints. Raises ValueError beginning with `key`, a key of the file or a command-line option."""
+    """Return zenoh endpoints PROTOCOL/HOST:PORT as a tuple, if all are valid and no two are equal.
+
+    Raises ValueError otherwise, or if there is none; the text begins with `key`, a key of the file or a command-line
+    option.
+    """
     if not endpoints:
         raise ValueError(f"{key} needs at least one endpoint, such as {LOCAL!r}")
     if twice := [endpoint for endpoint in dict.fromkeys(endpoints) if endpoints.count(endpoint) > 1]:
@@ -62,7 +70,7 @@ def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
 
 
 def listening(address: str) -> tuple[str, int]:
-    """Parse the `health` address `host:port`. Raises ValueError with the expected format."""
+    """Parse the `health` address `HOST:PORT` to host, without brackets, and port. Raises ValueError with the format."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 1 <= int(port) <= 65535 or not address.isprintable():
         raise ValueError(f"health is {address!r}: write HOST:PORT, such as '127.0.0.1:9464'")
@@ -70,7 +78,10 @@ def listening(address: str) -> tuple[str, int]:
 
 
 def clash(address: str, other: str) -> bool:
-    """Whether two listen addresses on one machine conflict."""
+    """Whether two listen addresses `HOST:PORT` on one machine conflict.
+
+    They do if the ports are equal, and the hosts are equal or one of them stands for all addresses.
+    """
     (host, port), (there, its) = (listening(one.replace("localhost", "127.0.0.1")) for one in (address, other))
     return port == its and (host == there or not {host, there}.isdisjoint(ANYWHERE))
 
@@ -109,11 +120,15 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def certified(self) -> bool:
-        """Whether programs show certificates to the routers."""
+        """Whether the table names certificates, which programs then show to the routers."""
         return bool(self.pki or self.key)
 
     def every(self) -> list[Routers]:
-        """Return the routers' endpoints, once with each certificate; once without, if there is none."""
+        """Return the routers' endpoints with each certificate of this machine's programs: one Routers per certificate.
+
+        Without certificates, return one Routers with no identity. If the folder `pki` has no certificate, the paths in
+        the result do not exist, so that a check reports the folder.
+        """
         if self.key:
             return [Routers(self.connect, Identity(self.ca, self.certificate, self.key))]
         known = (
@@ -122,14 +137,19 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return [Routers(self.connect, one) for one in known] or [Routers(self.connect, self._lacking())]
 
     def _lacking(self) -> Identity | None:
-        """Files that are not there, so that a check names the folder; None without certificates."""
+        """Return paths of certificate files that do not exist, so that a check reports the folder `pki`.
+
+        None without certificates.
+        """
         here = f"{self.pki}/ROLE.NAME"
         return Identity(f"{self.pki}/ca.pem", f"{here}.pem", f"{here}.key") if self.pki else None
 
     def routers_as(self, *roles: Role, name: str = "") -> Routers:
-        """Return the routers with a certificate for one of the roles, the first preferred, and of this name if given.
+        """Return the routers' endpoints with a certificate for one of the roles, the first role preferred.
 
-        Raises ConfigError otherwise, because a router would accept the connection and then silently drop all messages.
+        name: id that the certificate must have; empty for any. Without certificates, the result has no identity.
+        Raises ConfigError if no certificate fits: a router would accept the connection and then silently drop all
+        messages.
         """
         wanted = " or ".join(f"{role.value}:{name}" if name else role.value for role in roles)
         make = f"Make one: truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
@@ -171,7 +191,10 @@ class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Device:
-    """One `[[bridge.devices]]` table: device id, driver name, and the driver's options."""
+    """One `[[bridge.devices]]` table: device id, driver name, and the driver's options.
+
+    Equal if all three are equal.
+    """
 
     __slots__ = ("driver", "id", "options")
 
@@ -182,7 +205,10 @@ class Device:
 
     @classmethod
     def from_table(cls, table: dict[str, Any]) -> Self:
-        """Build a device from its table: `id`, `driver`, and the driver's options. Raises ValueError."""
+        """Build a device from its TOML table. Raises ValueError.
+
+        The keys are `id`, `driver`, and the options of that driver.
+        """
         rest = dict(table)
         for key in ("id", "driver"):
             if key not in rest:
@@ -206,12 +232,15 @@ class Device:
         return self.id, self.driver, self.options
 
     def make(self) -> Driver:
-        """Create the device's driver, not yet open."""
+        """Create the driver object that reads the device; its port or file is not yet open."""
         return registry.kinds()[self.driver].make(self.options)
 
 
 class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The bridge: its id, publishing interval, health address and devices."""
+    """The bridge, which reads devices and publishes their samples.
+
+    The table has its id, publishing interval, health address and devices.
+    """
 
     #: name of the bridge in keys and certificates
     id: str
@@ -246,7 +275,12 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The whole ward file."""
+    """The whole ward file, a field per table; a table that is not there has its defaults, or is None.
+
+    ward: id of the ward.
+    The estimator's subclass gives `estimator`, `dashboard` and `alerts` their types. Raises ValueError for an invalid
+    ward id.
+    """
 
     ward: str
     bus: Bus = Bus()

@@ -36,10 +36,13 @@ _log = logging.getLogger(__name__)
 
 
 class WardFile(Generic[R]):
-    """The ward file of one program, and the content in force. Raises ConfigError if the file is invalid at the start.
+    """The ward file of one running program: `root` is the content in force, `report` the result of the last reading.
 
-    uses: tables that the program uses. live: settings, as `bridge.devices`, that take effect without a restart.
+    Raises ConfigError if the file is invalid at the start.
+    kind: type of the content, Root or a subclass. uses: tables that the program uses besides `ward` and `bus`.
+    live: settings, such as `bridge.devices`, that take effect without a restart.
     check: raises ConfigError for a content that the program could not start with.
+    settled_s: seconds for which a changed file must stay unchanged before it is read.
     """
 
     def __init__(
@@ -61,7 +64,10 @@ class WardFile(Generic[R]):
         self.report = CommandReply(digest, accepted=True, message=(Code.WARD_FILE_IN_FORCE(),))
 
     def look(self, now: float) -> R | None:
-        """Return the new content if the file has changed and is valid. now: monotonic s; call it every second or so."""
+        """Return the new content if the file has changed and is valid, else None. now: seconds of a monotonic clock.
+
+        Call it about once a second. `report` and the log tell what took effect, or why the file was refused.
+        """
         stamp = stamp_of(self.path)
         if stamp != self._seen:
             self._seen, self._seen_s = stamp, now
@@ -84,8 +90,9 @@ class WardFile(Generic[R]):
         return root
 
     def answer(self, bus: Bus, routers: Routers, role: Role, name: str) -> Declared:
-        """Answer questions on the bus with `report`.
+        """Answer queries on the bus about this program's ward file with `report`; close the result to stop.
 
+        `truerate reload` and `truerate doctor` send these queries.
         routers: how the bus is connected; without a certificate the program answers by this role and name.
         """
         member = member_of(routers) or Member(role, name)
@@ -106,7 +113,10 @@ class WardFile(Generic[R]):
 
 
 def member_of(routers: Routers) -> Member | None:
-    """Return the member that the certificate names; None without a certificate."""
+    """Return the member (role and name) that the certificate of these routers names; None without a certificate.
+
+    Raises ValueError if the certificate is unreadable or names no role.
+    """
     if routers.identity is None:
         return None
     from bridge.pki.certificate_checks import member_of as certified  # noqa: PLC0415 - as in bridge.bus.routers
@@ -115,7 +125,7 @@ def member_of(routers: Routers) -> Member | None:
 
 
 def digest_of(path: Path) -> str:
-    """Return a short digest of a file's content; empty if it cannot be read."""
+    """Return the first 32 hexadecimal digits of the SHA-256 of a file's content; empty if it cannot be read."""
     try:
         return hashlib.sha256(content(path)).hexdigest()[:32]
     except OSError:
@@ -123,9 +133,10 @@ def digest_of(path: Path) -> str:
 
 
 def differences(old: Struct, new: Struct, within: str = "") -> dict[str, str]:
-    """Return the settings that differ, by dotted name, as `bridge.devices`.
+    """Return the settings that differ between two contents of a ward file, by dotted name, such as `bridge.devices`.
 
-    The value describes a list or table: ids that came (+), that left (-), and that say something else now (~).
+    The value describes a list or table: ids added (+), removed (-) and changed (~); empty for a single value.
+    within: text before each name, for an inner table, such as `bridge.`.
     """
     found: dict[str, str] = {}
     for field in fields(type(old)):
@@ -161,7 +172,10 @@ def _named(value: object) -> Mapping[str, Any]:
 
 
 def stamp_of(path: Path) -> tuple[int, int, int] | None:
-    """Return what changes when a file changes: time, size and inode; None if it is away."""
+    """Return modification time in ns, size in bytes and inode of a file, to notice a change.
+
+    None if the file is not there.
+    """
     try:
         found = path.stat()
     except OSError:

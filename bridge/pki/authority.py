@@ -23,6 +23,7 @@ from cryptography.x509.oid import NameOID
 from bridge.pki.certificate_checks import ISSUER_OF
 from bridge.pki.member import Member, Role
 
+#: default validity of a member's certificate and of an authority, days
 DAYS, CA_DAYS = 90, 3650
 _USAGES = {Role.ROUTER: [Usage.CLIENT_AUTH, Usage.SERVER_AUTH], Role.PAGE: [Usage.SERVER_AUTH]}
 #: largest clock difference between machines of a ward; certificates begin this much earlier
@@ -33,21 +34,27 @@ _NAME = re.compile(rf"(?:\*\.)?(?:{_LABEL}\.)*(?!\d+\Z){_LABEL}\Z", re.IGNORECAS
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A certificate and its private key, PEM."""
+    """A certificate and its private key as PEM bytes. An issued certificate is followed by its issuer's."""
 
     certificate: bytes
     key: bytes
 
 
 def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
-    """Create a self-signed authority. name: its common name. days: its validity."""
+    """Create a self-signed certificate authority and return its certificate and key.
+
+    name: its common name. now: UTC. days: validity in days; the validity begins 5 minutes before `now`.
+    """
     key = ec.generate_private_key(ec.SECP256R1())
     made = _begun(name, _subject(name), key, now - EARLIER, now + timedelta(days=days), below=1)
     return Pair(_signed(made, key), _pem(key))
 
 
 def new_issuer(authority: Pair, member: Member) -> Pair:
-    """Create the issuer that signs the certificates of one member; valid as long as the authority."""
+    """Create the issuer, an intermediate authority, that signs the certificates of one member.
+
+    Returns its certificate and key; it is valid as long as the authority.
+    """
     ca, key = x509.load_pem_x509_certificate(authority.certificate), ec.generate_private_key(ec.SECP256R1())
     name = f"{ISSUER_OF}{member.common_name}"
     made = _begun(name, ca.subject, key, ca.not_valid_before_utc, ca.not_valid_after_utc, below=0)
@@ -66,8 +73,9 @@ def issue(
 ) -> Pair:
     """Issue a member's certificate, followed by its issuer's certificate in the same PEM.
 
-    hosts: names and addresses of a router or page; clients refuse it under any other name. key: PEM of the private key; None
-    for a new key. usages: extended key usages; by default those of the role.
+    authority: signs; a member's issuer, or an authority. begins, ends: validity, UTC.
+    hosts: names and addresses of a router or page; clients refuse it under any other name. key: PEM of the private key;
+    None for a new key. usages: extended key usages; by default those of the role.
     Raises ValueError for invalid hosts, an invalid key, or an end after the authority's.
     """
     names = check_hosts(member, hosts)
@@ -88,7 +96,10 @@ def issue(
 
 
 def check_hosts(member: Member, hosts: Sequence[str]) -> list[x509.GeneralName]:
-    """Return subject alternative names. Raises ValueError for a router or page without hosts, and for an invalid host."""
+    """Return a certificate's subject alternative names: the hosts, else a URI with the member's common name.
+
+    Raises ValueError for a router or page without hosts, and for an invalid host.
+    """
     if member.role.serves and not hosts:
         role = member.role.value
         raise ValueError(f"a {role}'s certificate needs the {role}'s host names or addresses: give each with --host")

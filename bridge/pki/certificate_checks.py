@@ -62,7 +62,10 @@ def common_name(certificate: x509.Certificate) -> str:
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """Return the host names and addresses in a router's certificate."""
+    """Return the host names and IP addresses in a router's or page's certificate; empty if it names none.
+
+    They are its subject alternative names.
+    """
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
@@ -71,12 +74,18 @@ def hosts_of(certificate: x509.Certificate) -> list[str]:
 
 
 def signer(path: str) -> bytes:
-    """Return the second certificate of a file as PEM: the issuer of the first."""
+    """Return the second certificate of a PEM file as PEM bytes: the issuer of the first. The file must hold two.
+
+    Raises ValueError for an unreadable file.
+    """
     return certificates(path)[1].public_bytes(Encoding.PEM)
 
 
 def member_of(identity: Identity) -> Member:
-    """Return the member that holds the certificate. Raises ValueError if the common name contains no role."""
+    """Return the member (role, name, generation) that the certificate's common name states.
+
+    Raises ValueError if the file is unreadable or the common name contains no role.
+    """
     try:
         return Member.parse(common_name(certificates(identity.certificate)[0]))
     except ValueError as error:
@@ -84,12 +93,16 @@ def member_of(identity: Identity) -> Member:
 
 
 def verified(certificate: str, ca: str) -> bool:
-    """Whether an authority in the file `ca` signed a certificate; dates are ignored. Raises ValueError for invalid PEM."""
+    """Whether an authority in the file `ca` signed a certificate, directly or through issuers in `certificate`.
+
+    certificate, ca: paths of PEM files.
+    Dates are ignored. Raises ValueError for a file that is not PEM.
+    """
     return bool(_chain(certificates(certificate), certificates(ca))[1])
 
 
 def lasts(identity: Identity) -> Validity:
-    """Return the validity of a certificate chain: the certificate that expires first.
+    """Return the validity period of a certificate chain: that of the certificate in it that expires first.
 
     Of several trusted authorities, the one that expires last counts. Raises ValueError for an unreadable file.
     """
@@ -99,14 +112,15 @@ def lasts(identity: Identity) -> Validity:
 
 
 def lasts_of(certificate: x509.Certificate) -> Validity:
-    """Return the validity of a single certificate, regardless of its issuers."""
+    """Return the validity period of a single certificate in UTC, regardless of its issuers."""
     return Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
 
 
 def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Role)) -> list[str]:
-    """Return all faults of an identity, as sentences that begin with the file.
+    """Check an identity's certificate, key, chain and file permissions.
 
-    roles: the accepted roles. Empty if the identity is valid at `now` for one of the roles.
+    Return all faults as sentences that begin with the file.
+    now: time, with time zone. roles: the accepted roles. Empty if the identity is valid at `now` for one of the roles.
     """
     try:
         trusted = certificates(identity.ca)

@@ -24,7 +24,7 @@ class Validity:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Paths of PEM files: the trusted authorities, the certificate, and its private key."""
+    """Paths of a program's PEM files: the trusted authorities, the certificate, and its private key."""
 
     ca: str
     certificate: str
@@ -32,7 +32,10 @@ class Identity:
 
 
 def identities_in(folder: Path) -> dict[Member, Identity]:
-    """Return the certificates of a machine's folder, the newest generation of each member. The content is not read."""
+    """Find the certificates `ROLE.NAME.pem` in a machine's folder.
+
+    Returns the paths by member, of the newest generation of each member. The content is not read.
+    """
     found = dict[tuple[str, str], Member]()
     for path in folder.glob("*.*.pem"):
         try:

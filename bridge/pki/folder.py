@@ -20,13 +20,19 @@ _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.tx
 
 
 class Folder:
-    """Folder that `truerate pki` works in. Methods raise ValueError, and OSError for disk errors."""
+    """Folder of a ward's certificate authority, which issues, renews and revokes the certificates of members.
+
+    Methods raise ValueError with a sentence for the user, and OSError for disk errors.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def make(self, name: str, now: datetime) -> None:
-        """Create an authority. Raises ValueError if the folder has one already."""
+        """Create the authority's certificate and key. Raises ValueError if the folder has an authority already.
+
+        name: the authority's common name. now: UTC.
+        """
         if any((self.path / there).exists() for there in (f"{_CA}.pem", f"{_CA}.key", _ISSUERS)):
             raise ValueError(
                 f"{self.path}: an authority exists already, and a new one would void all its certificates: use another --folder"
@@ -35,7 +41,11 @@ class Folder:
         _keep(self.path / _CA, new_authority(name, now))
 
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
-        """Issue the first certificate and key of a member, in its current generation. days: validity. Returns the paths."""
+        """Issue the first certificate and key of a member, in its current generation, and return the paths.
+
+        now: UTC. days: validity in days. hosts: names and addresses of a router or page.
+        Raises ValueError if the member has a certificate, a host is invalid or the authority ends earlier.
+        """
         member = self.current(member)
         files = self.identity(member)
         if Path(files.certificate).exists():
@@ -46,9 +56,10 @@ class Folder:
         return files
 
     def renew(self, member: Member, now: datetime, days: int | None = None) -> Identity:
-        """Renew a certificate with the same name, key, hosts and issuer.
+        """Renew a certificate with the same name, key, hosts and issuer, and return the paths.
 
-        days: validity; by default as long as that of the old certificate, but not beyond the authority's end.
+        now: UTC. days: validity; by default as long as that of the old certificate, but not beyond the authority's end.
+        Raises ValueError if the certificate or key is missing, or the authority has expired.
         """
         member = self.current(member)
         files = self.identity(member)
@@ -73,7 +84,11 @@ class Folder:
         return files
 
     def issuer(self, member: Member) -> Pair:
-        """Return the issuer of a member; create the issuer if there is none yet."""
+        """Return certificate and key of the issuer that signs a member's certificates.
+
+        Create the issuer if there is none.
+        Raises ValueError if the folder has no authority to create it.
+        """
         here = self.path / _ISSUERS / member.file
         if not Path(f"{here}.pem").exists():
             if not all((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
@@ -84,14 +99,18 @@ class Folder:
         return _pair(here)
 
     def admit(self, router: Member, members: Iterable[Member]) -> None:
-        """Write the file of issuers that a router trusts: those of its members and its own."""
+        """Write the PEM file of issuers that a router trusts: those of its members and its own.
+
+        `gate` has the file's path.
+        """
         issuers = [signer(self.identity(member).certificate) for member in (router, *members)]
         whole_file.write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:
         """Revoke the current generation of a member and return that generation.
 
-        New router rules must not name the generation any more. why: reason, kept in the file of revoked names.
+        New router rules must not name the generation any more. now: UTC. why: reason, kept in the file of revoked
+        names. Raises ValueError if the member has no certificate.
         """
         member = self.current(member)
         if not Path(self.identity(member).certificate).exists():
@@ -103,7 +122,10 @@ class Folder:
         return member
 
     def revoked(self) -> dict[str, str]:
-        """Return revoked common names, each with time and reason. Raises ValueError for a line without a valid member."""
+        """Return the revoked certificates: time (UTC) and reason in one text, by common name.
+
+        Raises ValueError for a line of the file that names no valid member.
+        """
         found = dict(line.partition(" ")[::2] for line in self._lines())
         for name in found:
             try:
@@ -129,7 +151,7 @@ class Folder:
         return now
 
     def members(self) -> Iterator[tuple[Member, Validity]]:
-        """Yield each member with a certificate that is not revoked, and its validity."""
+        """Yield each member with a certificate that is not revoked, and the certificate's validity period."""
         for path in sorted(self.path.glob("*.pem")):
             try:
                 member = Member.parse(path.stem.replace(".", ":"))
@@ -139,18 +161,21 @@ class Folder:
                 yield member, lasts_of(certificates(str(path))[0])
 
     def authority_lasts(self) -> Validity:
-        """Return the validity of the authority's certificate."""
+        """Return the validity period of the authority's certificate. Raises ValueError if there is no authority."""
         if not (path := self.path / f"{_CA}.pem").exists():
             raise self._none()
         return lasts_of(certificates(str(path))[0])
 
     def identity(self, member: Member) -> Identity:
-        """Return the paths of a member's files, which need not exist."""
+        """Return the paths of a member's certificate, key and authority in this folder; the files need not exist."""
         here = self.path / member.file
         return Identity(str(self.path / f"{_CA}.pem"), f"{here}.pem", f"{here}.key")
 
     def gate(self, router: Member) -> Identity:
-        """Return the paths of a router's files, with the file written by `admit` as its trusted authorities."""
+        """Return the paths of a router's certificate and key, and of the issuers it trusts.
+
+        `admit` writes the latter.
+        """
         return replace(self.identity(router), ca=str(self.path / f"{router.file}{_MEMBERS}"))
 
     def _none(self) -> ValueError:

@@ -22,7 +22,10 @@ class Role(Enum):
 
     @property
     def serves(self) -> bool:
-        """Whether others connect to the holder, by the hosts in its certificate."""
+        """Whether other programs connect to the holder, by the hosts in its certificate.
+
+        True for a router and a page.
+        """
         return self in (Role.ROUTER, Role.PAGE)
 
 
@@ -50,12 +53,15 @@ class Member:
 
     @property
     def file(self) -> str:
-        """Name of the member's files, without suffix."""
+        """Name of the member's certificate and key files, without suffix: `bridge.bridge-1`."""
         return self.common_name.replace(":", ".")
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Parse a common name. Raises ValueError with the expected format."""
+        """Parse a common name, such as `bridge:bridge-1` or `bridge:bridge-1:2`.
+
+        Raises ValueError with the expected format.
+        """
         role, _, rest = text.partition(":")
         name, colon, generation = rest.partition(":")
         roles = [known.value for known in Role]

@@ -28,14 +28,19 @@ Place = Callable[[str, int, int], tuple[str, str]]
 
 
 def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
-    """Name the place of a value in a file of arrays (a Place)."""
+    """Return the words that name a value of a file of arrays in an error: the column, and ` at sample N`.
+
+    It is the Place for files whose columns have no names of their own.
+    """
     return repr(column), f" at sample {sample}"
 
 
 def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: list[str]) -> None:
     """Drop rows whose rate is missing or impossible; interpolate gaps in acceleration and temperature.
 
-    A dropped row leaves its number to the others, as the column `row`. Raises RecordingError if too many rows are bad.
+    columns: in SI units, by name; changed in place. place: names a value in an error. notes: gets a sentence per
+    repair. If rows are dropped, the column `row` keeps the old numbers of the others. Raises RecordingError if too many
+    rows are bad.
     """
     gyro = columns["gyro_rad_s"]
     limit = _LIMITS["gyro_rad_s"][0]
@@ -68,7 +73,7 @@ def drop_bad_rows(path: Path, columns: dict[str, Floats], place: Place, notes: l
 
 
 def keep_rows(columns: dict[str, Floats], rows: NDArray[np.bool_] | NDArray[np.intp]) -> None:
-    """Keep the chosen rows of every column, in place."""
+    """Keep the chosen rows of every column, in place. rows: mask (n,) or indices. A column () stays as it is."""
     for name, column in columns.items():
         if column.ndim:
             columns[name] = column[rows]

@@ -30,7 +30,7 @@ _EVENTS = ("events.tsv", "events.json")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A column of a motion file, with its BIDS type, component and unit."""
+    """A column of a motion file: values (n,), with its BIDS name, component (axis), type, unit and description."""
 
     name: str
     component: str
@@ -42,7 +42,10 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Subject, task and session labels of letters and digits; never a person's name. Raises RecordingError."""
+    """Labels of a BIDS session: subject, task and, if any, session; of letters and digits, never a person's name.
+
+    Raises RecordingError for any other character.
+    """
 
     subject: str
     task: str
@@ -60,14 +63,14 @@ class Session:
 
     @property
     def folder(self) -> Path:
-        """The session's folder, relative to the dataset."""
+        """The session's folder, relative to the dataset, such as sub-01/ses-02."""
         return Path(f"sub-{self.subject}", *([f"ses-{self.session}"] if self.session else []))
 
 
 def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path]:
-    """Write a dataset, or add a subject to an existing one, and return the motion and event files written.
+    """Write a BIDS-Motion dataset, or add a subject to an existing one; return the motion and event files written.
 
-    No existing recording is overwritten. Raises RecordingError.
+    folder: of the dataset. No existing recording is overwritten. Raises RecordingError.
     """
     systems = _systems(list(recorded.stretches))
     home = folder / session.folder
@@ -107,7 +110,10 @@ def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path
 
 
 def channels(stretch: Stretch) -> list[Channel]:
-    """Return the columns of a motion file for a stretch."""
+    """Return the columns of the motion file of a stretch (samples of one boot), in the order of the file.
+
+    Times are in s, rates in rad/s, accelerations in m/s², standard deviations of angles in rad, temperatures in °C.
+    """
     corrected = stretch.corrected
     vectors: list[tuple[str, str, str, str, NDArray[np.generic] | None]] = [
         ("gyro", "GYRO", "rad/s", "angular rate as read", stretch.gyro),
@@ -141,7 +147,10 @@ def channels(stretch: Stretch) -> list[Channel]:
 
 
 def sidecar(stretch: Stretch, task: str, system: str) -> dict[str, Any]:
-    """Return the content of the *_motion.json file of a stretch."""
+    """Return the content of a stretch's *_motion.json file, by BIDS field.
+
+    system: label of the tracking system (device).
+    """
     found = channels(stretch)
     counts = {
         f"{kind}ChannelCount": sum(c.type == kind for c in found) for kind in ("ACCEL", "GYRO", "LATENCY", "MISC")

@@ -36,8 +36,9 @@ class ClockFault(Exception):
 class Mended(NamedTuple):
     """Repaired times of a recording, and what was repaired.
 
-    order (m,): indices of the rows, in order of time. time (m,): s. starts: index of each boot's first row.
-    notes: what was repaired, for the user. arrival: whether the times were those of arrival.
+    order (m,): indices of the rows, in order of time. time (m,): s, rising within each boot.
+    starts: index of each boot's first row. notes: what was repaired, for the user.
+    arrival: whether the times were those of arrival.
     """
 
     order: Indices
@@ -48,9 +49,11 @@ class Mended(NamedTuple):
 
 
 def mend(time: Floats, tick_s: float) -> Mended:
-    """Repair sample times (n,) in s, NaN where one is missing.
+    """Repair the sample times (n,) of a recording, in s, NaN where one is missing.
 
-    tick_s: seconds per count of the file's time column, 0 when unknown. Raises ClockFault.
+    Repaired are counter wraps, swapped rows, single bad times, coarse clocks and times of arrival; reboots are found.
+    tick_s: seconds per count of the file's time column, 0 when unknown. Raises ClockFault if the times cannot be
+    repaired.
     """
     notes = list[str]()
     order = np.arange(len(time))

@@ -17,7 +17,7 @@ Tell = Callable[[int, int], None]
 
 
 class Heard(NamedTuple):
-    """One message of a recording: its key, its decoded content, and its log time in ns."""
+    """One message of a recording: its parsed key, its decoded content, and its log time, ns since the Unix epoch."""
 
     key: keys.Key
     said: Said
@@ -25,11 +25,11 @@ class Heard(NamedTuple):
 
 
 class Contents:
-    """Iterates over the messages of files, earliest file first.
+    """Iterates over the decoded messages (Heard) of a ward's recording files, earliest file first.
 
-    wanted: kinds of message to decode, by the first word of their topic; empty means all.
-    After iterating, `refused` counts the messages that could not be decoded, and `trouble` says what is wrong with each
-    file. `size`: bytes of the files read. Raises RecordingError for a file that is not a recording of a ward.
+    wanted: kinds of message to decode, by the first word of their topic; empty means all. tell(done, total): progress,
+    bytes. After iterating, `refused` counts the messages that could not be decoded, and `trouble` says what is wrong
+    with each file. `size`: bytes of the files read. Raises RecordingError for a file that is not a recording of a ward.
     """
 
     def __init__(self, paths: Sequence[Path], wanted: Sequence[str] = (), tell: Tell = lambda _done, _of: None) -> None:

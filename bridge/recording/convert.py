@@ -27,7 +27,7 @@ _BOOT = 1
 
 
 def check_ending(out: Path) -> None:
-    """Raise RecordingError for an output file that cannot be written, before any input is read."""
+    """Raise RecordingError if an output file's format, package or folder is not available, before any input is read."""
     check_extra(out)
     if out.suffix.lower() not in ENDINGS:
         raise RecordingError(f"{out}: unknown ending {out.suffix!r}: use {', '.join(ENDINGS)}")
@@ -36,10 +36,12 @@ def check_ending(out: Path) -> None:
 
 
 def convert(recording: Recording, out: Path, device: str, begin_ns: int, *, per_sample: bool = False) -> None:
-    """Write a recording of one device to a new file; the ending of `out` chooses the format.
+    """Write a recording of one device to a new file.
 
-    begin_ns: host time of the first sample, ns since the Unix epoch. per_sample: write each sample also as one ROS 2
-    message, in a .mcap. Raises RecordingError.
+    The ending of `out` chooses the format: .npz, .csv, .h5, .parquet, .mcap.
+    device: id to write. begin_ns: host time of the first sample, ns since the Unix epoch.
+    per_sample: in a .mcap, write each sample also as one ROS 2 message. Raises RecordingError; Refusal for an invalid
+    id.
     """
     keys.check_id(device, "--device")
     stretch = _stretch(recording, device, begin_ns)

@@ -38,7 +38,10 @@ BOOT, BEGIN = "boot", "recording begins"
 
 
 class Event(NamedTuple):
-    """A boot, calibration or note of a device, with its host time in ns."""
+    """A boot, calibration, note or placement of a device, with its host time in ns since the Unix epoch.
+
+    boot: boot id. event: kind of event, such as `note by nurse-2`. text: content of the note, or result.
+    """
 
     time_ns: int
     device: str
@@ -48,9 +51,10 @@ class Event(NamedTuple):
 
 
 def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
-    """Write every stretch and events.csv to a folder, and return the files. Raises RecordingError.
+    """Write a file per stretch (boot of a device) and events.csv to a folder, and return the files.
 
-    ending: a key of WRITERS, such as ".npz".
+    Raises RecordingError.
+    ending: format of the files, a key of WRITERS, such as ".npz". No existing file is overwritten.
     """
     make_folder(folder)
     named = {
@@ -82,7 +86,10 @@ def make_folder(folder: Path) -> None:
 
 
 def columns(stretch: Stretch) -> Columns:
-    """Return the columns of a stretch by name, in the order of the CSV."""
+    """Return the columns (n,), (n, 3) or (n, 4) of a stretch (samples of one boot) by name, in the order of the CSV.
+
+    The module's docstring lists names and units.
+    """
     found: Columns = {"t_s": stretch.time_s, "gyro_rad_s": stretch.gyro}
     if stretch.accel is not None:
         found["accel_m_s2"] = stretch.accel
@@ -105,7 +112,10 @@ def columns(stretch: Stretch) -> Columns:
 
 
 def events(recorded: Recorded) -> list[Event]:
-    """Return boots (or the recording's beginning within a boot), calibrations, notes and placements, in order of time."""
+    """Return boots, calibrations, notes and placements of a recording as events, in order of time.
+
+    A boot that began before the recording has the event BEGIN instead of BOOT.
+    """
     boots = [
         Event(int(s.time_ns[0]), s.device, s.boot, BOOT if _from_its_boot(s) else BEGIN, s.info.model if s.info else "")
         for stretches in recorded.stretches.values()
@@ -132,7 +142,7 @@ def _from_its_boot(stretch: Stretch) -> bool:
 
 
 def flat(columns: Columns) -> Columns:
-    """Return columns (n,), one per axis of columns (n, 3) and (n, 4), named as in a CSV."""
+    """Split columns (n, 3) and (n, 4) into one column (n,) per axis, named as in a CSV, such as gyro_x_rad_s."""
     return {
         name: axis
         for column, values in columns.items()
@@ -172,7 +182,10 @@ def _write_csv(file: BinaryIO, stretch: Stretch) -> None:
 
 
 def rows_of(values: list[NDArray[np.generic]], missing: str = "nan") -> Iterator[list[tuple[str, ...]]]:
-    """Yield rows of columns (n,) or (n, 3) as text, some thousands at a time; `missing` replaces NaN."""
+    """Yield the rows of columns (n,) or (n, 3) as tuples of texts, in lists of some thousands.
+
+    missing: text that replaces NaN.
+    """
     for start in range(0, len(values[0]), _ROWS):
         part = [column[start : start + _ROWS] for column in values]
         texts = [_texts(axis, missing) for column in part for axis in np.atleast_2d(column.T)]

@@ -20,7 +20,10 @@ PART = ".part"
 
 
 class Output:
-    """A file that is being recorded into; `file` is unbuffered."""
+    """Recording that is being written, under its final name plus .part. Raises FileExistsError if that file exists.
+
+    path: the final name. file: the open file, unbuffered and locked.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -33,7 +36,7 @@ class Output:
             raise FileNotFoundError(f"{with_part(self.path).name} was removed while it was being written")
 
     def finish(self) -> None:
-        """Sync and close the file, and give it its final name."""
+        """Sync and close the file, and give it its final name. Raises OSError."""
         self.sync()
         self.file.close()  # Windows renames no open file
         with_part(self.path).rename(self.path)
@@ -50,7 +53,10 @@ class Output:
 
 
 class Folder:
-    """Folder that a recorder writes to. Raises RecordingError if it is missing or not writable."""
+    """A ward's folder of recordings: makes new files and finds unfinished and finished ones.
+
+    Raises RecordingError if the folder is missing or not writable.
+    """
 
     def __init__(self, path: Path, ward: str) -> None:
         self.path, self._ward = path, ward
@@ -64,7 +70,10 @@ class Folder:
             )
 
     def begin(self, wall_ns: int) -> Output:
-        """Create a new file, named by ward and UTC time."""
+        """Create a new file WARD-TIME.mcap.part, locked for writing. wall_ns: UTC in its name, ns since the Unix epoch.
+
+        Raises OSError.
+        """
         name = f"{self._ward}-{datetime.fromtimestamp(wall_ns // 1_000_000_000, UTC):%Y%m%dT%H%M%SZ}"
         for number in range(1, 1000):
             path = self.path / f"{name}{'' if number == 1 else f'-{number}'}.mcap"
@@ -76,15 +85,15 @@ class Folder:
         )
 
     def free_bytes(self) -> int:
-        """Return the free bytes on the disk for users other than root."""
+        """Return the number of free bytes on the disk for users other than root."""
         return shutil.disk_usage(self.path).free
 
     def leftovers(self) -> list[Path]:
-        """Return this ward's unfinished files that no recorder has open."""
+        """Return the paths of this ward's unfinished files (.mcap.part) that no recorder has open."""
         return [path for path in sorted(self.path.glob(f"{self._ward}-*.mcap{PART}")) if not in_use(path)]
 
     def finished(self) -> list[Finished]:
-        """Return this ward's finished recordings, oldest first by the times in their names."""
+        """Return this ward's finished recordings with size and time, oldest first by the times in their names."""
         named = re.compile(re.escape(self._ward) + r"-\d{8}T\d{6}Z(-\d+)?\.mcap")
         found = []
         for path in sorted(self.path.iterdir()):
@@ -94,7 +103,7 @@ class Folder:
         return found
 
     def said(self, error: OSError) -> str:
-        """Say in words why the folder cannot be written to."""
+        """Return a sentence on why a write to the folder failed, and what to do."""
         if error.errno == errno.EFBIG:
             return (
                 f"the file may not grow further: raise the limit (ulimit -f), or the quota of the disk of {self.path}"
@@ -103,19 +112,19 @@ class Folder:
 
 
 def with_part(path: Path) -> Path:
-    """Return the name of a file while it is being written."""
+    """Return the path of a file while it is being written: with .part at its end."""
     return path.with_name(path.name + PART)
 
 
 def recorded_in(path: Path) -> str:
-    """Say where a file is and, if it is unfinished, how to recover it."""
+    """Return a sentence on where a recording is and, if it is unfinished, how to recover it."""
     return f"recorded in {path}" + (
         f": complete it with truerate recording recover {path}" if path.suffix == PART else ""
     )
 
 
 def open_new(path: Path) -> BinaryIO:
-    """Create a new, locked, unbuffered file. Raises FileExistsError."""
+    """Create a new file for writing, locked and unbuffered. Raises FileExistsError."""
     file = path.open("xb", buffering=0)
     with contextlib.suppress(OSError):  # some file systems have no locks
         lock(file.fileno())
@@ -123,7 +132,7 @@ def open_new(path: Path) -> BinaryIO:
 
 
 def check_new(paths: Iterable[Path]) -> None:
-    """Raise RecordingError if one of the files exists, before any of them is written."""
+    """Raise RecordingError if one of the files exists already, before any of them is written."""
     for path in paths:
         if path.exists():
             raise RecordingError(
@@ -155,7 +164,7 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def in_use(path: Path) -> bool:
-    """Whether a recorder has the file open, by its lock."""
+    """Whether a recorder has the file open, which its lock shows; False if the file cannot be opened."""
     try:
         with path.open("rb") as file:
             return not lock(file.fileno(), shared=True)

@@ -11,7 +11,10 @@ _AXES = "xyz"
 
 
 class Gap(NamedTuple):
-    """Samples missing after a time, in s since the first sample."""
+    """Gap in a recording.
+
+    after_s: time of the last sample before it, s since the first sample. missing: number of samples.
+    """
 
     after_s: float
     missing: int
@@ -20,9 +23,10 @@ class Gap(NamedTuple):
 class Findings(NamedTuple):
     """Results of inspecting a recording, in SI units.
 
-    rate_hz: the rate in use; measured_hz: the rate by the median step. noise, rest_mean (3,): standard deviation and
-    mean of the quietest second, rad/s. most (3,): largest absolute rates, rad/s. gravity: median length of the
-    acceleration, m/s². temperature_c: lowest and highest. notes: what the reader understood, repaired or doubted.
+    samples: number of samples. rate_hz: the rate in use; measured_hz: the rate by the median step.
+    noise, rest_mean (3,): standard deviation and mean of the quietest second, rad/s. most (3,): largest absolute rates,
+    rad/s. gravity: median length of the acceleration, m/s²; None without an accelerometer. temperature_c: lowest and
+    highest, or None. notes: what the reader understood, repaired or doubted.
     """
 
     samples: int
@@ -39,7 +43,7 @@ class Findings(NamedTuple):
 
 
 def findings(recording: Recording) -> Findings:
-    """Inspect a recording."""
+    """Inspect a recording: rate, gaps, noise at rest, gravity, temperature and the reader's notes."""
     steps = np.diff(recording.time_s)
     missing = np.diff(recording.sequence) - 1
     gaps = [Gap(float(recording.time_s[at]), int(missing[at])) for at in np.flatnonzero(missing)]
@@ -61,7 +65,7 @@ def findings(recording: Recording) -> Findings:
 
 
 def sentences(of: Findings) -> list[str]:
-    """Return the findings as lines of text; rates in °/s."""
+    """Return the findings as lines of text for the user; rates in °/s."""
     dps = [np.degrees(part) for part in (of.noise, of.rest_mean, of.most)]
     noise, mean, most = (
         ", ".join(f"{axis} {value:.4g}" for axis, value in zip(_AXES, part, strict=True)) for part in dps

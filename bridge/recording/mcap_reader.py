@@ -34,7 +34,10 @@ _DAMAGED = (McapError, ValueError, struct.error, OverflowError, MemoryError, zst
 
 
 class Entry(NamedTuple):
-    """One message as it was written: topic, schema name, payload and times in ns."""
+    """One message of an MCAP file as it was written: topic, schema name, payload, and times in ns since the Unix epoch.
+
+    log_ns: log time. publish_ns: publish time.
+    """
 
     topic: str
     schema: str
@@ -45,10 +48,11 @@ class Entry(NamedTuple):
 
 
 class McapReader:
-    """Reads one MCAP file. The attributes are complete after `entries` has ended. Raises RecordingError.
+    """Reads the messages of one MCAP file, also of a torn or damaged one. Raises RecordingError if the file is no MCAP.
 
-    finished: the file has its end. trouble: what is wrong with the file, for the user. good: bytes examined.
-    messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
+    file: binary and seekable. place: its name in errors. The following are complete after `entries` has ended.
+    finished: the file has its end. trouble: what is wrong with the file, for the user. good: bytes examined. size:
+    bytes in all. messages: number of messages read. facts: metadata by name. descriptors: schema data by schema name.
     """
 
     def __init__(self, file: BinaryIO, place: str) -> None:
@@ -81,7 +85,10 @@ class McapReader:
         return self.finished and not self.trouble
 
     def entries(self) -> Iterator[Entry]:
-        """Yield every readable message, in the order it was written."""
+        """Yield every readable message, in the order it was written.
+
+        Damaged parts are skipped and reported in `trouble`.
+        """
         counted = self._summarised()
         ended = False  # only the summary is torn
         damaged: int | None = None

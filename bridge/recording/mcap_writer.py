@@ -13,12 +13,13 @@ from mcap.writer import Writer
 
 #: most bytes held in memory between two flushes
 HELD_BYTES = 1 << 20
+#: most channels of a file
 MAX_CHANNELS = 20_000
 LIBRARY = "truerate"
 
 
 class Encoding(NamedTuple):
-    """Encoding of a schema and of its messages, as the MCAP specification names them."""
+    """Encoding of a schema and of its messages, as the MCAP specification names them, such as ros2msg and cdr."""
 
     schema: str
     message: str
@@ -66,7 +67,9 @@ class _Held(BytesIO):
 class McapWriter:
     """Writes one MCAP file to any binary file. A message is in the file once the `flush` after `add` has returned.
 
-    After an OSError the file holds what was flushed before. The `pending` messages are lost, and no more can be added.
+    name, facts: metadata record at the file's beginning. messages: number of messages in the file. pending: not yet
+    flushed. After an OSError the file holds what was flushed before. The `pending` messages are lost, and no more can
+    be added.
     """
 
     def __init__(self, file: BinaryIO, name: str, facts: dict[str, str]) -> None:
@@ -82,19 +85,25 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Bytes in the file."""
+        """Number of bytes in the file, without those not yet flushed."""
         return self._held.size
 
     def channel(
         self, topic: str, schema: str, definition: bytes, facts: dict[str, str], *, encoding: Encoding = PROTOBUF
     ) -> int:
-        """Add a channel and return its number. definition: the schema's data; facts: the channel's metadata."""
+        """Add a channel, the stream of a topic, and return its number for `add`.
+
+        schema, definition: name and data of the schema. facts: the channel's metadata.
+        """
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(schema, encoding.schema, definition)
         return self._writer.register_channel(topic, encoding.message, self._schemas[schema], facts)
 
     def add(self, channel: int, log_ns: int, publish_ns: int, payload: bytes) -> None:
-        """Add one message; flush if more than HELD_BYTES are held."""
+        """Add one message to a channel; flush if more than HELD_BYTES are held. Raises OSError.
+
+        log_ns, publish_ns: log and publish time, ns since the Unix epoch.
+        """
         self._sequences[channel] += 1
         self._writer.add_message(channel, log_ns, payload, publish_ns, self._sequences[channel] & 0xFFFFFFFF)
         self.pending += 1
@@ -102,13 +111,16 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """End the chunk and write it to the file."""
+        """End the chunk and append it to the file: as a whole, or not at all.
+
+        Raises OSError, for example on a full disk.
+        """
         self._writer.flush()  # type: ignore[no-untyped-call]
         self.messages += self.pending
         self.pending = 0
 
     def finish(self) -> None:
-        """Write the pending messages, the summary and the end. The file is not closed."""
+        """Write the pending messages, the summary and the end of the file, which is not closed. Raises OSError."""
         self.flush()
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._held.flush()

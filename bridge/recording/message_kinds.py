@@ -28,10 +28,10 @@ Said = SampleBatch | DeviceInfo | CorrectedBatch | OrientationBatch | Status | C
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of recorded message.
+    """One kind of recorded message: its schema name, decoder and time.
 
-    decode(key, payload): the codec's decoder. own_ns: name of the message's field with its own time.
-    repeated: every file begins with the latest message of each device, so that each file is readable alone.
+    decode(key, payload): the codec's decoder, which raises Refusal. own_ns: name of the message's field with its own
+    time. repeated: every file begins with the latest message of each device, so that each file is readable alone.
     """
 
     schema: str
@@ -40,7 +40,7 @@ class Kind:
     repeated: bool = False
 
     def time_ns(self, said: Said) -> int:
-        """Return the message's own time; for samples, the host time of the first."""
+        """Return the message's own time, ns since the Unix epoch; for samples, the host time of the first."""
         return int(getattr(said, self.own_ns))
 
 
@@ -62,16 +62,19 @@ DESCRIPTORS = described(pb.DESCRIPTOR)
 
 
 def topic(key: str) -> str:
-    """Return the MCAP topic of a key."""
+    """Return the MCAP topic of a key: the key without `truerate/@v1/<ward>/`."""
     return key.split("/", 3)[3]
 
 
 def log_ns(own_ns: int, now_ns: int) -> int:
-    """Return the log time: the message's own time, or the recorder's if the two differ by more than MAX_APART_NS."""
+    """Return a message's log time in ns.
+
+    Its own time, or the recorder's if the two differ by more than MAX_APART_NS.
+    """
     return own_ns if abs(own_ns - now_ns) <= MAX_APART_NS else now_ns
 
 
 def facts(key: str) -> dict[str, str]:
-    """Return a channel's metadata: its whole key, and the ids in the key."""
+    """Return a channel's metadata: its whole key (`key`), the ward, and the ids in the key by name. Raises Refusal."""
     place = keys.parse(key)
     return {"key": key, "ward": place.ward, **place.ids}

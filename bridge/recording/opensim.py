@@ -32,9 +32,10 @@ GAP_STEPS = 3.0
 
 
 class Track(NamedTuple):
-    """Orientation of one device at host times (n,) ns, which rise.
+    """Orientation of one device at its sample times.
 
-    body: of the model, as far as the recording says it. quat_wxyz (n, 4): sensor to earth, z up, scalar first.
+    body: body of the OpenSim model, as far as the recording says it, else the device id.
+    time_ns (n,): host time, ns since the Unix epoch, rising. quat_wxyz (n, 4): sensor to earth, z up, scalar first.
     rate (n, 3): rad/s, sensor frame; None if unknown.
     """
 
@@ -46,7 +47,10 @@ class Track(NamedTuple):
 
 
 class Written(NamedTuple):
-    """What was written: the files, the segments, rows, and rows left out because a device has a gap there."""
+    """Result of a conversion to OpenSim: the files, the segments, and the number of rows.
+
+    left_out: number of rows left out because a device has a gap there.
+    """
 
     paths: list[Path]
     segments: list[str]
@@ -62,10 +66,12 @@ def convert(
     segments: Mapping[str, str],
     skip_s: float = 0.0,
 ) -> Written:
-    """Write the orientation of every device at the sample times of the first one, and the rates beside it.
+    """Write the orientations and rates of devices as OpenSim .sto files, at the sample times of the first device.
 
-    devices: ids to write, none for all. boot: which boot of a ward's recording, from 1. segments: body of the model by
-    device id; without one the id itself is the body. skip_s: how much to leave out at the beginning. Raises RecordingError.
+    out: the file of orientations; the file of rates lies beside it, if every device has rates. devices: ids to write,
+    none for all. boot: which boot of a ward's recording, from 1. segments: body of the model by device id; without one,
+    the body of the recorded placement, else the device id. skip_s: seconds to leave out at the beginning. Raises
+    RecordingError.
     """
     tracks = [track for track in _tracks(files, boot) if not devices or track.device in devices]
     names = {track.device: segments.get(track.device, track.body) for track in tracks}

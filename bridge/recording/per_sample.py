@@ -21,7 +21,10 @@ _TOPICS = {"corrected": "imu", "raw": "imu_raw"}
 
 
 class Copy(NamedTuple):
-    """One sample as sensor_msgs/msg/Imu, its channel, and its host time in ns."""
+    """One sample as a sensor_msgs/msg/Imu message, for its channel. facts: the channel's metadata.
+
+    time_ns: host time, ns since the Unix epoch. payload: CDR bytes.
+    """
 
     topic: str
     facts: dict[str, str]
@@ -30,8 +33,9 @@ class Copy(NamedTuple):
 
 
 class PerSample:
-    """Makes the copies of one ward: readings in `/WARD/DEVICE/imu_raw`, corrected samples in `/WARD/DEVICE/imu`.
+    """Makes one ROS 2 message, a Copy, per sample of a ward.
 
+    Readings have the topic `/WARD/DEVICE/imu_raw`, corrected samples `/WARD/DEVICE/imu`.
     A sample that arrives again is not repeated. `now_s` is seconds of a steady clock.
     """
 
@@ -42,7 +46,10 @@ class PerSample:
         self._known: dict[tuple[str, str], tuple[int, SequenceTracker]] = {}  # the boot that sends now
 
     def take(self, said: Said, now_s: float) -> Iterator[Copy]:
-        """Take a message; yield the copies that are ready."""
+        """Take a decoded message; yield the copies of samples that are ready.
+
+        A corrected sample waits for its orientation.
+        """
         if isinstance(said, SampleBatch):
             yield from self._join_and_copy(said, now_s)
             if (new := self._new("raw", said)) is not None:
@@ -54,7 +61,10 @@ class PerSample:
             yield from self._join_and_copy(said, now_s)
 
     def due(self, now_s: float = inf) -> Iterator[Copy]:
-        """Yield the copies that have waited long enough for further messages; without a time, all of them."""
+        """Yield the copies of corrected samples that have waited long enough for further messages.
+
+        Without a time, all of them.
+        """
         return self._copies("corrected", self._join.due(now_s))
 
     def _join_and_copy(self, said: SampleBatch | CorrectedBatch | OrientationBatch, now_s: float) -> Iterator[Copy]:
@@ -80,14 +90,14 @@ class PerSample:
 
 
 class CopyChannels:
-    """Channels of copies in a file."""
+    """Writes copies of samples to an MCAP file, and adds the channel of a topic at its first copy."""
 
     def __init__(self, writer: McapWriter) -> None:
         self._writer = writer
         self._channels: dict[str, int] = {}
 
     def put(self, copy: Copy) -> None:
-        """Write a copy at its sample time."""
+        """Write a copy with its sample time as log time. Raises OSError."""
         channel = self._channels.get(copy.topic)
         if channel is None:
             channel = self._writer.channel(

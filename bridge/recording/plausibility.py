@@ -37,7 +37,10 @@ _FEW_VALUES, _WHITE, _WINDOWS = 6, 0.7, 1000
 
 
 def check_time(path: Path, time_s: Floats) -> None:
-    """Raise RecordingError if the median step of times (n,) in s is not that of an IMU."""
+    """Raise RecordingError if the median step of times (n,) in s is not that of an IMU: SLOWEST_HZ to FASTEST_HZ.
+
+    path: the file's name in the error.
+    """
     step = float(np.median(np.diff(time_s)))
     if 1 / FASTEST_HZ <= step < 1 / SLOWEST_HZ:
         return
@@ -48,7 +51,7 @@ def check_time(path: Path, time_s: Floats) -> None:
 
 
 def rate_of(time_s: Floats) -> float:
-    """Return samples per second from rising times (n,) in s, gaps excluded.
+    """Return the sampling rate in Hz from rising times (n,) in s, gaps excluded.
 
     The median step gives the rate, unless times are coarsely rounded.
 
@@ -69,9 +72,9 @@ def rate_of(time_s: Floats) -> float:
 
 
 def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
-    """Raise RecordingError if neither the median nor the mean step of times (n,) fits the rate.
+    """Raise RecordingError if the steps of times (n,) in s do not fit the stated rate_hz within 20 %.
 
-    The median disregards gaps, the mean disregards bunches.
+    It is enough that the median or the mean step fits. The median disregards gaps, the mean disregards bunches.
     """
     steps = np.diff(time_s)
     step = float(np.median(steps))
@@ -97,7 +100,7 @@ def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
 
 
 def doubts_of_gyro(gyro: Floats, rate_hz: float) -> list[str]:
-    """Return what is doubtful about readings (n, 3), rad/s.
+    """Return sentences on what is doubtful about readings (n, 3), rad/s; empty if nothing is.
 
     Checked are: rate too low, readings too coarse, too quiet or too loud, an axis constant, or zeroed at rest.
     """
@@ -168,7 +171,10 @@ def _doubts_of_noise(gyro: Floats, rate_hz: float) -> list[str]:
 
 
 def quietest(gyro: Floats, rate_hz: float) -> slice:
-    """Return the second of rates (n, 3) with the least standard deviation; all of a shorter recording."""
+    """Return the rows of the quietest second of rates (n, 3): the least standard deviation of the loudest axis.
+
+    All rows of a recording shorter than two seconds.
+    """
     size = max(16, round(rate_hz))
     n = len(gyro) // size
     if n < 2:

@@ -19,7 +19,11 @@ _log = logging.getLogger(__name__)
 
 
 def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int]) -> str:
-    """Return the progress in one line: time, devices, samples, size, and missing or refused messages."""
+    """Return a recorder's progress in one line: time, devices, samples, size, and missing or refused messages.
+
+    elapsed_s: seconds since the start. now_s: seconds of the recorder's clock. missed: number of missing messages by
+    key.
+    """
     account = recorder.account
     silent = sum(now_s - heard > _SILENT_S for heard in account.heard.values())
     parts = [
@@ -49,14 +53,14 @@ def _clock(seconds: float) -> str:
 
 
 class Screen:
-    """Shows `line`: live on a terminal, otherwise logged once a minute."""
+    """Shows a recorder's progress line: live on a terminal, otherwise in the log once a minute. A context manager."""
 
     def __init__(self, console: Console) -> None:
         self._live = Live(console=console, refresh_per_second=2, transient=True) if console.is_terminal else None
         self._told_s = 0.0
 
     def show(self, recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int]) -> None:
-        """Update the line; call it about once a second."""
+        """Update the line; call it about once a second. The arguments are those of `line`."""
         if self._live is not None:
             style = "bold red" if recorder.account.trouble else ""
             self._live.update(Text(line(recorder, elapsed_s, now_s, missed), style))

@@ -84,10 +84,11 @@ class Reading(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return None if self.time_unit is None else unit_in(self.time_unit, TIME)
 
 
+#: no option: the file is read as it says
 AS_SAID = Reading()
 
 
 def as_table(reading: Reading) -> dict[str, object]:
-    """Return the given options as keys of a replayed device in a ward's file."""
+    """Return the options that are given as keys and values of a replayed device's table in a ward file."""
     told = {name: getattr(reading, name) for name in reading.__struct_fields__}
     return {name: value for name, value in told.items() if value not in (None, ())}

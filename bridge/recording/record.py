@@ -54,10 +54,12 @@ def record(
     changed: Callable[[], Recorder | None] = lambda: None,
     bucket: Bucket | None = None,
 ) -> int:
-    """Record a ward until stopped, or for `seconds`. Returns an exit code: 1 if something could not be recorded.
+    """Record a ward until stopped, or for `seconds`.
 
-    connected: called with the bus. changed: returns other settings when there are some; asked several times a second.
-    bucket: where finished recordings are copied to.
+    Returns an exit code: 1 if something was not recorded or copied, else 0.
+    open_bus: connects to the endpoints. connected: called with the bus, once it is open.
+    changed: returns new settings when there are some, else None; asked several times a second.
+    bucket: where finished recordings are copied to; None for no copies.
     Raises RecordingError if no device is heard or no file can be written, and BusError if no router is found.
     """
     folder = Folder(Path(settings.folder), ward)

@@ -36,16 +36,17 @@ EXPIRE_S = 60.0
 
 
 class NoRoom(OSError):
-    """The disk's free space has reached the part reserved for others."""
+    """The disk's free space is less than the part reserved for others, or less than a new file needs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Knobs:
-    """Settings of a recorder: when to begin a new file, and how much disk to leave free.
+    """Settings of a recorder: when to begin a new file, how much disk to leave free, and when to delete old files.
 
-    flush_s: time between flushes, s; so much may be lost in a power failure. retry_s: time between attempts, s.
-    A file is begun only if room_bytes are free in addition to keep_free_bytes. Finished files are deleted, the oldest first,
-    when they are older than keep_s, or when all files are larger than keep_bytes.
+    A new file begins after rotate_s seconds or rotate_bytes. flush_s: seconds between flushes; so much may be lost in a
+    power failure. retry_s: seconds between attempts after an error.
+    A file is begun only if room_bytes are free in addition to keep_free_bytes. Finished files are deleted, the oldest
+    first, when they are older than keep_s seconds, or when all files together exceed keep_bytes.
     """
 
     rotate_s: float = 3600.0
@@ -60,7 +61,12 @@ class Knobs:
 
 @dataclass(slots=True)
 class Account:
-    """Counts of recorded and lost messages. heard: when each device last sent samples, in seconds of `take`'s clock."""
+    """Counts of recorded and lost messages, for progress and exit code.
+
+    heard: when each device last sent samples, in seconds of `take`'s clock, by device id.
+    raw, corrected: number of readings and of corrected samples. messages: number written.
+    closed_bytes: size of the files closed. files: their paths.
+    """
 
     heard: dict[str, float] = field(default_factory=dict)
     raw: int = 0
@@ -76,7 +82,11 @@ class Account:
 
 
 class WardRecorder:
-    """Records one ward: call `begin`, then `take` and `tick` repeatedly, then `close`, all from one thread."""
+    """Records the messages of one ward into MCAP files, without a bus or a clock of its own.
+
+    Call `begin`, then `take` and `tick` repeatedly, then `close`, all from one thread.
+    wall_ns is UTC in ns since the Unix epoch, now_s seconds of a monotonic clock. `account` has the counts.
+    """
 
     def __init__(
         self,
@@ -99,16 +109,19 @@ class WardRecorder:
         self._expire_s, self._undeletable = float("-inf"), set[Path]()
 
     def use(self, devices: Iterable[str], knobs: Knobs) -> None:
-        """Use other settings from now on. devices: ids of those to record; all if empty."""
+        """Use other settings from now on. devices: ids of the devices to record; all if empty."""
         self._devices, self._knobs = frozenset(devices), knobs
 
     @property
     def size(self) -> int:
-        """Bytes on disk."""
+        """Number of bytes written to all files, the open one included."""
         return self.account.closed_bytes + (self._file.writer.size if self._file else 0)
 
     def begin(self, wall_ns: int, now_s: float) -> None:
-        """Begin a file; raises OSError if that is impossible."""
+        """Begin a file, with the latest repeated messages first.
+
+        Raises OSError if that is impossible, NoRoom on a full disk.
+        """
         self._check_room(self._knobs.keep_free_bytes + self._knobs.room_bytes)
         self._file = RecordingFile(self._place.begin(wall_ns), self._ward)
         self._began_s = now_s
@@ -116,7 +129,10 @@ class WardRecorder:
         self._latest = {key: item for key, item in self._latest.items() if self._put(item, wall_ns)}
 
     def take(self, messages: Iterable[Message], wall_ns: int, now_s: float) -> None:
-        """Record messages; count those that are refused, or come while nothing can be written."""
+        """Record messages from the bus; count those that are refused, or come while nothing can be written.
+
+        A message about another device than the chosen ones is ignored.
+        """
         for message in messages:
             if (understood := self._understood(message)) is None:
                 continue
@@ -138,7 +154,10 @@ class WardRecorder:
                 self._latest[message.key] = item
 
     def tick(self, wall_ns: int, now_s: float) -> None:
-        """Flush, begin a new file, retry after an error, or delete old files. Call it several times a second."""
+        """Flush, begin a new file, retry after an error, or delete old files, as the time has come for each.
+
+        Call it several times a second.
+        """
         if now_s >= self._expire_s:
             self._expire_s = now_s + EXPIRE_S
             self._expire(wall_ns)
@@ -155,11 +174,14 @@ class WardRecorder:
                 self._guarded(lambda: self._rotate(wall_ns, now_s), now_s)
 
     def said(self, error: OSError) -> str:
-        """Say in words why nothing can be written."""
+        """Return a sentence on why nothing can be written."""
         return str(error) if isinstance(error, NoRoom) else self._place.said(error)
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the file; its messages are flushed and it gets its final name.
+
+        An error is logged, and counted in `account`.
+        """
         if (per_sample := self._per_sample) is not None:
             self._guarded(lambda: self._put_copies(per_sample.due()), 0.0)
         self._guarded(self._finish, 0.0)

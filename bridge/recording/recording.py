@@ -16,7 +16,11 @@ TICK_S = 1e-6  # tick of a recording's clock, as if the device counted microseco
 
 
 class Told(NamedTuple):
-    """Samples' ticks (n,) of tick_period_s of the device's clock, sequence (n,) and flags (n,) as a bridge sent them."""
+    """Device clock, sequence numbers and flags of samples, as a bridge sent them.
+
+    ticks (n,): count of the device's clock, each tick_period_s seconds. sequence (n,): since boot. flags (n,):
+    SampleFlag bits.
+    """
 
     ticks: NDArray[np.uint64]
     tick_period_s: float
@@ -91,12 +95,15 @@ class Recording:
 
     @property
     def ticks(self) -> NDArray[np.uint64]:
-        """(n,) time of each sample, in ticks of TICK_S."""
+        """(n,) time of each sample since the first, in ticks of TICK_S seconds."""
         return np.rint(self.time_s / TICK_S).astype(np.uint64)
 
     @property
     def device_time(self) -> Floats:
-        """(n,) seconds of the device's clock, else `time_s`; stillness windows then begin where they began live."""
+        """(n,) seconds of the device's clock if known, else `time_s`.
+
+        Stillness windows then begin where they began live.
+        """
         return self.time_s if self.told is None else np.asarray(self.told.ticks * self.told.tick_period_s, np.float64)
 
     @property

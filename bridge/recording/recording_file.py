@@ -18,7 +18,10 @@ MOST_OF_A_BRIDGE = MAX_CHANNELS // 8
 
 
 class Item(NamedTuple):
-    """A message to be written; own_ns is the message's own time."""
+    """A message to be written: its key, kind and encoded payload.
+
+    own_ns: the message's own time, ns since the Unix epoch.
+    """
 
     key: str
     kind: Kind
@@ -27,7 +30,10 @@ class Item(NamedTuple):
 
 
 class RecordingFile:
-    """One MCAP file of a recorder and its channels."""
+    """One MCAP file of a recorder, which gets a channel per key. Raises OSError if its beginning cannot be written.
+
+    output: the open file. ward: id in the file's metadata. writer: for flush and finish. copies: for copies of samples.
+    """
 
     def __init__(self, output: Output, ward: str) -> None:
         self.output = output
@@ -41,7 +47,10 @@ class RecordingFile:
         self._of_bridges = Counter[str]()
 
     def put(self, item: Item, log_ns: int) -> bool:
-        """Write a message; False if there are too many channels, in all or of its bridge."""
+        """Write a message, on a new channel for a new key. log_ns: log time, ns since the Unix epoch.
+
+        Returns False, and writes nothing, if there are too many channels in all or of its bridge. Raises OSError.
+        """
         channel = self._channels.get(item.key)
         if channel is None:
             bridge = keys.parse(item.key).ids.get("bridge", "")
@@ -56,9 +65,9 @@ class RecordingFile:
         return True
 
     def left(self, *, writable: bool) -> Path | None:
-        """Close the file after an error and return its path: None if it is empty, ending in PART if it is unfinished.
+        """Close the file after an error and return its path; None if it held no message and was deleted.
 
-        writable: the file can still be finished.
+        writable: the file can still be finished; otherwise the path ends in PART.
         """
         path = self.output.path
         try:

@@ -25,7 +25,11 @@ Tell = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """Result of a recovery: messages from first_ns to last_ns (log time), and what is wrong with the original."""
+    """Result of a recovery.
+
+    out: the new file. messages: number copied. first_ns, last_ns: their log times, ns since the Unix epoch.
+    trouble: what is wrong with the original, for the user.
+    """
 
     out: Path
     messages: int
@@ -40,8 +44,9 @@ class Recovered:
 
 
 def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of: None) -> Recovered:
-    """Write a whole file beside the torn one, which is kept.
+    """Copy every readable message of a torn or damaged recording to a new, whole file; the original is kept.
 
+    out: the new file; default: the name without .part, or NAME.recovered.mcap. tell(done, total): progress in bytes.
     Raises RecordingError, also if the file is whole already.
     """
     check_file(path)
@@ -61,9 +66,10 @@ def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of:
 
 
 def add_per_sample(path: Path, out: Path, device: str = "", tell: Tell = lambda _done, _of: None) -> Recovered:
-    """Copy a ward's recording, and write each of its samples also as one ROS 2 message.
+    """Copy a ward's recording to `out`, and write each of its samples also as one ROS 2 message.
 
-    device: copy only what is about this device. Raises RecordingError.
+    device: copy only what is about this device; empty for all. tell(done, total): progress in bytes. Raises
+    RecordingError.
     """
     check_file(path)
     try:

@@ -13,12 +13,15 @@ _BY_CHANCE = 0.05
 
 
 def repeated(time: Floats, values: Floats) -> Flags:
-    """Flag rows (n,) that equal an earlier row in time (n,) and in all values (n, c)."""
+    """Return a mask (n,) of the rows that were written twice.
+
+    Such a row equals an earlier row in time (n,) and in all values (n, c).
+    """
     return _seen_before(np.column_stack([time, values]))
 
 
 def repeated_without_time(values: Floats) -> Flags:
-    """Flag rows (n,) whose values (n, c) came before, if chance does not explain that."""
+    """Return a mask (n,) of the rows whose values (n, c) equal an earlier row's, if chance does not explain that."""
     n = len(values)
     none = np.zeros(n, bool)
     if n <= 2 * max(_LAGS):

@@ -22,7 +22,7 @@ _COLUMNS = (
 
 
 def show(console: Console, survey: Survey) -> None:
-    """Print a survey."""
+    """Print a survey of recordings: a table of boots, then calibrations and notes, refused messages and damage."""
     wards = ", ".join(sorted(survey.wards)) or "?"
     console.print(
         f"ward {wards}: {count(len(survey.devices), 'device')}, {_clock(survey.first_ns)} to {_clock(survey.last_ns)} UTC, "

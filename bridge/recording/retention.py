@@ -6,7 +6,10 @@ from typing import NamedTuple
 
 
 class Finished(NamedTuple):
-    """A finished recording. ended_ns: when it was last written, host time in ns."""
+    """A finished recording.
+
+    bytes: size of the file. ended_ns: when it was last written, host time, ns since the Unix epoch.
+    """
 
     path: Path
     bytes: int
@@ -16,9 +19,10 @@ class Finished(NamedTuple):
 def expired(
     finished: Sequence[Finished], more_bytes: int, now_ns: int, keep_s: float, keep_bytes: float
 ) -> Iterator[tuple[Finished, str]]:
-    """Yield the recordings to delete, each with the setting that says so. finished: oldest first.
+    """Yield the recordings to delete, each with the setting that demands it: keep_days or keep_gb.
 
-    more_bytes: size of the recording under way, which counts and is never deleted.
+    finished: oldest first. more_bytes: size of the recording under way, which counts and is never deleted.
+    now_ns: host time, ns since the Unix epoch. keep_s: longest age, s. keep_bytes: largest size of all together.
     """
     left = more_bytes + sum(one.bytes for one in finished)
     for one in finished:

@@ -20,10 +20,11 @@ _MOST_REPEATED = 0.1  # largest share of repeated rows; more are no accident
 def sample_times(
     path: Path, columns: dict[str, Floats], tick_s: float, rate: float | None, reading: Reading, notes: list[str]
 ) -> tuple[Floats, list[int]]:
-    """Return the time (n,) of each kept row, s, and the first row of each boot; sort and drop rows in place.
+    """Return the time (n,) of each kept row, s, and the index of the first row of each boot.
 
-    tick_s: seconds per count of the time column, 0 when unknown. rate: the rate that the file or the user states, Hz.
-    Raises RecordingError.
+    columns: by name; sorted, and repeated rows dropped, in place. tick_s: seconds per count of the time column, 0 when
+    unknown. rate: the rate that the file or the user states, Hz, or None. notes: gets a sentence per repair. Raises
+    RecordingError.
     """
     if "t_s" not in columns:
         return _counted(path, columns, _assumed(path, rate, reading, notes), notes), [0]

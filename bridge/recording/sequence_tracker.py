@@ -11,8 +11,8 @@ ANEW_NS = 1_000_000_000
 class Continuation(NamedTuple):
     """How a batch continues the batches before it.
 
-    skip: samples at its beginning that are already known. missing: samples lost before its new ones.
-    anew: the numbers start over. step: ticks from the last known sample to the first new one.
+    skip: number of samples at its beginning that are already known. missing: number of samples lost before its new
+    ones. anew: the sequence numbers start over. step: ticks from the last known sample to the first new one.
     """
 
     skip: int
@@ -22,7 +22,7 @@ class Continuation(NamedTuple):
 
 
 class SequenceTracker:
-    """Tracks the sequence numbers of one boot of one device."""
+    """Tracks the sequence numbers of one boot of one device, to find repeated and missing samples."""
 
     def __init__(self) -> None:
         self._next: int | None = None
@@ -30,7 +30,7 @@ class SequenceTracker:
         self._time_ns = 0
 
     def follow(self, batch: SampleBatch | CorrectedBatch) -> Continuation:
-        """Compare a batch with those before it, and remember it."""
+        """Compare a batch's sequence numbers, ticks and time with those of the batches before it; remember it."""
         follows = self._judge(batch)
         if follows.skip < len(batch):
             self._next = batch.sequence + len(batch)

@@ -14,7 +14,10 @@ _SHORTEST_S, _SMALLEST_MB = 10.0, 1.0
 
 
 def seconds(text: str, key: str) -> float:
-    """Return a duration such as 90s, 10min, 1h or 1d in seconds; `never` is infinity. Raises ValueError."""
+    """Parse a duration such as 90s, 10min, 1h or 1d to seconds; `never` is infinity.
+
+    key: name of the setting in the error. Raises ValueError.
+    """
     if text == "never":
         return float("inf")
     match = _DURATION.fullmatch(text)
@@ -72,5 +75,5 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def rotate_s(self) -> float:
-        """Seconds until a new file begins; infinite for never."""
+        """Duration after which a new file begins, s; infinite for never."""
         return seconds(self.rotate, "rotate")

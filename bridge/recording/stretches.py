@@ -30,9 +30,11 @@ NOT_CORRECTED = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rates:
-    """Corrected rates of a stretch, one row per sample; NaN for a sample without a corrected rate.
+    """Corrected rates of a Stretch (samples of one boot), one row per sample.
 
-    rate, rate_std, bias (n, 3): rad/s, as in a CorrectedBatch. quality (n,): of messages.Quality, or NOT_CORRECTED.
+    NaN for a sample without a corrected rate.
+    rate, rate_std, bias (n, 3): rad/s, sensor frame, as in a CorrectedBatch.
+    quality (n,): number of messages.Quality, or NOT_CORRECTED.
     """
 
     rate: Singles
@@ -43,9 +45,10 @@ class Rates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attitudes:
-    """Orientation of a stretch, one row per sample; NaN for a sample without one.
+    """Orientation of a Stretch (samples of one boot), one row per sample; NaN for a sample without one.
 
-    quat_wxyz (n, 4): sensor to earth, scalar first. tilt_std, heading_std (n,): rad, of the message's last sample.
+    quat_wxyz (n, 4): sensor to earth, scalar first. tilt_std, heading_std (n,): standard deviations in rad, of the last
+    sample of the sample's message.
     """
 
     quat_wxyz: Singles
@@ -57,9 +60,10 @@ class Attitudes:
 class Stretch:
     """Samples of one boot of a device, with rising sequence numbers and ticks (n,).
 
-    number: the device's stretches are counted from 1. time_ns (n,): host time. gyro (n, 3): rad/s.
-    accel (n, 3): m/s², None if any sample lacks it. temperature_c (n,):
-    °C, gaps interpolated, None if no sample has it.
+    boot: boot id. number: of the device's stretch, from 1. tick_period_s: seconds per tick.
+    time_ns (n,): host time, ns since the Unix epoch. gyro (n, 3): rad/s.
+    accel (n, 3): m/s², None if any sample lacks it. temperature_c (n,): °C, gaps interpolated, None if no sample has
+    it. flags (n,): SampleFlag bits. corrected, oriented: None if not recorded.
     """
 
     device: str
@@ -85,12 +89,15 @@ class Stretch:
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """(n,) device seconds since the first sample."""
+        """(n,) seconds of the device's clock since the first sample."""
         return np.asarray((self.ticks - self.ticks[0]) * self.tick_period_s, dtype=np.float64)
 
     @property
     def rate_hz(self) -> float:
-        """Rate that the device states, else by the median step; 0 for a single sample of an unknown device."""
+        """Output data rate in Hz: as the device states it, else by the median step.
+
+        0 for a single sample of an unknown device.
+        """
         if self.info is not None and self.info.rate_hz:
             return self.info.rate_hz
         steps = np.diff(self.time_s) / np.maximum(1, np.diff(self.sequence))
@@ -99,7 +106,7 @@ class Stretch:
 
 @dataclass(slots=True)
 class Recorded:
-    """Content of recordings: the stretches of each device in order of time, calibrations and notes.
+    """Content of recordings: the stretches of each device, by device id and in order of time, calibrations and notes.
 
     trouble: what is wrong with the files, and which messages were not understood, for the user.
     """
@@ -111,11 +118,14 @@ class Recorded:
 
     @property
     def begin_ns(self) -> int:
-        """Host time of the earliest sample."""
+        """Host time of the earliest sample, ns since the Unix epoch; 0 if there is none."""
         return min((int(s.time_ns[0]) for stretches in self.stretches.values() for s in stretches), default=0)
 
     def calibrations_of(self, stretch: Stretch) -> list[Calibration]:
-        """Return the accepted calibrations made during a stretch, in order of time."""
+        """Return the accepted calibrations made during a stretch (samples of one boot), in order of time.
+
+        Calibrations whose covariance is unknown are left out.
+        """
         same = [one for one in self.stretches[stretch.device] if one.boot == stretch.boot]
         at = same.index(stretch)
         since_ns = int(stretch.time_ns[0]) if at else 0
@@ -130,7 +140,7 @@ class Recorded:
         return sorted(made, key=lambda one: one.time_ns)
 
     def only(self, devices: Sequence[str]) -> "Recorded":
-        """Return the content of these devices alone. Raises RecordingError for an unknown device."""
+        """Return the content of these devices alone; devices: ids. Raises RecordingError for an unknown device."""
         for device in devices:
             if device not in self.stretches:
                 raise RecordingError(f"no samples of --device {device!r}; choose from {', '.join(self.stretches)}")
@@ -143,9 +153,9 @@ class Recorded:
 
 
 def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _done, _of: None) -> Recorded:
-    """Read recordings completely. Raises RecordingError for a file that is not a recording of a ward.
+    """Read ward recordings completely into arrays. Raises RecordingError for a file that is not a recording of a ward.
 
-    corrected: also read corrected rates and orientation. tell(done, total) counts bytes.
+    corrected: also read corrected rates and orientation. tell(done, total): progress in bytes.
     """
     wanted = ["raw", "info", "status", "calibration", "note", *(["corrected", "orientation"] if corrected else [])]
     found = survey(paths, tell, wanted, keep=True)
@@ -223,7 +233,7 @@ def _rates(batches: list[CorrectedBatch], sequence: NDArray[np.int64], ticks: ND
 def _attitudes(
     batches: list[OrientationBatch], sequence: NDArray[np.int64], ticks: NDArray[np.uint64]
 ) -> Attitudes | None:
-    """Return the orientation of the samples with these numbers and ticks, as `_rates` does."""
+    """Return the orientation of the samples with these numbers and ticks; of a sample in two messages, the last."""
     n = len(ticks)
     found = Attitudes(np.full((n, 4), np.nan, np.float32), *(np.full(n, np.nan, np.float32) for _ in range(2)))
     for batch in batches:

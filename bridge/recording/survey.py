@@ -23,9 +23,10 @@ from bridge.wire.refusal import Tally
 
 @dataclass(slots=True)
 class Boot:
-    """One boot of a device: host times of its first and last sample, counts of samples, gaps and repeats.
+    """One boot of a device: counts of samples, gaps and repeats, and host times of its first and last sample.
 
-    corrected: corrected samples by quality, each counted once, without those from before the first recorded reading.
+    boot: boot id. first_ns, last_ns: ns since the Unix epoch. missing: number of samples lost in gaps.
+    device_s: seconds of the device's clock that the samples span.
     kept: the readings, each once, in parts that begin where numbers start over. rates, attitudes: corrected rates and
     orientations as they came.
     """
@@ -49,19 +50,22 @@ class Boot:
 
     @property
     def rate_hz(self) -> float:
-        """Samples per device second, missing ones included; 0 when unknown."""
+        """Sampling rate in Hz by the device's clock, missing samples included; 0 when unknown."""
         return (self.samples + self.missing - 1) / self.device_s if self.device_s > 0 else 0.0
 
     @property
     def corrected(self) -> Counter[str]:
-        """Number of corrected samples by quality."""
+        """Number of corrected samples by name of their quality, such as GOOD.
+
+        Each sample counts once; samples from before the first recorded reading do not count.
+        """
         found = Counter[str]()
         for first, end, quality in self._runs if self.samples else ():
             found[quality] += max(0, end - max(first, self.first))
         return +found
 
     def read(self, batch: SampleBatch, *, keep: bool) -> None:
-        """Count a batch of readings; keep it if `keep`."""
+        """Count the new samples, repeats and gaps of a batch of readings. keep: also keep the new samples in `kept`."""
         skip, missing, anew, step = self._readings.follow(batch)
         self.repeated += skip
         if skip == len(batch):
@@ -85,7 +89,7 @@ class Boot:
         self.end = batch.sequence + len(batch)
 
     def rated(self, batch: CorrectedBatch, *, keep: bool) -> None:
-        """Count a batch of corrected rates; keep it if `keep`."""
+        """Count the new samples of a batch of corrected rates by quality. keep: also keep the batch in `rates`."""
         if keep:
             self.rates.append(batch)
         skip, _, anew, _ = self._rated.follow(batch)
@@ -98,7 +102,10 @@ class Boot:
 
 @dataclass(slots=True)
 class Device:
-    """Content about one device: boots by number, device info per boot, calibrations, notes and placements."""
+    """Content of recordings about one device.
+
+    bridge: id of its bridge. infos, boots: by boot id. calibrations: by id. notes: by time in ns and text.
+    """
 
     bridge: str = ""
     infos: dict[int, DeviceInfo] = field(default_factory=dict)
@@ -108,7 +115,10 @@ class Device:
     placements: dict[int, Placement] = field(default_factory=dict)  # by since_ns
 
     def wear(self, status: Status) -> None:
-        """Note the placement of a status. That of a ward file tells no begin: it holds from the start, or from its change."""
+        """Record the placement of the device that a status message states, if it is a new one.
+
+        A ward file's placement states no begin: it holds from the start, or from the status that first has it.
+        """
         last, one = next(reversed(self.placements.values()), None), status.placement
         if one is None and last is not None:
             one = Placement()
@@ -119,7 +129,10 @@ class Device:
         self.placements[one.since_ns] = one
 
     def worn(self, first_ns: int, last_ns: int) -> tuple[Placement, ...]:
-        """Placements that held in a span of host time, in order."""
+        """Return the placements that held in a span of host time, in order.
+
+        first_ns, last_ns: ns since the Unix epoch.
+        """
         found = sorted(self.placements.items())
         ends = [*(since_ns for since_ns, _ in found[1:]), last_ns + 1]
         return tuple(
@@ -136,9 +149,11 @@ class Device:
 
 @dataclass(slots=True)
 class Survey:
-    """Summary of recordings: devices, wards, and counts of messages and bytes.
+    """Summary of recordings: devices by id, wards, number of messages, and size in bytes.
 
-    refused: messages that could not be decoded. trouble: what is wrong with the files, for the user.
+    first_ns, last_ns: host times of the first and last sample, ns since the Unix epoch; 0 without samples.
+    refused: number of messages that could not be decoded, by reason. trouble: what is wrong with the files, for the
+    user.
     """
 
     devices: dict[str, Device]
@@ -159,9 +174,10 @@ class Survey:
 def survey(
     paths: Sequence[Path], tell: Tell = lambda _done, _of: None, wanted: Sequence[str] = (), *, keep: bool = False
 ) -> Survey:
-    """Survey files. Raises RecordingError for a file that is not a recording of a ward.
+    """Survey a ward's recordings: devices, boots, rates, gaps, calibrations and notes.
 
-    tell(done, total) counts bytes. wanted: kinds of message, as for Contents. keep: keep the samples.
+    tell(done, total): progress in bytes. wanted: kinds of message to read, by the first word of their topic; empty for
+    all. keep: keep the samples. Raises RecordingError for a file that is not a recording of a ward.
     """
     contents = Contents(paths, wanted, tell)
     devices: dict[str, Device] = {}

@@ -27,11 +27,12 @@ _SAME_RATE = 1e-3  # relative: as precisely as people write a rate
 
 @dataclass(slots=True)
 class Table:
-    """Columns of a file.
+    """Columns of samples as a reader of a file format returns them, before repairs, in SI units.
 
     columns: gyro_rad_s (n, 3) and, if known, accel_m_s2 (n, 3), temperature_c (n,), t_s (n,), counter (n,), rate_hz ().
-
-    tick_s: seconds per count of the file's time column, 0 when unknown. notes: what was understood, for the user.
+    place: names a value of the file in an error. device, boot: ids, empty and 0 when unknown. model: empty when
+    unknown. tick_s: seconds per count of the file's time column, 0 when unknown. notes: what was understood, for the
+    user.
     """
 
     columns: dict[str, Floats]
@@ -44,7 +45,10 @@ class Table:
 
 
 def recording_of(path: Path, table: Table, reading: Reading) -> Recording:
-    """Make a Recording from a table: rows and times repaired, units checked. Raises RecordingError."""
+    """Make a Recording from a table: rows and times repaired, units checked, the boot chosen. Raises RecordingError.
+
+    path: the file, for names and errors. reading: the options given by the user.
+    """
     columns, notes = dict(table.columns), list(table.notes)
     _check_shapes(path, columns)
     rate = _rate(path, columns, reading)

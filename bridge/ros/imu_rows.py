@@ -1,4 +1,4 @@
-"""Joins what several messages say of the same samples: corrected rate, acceleration and orientation. Pure.
+"""Joins the messages about the same samples: readings, corrected rates and orientation become one row per sample. Pure.
 
 A corrected batch waits for the acceleration and the orientation of its samples, but at most WAIT_S.
 """
@@ -28,8 +28,10 @@ Said = SampleBatch | CorrectedBatch | OrientationBatch
 class ImuRows(NamedTuple):
     """Consecutive samples of one boot of a device, one row each. NaN marks what is unknown of a sample.
 
-    time_ns (n,): host time. rate (n, 3): rad/s; rate_var (n, 3): its variance, None if unknown. accel (n, 3): specific
-    force, m/s². quat_wxyz (n, 4): sensor to earth, scalar first. attitude_cov (3, 3): rad², about earth axes.
+    boot: boot id. sequence: sequence number of the first sample. time_ns (n,): host time, ns since the Unix epoch.
+    rate (n, 3): rad/s, sensor frame; rate_var (n, 3): its variance, (rad/s)², None if unknown.
+    accel (n, 3): specific force, m/s², sensor frame. quat_wxyz (n, 4): sensor to earth, scalar first.
+    attitude_cov (3, 3): rad², about earth axes; zero if unknown.
     """
 
     device: str
@@ -44,7 +46,7 @@ class ImuRows(NamedTuple):
 
 
 def reading_rows(batch: SampleBatch) -> ImuRows:
-    """Return the readings of a batch: rates as the device sent them, without orientation."""
+    """Return the readings of a batch as rows: rates as the device sent them, without variance and orientation."""
     n = len(batch)
     accel = np.full((n, 3), np.nan) if batch.accel is None else batch.accel.astype(float)
     unknown = np.full((n, 4), np.nan)
@@ -96,8 +98,9 @@ class _Device:
 
 
 class ImuJoin:
-    """Joins the messages of any number of devices. `now_s` is seconds of a steady clock.
+    """Joins readings, corrected rates and orientations of any number of devices into ImuRows.
 
+    Samples are matched by boot and sequence number. `now_s` is seconds of a steady clock.
     Corrected batches of a device come in order and each once; readings and orientation may come again.
     patient: wait also for kinds of message that the device has not sent yet, as when history is read.
     """
@@ -107,7 +110,10 @@ class ImuJoin:
         self._patient = patient
 
     def take(self, said: Said, now_s: float) -> list[ImuRows]:
-        """Take a message; return the rows of its device that are complete or due."""
+        """Take a message; return the rows of its device that are complete or have waited WAIT_S. now_s: seconds.
+
+        Each result has the samples of one corrected batch.
+        """
         device = self._devices[said.device]
         if isinstance(said, CorrectedBatch):
             device.waiting.append((now_s + WAIT_S, said))
@@ -116,7 +122,10 @@ class ImuJoin:
         return list(self._ready(device, now_s))
 
     def due(self, now_s: float = inf) -> list[ImuRows]:
-        """Return the rows that have waited WAIT_S; without a time, all that wait."""
+        """Return the rows, of all devices, that have waited WAIT_S at `now_s` seconds.
+
+        Without a time, all that wait.
+        """
         found = [rows for device in self._devices.values() for rows in self._ready(device, now_s)]
         for name in [name for name, device in self._devices.items() if device.over(now_s)]:
             del self._devices[name]

@@ -25,7 +25,7 @@ _LAST_NS: Final = (1 << 31) * _NS - 1
 
 
 def available() -> bool:
-    """Whether rosbags is installed."""
+    """Whether rosbags, the optional package that encodes ROS 2 messages, is installed."""
     return importlib.util.find_spec("rosbags") is not None
 
 
@@ -37,13 +37,13 @@ def _store() -> Any:
 
 
 def definition(kind: str) -> bytes:
-    """Return the message definition of a type, in the format that MCAP calls `ros2msg`."""
+    """Return the definition of a message type, such as `sensor_msgs/msg/Imu`, as UTF-8 in MCAP's format `ros2msg`."""
     text: str = _store().generate_msgdef(kind, ros_version=2)[0]
     return text.encode()
 
 
 def type_hash(kind: str) -> str:
-    """Return the type hash of a type: RIHS01_ and 64 hexadecimal digits."""
+    """Return the REP-2016 hash of a message type, such as `sensor_msgs/msg/Imu`: RIHS01_ and 64 hexadecimal digits."""
     return str(_store().hash_rihs01(kind))
 
 
@@ -59,7 +59,7 @@ def _header(frame_id: str, time_ns: int = 0) -> Any:
 
 
 class ImuEncoder:
-    """Encoder of the samples of one device as sensor_msgs/msg/Imu, in the frame `frame_id`."""
+    """Encoder of one device's samples as sensor_msgs/msg/Imu. frame_id: name of the sensor's frame in each message."""
 
     def __init__(self, frame_id: str) -> None:
         types = _store().types
@@ -75,7 +75,11 @@ class ImuEncoder:
         )
 
     def encode(self, rows: ImuRows) -> Iterator[tuple[int, bytes]]:
-        """Yield the time in ns and the message of each sample."""
+        """Yield, for each sample, its host time in ns and one sensor_msgs/msg/Imu message as CDR bytes.
+
+        Rates are in rad/s, accelerations in m/s²; covariance element 0 is -1 for an unknown acceleration or
+        orientation.
+        """
         imu = self._imu
         stamp, rate, accel, turned = (
             imu.header.stamp, imu.angular_velocity, imu.linear_acceleration, imu.orientation,
@@ -104,7 +108,10 @@ class ImuEncoder:
 
 
 class Transform(NamedTuple):
-    """Pose of the frame `child` in the frame `parent`: position in m, quaternion scalar first."""
+    """Pose of the frame `child` in the frame `parent`. time_ns: host time, ns since the Unix epoch. position: m.
+
+    quat_wxyz: unit quaternion, scalar first.
+    """
 
     time_ns: int
     parent: str
@@ -114,7 +121,7 @@ class Transform(NamedTuple):
 
 
 def encode_transforms(transforms: Sequence[Transform]) -> bytes:
-    """Encode poses as tf2_msgs/msg/TFMessage."""
+    """Encode poses as one tf2_msgs/msg/TFMessage, as CDR bytes."""
     types = _store().types
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
     made = []
@@ -128,7 +135,10 @@ def encode_transforms(transforms: Sequence[Transform]) -> bytes:
 
 
 class Diagnosis(NamedTuple):
-    """State of one device: level (OK, WARN, ERROR, STALE), a sentence, and further values by name."""
+    """State of one device: level (OK, WARN, ERROR or STALE), a sentence, and further values by name.
+
+    The fields are those of diagnostic_msgs/msg/DiagnosticStatus.
+    """
 
     name: str
     level: int
@@ -138,7 +148,10 @@ class Diagnosis(NamedTuple):
 
 
 def encode_diagnostics(time_ns: int, found: Sequence[Diagnosis]) -> bytes:
-    """Encode the states of devices as diagnostic_msgs/msg/DiagnosticArray."""
+    """Encode the states of devices as one diagnostic_msgs/msg/DiagnosticArray, as CDR bytes.
+
+    time_ns: time of the message, ns since the Unix epoch.
+    """
     types = _store().types
     pair = types["diagnostic_msgs/msg/KeyValue"]
     statuses = [

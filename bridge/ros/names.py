@@ -16,11 +16,11 @@ def ros_name(name: str) -> str:
 
 
 def imu_topic(ward: str, device: str) -> str:
-    """Return the topic of a device's samples."""
+    """Return the ROS 2 topic of a device's samples: `/ward_3/wrist_01/imu`."""
     return f"/{ros_name(ward)}/{ros_name(device)}/imu"
 
 
 def key_patterns(ward: str) -> tuple[str, ...]:
-    """Return the key patterns of what `truerate outlet ros2` publishes of a ward, in any ROS domain."""
+    """Return the zenoh key patterns of all that `truerate outlet ros2` publishes of a ward, in any ROS domain."""
     topics = f"/{ros_name(ward)}/*/imu", TRANSFORMS_TOPIC, DIAGNOSTICS_TOPIC
     return (*(f"*{topic}/**" for topic in topics), f"{TOKENS}/**")

@@ -1,7 +1,7 @@
-"""Names of ROS 2 topics and nodes on zenoh, and what accompanies a message, as rmw_zenoh has them. Pure.
+"""Names of ROS 2 topics and nodes on zenoh, and the attachment of a message, as rmw_zenoh has them. Pure.
 
-Source: docs/design.md and rmw_zenoh_cpp/src/detail of https://github.com/ros2/rmw_zenoh, from version 0.6 (attachments of 33
-bytes) on. Subscribers drop messages without the attachment. xxhash comes with the extra `ros2`.
+Source: docs/design.md and rmw_zenoh_cpp/src/detail of https://github.com/ros2/rmw_zenoh, from version 0.6 (attachments
+of 33 bytes) on. Subscribers drop messages without the attachment. xxhash comes with the extra `ros2`.
 """
 
 import struct
@@ -19,7 +19,10 @@ _GID_BYTES: Final = 16
 
 
 def topic_key(domain: int, topic: str, kind: str) -> str:
-    """Return the key of a topic: domain, name without the first slash, type as DDS names it, type hash."""
+    """Return the zenoh key of a ROS 2 topic: domain, name without the first slash, type as DDS names it, type hash.
+
+    domain: ROS domain id. kind: message type, such as `sensor_msgs/msg/Imu`.
+    """
     return f"{domain}/{topic.strip('/')}/{_dds_type(kind)}/{messages.type_hash(kind)}"
 
 
@@ -30,7 +33,10 @@ def _dds_type(kind: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A ROS 2 node in the root namespace. session: id of its zenoh session; name: letters, digits and underscores."""
+    """A ROS 2 node in the root namespace, as rmw_zenoh announces it.
+
+    domain: ROS domain id. session: id of its zenoh session. name: letters, digits and underscores.
+    """
 
     domain: int
     session: str
@@ -38,13 +44,14 @@ class Node:
 
     @property
     def token(self) -> str:
-        """Key of the liveliness token that announces the node."""
+        """Zenoh key of the liveliness token that announces the node."""
         return self._token(0, _NODE)
 
     def publisher_token(self, number: int, topic: str, kind: str, depth: int) -> str:
-        """Return the key of the token that announces a publisher: reliable, volatile, the last `depth` messages.
+        """Return the zenoh key of the liveliness token that announces a publisher of this node.
 
-        number: of the publisher in its session, from 1.
+        number: of the publisher in its session, from 1. kind: message type, such as `sensor_msgs/msg/Imu`.
+        depth: number of messages kept; the publisher is reliable and volatile.
         """
         mangled = topic.replace("/", "%")
         qos = f"::,{depth}:,:,:,,"  # what is left out has rmw_zenoh's default
@@ -55,12 +62,16 @@ class Node:
 
 
 def gid(token: str) -> bytes:
-    """Return the global id of a publisher: the XXH3 hash of its token, 128 bits, low half first."""
+    """Return the global id of a publisher, 16 bytes: the 128-bit XXH3 hash of its token, low half first."""
     from xxhash import xxh3_128_intdigest  # noqa: PLC0415 - optional extra
 
     return xxh3_128_intdigest(token.encode()).to_bytes(_GID_BYTES, "little")
 
 
 def attachment(sequence: int, time_ns: int, of: bytes) -> bytes:
-    """Return the attachment of a message: its number from 1 in its publisher, its time, and the publisher's global id."""
+    """Return the attachment of a message, 33 bytes. Subscribers drop messages without it.
+
+    sequence: number of the message in its publisher, from 1. time_ns: ns since the Unix epoch. of: the publisher's
+    global id.
+    """
     return _ATTACHMENT.pack(sequence, time_ns, _GID_BYTES, of)

@@ -18,7 +18,11 @@ _WHOLE = re.compile(r"([0-9]+)(?:\.0*)?")
 
 
 class Row(NamedTuple):
-    """One sample: tick of the device's clock (0 without a clock), gyro rad/s, accel m/s², temperature °C, battery %."""
+    """One sample parsed from a line, in SI units.
+
+    tick: count of the device's clock in the profile's time unit; microseconds for a decimal time; 0 without a clock.
+    gyro (x, y, z): rad/s. accel (x, y, z): m/s². battery_percent: 0 to 100. None stands for a quantity not measured.
+    """
 
     tick: int
     gyro: Vector
@@ -28,29 +32,36 @@ class Row(NamedTuple):
 
 
 class Header(NamedTuple):
-    """A header row: the names of the columns from here on."""
+    """Header row that a device printed. names: the column names, in order, of all rows until the next header."""
 
     names: tuple[str, ...]
 
 
 class Refused(NamedTuple):
-    """A refused line: the label to count, and a detail of what came and what was expected."""
+    """Line that could not be parsed.
+
+    fault: label under which the line is counted, such as `row_short` or `not_a_number`. detail: what came and what was
+    expected.
+    """
 
     fault: str
     detail: str
 
 
 class Reader(Protocol):
-    """Parser of one device's lines. has_clock: whether rows have a time; None until known."""
+    """Parser of one device's lines: each line becomes a sample, a header row or a refusal.
+
+    has_clock: whether rows have a time; None until that is known.
+    """
 
     has_clock: bool | None
 
     def read(self, line: str) -> Row | Header | Refused:
-        """Parse a line."""
+        """Parse one line without its line end to a sample, a header row or a refusal. A bad line raises nothing."""
 
 
 class Conversion:
-    """Converts the column texts of a row to a sample in SI units."""
+    """Converts the texts of a row's columns to a sample in SI units, by the units and scales of a profile."""
 
     def __init__(self, profile: Profile) -> None:
         self._time, self._temperature, self._battery = profile.time, profile.temperature, profile.battery
@@ -60,7 +71,10 @@ class Conversion:
         self._accel = None if accel is None else _Three(accel.columns, *map(float, accel.factor))
 
     def row(self, texts: Mapping[str, str]) -> Row | Refused:
-        """The sample of these columns; missing columns other than the gyro's count as not measured."""
+        """Convert a row's texts, by column name, to a sample; a refusal if a text is not a number or not a time.
+
+        The gyro's three columns must be there. Other missing columns count as not measured.
+        """
         time, temperature, battery, accel = self._time, self._temperature, self._battery, self._accel
         if self._marks:
             texts = {column: text.translate(self._marks) for column, text in texts.items()}
@@ -114,7 +128,10 @@ class CsvReader:
             self.has_clock = profile.time is not None
 
     def read(self, line: str) -> Row | Header | Refused:
-        """Parse a line."""
+        """Parse one line: a row of numbers to a sample, a row of column names to a Header, anything else to a refusal.
+
+        A header row sets the order of the columns from then on.
+        """
         if not line.startswith(self._csv.prefix):
             return Refused(NO_MATCH, f"the line does not begin with {self._csv.prefix!r}")
         fields = self._split(line.removeprefix(self._csv.prefix))
@@ -148,7 +165,7 @@ class CsvReader:
 
 
 class RegexReader:
-    """Parser of lines that match a pattern with named columns."""
+    """Parser of lines that match the profile's pattern as a whole; the pattern's named groups are the columns."""
 
     def __init__(self, profile: Profile) -> None:
         assert profile.regex is not None
@@ -158,7 +175,10 @@ class RegexReader:
         self._always = {*profile.gyro.columns} | ({profile.time.column} if profile.time else set())
 
     def read(self, line: str) -> Row | Header | Refused:
-        """Parse a line."""
+        """Parse one line to a sample.
+
+        The result is a refusal if the line does not match, lacks a gyro or time column, or has a bad number.
+        """
         match = self._pattern.fullmatch(line)
         if match is None:
             return Refused(NO_MATCH, "the line does not match the profile's pattern")

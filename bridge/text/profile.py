@@ -56,7 +56,10 @@ NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+
 
 
 class Device(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[device]: properties that are not in the device's lines."""
+    """Table [device] of a profile: properties that the device's lines do not tell. Raises ValueError if out of range.
+
+    gyro_range_dps: full-scale range, °/s; 0 if unknown. rate_hz: output data rate, Hz; 0 if the lines carry a time.
+    """
 
     model: str
     firmware: str = ""
@@ -71,7 +74,12 @@ class Device(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Csv(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[csv]: rows of columns."""
+    """Table [csv] of a profile: how a line splits into columns.
+
+    Raises ValueError if columns or separator cannot be used.
+    separator: one character; " " means any blanks. columns: names in order, empty if a header row gives them.
+    header: a row of names may come at any time. prefix: text at the beginning of each row, which is removed.
+    """
 
     separator: str = ","
     columns: tuple[str, ...] = ()
@@ -91,7 +99,10 @@ class Csv(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Regex(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[regex]: a pattern of a whole line."""
+    """Table [regex] of a profile. match: pattern of a whole line; its named groups are the columns.
+
+    Raises ValueError for an invalid pattern, or one without named groups.
+    """
 
     match: str
 
@@ -104,7 +115,11 @@ Axes = float | tuple[float, float, float]
 
 
 class Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[gyro]: three columns of rates."""
+    """Table [gyro] of a profile: the columns with the rates about x, y, z, and their unit.
+
+    scale: further factor, one for all axes or one per axis. sensitivity_mdps: value of one count in m°/s, if unit is
+    `counts`. Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
+    """
 
     columns: tuple[str, str, str]
     unit: str
@@ -117,13 +132,17 @@ class Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def factor(self) -> NDArray[np.float64]:
-        """Factors (3,) to rad/s."""
+        """Factors (3,) that convert the printed numbers of x, y, z to rad/s."""
         sensitivity = None if self.sensitivity_mdps is None else self.sensitivity_mdps * GYRO["mdeg/s"]
         return np.full(3, self.scale) * _in_si(self.unit, GYRO, sensitivity, "sensitivity_mdps")
 
 
 class Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[accel]: three columns of accelerations."""
+    """Table [accel] of a profile: the columns with the accelerations along x, y, z, and their unit.
+
+    scale: further factor, one for all axes or one per axis. sensitivity_mg: value of one count in mg, if unit is
+    `counts`. Raises ValueError for an unknown unit, and for a scale or sensitivity out of range.
+    """
 
     columns: tuple[str, str, str]
     unit: str
@@ -136,13 +155,13 @@ class Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def factor(self) -> NDArray[np.float64]:
-        """Factors (3,) to m/s²."""
+        """Factors (3,) that convert the printed numbers of x, y, z to m/s²."""
         sensitivity = None if self.sensitivity_mg is None else self.sensitivity_mg * STANDARD_GRAVITY * 1e-3
         return np.full(3, self.scale) * _in_si(self.unit, ACCEL, sensitivity, "sensitivity_mg")
 
 
 class Temperature(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[temperature]: °C = scale * value + offset_c."""
+    """Table [temperature] of a profile: °C = scale * value + offset_c, where value is the number in `column`."""
 
     column: str
     scale: float = 1.0
@@ -154,7 +173,7 @@ class Temperature(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class Battery(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[battery]: charge in % = scale * value."""
+    """Table [battery] of a profile: charge in % = scale * value, where value is the number in `column`."""
 
     column: str
     scale: float = 1.0
@@ -164,7 +183,11 @@ class Battery(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[time]: the device's own clock."""
+    """Table [time] of a profile: the column with the device's own clock.
+
+    unit: of one count: s, ms, us or ns. bits: the count wraps at 2**bits; 0: a decimal that never wraps; None: see
+    `width`.
+    """
 
     column: str
     unit: str
@@ -178,12 +201,19 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def width(self) -> int:
-        """Bits at which the time wraps; 0 for a decimal."""
+        """Number of bits at which the time wraps; 0 for a decimal that never wraps.
+
+        If `bits` is not given: 0 for seconds, 32 for ms and us, 64 for ns.
+        """
         return {"s": 0, "ns": 64}.get(self.unit, 32) if self.bits is None else self.bits
 
 
 class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[[known_scale_faults]]: a known scale error of such devices' software; gyro_range_dps 0: at any range."""
+    """Table [[known_scale_faults]] of a profile: a known scale error in the software of such devices.
+
+    factor: true rate divided by printed rate, 0.1 to 10. gyro_range_dps: full-scale range in °/s at which the error
+    occurs; 0: any.
+    """
 
     factor: float
     cause: str
@@ -194,13 +224,19 @@ class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def said(self) -> Sentence:
-        """A sentence about the fault, for people."""
+        """Sentence for the user about the fault.
+
+        It states by how many percent the device reads low or high, why, and the scale that corrects it.
+        """
         code = Code.READS_LOW if self.factor > 1 else Code.READS_HIGH
         return code(percent=f"{100 * abs(1 - 1 / self.factor):.1f}", cause=self.cause, scale=f"{self.factor:g}")
 
 
 class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A whole profile file."""
+    """A whole profile file: how to read the lines of one kind of device. The module's docstring explains every key.
+
+    Raises ValueError if tables or columns contradict each other.
+    """
 
     summary: str
     device: Device
@@ -239,14 +275,17 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns; empty if only a header row tells."""
+        """Names of the columns, in order: of [csv], or the named groups of [regex].
+
+        Empty if only a header row tells.
+        """
         if self.csv is not None:
             return self.csv.columns
         return tuple(re.compile(self.regex.match).groupindex) if self.regex is not None else ()
 
     @property
     def needed(self) -> tuple[tuple[str, str], ...]:
-        """All columns that are read, each with the table that names it."""
+        """Every column that the profile reads, as pairs (column, table), such as ("gx", "gyro")."""
         vectors = [("gyro", self.gyro.columns), *([("accel", self.accel.columns)] if self.accel else [])]
         single = [("temperature", self.temperature), ("battery", self.battery), ("time", self.time)]
         return (
@@ -267,12 +306,15 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def load_profile(name: str | Path) -> Profile:
-    """Load a profile shipped with truerate by its name, or any profile by the path of its .toml; raises ConfigError."""
+    """Load a text profile: one shipped with truerate by its name, any other by the path of its .toml file.
+
+    Raises ConfigError for an unknown name or an invalid file.
+    """
     return load(file_of(name, "profile", _FOLDERS), Profile)
 
 
 def shipped() -> dict[str, Path]:
-    """Profiles shipped with truerate: names and files."""
+    """Return the paths of the profiles shipped with truerate, by profile name."""
     return in_folders(_FOLDERS)
 
 

@@ -5,11 +5,15 @@ from collections.abc import Mapping
 from math import pi
 from typing import Final
 
+#: m/s²
 STANDARD_GRAVITY: Final = 9.80665
+#: factors to rad/s, by unit
 GYRO = {"rad/s": 1.0, "deg/s": pi / 180, "mdeg/s": pi / 180e3, "mrad/s": 1e-3, "deg/h": pi / 180 / 3600}
+#: factors to m/s², by unit
 ACCEL = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3, "mm/s2": 1e-3, "cm/s2": 1e-2}
-#: units of a device's clock; written exactly so
+#: factors to seconds, by unit of a device's clock; written exactly so
 TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: factors to seconds, by unit of a column of times
 TIME = {**TICKS, "min": 60.0}
 
 _SPELT = (
@@ -49,7 +53,10 @@ _SHORT = {
 
 
 def spelling(text: str) -> str:
-    """Return the standard spelling of a unit: `°/s`, `deg_s` and `dps` are all deg/s."""
+    """Return the standard spelling of a unit: `°/s`, `deg_s` and `dps` are all deg/s.
+
+    An unknown unit is returned in lower case, without blanks and brackets.
+    """
     text = text.strip().lower()
     for pattern, put in _SPELT:
         text = pattern.sub(put, text)
@@ -57,5 +64,8 @@ def spelling(text: str) -> str:
 
 
 def unit_in(text: str, known: Mapping[str, float]) -> float | None:
-    """Return the factor of a unit, in any spelling, to SI; None if it is not in `known`."""
+    """Return a unit's factor to SI, in whatever spelling; None if the unit is not in `known`.
+
+    known: factors to SI by standard spelling: GYRO, ACCEL, TICKS or TIME.
+    """
     return known.get(spelling(text))

@@ -47,7 +47,10 @@ class ConfigError(Exception):
 
 
 def load(path: Path | str, kind: type[T]) -> T:
-    """Read a TOML file as an object of type `kind`. Raises ConfigError with one line for a person."""
+    """Read a TOML file as an object of type `kind`, a msgspec Struct as the module describes.
+
+    Raises ConfigError, with one line for a person, for a file that is missing, unreadable or invalid.
+    """
     try:
         return parsed(content(Path(path)), path, kind)
     except FileNotFoundError:
@@ -59,7 +62,10 @@ def load(path: Path | str, kind: type[T]) -> T:
 
 
 def parsed(found: bytes, path: Path | str, kind: type[T]) -> T:
-    """Read a TOML file's content as `load` does. path: the file's name in errors."""
+    """Parse the bytes of a TOML file into an object of type `kind`, a msgspec Struct.
+
+    path: the file's name in errors. Raises ConfigError for invalid TOML and for content that does not fit `kind`.
+    """
     try:
         text = found.decode("utf-8-sig")  # some editors write a byte order mark
         if long := _LONG_NAME.search(text):
@@ -78,7 +84,10 @@ def parsed(found: bytes, path: Path | str, kind: type[T]) -> T:
 
 
 def options(table: dict[str, Any], kind: type[T]) -> T:
-    """Convert a table to `kind`, for use in `from_table`. Raises ValueError with a sentence that names the key."""
+    """Convert a TOML table to an object of type `kind`, for use in a class's `from_table`.
+
+    Raises ValueError with a sentence that names the wrong key.
+    """
     try:
         return msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
@@ -86,7 +95,7 @@ def options(table: dict[str, Any], kind: type[T]) -> T:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return a hint for an unknown name: the nearest known name, or all known names."""
+    """Return a hint for an unknown name: `did you mean 'x'?` with the nearest known name, else all known names."""
     names = sorted(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     if close:

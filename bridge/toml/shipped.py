@@ -7,14 +7,17 @@ from bridge.toml.loader import ConfigError, nearest
 
 
 def shipped(folders: Iterable[Path]) -> dict[str, Path]:
-    """Return the TOML files in these folders, by name without suffix."""
+    """Return the paths of the TOML files in these folders, by file name without suffix.
+
+    The last of equal names counts.
+    """
     return {path.stem: path for folder in folders for path in sorted(folder.glob("*.toml"))}
 
 
 def file_of(name: str | Path, what: str, folders: Iterable[Path]) -> Path:
-    """Return the path of a shipped file by name, or an own file that ends in .toml.
+    """Return the path of a shipped file by its name, or an own file's path if `name` ends in .toml.
 
-    what: kind of file, for the error message. Raises ConfigError for an unknown name.
+    The own file need not exist. what: kind of file, for the error message. Raises ConfigError for an unknown name.
     """
     path = Path(name)
     if path.suffix == ".toml":

@@ -24,9 +24,10 @@ def table_of(
     tick_s: float = 0.0,
     notes: Collection[str] = (),
 ) -> Table:
-    """Return the table of arrays whose names are in WANTED. Raises RecordingError.
+    """Make a Table from arrays in SI units whose names are in WANTED; options of `reading` replace their units.
 
-    present: names of all arrays of the file, for the message. tick_s, notes: as in a Table.
+    present: names of all arrays of the file, for the message. tick_s: seconds per count of its time column, 0 when
+    unknown. notes: sentences for the user, to which more are added. Raises RecordingError.
     """
     arrays = dict(arrays)
     corrected = arrays.pop(_CORRECTED, None)

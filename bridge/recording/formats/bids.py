@@ -23,7 +23,10 @@ Row = dict[str, str]
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read one tracked point. Raises RecordingError."""
+    """Read one tracked point of a *_motion.tsv file as a Table; `reading.device` chooses among several.
+
+    Raises RecordingError.
+    """
     rows = _channels(path)
     points = dict[str, list[int]]()
     for at, row in enumerate(rows):

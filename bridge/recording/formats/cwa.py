@@ -17,7 +17,7 @@ from bridge.text.units import STANDARD_GRAVITY
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read a file of an AX6. Raises RecordingError, also for an AX3, which has no gyroscope."""
+    """Read a .cwa file of an AX6 as a Table. Raises RecordingError, also for an AX3, which has no gyroscope."""
     frame = read_cwa_file(str(path), include_magnetometer=False, include_light=False, include_battery=False)
     gyro = [f"gyro_{axis}" for axis in "xyz"]
     if not set(gyro) <= set(frame.columns):

@@ -35,7 +35,10 @@ _OPAL = (
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read truerate's own arrays, or one sensor of an Opal's file. Raises RecordingError."""
+    """Read truerate's own arrays, or one sensor of an Opal's file, as a Table. Raises RecordingError.
+
+    `reading.device` chooses among several sensors, by label.
+    """
     with h5py.File(path, "r") as file:
         if opals := _opals(file):
             return _opal(path, choose(path, opals, reading.device, "sensors"), reading)
@@ -48,7 +51,7 @@ def read(path: Path, reading: Reading) -> Table:
 
 
 def write(file: IO[bytes], arrays: Mapping[str, Array]) -> None:
-    """Write arrays as datasets at the root."""
+    """Write arrays, by name, as datasets at the root of a new HDF5 file."""
     with h5py.File(file, "w") as out:
         for name, array in arrays.items():
             if array.dtype.kind == "U":

@@ -21,7 +21,10 @@ _BOOT = re.compile("[0-9a-f]{16}")
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the wanted arrays of an .npz file. Raises RecordingError, without NumPy's advice to load unsafely."""
+    """Read the arrays of an .npz file, named in the module's docstring, as a Table.
+
+    Raises RecordingError, without NumPy's advice to load unsafely.
+    """
     if not path.stat().st_size:
         raise RecordingError(f"{path}: the file is empty: save an array 'gyro_rad_s' of shape (n, 3) with numpy.savez")
     try:
@@ -45,5 +48,8 @@ def read(path: Path, reading: Reading) -> Table:
 
 
 def origin(device: str, boot: str) -> tuple[str, int]:
-    """Return device and boot as numbers if both have the form that an export writes, else "" and 0."""
+    """Return device id and boot id as a number, if both have the form that an export writes, else "" and 0.
+
+    boot: 16 hexadecimal digits.
+    """
     return (device, int(boot, 16)) if keys.ID.match(device) and _BOOT.fullmatch(boot) else ("", 0)

@@ -21,7 +21,10 @@ from bridge.recording.text import reader
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the columns of numbers and of times. Raises RecordingError."""
+    """Read the columns of numbers and of times of a Parquet file as a Table. Raises RecordingError.
+
+    Columns are understood by their names, as those of a text table.
+    """
     # A dataset reads only the columns named; ParquetFile reads also a text of the same name, or within one of that name.
     file = ds.dataset(path, format="parquet")
     wanted = [
@@ -50,7 +53,7 @@ def read(path: Path, reading: Reading) -> Table:
 
 
 def write(file: IO[bytes], columns: Mapping[str, NDArray[np.generic]]) -> None:
-    """Write columns (n,)."""
+    """Write columns (n,), by name, as a Parquet file."""
     pq.write_table(pa.table(dict(columns)), file)
 
 

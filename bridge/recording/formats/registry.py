@@ -15,7 +15,7 @@ TEXT = (".csv", ".tsv", ".txt", ".log", ".dat", ".gz")
 
 
 class Format(NamedTuple):
-    """A file format.
+    """A file format of recordings, and the module that reads it.
 
     name: for messages. module: in bridge.recording, with `read(path, reading) -> Table`. extra: the optional dependency
     of that module. streams: a file may hold several named streams, and --device chooses one. whole: a file is read into
@@ -29,7 +29,10 @@ class Format(NamedTuple):
     whole: bool = True
 
     def read(self, path: Path, reading: Reading) -> Table:
-        """Read the columns of a file. Raises RecordingError."""
+        """Read the columns of a file as a Table, by the format's module.
+
+        Raises RecordingError, also if its package is missing.
+        """
         module = _loaded(path, self)
         try:
             table: Table = module.read(path, reading)
@@ -64,7 +67,10 @@ _BY_NAME = {"_motion.tsv": BIDS, ".xdf.gz": XDF}
 
 
 def format_of(path: Path) -> Format:
-    """Return the format of a file or a folder. Raises RecordingError if it is unknown."""
+    """Return the format of a recording's file or folder, by its ending or content.
+
+    Raises RecordingError if it is unknown.
+    """
     if path.is_dir():
         return _of_folder(path)
     name, ending = path.name.lower(), path.suffix.lower()

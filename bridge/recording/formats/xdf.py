@@ -20,7 +20,7 @@ from bridge.recording.text.names import understood
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read one stream. Raises RecordingError."""
+    """Read one stream of an XDF file as a Table; `reading.device` chooses among several. Raises RecordingError."""
     packed = path.suffix.lower() != ".xdf"
     if packed:
         _check_unpacked(path)

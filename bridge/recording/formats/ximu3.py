@@ -22,7 +22,10 @@ _MOST_FAULTS = 10_000
 
 
 def read(path: Path, reading: Reading) -> Table:
-    """Read the inertial messages, each with the latest temperature. Raises RecordingError."""
+    """Read the inertial messages of a data logger's file, each with the latest temperature, as a Table.
+
+    Raises RecordingError.
+    """
     lines, faults, celsius = Lines(LONGEST), Tally(), nan
     times_us, numbers = array("Q"), array("d")
     with path.open("rb") as file:

@@ -18,7 +18,11 @@ _SHOWN = 12
 
 @dataclass(slots=True)
 class Triple:
-    """Indices of three columns, x y z, and the factor from their numbers to SI; None if the unit is not stated."""
+    """Three columns of a text table that are the x, y, z of one vector.
+
+    at: their indices. factor: from their numbers to SI; None if no unit is stated.
+    unit: as stated, in its standard spelling; empty if not stated.
+    """
 
     at: tuple[int, int, int]
     factor: float | None
@@ -27,9 +31,10 @@ class Triple:
 
 @dataclass(slots=True)
 class Clock:
-    """Index of a time column, and its factor to seconds; None if the unit is not stated.
+    """Time column of a text table.
 
-    text: the column holds dates or times of day. rank: preference, the lower the better.
+    at: its index. factor: from its numbers to seconds; None if no unit is stated.
+    text: the column holds dates or times of day. rank: preference among several clocks, the lower the better.
     """
 
     at: int
@@ -40,9 +45,11 @@ class Clock:
 
 @dataclass(slots=True)
 class Columns:
-    """Meaning of a table's columns.
+    """Meaning of a text table's columns.
 
-    gyro: the same rates in one or several units. unused: names of columns of incomplete vectors.
+    gyro: the same rates in one or several units. accel: likewise. clocks: all time columns.
+    counter, temperature, rate: index of the column with sample numbers, °C, and Hz; None if there is none.
+    unused: names of columns of incomplete vectors. notes: what was understood, for the user.
     """
 
     gyro: list[Triple]
@@ -58,9 +65,11 @@ class Columns:
 def find(
     path: Path, layout: Layout, reading: Reading, cells: list[str], *, only_accel: bool = False, tag: str = ""
 ) -> Columns:
-    """Find the columns of a table whose first row has these cells. Raises RecordingError.
+    """Find the columns with rates, acceleration, time and so on, by their names and the user's options.
 
-    only_accel: look for an accelerometer alone. tag: of the rows, if they have one.
+    Raises RecordingError.
+    path: the file, for tools known by its name and for errors. cells: the first row of numbers, as texts.
+    only_accel: look for an accelerometer alone. tag: the rows' tag of a sensor, if they have one.
     """
     sensor = f"{path.name} {tag}".lower()
     names = [understood(name) for name in layout.names]
@@ -95,7 +104,7 @@ def find(
 
 
 def shown(names: list[str]) -> str:
-    """Return names for a message: the first of them, and how many there are."""
+    """Return names for a message, separated by commas: at most the first 12, and how many there are."""
     more = f" … ({len(names)} in all)" if len(names) > _SHOWN else ""
     return ", ".join(name[:40] or "(no name)" for name in names[:_SHOWN]) + more
 

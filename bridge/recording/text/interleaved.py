@@ -19,9 +19,10 @@ _DERIVED = re.compile(r"lin|user|uncal|raw|bias", re.IGNORECASE)
 
 
 class Tags(NamedTuple):
-    """Tags of a log's sensors: where a row has its tag, all tags, and those of the gyro and the accelerometer.
+    """Tags of the sensors in a log with one reading of one sensor per row, such as `GYRO;1.20;…`.
 
-    accel: empty if the log has no accelerometer.
+    separator, column: where a row has its tag. all: all tags. gyro, accel: tags of these sensors.
+    accel is empty if the log has no accelerometer.
     """
 
     separator: str
@@ -31,14 +32,17 @@ class Tags(NamedTuple):
     accel: str
 
     def rows_of(self, tag: str, blocks: Iterable[list[str]]) -> Iterator[list[str]]:
-        """Yield the blocks with the lines of other tags emptied; so line numbers stay those of the file."""
+        """Yield the blocks of lines with the lines of other tags emptied; so line numbers stay those of the file."""
         others = self.all - {tag}
         for lines in blocks:
             yield ["" if _cell(line, self.separator, self.column) in others else line for line in lines]
 
 
 def tags_of(lines: list[str]) -> Tags | None:
-    """Return the tags of a log that begins with these lines; None if its rows are all of one kind."""
+    """Return the tags of a log that begins with these lines.
+
+    None if its rows are all of one kind, as in a plain table.
+    """
     sample = [line for line in lines[:_LINES] if line.strip() and not COMMENT.match(line)]
     for separator in _SEPARATORS:
         for column in range(_COLUMNS):

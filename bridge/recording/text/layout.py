@@ -29,9 +29,9 @@ _ACCEL_UNIT = re.compile(r"acc[^\n]*?(m/s\^?2|m/s²|\bmg\b|\bg\b)", re.IGNORECAS
 class Layout(NamedTuple):
     """Layout of a text table.
 
-    separator: None is any run of blanks. names: of the columns, empty if there is no header. width: cells per row.
-    first: index of the first row of numbers. rate_hz, gyro_unit,
-    accel_unit: as the preamble states them, else 0 and empty.
+    separator: None is any run of blanks. decimal: decimal mark. names: of the columns, empty if there is no header.
+    width: number of cells per row. first: index, from 0, of the first line of numbers.
+    rate_hz, gyro_unit, accel_unit: as the preamble states them, else 0 and empty.
     """
 
     separator: str | None
@@ -45,7 +45,7 @@ class Layout(NamedTuple):
 
 
 def layout_of(lines: list[str]) -> Layout | None:
-    """Return the layout of a table that begins with these lines; None if no row of numbers is found."""
+    """Recognise the layout of a text table that begins with these lines; None if no row of numbers is found."""
     told = next((match[1] for line in lines[:3] if (match := _SEP.fullmatch(line.strip()))), "")
     sample, size = list[tuple[int, str]](), 0
     for at, line in enumerate(lines[:_LINES]):
@@ -81,14 +81,17 @@ def layout_of(lines: list[str]) -> Layout | None:
 
 
 def split(line: str, separator: str | None) -> list[str]:
-    """Split a line into cells."""
+    """Split a line into cells, as texts; a quoted cell may contain the separator.
+
+    separator: None for any run of blanks.
+    """
     if '"' in line and separator is not None:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
     return line.split(separator)
 
 
 def is_number(cell: str, decimal: str = ".") -> bool:
-    """Whether a cell holds a number."""
+    """Whether a cell holds a number, with this decimal mark; quotes and blanks around it are ignored."""
     cell = cell.strip().strip('"')
     if decimal == ",":
         if "." in cell and "," not in cell:

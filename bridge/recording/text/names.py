@@ -39,12 +39,11 @@ _ARRIVAL = {"phone", "host", "arrival", "received", "pc", "system", "rtc", "date
 
 
 class Name(NamedTuple):
-    """Meaning of a column's name.
+    """Meaning of a column's name: quantity, axis and unit.
 
-    kind: gyro, accel, axis, time, counter, temperature, rate, or empty for none of these.
-    unit: in its standard spelling, empty if not stated. group: its other
-    words, the same for the three axes of one sensor.
-    rank: of a time, the lower the better.
+    kind: gyro, accel, axis, time, counter, temperature, rate, or empty for none of these. axis: x, y, z or empty.
+    unit: in its standard spelling, empty if not stated. group: its other words, the same for the three axes of one
+    sensor. rank: of a time column, the lower the better.
     """
 
     kind: str
@@ -58,7 +57,7 @@ _NOTHING = Name("", "", "", ())
 
 
 def understood(name: str) -> Name:
-    """Return the meaning of one column's name."""
+    """Return the meaning of one column's name, such as `Gyroscope X (deg/s)`; its kind is empty if it has none."""
     bare, unit = _unit_of(name.strip())
     words = [word.lower() for word in _WORD.findall(bare)]
     if not words:

@@ -27,14 +27,14 @@ _SLOW_HZ, _FAST_HZ = 4.5, 4000.0
 _NEAR_GRAVITY = 0.15
 #: _EVEN: tolerance of an even step, of the median step; _EVENLY: share of even steps of a device's own clock
 _EVEN, _EVENLY = 0.5, 0.8
-#: two time columns whose steps differ by a larger factor are not one clock in two units
 #: time column of an exported recording, and its other times
 _OWN_TIMES = "t_s", ["host_time_ns"]
+#: two time columns whose steps differ by a larger factor are not one clock in two units
 _SAME_STEP = 1.1
 
 
 def read(path: Path, reading: Reading, layout: Layout | None = None) -> Table:
-    """Read the columns of a recording from a text table.
+    """Read the columns of a recording from a text table, in SI units.
 
     layout: of a file that another file describes; by default it is recognised. Raises RecordingError, which names the
     options for what is missing.
@@ -52,9 +52,10 @@ def read(path: Path, reading: Reading, layout: Layout | None = None) -> Table:
 def read_columns(
     path: Path, names: list[str], numbers: Floats, reading: Reading, *, rate_hz: float = 0.0, sensor: str = ""
 ) -> Table:
-    """Understand named columns of numbers (n, c) as those of a text table. Raises RecordingError.
+    """Make a table in SI units from numbers (n, c) and the names of their columns.
 
-    rate_hz: as the file states it, else 0. sensor: words that tell which sensor columns named x, y, z belong to.
+    Names are understood as those of a text table. rate_hz: as the file states it, else 0. sensor: words that tell which
+    sensor columns named x, y, z belong to. Raises RecordingError.
     """
     layout = Layout(None, ".", names, len(names), 0, rate_hz)
     columns, wanted = _columns(path, layout, reading, ["0"] * len(names), tag=sensor)
@@ -63,7 +64,11 @@ def read_columns(
 
 
 def join_accel(path: Path, table: Table, reading: Reading) -> None:
-    """Add the accelerometer of the text table that `reading` names, if it names one. Raises RecordingError."""
+    """Add the accelerometer of the text file `reading.accel_file` to the table, in place.
+
+    Without that option, nothing is added.
+    If both files have times, it is interpolated at those of the rates. Raises RecordingError.
+    """
     if reading.accel_file is not None:
         other = Path(reading.accel_file)
         _join(path, table, other, _read(other, blocks(other), reading, only_accel=True))
@@ -143,17 +148,20 @@ def _table(reading: Reading, layout: Layout, columns: Columns, values: "Values",
 
 
 class Values(NamedTuple):
-    """Columns that were read, by their index in the file."""
+    """Numbers and texts that were read from a text table. columns: index in the file of each column of numbers."""
 
     read: Read
     columns: list[int]
 
     def column(self, at: int) -> Floats:
-        """(n,) one column."""
+        """Return one column of numbers (n,), unconverted. at: its index in the file."""
         return self.read.numbers[:, self.columns.index(at)]
 
     def vector(self, triple: Triple) -> Floats:
-        """(n, 3) a vector, in SI if the unit is known."""
+        """Return a vector (n, 3), in SI units if its unit is known.
+
+        The numbers may be scaled in place: ask for each vector once.
+        """
         at = [self.columns.index(one) for one in triple.at]
         beside = at == list(range(at[0], at[0] + 3))
         values = self.read.numbers[:, slice(at[0], at[0] + 3) if beside else at]
@@ -161,7 +169,7 @@ class Values(NamedTuple):
         return values
 
     def times(self, clock: Clock) -> Floats:
-        """(n,) times in the column's own unit; times written as text in seconds."""
+        """Return times (n,) in the column's own unit; times written as text in seconds since the first midnight."""
         return seconds_of(self.read.texts[clock.at]) if clock.text else self.column(clock.at)
 
 

@@ -18,7 +18,7 @@ class Read:
     """Columns read from a text table.
 
     numbers (n, c): the columns asked for as numbers, NaN if a cell is no number. texts: columns as written, by index.
-    odd: number of lines that are no rows, by description. lines: line numbers of the rows, block by block.
+    odd: number of lines that are no rows, by description. lines: line numbers, from 1, of the rows, block by block.
     """
 
     texts: dict[int, list[str]]
@@ -27,7 +27,7 @@ class Read:
     lines: list[Sequence[int]] = field(default_factory=list)
 
     def line(self, row: int) -> int:
-        """Return the line number, from 1, of a row."""
+        """Return the line number in the file, from 1, of a row counted from 0; 0 if there is no such row."""
         for block in self.lines:
             if row < len(block):
                 return block[row]
@@ -36,11 +36,15 @@ class Read:
 
 
 class TooLong(Exception):
-    """The table has more rows than can be read."""
+    """The table has more than 2**25 rows, the most that are read. The text says how many were found."""
 
 
 def read_rows(blocks: Iterable[list[str]], layout: Layout, columns: list[int], texts: list[int]) -> Read:
-    """Read the columns with these indices as numbers, and those in `texts` as written. Raises TooLong."""
+    """Read the rows of a text table: columns with these indices as numbers, and those in `texts` as written.
+
+    Raises TooLong.
+    blocks: the file's lines, in lists. Lines that are no rows are left out and counted.
+    """
     parts, read, begins, n = list[Floats](), Read({at: [] for at in texts}), 0, 0
     for block in blocks:
         first = max(0, layout.first - begins)

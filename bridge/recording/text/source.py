@@ -13,6 +13,7 @@ from bridge.runtime.os_errors import why
 
 #: limit of a text: `correct` writes 3 GB for a day at 100 Hz; unused columns cost no memory
 MAX_TEXT_BYTES = 1 << 32
+#: most characters of a line; characters read at once
 MAX_LINE = 1 << 22
 BLOCK = 1 << 20
 _SNIFFED = 4096
@@ -21,7 +22,10 @@ _BINARY = 0.02
 
 
 def blocks(path: Path) -> Iterator[list[str]]:
-    """Yield lines without line ends, some thousands at a time. Raises RecordingError."""
+    """Yield the lines of a text file without line ends, in lists of some thousands. Gzip and UTF-16 are recognised.
+
+    Raises RecordingError for a file that is unreadable, binary or too large.
+    """
     rest, size = "", 0
     with _opened(path) as raw:
         text = io.TextIOWrapper(raw, encoding=_encoding(path, raw), errors="replace", newline=None)

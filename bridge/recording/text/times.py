@@ -11,12 +11,15 @@ DAY_S = 86_400.0
 
 
 def is_clock(cell: str) -> bool:
-    """Whether a cell contains a time of day."""
+    """Whether a cell contains a time of day, such as 10:15:00.25 or 3:15:00 PM."""
     return _CLOCK.search(cell) is not None
 
 
 def seconds_of(cells: list[str]) -> Floats:
-    """Return seconds (n,) since the midnight before the first time; NaN for a cell without a time of day."""
+    """Return seconds (n,) since the midnight before the first time; NaN for a cell without a time of day.
+
+    A step back of more than half a day begins the next day.
+    """
     time = np.array([_second(cell) for cell in cells], np.float64)
     steps = np.diff(time)
     days = np.cumsum((steps < -DAY_S / 2).astype(float) - (steps > DAY_S / 2))

@@ -26,7 +26,10 @@ _FOLDERS = (
 
 
 class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Three columns, x y z, with their unit or their raw counts per °/s or per g."""
+    """Three columns, x y z, of a tool's export, with their unit or their raw counts per °/s or per g.
+
+    Raises ValueError for an unknown unit or a sensitivity out of range.
+    """
 
     columns: tuple[str, str, str]
     unit: str = ""
@@ -39,12 +42,15 @@ class Vector(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"sensitivity is {self.sensitivity:g}: give the counts per °/s or per g")
 
     def factor(self, known: dict[str, float], per: str) -> float | None:
-        """Return the factor from the column's numbers to SI; None if the tool's file does not fix the unit."""
+        """Return the factor from the column's numbers to SI; None if the tool's file does not fix the unit.
+
+        known: factors to SI by unit. per: unit of the sensitivity, `deg/s` or `g`.
+        """
         return known[per] / self.sensitivity if self.sensitivity else unit_in(self.unit, known)
 
 
 class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Column with the time of each sample, and its unit."""
+    """Column of a tool's export with the time of each sample, and its unit; empty if unknown. Raises ValueError."""
 
     column: str
     unit: str = ""
@@ -55,7 +61,11 @@ class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Tool(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Export of one tool, recognised by case-sensitive column names: other tools' names may differ by case alone."""
+    """Export of one tool: its columns, and how its files are recognised.
+
+    header: names that the header must have, case-sensitive, as other tools' names may differ by case alone.
+    file: pattern of the file's name, such as `*gyro*`. summary: the tool, for the user.
+    """
 
     summary: str = ""
     header: tuple[str, ...] = ()
@@ -65,7 +75,7 @@ class Tool(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     time: Time | None = None
 
     def is_of(self, path: Path, names: list[str]) -> bool:
-        """Whether a file is an export of this tool."""
+        """Whether a file is an export of this tool: its name fits, and its column names include the tool's."""
         there = set(names)
         fits = fnmatch(path.name.lower(), self.file.lower())
         return bool(self.header) and fits and there.issuperset(self.header)
@@ -78,10 +88,10 @@ def plain(name: str) -> str:
 
 @lru_cache(maxsize=1)
 def known() -> dict[str, Tool]:
-    """Return the tools that come with truerate, by name."""
+    """Return the descriptions of tools' exports that are shipped with truerate, by name of the tool."""
     return {name: load(path, Tool) for name, path in shipped(_FOLDERS).items()}
 
 
 def tool(name: str) -> Tool:
-    """Return a shipped tool by its name, or a tool from a user's file. Raises ConfigError."""
+    """Load a shipped tool by its name, or a tool from a user's .toml file by its path. Raises ConfigError."""
     return load(file_of(name, "tool with columns", _FOLDERS), Tool)
