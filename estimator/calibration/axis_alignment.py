@@ -92,7 +92,7 @@ def _moves(accel: Floats | None) -> bool:
 
 
 def in_words(mapping: Floats) -> str:
-    """Axis mapping as text for users: which reading is which axis."""
+    """Axis mapping (3, 3) as text for users, such as `x = −y, y = x`; axes that do not change are left out."""
     rows = [int(np.argmax(np.abs(row))) for row in mapping]
     signs = ["−" if mapping[axis, row] < 0 else "" for axis, row in enumerate(rows)]
     changed = [

@@ -38,7 +38,7 @@ class Solved:
     cost: float
 
     def misfit(self, rows: slice | NDArray[np.bool_] = slice(None)) -> float:
-        """Chi-square over degrees of freedom of the selected residuals; 1 where chance explains them."""
+        """Chi-square over degrees of freedom of selected residuals (all by default); 1 where chance explains them."""
         value, vector = np.linalg.eigh(self.left[rows][:, rows])
         free = value > _ZERO * value[-1]
         chi2 = (vector.T @ self.residual[rows])[free] ** 2 / value[free]
@@ -47,7 +47,10 @@ class Solved:
 
 
 def solve(f: Floats, F: Floats, C: Floats) -> Solved:
-    """Step that minimises f' C⁻¹ f for linear f; raises LinAlgError when F leaves a parameter undetermined."""
+    """Gauss-Newton step that minimises f' C⁻¹ f for residuals f (n,) linear in the parameters, with its covariance.
+
+    Raises LinAlgError when F (n, p) leaves a parameter undetermined, or C (n, n) is not positive definite.
+    """
     lower = np.linalg.cholesky(C)
     both = np.linalg.solve(lower, np.column_stack([F, f]))
     white = both[:, :-1]

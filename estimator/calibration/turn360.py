@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Turn360Knobs:
-    """Settings of Algorithm 1, and the re-placement error of a hand."""
+    """Settings of Algorithm 1, and the re-placement error of a hand; tolerance: of the scale factors, absolute."""
 
     tolerance: float = 1e-5
     max_iterations: int = 50

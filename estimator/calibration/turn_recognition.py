@@ -40,7 +40,7 @@ class TurnKnobs:
 
 @dataclass(frozen=True, slots=True)
 class NoTurn:
-    """A movement that was not a full turn; `attempt` is true if it was probably meant as one.
+    """A movement that was not a full turn, with the reason; `attempt` is true if it was probably meant as one.
 
     unit_axis: axis of a movement that would be a full turn if the readings were in other units, else None.
     """
