@@ -27,7 +27,7 @@ _COARSEST = radians(2.0)
 
 @dataclass(frozen=True, slots=True)
 class SecondKnobs:
-    """Settings for cutting a stream. Seconds, rad/s."""
+    """Settings for cutting a stream; s."""
 
     length_s: float = 1.0
     #: least length of a second that ends early at a change between still and moving
@@ -72,7 +72,7 @@ class Second(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """Number of samples."""
+        """Number n of samples in the second."""
         return len(self.dt)
 
 
@@ -131,7 +131,7 @@ class Seconds:
 
     @property
     def spikes(self) -> int:
-        """Number of spikes so far."""
+        """Number of spikes (single readings far from both neighbours) mended in all windows so far."""
         return int(self._state.item(-1))
 
     def take(self, windows: Windows) -> list[tuple[int, Second]]:
@@ -148,7 +148,7 @@ class Seconds:
         return found
 
     def skip(self, windows: Windows) -> None:
-        """Discard the next windows and all samples that wait."""
+        """Leave out the next windows (one or more): discard them, the unfinished second and all windows that wait."""
         let_go(self._state, windows.moved)
         self._parts, self._before = [], windows.samples[1][-1]
 
