@@ -31,9 +31,10 @@ _BEND_K = 1.0
 
 
 class FilterState(StateStruct):
-    """Saved state of a bias filter: the present bias state, and unsure (3,), (rad/s/K)².
+    """Saved state of a bias filter.
 
-    Slope variance under the law.
+    now: the present bias state. unsure (3,), (rad/s/K)²: variance of the slope under the temperature law, before
+    evidence.
     """
 
     now: BiasState

@@ -136,8 +136,8 @@ class BiasMonitor:
     def settled(self, age_s: float, *, sure: bool, gravity: bool) -> bool:
         """End the doubt if rests have confirmed every part, the bias is sure, and nothing speaks against it.
 
-        Returns whether.
-        age_s, gravity: as in `news`. sure: whether the bias' standard deviation is small enough.
+        Returns whether the doubt ended. age_s, gravity: as in `news`. sure: whether the bias' standard deviation is
+        small enough.
         """
         against = gravity or self.consistency.inflation > self.knobs.inflation
         against = against or age_s > self.knobs.evidence_age_s  # unproven rests do not end the wait
