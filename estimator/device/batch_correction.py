@@ -42,9 +42,9 @@ class Cut(NamedTuple):
 
     @property
     def header(self) -> tuple[int, int, int, float, float, bytes]:
-        """Header for the wire's encoders.
+        """Header of the cut for the wire's encoders.
 
-        boot, sequence, start time (ns), tick period (s), clock rate, packed ticks.
+        Boot id, sequence number and host time (ns) of the first sample, tick period (s), clock rate, and packed ticks.
         """
         samples = self.samples
         return samples.boot, self.sequence, self.start_time_ns, samples.tick_period_s, samples.clock_rate, self.ticks
