@@ -34,7 +34,7 @@ def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats,
 
 
 def whitened(y: Floats, S: Floats) -> tuple[Floats, Floats]:
-    """Cholesky: L (m, m) with S = L L', and a (m,) with L a = y, so that NIS = a' a."""
+    """Cholesky factor L (m, m) of S = L L', and a (m,) with L a = y; the NIS of the innovation y is a' a."""
     m = len(y)
     L, a = np.zeros((m, m)), np.empty(m)
     for i in range(m):
@@ -52,7 +52,10 @@ def whitened(y: Floats, S: Floats) -> tuple[Floats, Floats]:
 
 
 def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
-    """Make the elements of y and S from `first` on conditional on those before."""
+    """Replace y (m,) and S (m, m) in place by the innovation and covariance given the first `first` elements.
+
+    L (m, m), a (m,): result of `whitened`. The covariance between both groups becomes 0.
+    """
     for i in range(first, len(y)):
         y[i] = 0.0
         for k in range(first, i + 1):
@@ -69,10 +72,10 @@ def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
     *(innovation, whitened, given),
 )
 def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, first: int) -> tuple[Floats, Floats, float, float]:
-    """Innovation (m,) of z = H x, its covariance S (m, m), and the NIS of the first `first` elements of z and of the others.
+    """Innovation (m,) of z against H x, its covariance S (m, m), and the NIS of two groups of elements of z.
 
-    Innovation, S and NIS of the other elements are conditional on the first ones. S then has zeros between the two
-    groups.
+    The groups: the first `first` elements of z, and the others. Innovation, S and NIS of the other elements are
+    conditional on the first ones. S then has zeros between the two groups.
     An NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.
     """
     m = len(z)
