@@ -127,7 +127,10 @@ class Problem:
         self._prior_std = np.concatenate([np.full(3, np.inf), np.full(3, knobs.scale), off, knobs.accel.std()])
 
     def solve(self, theta: Floats) -> Floats:
-        """Solve for theta by Levenberg-Marquardt from a start value; the weights are recomputed once, at the first solution."""
+        """Solve for theta (21,) by Levenberg-Marquardt from a start value theta (21,).
+
+        The weights are recomputed once, at the first solution.
+        """
         for _ in range(2):
             r, J, factor = self.whitened(theta)
             damping = 1e-6
@@ -145,9 +148,10 @@ class Problem:
         return theta
 
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-        """Whitened residuals and slopes, in standard deviations, and the Cholesky factor of C.
+        """Whitened residuals (n,) and slopes (n, 21) at theta, in standard deviations, and the Cholesky factor of C.
 
-        factor: Cholesky factor to use; by default that of C at theta.
+        factor: Cholesky factor to use; by default that of C at theta. Residuals of the biases at rest and of the priors
+        are included.
         """
         r, J, noise, parts = self._gravity(theta)
         lower = np.asarray(np.linalg.cholesky(self.unit * (noise + parts.sum(axis=0)))) if factor is None else factor

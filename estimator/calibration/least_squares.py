@@ -63,10 +63,10 @@ def solve(f: Floats, F: Floats, C: Floats) -> Solved:
 
 
 def shown_size(fit: Callable[[float], Solved], told: float, worst: float) -> float:
-    """Size of an error as the residuals show it: prior `told` within a factor of ten, at most `worst`.
+    """Estimate the size of an error from the residuals: prior `told` within a factor of ten, at most `worst`.
 
-    Root of the posterior mean of its square, from the restricted likelihood of `fit` under each size and a log-normal
-    prior, on a grid from a tenth of `told`.
+    fit: solves the least-squares problem with a given size of the error. Root of the posterior mean of its square, from
+    the restricted likelihood of `fit` under each size and a log-normal prior, on a grid from a tenth of `told`.
     """
     sizes = np.geomspace(0.1 * told, worst, 19)
     cost = np.array([fit(float(size)).cost for size in sizes]) + (np.log(sizes / told) / log(_FACTOR)) ** 2
