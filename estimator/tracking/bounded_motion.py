@@ -56,7 +56,10 @@ class _Refused:
 
 
 class BoundedMotionState(StateStruct):
-    """Seconds of the present stretch, and refused stretches before it by kind of evidence."""
+    """State of the bounded-motion evidence.
+
+    Seconds of the present stretch, and refused stretches by kind of evidence.
+    """
 
     seconds: list[_Kept] = msgspec.field(default_factory=list)
     refused: dict[str, _Refused] = msgspec.field(default_factory=dict)

@@ -122,8 +122,10 @@ class Gravity:
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
     ) -> Step:
-        """Prediction step for `BiasFilter.predict` over a span, summed up with the filter's own bias and matrix.
+        """Prediction step for `BiasFilter.predict` over a span: moves gravity and velocity, and adds their noise.
 
+        The span must have been integrated with the filter's own bias and matrix. If gravity is not known, it begins
+        here.
         gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn, rad, unseen_push, m/s: see `Second`.
         """
         if not self.known:
@@ -148,9 +150,10 @@ class Gravity:
         return Evidence("gravity", span.rows[DRIFT], H, R, self.knobs.doubt, soft=True)
 
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
-        """Tell the steady motion detector the receipt of this evidence for a span.
+        """Pass the receipt of this evidence for a span to the steady motion detector.
 
-        An unlikely receipt, or one of a resting device, is no walk: mirrored axes, say.
+        An unlikely receipt (of mirrored axes, say) or one of a resting device tells of no walk; it breaks the
+        detector's chain.
         """
         if resting or receipt.test_ratio > 1:
             self._lasting.broken()

@@ -77,10 +77,10 @@ class Second(NamedTuple):
 
 
 class SecondsState(StateStruct):
-    """State of the cutter.
+    """Saved state of `Seconds`.
 
     gathered (9,) and waiting (k, 6): see second_cuts.py. before (9,): last sample before the second being gathered.
-    step (3,): least difference of readings ever seen. noisy: axes whose readings never repeat at rest.
+    step (3,): least difference of readings ever seen, rad/s. noisy: axes whose readings never repeat at rest.
     """
 
     gathered: Floats
@@ -91,7 +91,10 @@ class SecondsState(StateStruct):
 
 
 class Seconds:
-    """Cutter: stillness windows in, seconds out; the cuts depend on the samples alone, not on their batching."""
+    """Cuts the stream into seconds: stillness windows in, seconds out.
+
+    The cuts depend on the samples alone, not on their batching.
+    """
 
     def __init__(self, knobs: SecondKnobs | None = None) -> None:
         self.knobs = knobs or SecondKnobs()
@@ -105,7 +108,7 @@ class Seconds:
 
     @property
     def state(self) -> SecondsState:
-        """State to save, without the samples being gathered or waiting."""
+        """State to save for `restore`, without the samples being gathered or waiting."""
         x, y, z = self._noisy.tolist()
         waiting = self._waiting[: int(self._state[1])]
         return SecondsState(self._state, waiting, self._before, self._step, (x, y, z))

@@ -29,7 +29,8 @@ class ThermometerKnobs:
 class ThermometerState(StateStruct):
     """State of the thermometer.
 
-    averages: (time, °C); leapt: time since which readings exceed a leap; reading: latest accepted, unfiltered.
+    averages: recent ones as (device time s, °C). leapt: device time, s, since which readings exceed a leap, or None.
+    reading: latest accepted, unfiltered, °C.
     """
 
     averages: list[tuple[float, float]] = msgspec.field(default_factory=list)

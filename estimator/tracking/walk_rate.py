@@ -26,7 +26,7 @@ _SAME_S = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class WalkKnobs:
-    """Hypotheses about the walk, and what of a rest tells between them."""
+    """Hypotheses about how fast the bias walks, and how rests are measured to tell between them."""
 
     #: factors of the model's rate random walk, and their prior weights
     factors: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
