@@ -47,7 +47,7 @@ def attentions(state: State, reason: Sentences, info: DeviceInfo | None) -> froz
 
 
 def needs_person(status: Status, info: DeviceInfo | None) -> bool:
-    """Whether a person has to do something with a device, by its status and its information, None if unknown."""
+    """Whether a device has any problem that a person has to solve; info: what the device tells of itself, or None."""
     return bool(attentions(status.state, status.reason, info))
 
 

@@ -9,7 +9,7 @@ from estimator.orientation.attitude import Attitude, Oriented, orient
 
 
 class OrientedCut(NamedTuple):
-    """Samples of a cut and the attitude at each of them.
+    """Samples of a cut, and the attitude at each of them.
 
     zero: sequence number of the sample at which the heading was zero, and why (`start`, or who reset it).
     """

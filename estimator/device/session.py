@@ -146,7 +146,10 @@ class DeviceSession(CorrectedStream):
         self._apply()
 
     def believe(self, calibration: Calibration) -> None:
-        """Use the scale factors of an earlier boot's calibration until this boot is calibrated."""
+        """Use the scale factors of an earlier boot's calibration until this boot is calibrated.
+
+        No effect afterwards.
+        """
         if self.calibration is None:
             self.learnt.believe(calibration)
             self._apply()
@@ -328,11 +331,11 @@ class DeviceSession(CorrectedStream):
         placement: Placement | None = None,
         alerts: tuple[Alert, ...] = (),
     ) -> Status:
-        """Status message for the bus.
+        """Status message of the device for the bus: state, reason, quality, estimates, counters and new receipts.
 
         time_ns: time of the status. silent_s: seconds since the last sample. more: events counted outside the session.
-        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator took
-        the device over; higher is later. A receipt is told once.
+        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator
+        took the device over; higher is later. A receipt is told once.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()
