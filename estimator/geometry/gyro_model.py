@@ -57,7 +57,7 @@ def rounding_var(std: Floats, step: Floats) -> Floats:
 def mean_var(std: Floats, step: Floats, n: float) -> Floats:
     """Variance (3,) of the mean of n readings at rest, from noise and rounding.
 
-    std (3,): standard deviation of a reading. step (3,): rounding step.
+    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit.
     """
     return std**2 / n + rounding_var(std, step)
 
