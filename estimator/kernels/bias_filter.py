@@ -13,7 +13,10 @@ Floats = NDArray[np.float64]
 
 
 def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats, S: Floats) -> bool:
-    """Write the innovation y (m,) and its covariance S (m, m); return whether all are finite and each z has noise."""
+    """Write the innovation y = z - H x (m,) and its covariance S = H P H' + R (m, m).
+
+    Returns whether all elements are finite and each element of z has noise.
+    """
     (m, n), sound = H.shape, True
     seen = np.zeros((m, n))
     for i in range(m):
@@ -112,7 +115,7 @@ def inverse(S: Floats) -> Floats:
 
 @compiled("void(f8[:], f8[:, :], f8[:, :], f8, f8, f8[:], f8)")
 def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> None:
-    """Write a filter step of bias and slope into x (n,), F and Q (n, n).
+    """Write a filter step of bias (rad/s) and slope (rad/s/K) into x (n,), F and Q (n, n), in place.
 
     The bias moves by its slope over `warmer` K, by over / 2 times bend (3,), and by a random walk of variance var.
     bend: standard deviation of the slope's change over `over` K.

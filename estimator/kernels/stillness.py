@@ -25,12 +25,16 @@ def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
 
 
 def near(a: Floats, b: Floats, tolerance: float) -> bool:
-    """Whether two rates (3,) differ by less than a tolerance on every axis."""
+    """Whether two rates (3,) differ by less than `tolerance` (same unit) on every axis."""
     return bool(abs(a[0] - b[0]) < tolerance and abs(a[1] - b[1]) < tolerance and abs(a[2] - b[2]) < tolerance)
 
 
 def window_end(time: Floats, read: Floats, begin: int, fewest: int, window_s: float, far: float) -> int:
-    """Index after the last sample of the window that begins at `begin`; beyond the samples where more are needed."""
+    """Index after the last sample of the window that begins at index `begin`; beyond the samples where more are needed.
+
+    time (n,) s, read (n, 6): samples. fewest, window_s: least number of samples and least length, s. far: least step of
+    a spike, rad/s; the window does not end at one.
+    """
     held, end = len(time), begin
     while end < held and time[end] < time[begin] + window_s:
         end += 1

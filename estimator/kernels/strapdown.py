@@ -88,7 +88,10 @@ def turned(dt: Floats, rate: Floats, force: Floats, carried: Floats, end: Floats
 
 
 def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Floats:
-    """Velocity changes (9, n) by the rotation `carried` of each sample; writes their sum of forces, push (3,)."""
+    """Velocity changes (9, n) that a rotation error in each sample causes, per its `carried` (9, n) of `turned`.
+
+    force (n, 3) m/s² in axes of the begin. Written: push (3,) m/s, the sum of force times dt.
+    """
     # A rotation phi moves the force f by phi x f. A sample's rotation error moves all pushes from that sample on.
     moved = np.empty(carried.shape)
     ahead_x = ahead_y = ahead_z = 0.0
@@ -131,7 +134,10 @@ def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_mat
 
 
 def strayed(dt: Floats, force: Floats, push: Floats, seconds: float, shift: Floats) -> float:
-    """Unrest, m/s: rms deviation of the velocity from a constant push; writes shift (3,)."""
+    """Unrest of a span, m/s: rms deviation of the velocity from that of a constant push.
+
+    force (n, 3) m/s², push (3,) m/s: in axes of the begin. Written: shift (3,) m, the integral of the growing push.
+    """
     n, square = len(dt), 0.0
     for r in range(3):
         evenly, shifted, pushed, strays, passed = push[r] / seconds, 0.0, 0.0, 0.0, 0.0
