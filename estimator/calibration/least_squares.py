@@ -65,8 +65,9 @@ def solve(f: Floats, F: Floats, C: Floats) -> Solved:
 def shown_size(fit: Callable[[float], Solved], told: float, worst: float) -> float:
     """Estimate the size of an error from the residuals: prior `told` within a factor of ten, at most `worst`.
 
-    fit: solves the least-squares problem with a given size of the error. Root of the posterior mean of its square, from
-    the restricted likelihood of `fit` under each size and a log-normal prior, on a grid from a tenth of `told`.
+    fit: solves the least-squares problem with a given size of the error. The result is the root of the posterior mean
+    of the squared size. It comes from the restricted likelihood of `fit` and a log-normal prior, on a grid from a tenth
+    of `told`.
     """
     sizes = np.geomspace(0.1 * told, worst, 19)
     cost = np.array([fit(float(size)).cost for size in sizes]) + (np.log(sizes / told) / log(_FACTOR)) ** 2
