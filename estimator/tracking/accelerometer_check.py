@@ -51,8 +51,8 @@ class AccelerometerCheck:
     def fit(self, second: Second) -> bool:
         """Whether the accelerometer can be used in the next second.
 
-        False when there is none, when it was given up or is frozen, or when its mean magnitude is none of gravity and a
-        wearer's movement.
+        False when there is none, when it was given up or is frozen, or when its mean magnitude is outside the plausible
+        range.
         """
         fit = self._fit(second)
         if not fit:
