@@ -38,7 +38,11 @@ _UPPER = ([0, 0, 1], [1, 2, 2])
 
 
 def by_accel_aided(capture: Capture) -> Result:
-    """Calibration method: bias and full matrix from at least nine poses and the movements between them."""
+    """Calibration method `accel_aided`: bias (3,) rad/s and full matrix (3, 3) from nine or more poses, with verdict.
+
+    capture: its movements, between rests with accelerometer readings, are used; its turns are only reported.
+    Too few distinct poses, or poses that do not determine the matrix, give verdict REPEAT without an estimate.
+    """
     movements = capture.movements
     data = collect(movements)
     accel = np.array([rest.accel for rest in data.rests])

@@ -25,11 +25,11 @@ _STEPS = 5
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerVerdictKnobs:
-    """Limits within which a calibration is accepted."""
+    """Limits within which an accelerometer calibration is accepted, and the error sizes that its fit assumes."""
 
-    #: m/s², of what a rest is wrong by beside its noise: a wearer's breath, hysteresis, bias instability
+    #: m/s², standard deviation of a rest's error beside its noise: a wearer's breath, hysteresis, bias instability
     rest_std: float = 0.01
-    #: relative, the most that an axis takes from another one
+    #: largest cross-axis sensitivity: share of one axis's acceleration in the reading of another
     across: float = 0.02
     #: m/s² and relative: a greater standard deviation means that the poses do not determine an axis
     bias_std: float = 0.05
@@ -37,12 +37,17 @@ class AccelerometerVerdictKnobs:
     #: m/s² and relative: greater errors are no accelerometer's
     bias: float = 1.5
     scale: float = 0.1
-    #: residuals' variance by what the errors explain
+    #: largest ratio of the residuals' variance to the variance that the assumed errors explain
     misfit: float = 9.0
 
 
 def calibrated(poses: Floats, knobs: AccelerometerVerdictKnobs | None = None) -> AccelerometerCalibration:
-    """Calibrate from poses (n, 4): variance of the mean reading, m²/s⁴, and mean reading (3,), m/s²."""
+    """Calibrate an accelerometer's bias (m/s²) and scale per axis from rests in n poses, with covariance and verdict.
+
+    poses (n, 4): variance of the mean reading, m²/s⁴, then the mean reading (3,), m/s². knobs: limits, default if None.
+    Verdict REPEAT: fewer than six poses, or an axis stays uncertain. REFUSED: values no accelerometer has, or a large
+    misfit. Neither contains an estimate.
+    """
     knobs, told, n = knobs or AccelerometerVerdictKnobs(), AccelKnobs().shear, len(poses)
     if n < FEWEST_POSES:
         return _without(Verdict.REPEAT, n, Code.TOO_FEW_POSES(poses=n, least=FEWEST_POSES))
@@ -79,9 +84,10 @@ def calibrated(poses: Floats, knobs: AccelerometerVerdictKnobs | None = None) ->
 
 
 def in_use(known: AccelerometerCalibration) -> Floats:
-    """(9,) of an accepted calibration: bias, m/s², scale, and standard deviation of a corrected reading, m/s².
+    """Pack an accepted accelerometer calibration for use, (9,): bias (3) m/s², scale (3), standard deviation (3) m/s².
 
-    The last is that of gravity, on average over all poses: from bias, scale and what an axis takes from the others.
+    The standard deviation is that of corrected gravity, on average over all poses: from bias, scale and cross-axis
+    sensitivity.
     """
     var = np.diag(np.reshape(known.covariance, (6, 6)))
     error = var[:3] + G**2 / 3 * (var[3:] + 2 * known.cross_std**2)

@@ -37,12 +37,16 @@ class AccelKnobs:
     shear: float = 0.005
 
     def std(self) -> Floats:
-        """Standard deviations (9,) of PARAMETERS."""
+        """Prior standard deviations (9,), ordered as PARAMETERS: bias (3) m/s², scale (3) relative, shear (3) rad."""
         return np.repeat([self.bias, self.scale, self.shear], 3)
 
 
 def measured(accel: Floats, errors: Floats) -> tuple[Floats, Floats, Floats]:
-    """Gravity (3,) in m/s² of a mean reading (3,) under errors (9,), with slopes (3, 9) by errors and (3, 3) by reading."""
+    """Gravity (3,) m/s² that a mean reading accel (3,) m/s² measures under errors (9,), with its slopes.
+
+    errors: in the order of PARAMETERS. Returns gravity, its slopes (3, 9) by the errors, and its slopes (3, 3) by the
+    reading.
+    """
     shape = np.eye(3) + np.tensordot(errors, _SHAPES, axes=1)
     from_bias = accel - errors[:3]
     slope = np.column_stack([-shape, (_SHAPES[3:] @ from_bias).T])

@@ -61,6 +61,8 @@ def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> S
 def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
     """Mean squared difference (48,) of propagated and measured gravity under each mapping, in units of gravity squared.
 
+    rest: before the movement of `samples`. matrix (3, 3): from readings to rates in the gyro's axes. Raises ValueError
+    without accelerometer readings.
     An accelerometer's offset o is measured too, and does not turn with the device: measured - C a = (I - C) o, a the
     reading at rest. Each mapping gets the offset under which it fits best.
     """
@@ -92,7 +94,7 @@ def _moves(accel: Floats | None) -> bool:
 
 
 def in_words(mapping: Floats) -> str:
-    """Axis mapping as text for users: which reading is which axis."""
+    """Axis mapping (3, 3) as text for users, such as `x = −y, y = x`; axes that do not change are left out."""
     rows = [int(np.argmax(np.abs(row))) for row in mapping]
     signs = ["−" if mapping[axis, row] < 0 else "" for axis, row in enumerate(rows)]
     changed = [

@@ -35,9 +35,9 @@ class WanderKnobs:
 
 
 def wander_cov(stretches: Sequence[Plateau], reference: int, rests: Sequence[Plateau], knobs: WanderKnobs) -> Floats:
-    """Covariance (n, n), (rad/s)², of one axis: mean bias of each stretch less that of the stretch numbered `reference`.
+    """Covariance (n, n), (rad/s)², of one axis' wandering bias: mean of each stretch less that of stretch `reference`.
 
-    The size of the wander is estimated from the rests.
+    The size of the wander is estimated from the rests; knobs give its prior. A steady drift as of warming up is added.
     """
     return _shown_size(rests, knobs) ** 2 * _wander(stretches, reference, knobs) + _drift(stretches, reference, knobs)
 

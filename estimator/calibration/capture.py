@@ -31,7 +31,10 @@ class Samples:
 
     @staticmethod
     def of(windows: Sequence[Window]) -> "Samples":
-        """Samples of one or more consecutive windows, with spikes mended."""
+        """Join the samples of one or more consecutive windows, with spikes mended.
+
+        accel is None unless every window has accelerometer readings.
+        """
         if len(windows) == 1:
             (window,) = windows
             return Samples(window.time, window.gyro, window.accel, window.clipped)
@@ -41,13 +44,13 @@ class Samples:
         return Samples(time, gyro, accel, np.concatenate([window.clipped for window in windows]))
 
     def between(self, start: float, end: float) -> "Samples":
-        """Samples with start <= time <= end."""
+        """Samples with start <= time <= end, device time in s; may be empty."""
         return self.part(
             slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, end, side="right")))
         )
 
     def part(self, part: slice) -> "Samples":
-        """Samples of a slice."""
+        """Samples at the indices of a slice."""
         accel = None if self.accel is None else self.accel[part]
         return Samples(self.time[part], self.gyro[part], accel, self.clipped[part])
 
@@ -78,12 +81,12 @@ class Rest:
 
     @property
     def rounding_var(self) -> Floats:
-        """Variance (3,) that rounding leaves in the mean reading, the same error in every rest."""
+        """Variance (3,), (rad/s)², that rounding leaves in the mean reading: the same error in every rest."""
         return rounding_var(self.std, self.step)
 
     @property
     def bias_cov(self) -> Floats:
-        """Covariance (3, 3) of the mean reading as the bias: white noise, rounding and wandering."""
+        """Covariance (3, 3), (rad/s)², of the mean reading as the bias: white noise, rounding and wandering."""
         return np.diag(mean_var(self.std, self.step, self.n) + self.wander**2)
 
 
@@ -98,7 +101,10 @@ class TurnCapture:
 
     @property
     def checked_by_gravity(self) -> bool:
-        """Whether gravity before and after shows if the turn was full: its axis must not be near the vertical."""
+        """Whether gravity before and after shows if the turn was full: its axis must be less than 45° from the horizon.
+
+        False without an accelerometer.
+        """
         up = self.before.accel
         return (
             up is not None and self.after.accel is not None and abs(float(up[self.axis])) < _STEEP * np.linalg.norm(up)
@@ -138,7 +144,7 @@ class History:
         self._held: deque[Floats] = deque()
 
     def add(self, samples: Samples) -> None:
-        """Append the next samples."""
+        """Append the next samples of the stream, and drop blocks of samples older than `keep_s` seconds."""
         rows = np.full((len(samples), WIDTH), np.nan)
         rows[:, TIME], rows[:, GYRO], rows[:, CLIPPED] = samples.time, samples.gyro, samples.clipped
         if samples.accel is not None:
@@ -146,14 +152,14 @@ class History:
         self.take(rows)
 
     def take(self, rows: Floats) -> None:
-        """Append the rows of the next windows."""
+        """Append rows (n, 9) of sample_buffer, n > 0, and drop blocks of rows older than `keep_s` seconds."""
         held, oldest_needed = self._held, rows.item(-1, TIME) - self._keep_s
         held.append(rows)
         while held[0].item(-1, TIME) < oldest_needed:
             held.popleft()
 
     def between(self, start: float, end: float) -> Samples:
-        """Samples with start <= time <= end that are still held; empty when there are none."""
+        """Samples still held with start <= time <= end, device time in s; empty when there are none."""
         held = [rows for rows in self._held if rows.item(-1, TIME) >= start and rows.item(0, TIME) <= end]
         if not held:
             return Samples(np.empty(0), np.empty((0, 3)), None, np.empty(0, bool))

@@ -23,7 +23,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class ClippingKnobs:
-    """Limits beyond which readings count as clipped."""
+    """Full-scale range of the gyro, and limits beyond which readings count as clipped."""
 
     #: full-scale range, rad/s; infinite: not known
     gyro_range: float = inf

@@ -74,7 +74,11 @@ class Closure:
 
 
 def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
-    """Estimate bias and scale factors from one session; raises NotConverged."""
+    """Estimate bias and scale factors from one session's rests and its three turns.
+
+    knobs: error sizes; what they leave open is estimated from the session. Raises NotConverged when no bias and scale
+    factors close the turns.
+    """
     knobs = knobs or ClosureKnobs()
     rests = capture.rests or (capture.rest,)
     ends = tuple(_end(turn, knobs.tilt_share) for turn in capture.turns)
@@ -125,7 +129,11 @@ def _with_scatter(told: Evidence, found: Fit, honest_p: float) -> Evidence:
 
 
 def evidence(capture: Capture, knobs: ClosureKnobs, ends: tuple[End, ...], placed: Replacement) -> Evidence:
-    """Stack one session's capture into the arrays of the fit; the bias is that of the middle of the last rest."""
+    """Stack one session's rests and three turns into the arrays of the fit (Evidence with s = 1).
+
+    ends: end attitude of each turn. placed: assumed re-placement error. The bias fitted is that at the middle of the
+    last rest.
+    """
     rests, turns = capture.rests or (capture.rest,), capture.turns
     n = max(len(turn.samples) for turn in turns)
     reading, dt = np.zeros((3, n, 3)), np.zeros((3, n))

@@ -86,10 +86,10 @@ class Fit:
 
 
 def fit(evidence: Evidence, max_iterations: int = 12, tolerance: float = 0.01) -> Fit:
-    """Maximum-likelihood fit by Gauss-Newton.
+    """Maximum-likelihood fit of bias and scale factors to the evidence of s sessions, by Gauss-Newton.
 
     A session has converged where the last step was below `tolerance` standard deviations, so that the next would be
-    near 0.
+    near 0. See `Fit.converged`.
     """
     theta = start(evidence)
     iterations, converged = 0, np.zeros(len(theta), bool)
@@ -152,9 +152,10 @@ def start(evidence: Evidence) -> Floats:
 
 
 def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Residuals f (s, 3r + 9), slopes F (s, 3r + 9, 6) by (b, k), covariance S, and slopes (s, 9, 6) by E, at theta (s, 6).
+    """Linearise at theta (s, 6): residuals f (s, 3r + 9), slopes F (s, 3r + 9, 6), covariance S, slopes (s, 9, 6) by E.
 
-    The last result is the slopes of the turns' residuals by the off-diagonal elements of E.
+    theta: bias b (3) rad/s, then scale factors k (3); F are the slopes by theta. S (s, 3r + 9, 3r + 9) is the
+    covariance of f. The last result is the slopes of the turns' residuals, rad, by the off-diagonal elements of E.
     """
     b, k = theta[:, :3], theta[:, 3:]
     s, r = evidence.rest.shape[:2]

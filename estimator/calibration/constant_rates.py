@@ -12,7 +12,10 @@ from estimator.geometry.gyro_model import least_step, mean_var
 
 @dataclass(frozen=True, slots=True)
 class PlateauKnobs:
-    """Limits within which a rate is constant. Seconds, rad/s."""
+    """Limits within which a rate is constant; s and rad/s.
+
+    window_s: length of the windows that are compared. least_s: length of the shortest plateau.
+    """
 
     window_s: float = 0.2
     least_s: float = 1.0
@@ -29,9 +32,10 @@ class PlateauKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plateau:
-    """A stretch of constant rate: mean reading (3,) rad/s, var (3,) of the mean, std (3,) of one reading.
+    """A stretch of constant rate, from device time `start` to `end`, s: mean reading (3,) rad/s, and its scatter.
 
-    clipped: whether some readings were beyond the range.
+    var (3,), (rad/s)²: variance of the mean. std (3,) rad/s: of one reading. clipped: whether some readings were beyond
+    the range.
     """
 
     start: float
@@ -43,7 +47,7 @@ class Plateau:
 
 
 def plateaus(samples: Samples, knobs: PlateauKnobs | None = None) -> list[Plateau]:
-    """Find all plateaus, in the order of time.
+    """Find all stretches of constant rate in a recording, in the order of time; empty when there are none.
 
     The first and last window of a plateau are cut off, because they may contain a ramp.
     """
@@ -94,9 +98,10 @@ def _stuck(gyro: Floats, of: Floats) -> bool:
 def split(
     found: list[Plateau], rates: tuple[float, ...], knobs: PlateauKnobs | None = None
 ) -> tuple[list[Plateau], list[Plateau], list[Plateau]]:
-    """Split plateaus into rests, turns, and others: clipped, or below the slowest rate (rad/s) and not a rest.
+    """Split plateaus into rests, turns, and others: clipped, or too fast for a rest and too slow for a turn.
 
-    Works for any bias: about any one axis most stretches read little but the bias, as rests do.
+    rates: known rates of the machine, rad/s. Works for any bias: about any one axis most stretches read little but the
+    bias, as rests do.
     """
     knobs = knobs or PlateauKnobs()
     if not found:
@@ -116,7 +121,7 @@ def split(
 
 
 def said_of_others(others: list[Plateau]) -> Sentences:
-    """Reason text for stretches left out; empty if there are none."""
+    """Reason text that counts the plateaus left out of a fit, and the clipped among them; empty if there are none."""
     clipped = sum(p.clipped for p in others)
     return (Code.STRETCHES_LEFT_OUT(stretches=len(others), clipped=clipped),) if others else ()
 

@@ -74,7 +74,7 @@ class Transitions:
     turns: tuple[bool, ...]
 
     def only(self, chosen: Sequence[int]) -> "Transitions":
-        """The chosen movements with the rests they join."""
+        """Subset of the movements with the given numbers, and the rests they join, renumbered."""
         kept = sorted({rest for j in chosen for rest in self.links[j]})
         number = {rest: i for i, rest in enumerate(kept)}
         return Transitions(
@@ -86,7 +86,7 @@ class Transitions:
 
 
 def matrix_of(theta: Floats) -> Floats:
-    """Matrix M (3, 3) of the parameters theta."""
+    """Gyro matrix M (3, 3) from the parameters theta (12 or more; elements 3 to 11 are used)."""
     M = np.empty((3, 3))
     M[ROW, COLUMN] = theta[3:12]
     return M
@@ -109,7 +109,10 @@ def collect(movements: Sequence[Movement]) -> Transitions:
 
 
 class Problem:
-    """Least-squares problem of gravity propagation: residuals of theta with their slopes and covariance."""
+    """Least-squares problem of gravity propagation: residuals of theta (21,) with their slopes and covariance.
+
+    theta: see the letters above. data: rests and movements. knobs: assumed error sizes and priors.
+    """
 
     def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:
         self.data, self.knobs = data, knobs
@@ -124,7 +127,10 @@ class Problem:
         self._prior_std = np.concatenate([np.full(3, np.inf), np.full(3, knobs.scale), off, knobs.accel.std()])
 
     def solve(self, theta: Floats) -> Floats:
-        """Solve for theta by Levenberg-Marquardt from a start value; the weights are recomputed once, at the first solution."""
+        """Solve for theta (21,) by Levenberg-Marquardt from a start value theta (21,).
+
+        The weights are recomputed once, at the first solution.
+        """
         for _ in range(2):
             r, J, factor = self.whitened(theta)
             damping = 1e-6
@@ -142,9 +148,10 @@ class Problem:
         return theta
 
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-        """Whitened residuals and slopes, in standard deviations, and the Cholesky factor of C.
+        """Whitened residuals (n,) and slopes (n, 21) at theta, in standard deviations, and the Cholesky factor of C.
 
-        factor: Cholesky factor to use; by default that of C at theta.
+        factor: Cholesky factor to use; by default that of C at theta. Residuals of the biases at rest and of the priors
+        are included.
         """
         r, J, noise, parts = self._gravity(theta)
         lower = np.asarray(np.linalg.cholesky(self.unit * (noise + parts.sum(axis=0)))) if factor is None else factor
@@ -153,7 +160,7 @@ class Problem:
         return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
 
     def factors(self, theta: Floats) -> Floats:
-        """Estimate the variances of accelerometer, path and heading errors (3,), relative to the assumed ones."""
+        """Estimate the variances of accelerometer, path and heading errors (3,), as factors of the assumed ones."""
         r, J, noise, parts = self._gravity(theta)
         known_r, known_J = self._known(theta)
         return variance_components.factors(
@@ -173,7 +180,7 @@ class Problem:
         return np.asarray(covariance)
 
     def misses(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Angle (m,) by which each movement misses gravity, and that angle in standard deviations."""
+        """Angle (m,), rad, by which each movement misses measured gravity, and the same in standard deviations (m,)."""
         r, _, noise, parts = self._gravity(theta)
         C = noise + parts.sum(axis=0)
         m = len(self.data.links)
@@ -183,12 +190,12 @@ class Problem:
         return np.linalg.norm(e, axis=1), ratio
 
     def accel_var(self, factors: Floats) -> Floats:
-        """Variances (n, 3) of the mean accelerations at the rests."""
+        """Variances (n, 3), m²/s⁴, of the mean accelerations at the n rests; factors (3,): result of `factors`."""
         noise = np.array([_noise_var(rest) for rest in self.data.rests])
         return np.asarray(noise + factors[0] * self.knobs.accel_floor**2)
 
     def path_cov(self, path: Path, factors: Floats) -> Floats:
-        """Covariance (3, 3) of the end of a path."""
+        """Covariance (3, 3), rad², of the end attitude of a path; factors (3,): result of `factors`."""
         return np.asarray(path.noise + factors[1] * self._path_var(path) * np.eye(3))
 
     def _known(self, theta: Floats) -> tuple[Floats, Floats]:

@@ -38,7 +38,7 @@ class Solved:
     cost: float
 
     def misfit(self, rows: slice | NDArray[np.bool_] = slice(None)) -> float:
-        """Chi-square over degrees of freedom of the selected residuals; 1 where chance explains them."""
+        """Chi-square over degrees of freedom of selected residuals (all by default); 1 where chance explains them."""
         value, vector = np.linalg.eigh(self.left[rows][:, rows])
         free = value > _ZERO * value[-1]
         chi2 = (vector.T @ self.residual[rows])[free] ** 2 / value[free]
@@ -47,7 +47,10 @@ class Solved:
 
 
 def solve(f: Floats, F: Floats, C: Floats) -> Solved:
-    """Step that minimises f' C⁻¹ f for linear f; raises LinAlgError when F leaves a parameter undetermined."""
+    """Gauss-Newton step that minimises f' C⁻¹ f for residuals f (n,) linear in the parameters, with its covariance.
+
+    Raises LinAlgError when F (n, p) leaves a parameter undetermined, or C (n, n) is not positive definite.
+    """
     lower = np.linalg.cholesky(C)
     both = np.linalg.solve(lower, np.column_stack([F, f]))
     white = both[:, :-1]
@@ -60,10 +63,11 @@ def solve(f: Floats, F: Floats, C: Floats) -> Solved:
 
 
 def shown_size(fit: Callable[[float], Solved], told: float, worst: float) -> float:
-    """Size of an error as the residuals show it: prior `told` within a factor of ten, at most `worst`.
+    """Estimate the size of an error from the residuals: prior `told` within a factor of ten, at most `worst`.
 
-    Root of the posterior mean of its square, from the restricted likelihood of `fit` under each size and a log-normal
-    prior, on a grid from a tenth of `told`.
+    fit: solves the least-squares problem with a given size of the error. The result is the root of the posterior mean
+    of the squared size. It comes from the restricted likelihood of `fit` and a log-normal prior, on a grid from a tenth
+    of `told`.
     """
     sizes = np.geomspace(0.1 * told, worst, 19)
     cost = np.array([fit(float(size)).cost for size in sizes]) + (np.log(sizes / told) / log(_FACTOR)) ** 2

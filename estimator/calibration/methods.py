@@ -18,7 +18,10 @@ CLOSURE_VERDICT = VerdictKnobs(closure=radians(3.0))
 
 
 def by_turn360(capture: Capture) -> Result:
-    """Calibration by the paper's Algorithm 1."""
+    """Calibration method `turn360`: bias (3,) rad/s and scale factors by the paper's Algorithm 1, with a verdict.
+
+    Uses one rest and three turns. Verdict REFUSED, without an estimate, when the iteration does not converge.
+    """
     try:
         found = turn360.estimate(capture)
     except turn360.NotConverged as error:
@@ -27,7 +30,11 @@ def by_turn360(capture: Capture) -> Result:
 
 
 def by_closure(capture: Capture) -> Result:
-    """Calibration by maximum likelihood over bias and scale factors: every turn ends where it began."""
+    """Calibration method `closure`: bias (3,) rad/s and scale factors under which every turn ends where it began.
+
+    Maximum likelihood over all rests and three turns. Verdict REFUSED, without an estimate, when the fit does not
+    converge.
+    """
     try:
         found = closure.estimate(capture)
     except closure.NotConverged as error:

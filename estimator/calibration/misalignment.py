@@ -26,9 +26,9 @@ _WORTH_SAYING = 0.01
 
 
 def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) -> float:
-    """Standard deviation of each element of E, from three turns.
+    """Standard deviation of each off-diagonal element E_ij of the misalignment (relative, rad), from three turns.
 
-    rate (3, n, 3) rad/s without bias, dt (3, n) s, k (3,) scale factors.
+    rate (3, n, 3) rad/s: readings less the bias. dt (3, n) s. k (3,): scale factors. turns: give the axis of each turn.
     """
     turned = k * np.einsum("itj,it->ij", rate, dt)
     axes = [turn.axis for turn in turns]
@@ -40,7 +40,7 @@ def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) 
 def said(std: float, scale_std: float) -> Sentences:
     """Reason text for a result that is uncertain because its turns were tilted; empty for a small `std`.
 
-    scale_std: relative standard deviation of the scale factors.
+    std: result of `estimate`. scale_std: relative standard deviation of the scale factors.
     """
     if std < _WORTH_SAYING:
         return ()

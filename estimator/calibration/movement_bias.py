@@ -10,11 +10,11 @@ from estimator.calibration.capture import Floats, Rest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Biases:
-    """Bias of a session and of each of its movements, from its rests.
+    """Bias of a session and of each of its m movements, rad/s, from its n rests; variances in (rad/s)².
 
     mean (3,): bias of the session. noise (n, 3): variance of each rest's reading. moved (3,): variance of the bias
-    about its mean. at_rest (n, 3), local (m, 3): bias in each rest and each movement, less the mean. by_reading
-    (m + 1, n, 3): weights of the rests' readings in the bias of each movement and, in the last row, in the mean.
+    about its mean. at_rest (n, 3), local (m, 3): bias in each rest and each movement, less the mean. by_reading (m + 1,
+    n, 3): weights of the rests' readings in the bias of each movement and, in the last row, in the mean.
     """
 
     mean: Floats
@@ -26,7 +26,7 @@ class Biases:
 
     @property
     def mean_moved(self) -> Floats:
-        """Variance (3,) of the mean from the movement of the bias."""
+        """Variance (3,), (rad/s)², of the session's mean bias that comes from the bias moving between rests."""
         return np.asarray(self.moved * np.sum(self.by_reading[-1] ** 2, axis=0))
 
 

@@ -19,7 +19,10 @@ STALE_S = 600.0
 
 
 class Movements:
-    """Collection of the movements between rests."""
+    """Bounded collection of the latest movements between rests, as input of a calibration by movements.
+
+    knobs: turn recognition settings; its limits for gaps, clipping and bias steps apply here too.
+    """
 
     def __init__(self, knobs: TurnKnobs) -> None:
         self._knobs = knobs
@@ -29,7 +32,12 @@ class Movements:
         return len(self._kept)
 
     def add(self, movement: Movement, *, full_turn: bool) -> bool:
-        """Keep a movement if it can be integrated without a break; return whether it was kept."""
+        """Keep a movement if gravity can be propagated through it; return whether it was kept.
+
+        It needs an accelerometer at both rests, no clipped or missing samples, at most 30 s and 1.5 turns, and one
+        bias. Movements that are too old for it, or of another bias, are dropped. full_turn: whether it is known to have
+        ended where it began.
+        """
         if movement.before.accel is None or movement.after.accel is None or not self._whole(movement):
             return False
         newest = movement.before

@@ -49,7 +49,10 @@ class End:
     tilt_var: float = 0.0
 
     def covariance(self, of: Replacement) -> Floats:
-        """Covariance (3, 3), rad², of the attitude's error."""
+        """Covariance (3, 3), rad², of the end attitude's error, in the frame of the turn's start.
+
+        of: size of the re-placement error.
+        """
         if self.up is None:
             return of.std**2 * np.eye(3)
         across = self.tilt_var + of.tilt_std**2

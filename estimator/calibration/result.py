@@ -17,7 +17,7 @@ PARAMETERS = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
 @dataclass(frozen=True, slots=True)
 class VerdictKnobs:
-    """Limits within which a calibration is accepted."""
+    """Limits within which a gyro calibration is accepted; k_min, k_max: range of plausible scale factors."""
 
     k_min: float = 0.7
     k_max: float = 1.4
@@ -54,7 +54,7 @@ class Result:
 
     @property
     def scale(self) -> Floats:
-        """Diagonal (3,) of the matrix."""
+        """Scale factors (3,): the diagonal of the matrix."""
         return np.diag(self.matrix).copy()
 
     @property
@@ -73,13 +73,19 @@ class Result:
 
 
 def nothing(method: str, verdict: Verdict, reason: Sentences, repeat: tuple[int, ...] = ()) -> Result:
-    """Result without an estimate: identity matrix, zero bias, infinite covariance."""
+    """Result of a calibration that gives no estimate: identity matrix, zero bias, infinite covariance.
+
+    repeat: axes (0 to 2) of the turns to repeat.
+    """
     unknown = np.full((6, 6), np.inf)
     return Result(method, verdict, reason, np.eye(3), np.zeros(3), unknown, np.full(3, np.inf), (), repeat)
 
 
 def turn_report(turn: TurnCapture, matrix: Floats, bias: Floats) -> Turn:
-    """Angle turned about the axis, closure error and duration of one turn under a calibration."""
+    """Report one turn under a calibration: angle about its axis (rad, signed), closure error (rad) and duration (s).
+
+    matrix (3, 3) and bias (3,) rad/s: corrected = matrix (reading - bias).
+    """
     dt = rotation.intervals(turn.samples.time)
     rate = (turn.samples.gyro - bias) @ matrix.T
     path = rotation.attitudes(rate, dt)
@@ -101,11 +107,11 @@ def judge(
     bias_time: float | None = None,
     note: Sentences = (),
 ) -> Result:
-    """Put a verdict on scale factors k (3,) and bias (3,) rad/s with covariance (6, 6).
+    """Put a verdict on a diagonal calibration: scale factors k (3,) and bias (3,) rad/s with covariance (6, 6).
 
     turn_bias (3, 3) rad/s: bias during each turn, by default the one bias. unclosed (3,) rad: closure error of each
-    turn, by default that of its path. bias_time: device time at which the bias held, by default the middle of the first
-    rest. note: added to the reason for accepting.
+    turn, by default that of its path. bias_time: device time, s, at which the bias held, by default the middle of the
+    first rest. note: added to the reason for accepting. method: name for the result. Order of the covariance: bias, k.
     """
     knobs = knobs or VerdictKnobs()
     turn_bias = np.tile(bias, (3, 1)) if turn_bias is None else turn_bias
@@ -135,7 +141,10 @@ def judge(
 
 
 def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], Sentences] | None:
-    """Axes whose scale factors k (3,) are outside the accepted range, with the likely cause; None when all are inside."""
+    """Axes whose scale factors k (3,) are outside the accepted range, and the reason with its likely cause.
+
+    None when all are inside.
+    """
     outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
     if not outside:
         return None
@@ -143,10 +152,10 @@ def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], Sente
 
 
 def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], Sentences] | None:
-    """Axes whose turn was probably not a full turn, because its scale factor k differs from 1 by more than `limit` (relative).
+    """Axes whose turn was probably not a full turn, as its scale factor k (3,) is too far from 1, and the reason text.
 
-    None when there are no such axes. A deviation that all axes share is no turn's fault: it comes from a library's
-    sensitivity or a sample rate.
+    limit: largest plausible relative difference from 1. None when there are no such axes. A deviation that all axes
+    share is no turn's fault: it comes from a library's sensitivity or a sample rate.
     """
     common = float(np.median(k))
     off = np.where(np.abs(k - 1) < np.abs(k / common - 1), k, k / common)

@@ -59,9 +59,11 @@ class _Evidence:
 def by_servomotor(
     samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None, knobs: ServoKnobs | None = None
 ) -> Result:
-    """Scale factors and bias from a recording on a servo; rates: its one rate in rad/s, in either direction.
+    """Calibration method `servomotor`: scale factors and bias from a recording on a servo, with a verdict.
 
-    wander: prior of the device's bias wander, by default that of the generic model.
+    rates: the servo's one rate in rad/s, in either direction; any other number of rates is refused. wander: prior of
+    the device's bias wander, by default that of the generic model. Verdict REPEAT without a rest, or with fewer than
+    three suitable mountings.
     """
     knobs, wander = knobs or ServoKnobs(), wander or WanderKnobs()
     if len(rates) != 1:

@@ -29,11 +29,12 @@ PAUSE_S = 0.8
 
 
 class CalibrationSession:
-    """Collects rests and turns, in any order of axes, until there is one full turn about each axis.
+    """Live calibration by hand: collects rests and turns, in any order of axes, until each axis has a full turn.
 
-    A method by movements runs after each of these too, and finishes as soon as the movements determine a full matrix.
+    A method by movements is also tried after movements that are no full turn, and finishes as soon as they determine a
+    full matrix.
     k (3,): scale factors for recognising turns, ones if None. scale_limit: see `unlikely`.
-    whole: the method runs only when asked for what it has, at the end of a recording.
+    whole: the method does not run live, only in `unfinished` at the end of a recording.
     """
 
     def __init__(
@@ -65,23 +66,26 @@ class CalibrationSession:
 
     @property
     def still_s(self) -> float:
-        """How long the device has been still, s."""
+        """Seconds for which the device has been still; 0 while it moves."""
         return self._stages.still_s
 
     def add(self, samples: Samples) -> None:
-        """Add samples. Then call `window` for every window they close, in order."""
+        """Store samples without judging them. Then call `window` for every window they close, in order."""
         self._history.add(samples)
 
     def take(self, rows: Floats) -> None:
-        """Add the samples of one or more windows, rows (n, 9)."""
+        """Store the samples of one or more windows, rows (n, 9) of sample_buffer, without judging them."""
         self._history.take(rows)
 
     def window(self, window: Window) -> list[Progress]:
-        """Judge the next window and return the events it completes."""
+        """Judge the next window, whose samples were stored before, and return the events it completes."""
         return self.judge(window.start_time, window.end_time, still=window.still)
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Judge the next window by its begin and end time, s, and return the events it completes."""
+        """Judge the next window by its begin and end in device time, s; return the events it completes, possibly none.
+
+        still: whether the window was judged still.
+        """
         settled = self._stages.take(begun, ended, still=still)
         if settled is None:
             return []
@@ -111,20 +115,24 @@ class CalibrationSession:
         return old
 
     def done(self) -> tuple[int, ...]:
-        """Axes with a valid turn."""
+        """Axes (0 to 2, in order) with a valid turn."""
         return tuple(sorted(self.turns))
 
     def missing(self) -> tuple[int, ...]:
-        """Axes without a valid turn."""
+        """Axes (0 to 2, in order) without a valid turn."""
         return tuple(axis for axis in range(3) if axis not in self.turns)
 
     @property
     def movements(self) -> tuple[Movement, ...]:
-        """All movements kept between rests, full turns or not."""
+        """All movements kept between rests, full turns or not, in the order of time."""
         return self._movements.all()
 
     def unfinished(self) -> Result:
-        """Result at the end of the input: the missing turns and the latest reason, or a fit of the movements there are."""
+        """Result at the end of the input, where the session did not finish.
+
+        A method by movements is fitted to the movements there are. Any other gives REPEAT: the missing turns and the
+        latest reason.
+        """
         if self._by_movements:
             return self._checked(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
@@ -238,5 +246,5 @@ class CalibrationSession:
 
 
 def too_old(axes: tuple[int, ...]) -> Sentence:
-    """Reason that the turns about these axes are too old."""
+    """Reason text that the turns about these axes are too old to be combined with new ones."""
     return Code.TURN_TOO_OLD(axes=axis_names(axes), most_minutes=f"{STALE_S / 60:.0f}")

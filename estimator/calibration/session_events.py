@@ -11,16 +11,16 @@ from estimator.calibration.turn_recognition import NoTurn
 
 @dataclass(frozen=True, slots=True)
 class RestFound:
-    """A rest long enough to measure the bias; it may go on."""
+    """Event: a rest has become long enough to measure the bias; the rest may still continue."""
 
     rest: Rest
 
 
 @dataclass(frozen=True, slots=True)
 class TurnFound:
-    """A full turn about an axis.
+    """Event: a movement was recognised as a full turn about an axis.
 
-    dropped: turns about other axes that no longer count, with the reason. missing: axes without a turn.
+    dropped: turns about other axes that no longer count, with the reason. missing: axes (0 to 2) without a turn.
     """
 
     turn: TurnCapture
@@ -30,21 +30,24 @@ class TurnFound:
 
 @dataclass(frozen=True, slots=True)
 class Expired:
-    """Turns about these axes are now too old to be combined with new ones."""
+    """Event: the turns about these axes (0 to 2) are now too old to be combined with new ones."""
 
     axes: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Ignored:
-    """A movement that was not a full turn."""
+    """Event: a movement was not a full turn; `no_turn` gives the reason."""
 
     no_turn: NoTurn
 
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A method ran on three turns, or on enough movements for a full matrix; `rest` is the latest rest."""
+    """Event: the method ran on three turns, or on enough movements for a full matrix; `rest` is the latest rest.
+
+    The verdict of `result` may also be REPEAT or REFUSED.
+    """
 
     result: Result
     rest: Rest

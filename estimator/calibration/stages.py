@@ -53,7 +53,7 @@ class Settled:
 
 
 class Stages:
-    """Finds rests: windows in; one Settled per rest out.
+    """Finds the rests of a session and the movements between them: windows in, one Settled event per rest out.
 
     `history` must hold the stream since the current rest began, or the latest part of it.
     """
@@ -71,11 +71,14 @@ class Stages:
         self.not_gravity = 0.0
 
     def window(self, window: Window) -> Settled | None:
-        """Process the next window."""
+        """Process the next window; return the rest that it makes long enough, with the rest before it, else None."""
         return self.take(window.start_time, window.end_time, still=window.still)
 
     def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
-        """Process the next window by its begin and end time, s."""
+        """Process the next window by its begin and end in device time, s; same result as `window`.
+
+        still: whether the window was judged still.
+        """
         if not still:
             if self._still_since is not None:
                 # After a gap in the stream the rest ended with its last window.
@@ -117,16 +120,17 @@ class Stages:
         return Rest(start, end, mean, std, step, len(still), accel, accel_std, wander=wander(still.gyro))
 
     def movement(self, before: Rest, after: Rest) -> Movement:
-        """Samples between two rests with a margin of either rest, at most half of it."""
+        """Movement between two rests, with its samples and `margin_s` of either rest, at most half of that rest."""
         lead = min(self.knobs.margin_s, (before.end - before.start) / 2)
         tail = min(self.knobs.margin_s, (after.end - after.start) / 2)
         return Movement(before, after, self._history.between(before.end - lead, after.start + tail))
 
 
 def without_creep(still: Samples, knobs: StageKnobs, *, goes_on: bool = False) -> Samples:
-    """A rest without slow movement at its beginning or end, as when a hand lets go of the device or takes hold of it.
+    """Cut off slow movement at either end of a rest, as when a hand lets go of the device or takes hold of it.
 
-    Each piece is compared with the calm half of the rest: the middle, or for a rest that goes on the latest half.
+    Each piece is compared with the calm half of the rest: the middle, or the latest half for a rest that still
+    continues (goes_on).
     """
     size = max(2, int(np.searchsorted(still.time - still.time[0], knobs.piece_s)))
     count = len(still) // size

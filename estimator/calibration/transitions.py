@@ -61,13 +61,16 @@ class Fit:
 
     @property
     def matrix(self) -> Floats:
-        """Matrix M (3, 3), or only its diagonal where the off-diagonal elements are not used."""
+        """Gyro matrix M (3, 3); only its diagonal where the off-diagonal elements are not used."""
         M = matrix_of(self.theta)
         return M if self.full else np.diag(np.diag(M))
 
 
 def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
-    """Weighted least squares for all of theta over all movements."""
+    """Fit bias, full matrix and accelerometer errors (theta, 21) to all movements by weighted least squares.
+
+    Raises LinAlgError when the movements do not determine the parameters.
+    """
     knobs = knobs or TransitionKnobs()
     problem = Problem(data, knobs)
     theta = problem.prior_mean.copy()
@@ -101,9 +104,9 @@ def _condition(J: Floats) -> float:
 
 
 def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
-    """Full matrix if every element is known well enough, else the diagonal.
+    """Fit the full matrix if the movements determine every element well enough, else the diagonal (`Fit.full`).
 
-    Movements that contradict the others are left out, at most one in five.
+    Movements that contradict the others are left out, at most one in five. Raises LinAlgError as `fit` does.
     """
     knobs = knobs or TransitionKnobs()
     found, kept = fit(data, knobs), list(range(len(data.links)))
@@ -117,7 +120,10 @@ def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
 
 
 def by_transitions(capture: Capture) -> Result:
-    """Calibration method: bias and full matrix, or its diagonal, from all movements of a capture."""
+    """Calibration method `transitions`: bias and full matrix, or its diagonal, from all movements of a capture.
+
+    Verdict REFUSED, without an estimate, when the movements do not determine the parameters.
+    """
     data = collect(capture.movements)
     try:
         found = estimate(data)
@@ -127,7 +133,10 @@ def by_transitions(capture: Capture) -> Result:
 
 
 def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKnobs | None = None) -> Result:
-    """Put a verdict on a fit to the movements of a capture."""
+    """Put a verdict on a fit to the movements of a capture, with the reason, as a calibration result.
+
+    data: the transitions that were fitted. The capture's turns are only reported.
+    """
     knobs, movements = knobs or VerdictKnobs(), capture.movements
     matrix, bias, parameters = found.matrix, found.theta[:3], MATRIX_PARAMETERS if found.full else PARAMETERS
     covariance = found.covariance[: len(parameters), : len(parameters)]

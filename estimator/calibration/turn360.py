@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Turn360Knobs:
-    """Settings of Algorithm 1, and the re-placement error of a hand."""
+    """Settings of Algorithm 1, and the re-placement error of a hand; tolerance: of the scale factors, absolute."""
 
     tolerance: float = 1e-5
     max_iterations: int = 50
@@ -66,7 +66,7 @@ class Turn360:
 
 
 def estimate(capture: Capture, knobs: Turn360Knobs | None = None) -> Turn360:
-    """Run Algorithm 1 on one rest and three turns; raises NotConverged."""
+    """Estimate bias and scale factors by Algorithm 1 from one rest and three turns. Raises NotConverged."""
     knobs = knobs or Turn360Knobs()
     b = -capture.rest.bias
     K = np.ones(3)
@@ -82,7 +82,10 @@ def estimate(capture: Capture, knobs: Turn360Knobs | None = None) -> Turn360:
 
 
 def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:
-    """S (3, 3) = T A diag(K) of equations (6-10): a factor dK on the rates turns by |S dK|, the attitudes held."""
+    """S (3, 3) = T A diag(K), rad, of equations (6-10): a factor dK on the rates turns by |S dK|, the attitudes held.
+
+    K (3,): scale factors. b (3,) rad/s: the paper's b, minus the bias.
+    """
     dt = rotation.intervals(turn.samples.time)
     g = K * (turn.samples.gyro + b)
     C = rotation.attitudes(g, dt)[1:]
@@ -111,8 +114,10 @@ def solve_criteria(S: list[Floats]) -> Floats:
 
 
 def covariance(capture: Capture, K: Floats, b: Floats, knobs: Turn360Knobs) -> Floats:
-    """First-order covariance (6, 6) of (bias, k): noise of the rest and of each turn, and the hand's re-placement error.
+    """First-order covariance (6, 6) of (bias, k).
 
+    Noise of the rest and of each turn, and the hand's re-placement error.
+    K (3,): scale factors. b (3,) rad/s: the paper's b, minus the bias.
     The paper gives no covariance. Each criterion theta_i(k, bias, noise) = 360 degrees is linearised. The criterion
     does not see the hand's wobble, so the closure error of a turn under K counts as an error of its angle.
     """

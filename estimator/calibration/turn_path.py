@@ -32,7 +32,10 @@ class Path:
 
 
 def integrate(samples: Samples, matrix: Floats, bias: Floats, noise_std: Floats) -> Path:
-    """Integrate samples into a path under a calibration; noise_std (3,) rad/s of one reading."""
+    """Integrate the samples of a movement into a rotation path, with its sensitivities and noise.
+
+    matrix (3, 3), bias (3,) rad/s: the calibration. noise_std (3,) rad/s: white noise of one reading.
+    """
     dt = rotation.intervals(samples.time)
     reading = samples.gyro - bias
     rate = reading @ matrix.T

@@ -40,7 +40,7 @@ class TurnKnobs:
 
 @dataclass(frozen=True, slots=True)
 class NoTurn:
-    """A movement that was not a full turn; `attempt` is true if it was probably meant as one.
+    """A movement that was not a full turn, with the reason; `attempt` is true if it was probably meant as one.
 
     unit_axis: axis of a movement that would be a full turn if the readings were in other units, else None.
     """
@@ -118,7 +118,7 @@ def _half(is_so: bool) -> Sentences:  # noqa: FBT001 - a sentence or none
 
 
 def same_bias(a: Rest, b: Rest, knobs: TurnKnobs) -> bool:
-    """Whether two rests show the same bias, within their noise and the allowed bias step."""
+    """Whether two rests show the same bias on every axis, within their noise (5 sigma) and `TurnKnobs.bias_step`."""
     noise = 5 * np.sqrt(np.diag(a.bias_cov + b.bias_cov))
     return bool(np.all(np.abs(a.bias - b.bias) < knobs.bias_step + noise))
 

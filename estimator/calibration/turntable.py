@@ -45,9 +45,11 @@ class TurntableKnobs:
 def by_turntable(
     samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None, knobs: TurntableKnobs | None = None
 ) -> Result:
-    """Full matrix and bias from a recording on a turntable; rates in rad/s, each used in both directions.
+    """Calibration method `turntable`: full matrix and bias from a recording on a turntable, with a verdict.
 
-    wander: prior of the device's bias wander, by default that of the generic model.
+    rates: known rates in rad/s, each used in both directions. wander: prior of the device's bias wander, by default
+    that of the generic model. Verdict REPEAT when an axis was not turned in both directions, REFUSED when a given rate
+    is not found.
     """
     knobs, wander = knobs or TurntableKnobs(), wander or WanderKnobs()
     rests, turned, others = split(plateaus(samples), rates)

@@ -47,7 +47,7 @@ class Linear:
         return -fit - size - float(np.sum(((log_s - _PRIOR_MEAN) / _PRIOR_STD) ** 2)) / 2
 
     def likeliest(self) -> Floats:
-        """Most likely log s (c,)."""
+        """Most likely log s (c,) of the error kinds, by Fisher scoring."""
         log_s = _PRIOR_MEAN.copy()
         prior = np.diag(1 / _PRIOR_STD**2)
         for _ in range(_STEPS):
@@ -67,7 +67,10 @@ class Linear:
 
 
 def factors(model: Linear) -> Floats:
-    """Posterior means (c,) of s_i²; about 1 where the residuals say nothing about error kind i."""
+    """Estimate the variance of each error kind relative to the assumed one: posterior means (c,) of s_i².
+
+    About 1 where the residuals say nothing about error kind i.
+    """
     best = model.likeliest()
     found = np.empty(len(best))
     for i in range(len(best)):

@@ -32,7 +32,7 @@ ELSEWHERE = "also from "
 
 
 class Ruling(Enum):
-    """Verdict on a batch."""
+    """Ruling on a batch of samples: accept it, begin a boot with it, or only count it."""
 
     TAKE = auto()
     #: the device has restarted: begin its boot
@@ -66,10 +66,11 @@ class Mark:
 
 
 class Admission:
-    """Admission of one device's messages.
+    """Admission of one device's messages: only from its owner, the one bridge it is heard from.
 
-    silence_s: permitted silence of a device. `owner`: the bridge it is heard from. `sequence`: counters of accepted samples,
-    shared with the session. heard_s arguments: seconds of any steady clock.
+    Batches of old boots, and implausible ones, are refused until they persist.
+    silence_s: seconds for which a device may be silent. `owner`: name of that bridge. `sequence`: counters of accepted
+    samples, shared with the session. heard_s arguments: seconds of any steady clock.
     """
 
     def __init__(self, silence_s: float) -> None:
@@ -88,7 +89,10 @@ class Admission:
         self._room = float(CROWD)
 
     def owns(self, bridge: str, heard_s: float) -> bool:
-        """Whether this bridge owns the device; ownership passes to it when the owner has been silent for too long."""
+        """Whether this bridge owns the device at steady-clock time heard_s, s.
+
+        Ownership passes to it when the owner has been silent for too long.
+        """
         if bridge != self.owner:
             if heard_s - self._heard_s <= self._owned_s:
                 return False
@@ -97,29 +101,39 @@ class Admission:
         return True
 
     def hold(self, heard_s: float) -> None:
-        """Keep the owner while no bridge can be heard."""
+        """Keep the present owner while no bridge can be heard.
+
+        Its silence counts from steady-clock time heard_s, s, on.
+        """
         self._heard_s = heard_s
 
     def go_on(self, heard_ns: int) -> None:
-        """Note that the boot to continue was heard at this host time, ns."""
+        """Note the host time, ns, at which the boot to continue was heard.
+
+        Samples received earlier are of an older boot.
+        """
         self._booted_ns = heard_ns
 
     def label(self, bridge: str, heard_s: float) -> str:
-        """Name of the counter for samples of another bridge that came now; the number of names is bounded."""
+        """Name of the counter for samples of another bridge that came at steady-clock time heard_s, s.
+
+        After NAMED_BRIDGES names all further bridges share one.
+        """
         if bridge in self._others or len(self._others) < NAMED_BRIDGES:
             self._others[bridge] = heard_s
         return f"{ELSEWHERE}{bridge if bridge in self._others else 'others'}"
 
     def refused(self, now: float) -> tuple[str, ...]:
-        """Bridges that currently send the device, beside its owner."""
+        """Names of bridges other than the owner that send this device at steady-clock time `now`, s."""
         return tuple(
             bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s
         )
 
     def restart(self, came: int, out: int, last_ns: int) -> SequenceNumbers:
-        """Counters for a new session after one has failed; see `SequenceNumbers.anew`.
+        """Replace the counters after a session has failed, and return the new ones.
 
-        last_ns: receive time of the last samples the failed session took, ns.
+        came, out: samples that came and that were published, see `SequenceNumbers.anew`. last_ns: receive time, ns, of
+        the last samples that the failed session took; repeats of them are refused.
         """
         before = self.sequence
         if before.boot is not None:
@@ -128,7 +142,7 @@ class Admission:
         return self.sequence
 
     def judge(self, batch: Samples, heard_s: float) -> Ruling:
-        """Rule on a batch from the owner, and count it where it is refused."""
+        """Rule on a batch from the owner at steady-clock time heard_s, s; a batch that is refused is also counted."""
         sequence = self.sequence
         if self._goes_on(batch):
             self._took(batch, heard_s)

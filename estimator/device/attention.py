@@ -11,7 +11,7 @@ _ENDED = (Code.RECORDING_OVER, Code.CAPTURE_OVER, Code.DEVICE_REMOVED, Code.FORG
 
 
 class Kind(StrEnum):
-    """What needs a person: of a device, and from DISK on of an estimator and its machine."""
+    """Kind of problem that needs a person: of a device, and from DISK on of an estimator and its machine."""
 
     LOST = "lost"
     UNCALIBRATED = "uncalibrated"
@@ -29,12 +29,15 @@ _OF_STATE = {State.WARMING: (), State.TRACKING: (), State.LOST: (Kind.LOST,), St
 
 
 def ended(reason: Sentences) -> bool:
-    """Whether a device sends no more for one of these reasons, and nothing is wrong with that."""
+    """Whether a reason says that the device is meant to send no more: its recording is over, or it was removed."""
     return any(one.code in _ENDED for one in reason)
 
 
 def attentions(state: State, reason: Sentences, info: DeviceInfo | None) -> frozenset[Kind]:
-    """What of a device needs a person now: the device itself, its battery, or what makes its samples bad."""
+    """Kinds of problems of a device that need a person now: its state, battery, or bad samples; may be empty.
+
+    state, reason: of the device's status. info: what the device tells of itself, None if unknown.
+    """
     if state is State.LOST and ended(reason):
         return frozenset()
     found = set[Kind](_OF_STATE.get(state, (Kind.UNCALIBRATED,)))
@@ -44,12 +47,12 @@ def attentions(state: State, reason: Sentences, info: DeviceInfo | None) -> froz
 
 
 def needs_person(status: Status, info: DeviceInfo | None) -> bool:
-    """Whether a person has to do something with a device."""
+    """Whether a device has any problem that a person has to solve; info: what the device tells of itself, or None."""
     return bool(attentions(status.state, status.reason, info))
 
 
 def complaints(info: DeviceInfo | None) -> Sentences:
-    """What a person has to mend though the device works: bad samples, or a low battery that is not charging."""
+    """Messages about what a person has to mend though the device works: bad samples, or a low battery not charging."""
     if info is None:
         return ()
     bad = tuple(one for one in info.notices if one.code == Code.SAMPLES_BAD)

@@ -22,7 +22,7 @@ class Cut(NamedTuple):
 
     @property
     def n(self) -> int:
-        """Number of samples."""
+        """Number of samples in the cut."""
         return self.end - self.first
 
     @property
@@ -42,7 +42,10 @@ class Cut(NamedTuple):
 
     @property
     def header(self) -> tuple[int, int, int, float, float, bytes]:
-        """Boot, sequence, start time, tick period, clock rate and ticks, as the wire's encoders take them."""
+        """Header of the cut for the wire's encoders.
+
+        Boot id, sequence number and host time (ns) of the first sample, tick period (s), clock rate, and packed ticks.
+        """
         samples = self.samples
         return samples.boot, self.sequence, self.start_time_ns, samples.tick_period_s, samples.clock_rate, self.ticks
 
@@ -52,9 +55,10 @@ Rates = tuple[bytes, bytes]
 
 
 def correct(cuts: Sequence[Cut]) -> list[Rates]:
-    """Corrected rates and flags of each cut; the bits do not depend on how many cuts are corrected together.
+    """Corrected rates (rad/s) and flags of each cut, packed as on the wire; for any number of devices at once.
 
-    A rate beyond the wire's range is limited to it and flagged as clipped.
+    The bits do not depend on how many cuts are corrected together. A rate beyond the wire's range is limited to it and
+    flagged as clipped.
     """
     if not cuts:
         return []
@@ -76,7 +80,7 @@ def correct(cuts: Sequence[Cut]) -> list[Rates]:
 
 
 def batch_of(cut: Cut, rates: Rates) -> CorrectedBatch:
-    """Message with the corrected samples of a cut."""
+    """Message with the corrected samples of a cut; rates: its element of the result of `correct`."""
     samples, correction, (rate, flags) = cut.samples, cut.correction, rates
     return CorrectedBatch(
         device=samples.device,

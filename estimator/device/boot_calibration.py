@@ -33,9 +33,10 @@ _WAS_DOUBTED = (Code.BIAS_WAS_DOUBTED(),)
 
 
 class BootCalibration:
-    """Calibration in a boot that began at device time `began`, s.
+    """Calibration and gyro model in a boot that began at device time `began`, s.
 
-    Reports events to `life` and counts others in `events`; `as_message` turns a result into a calibration message.
+    law: temperature law from earlier boots, or None. Reports events to `life` and counts others in `events`;
+    `as_message` turns a result into a calibration message.
     """
 
     def __init__(
@@ -74,7 +75,10 @@ class BootCalibration:
         self._belief = believed(calibration, prior, self._knobs.prior, self._moves)
 
     def restore(self, remembered: PriorKnowledge, calibration: Calibration, temperature_c: float | None) -> None:
-        """Continue with a calibration of this boot, and with the remembered bias."""
+        """Continue with a calibration of this boot and the bias remembered with it, as after the estimator restarted.
+
+        temperature_c: the device's temperature now, °C, or None.
+        """
         self._use(calibration)
         self.under_way, knobs, law = None, self._knobs.track, self.tracker.law
         kept = remembered.bias_at(self.now, knobs.bias_std)
@@ -88,7 +92,10 @@ class BootCalibration:
             self._life.on(Event.DOUBTED, self.tracker.doubt.why)
 
     def accept(self, calibration: Calibration, reason: Sentences) -> None:
-        """Use a calibration that the device made itself in this boot; a bias that rests have shown is kept."""
+        """Use a calibration that the device made itself in this boot; a bias that rests have shown is kept.
+
+        reason: text for the device's status.
+        """
         if self.tracker.sure and not self.tracker.doubt.stands:
             self._use(calibration)
             self.under_way = None
@@ -111,7 +118,11 @@ class BootCalibration:
         return reading_std(self._stillness.noise_std) if self._stillness.noise_known else self._belief.model.noise_std
 
     def resume(self, remembered: PriorKnowledge, temperature_c: float | None) -> bool:
-        """Continue with the remembered bias of an uncalibrated boot; False if there is none."""
+        """Continue with the remembered bias of a boot without a calibration.
+
+        False if there is none, or a calibration is in use.
+        temperature_c: the device's temperature now, °C, or None.
+        """
         kept = remembered.bias_at(self.now, self._knobs.track.bias_std)
         if kept is None or self.calibration is not None:
             return False
@@ -129,7 +140,10 @@ class BootCalibration:
             self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
 
     def moves(self, moves: float) -> bool:
-        """Set how far the scale changes from boot to boot (relative std); returns whether the model changed."""
+        """Set how far the scale factors change from boot to boot (relative std).
+
+        Returns whether the gyro model changed.
+        """
         self._moves = moves
         if self.prior is None:
             return False
@@ -138,7 +152,10 @@ class BootCalibration:
         return True
 
     def expect(self, law: TemperatureLaw) -> None:
-        """Use a temperature law that became available only after the boot had begun."""
+        """Use a temperature law that became available only after the boot had begun.
+
+        A slope that was learnt under a law is kept; any other is replaced by the law's.
+        """
         if self.calibration is not None and self._slope_learnt:
             self.tracker.follow(law)
         else:
@@ -204,7 +221,10 @@ class BootCalibration:
             self.tracker.rescaled(self._belief.model)
 
     def cancel(self, who: str) -> None:
-        """Cancel a calibration in progress; an old one stays in use, without one the calibration starts over."""
+        """Cancel a calibration in progress; an old one stays in use, without one the calibration starts over.
+
+        who: the person who cancels, for the status.
+        """
         if self.calibration is None:
             self.under_way = CalibrationProgress(self._knobs)
             self._life.say((Code.CALIBRATION_CANCELLED(who=who), *_HOLD_STILL))
@@ -231,26 +251,26 @@ class BootCalibration:
 
     @property
     def awaited(self) -> bool:
-        """Whether a person waits for the next samples' result: a calibration's first rest, or one of its turns."""
+        """Whether a person now waits for the next samples' result: a calibration's first rest, or one of its turns."""
         return self.under_way is not None and self.under_way.awaited
 
     @property
     def asked(self) -> tuple[str, str] | None:
-        """Who asked for the recalibration in progress, and why; None without one."""
+        """Who asked for the recalibration in progress, and why; None where nobody asked."""
         return None if self.under_way is None else self.under_way.asked
 
     @property
     def turned(self) -> tuple[int, ...]:
-        """Axes whose turns are taken, of a calibration in progress."""
+        """Axes (0 to 2) whose turns are taken in the calibration in progress; empty without one."""
         return () if self.under_way is None else self.under_way.turned
 
     @property
     def progress(self) -> float:
-        """Progress of a calibration, 0 to 1; 1 when none is in progress."""
+        """Progress of a calibration, 0 to 1: 0.1 for a known bias and 0.3 for each turn; 1 when none is in progress."""
         return 1.0 if self.under_way is None else min(0.1 * self.tracker.sure + 0.3 * len(self.turned), 1.0)
 
     def bias(self) -> BiasState | None:
-        """Bias to store for a restart; None while the boot is uncalibrated and its bias is not sure."""
+        """Bias state to store for a restart; None while the boot is uncalibrated and its bias is not sure."""
         return self.tracker.worth_keeping if self.calibration is not None or self.tracker.sure else None
 
 

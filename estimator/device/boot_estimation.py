@@ -32,9 +32,12 @@ from estimator.tracking.tracked_bias import TrackerState
 class BootEstimationState(StateStruct):
     """Saved state of a boot's estimation, without the samples of a calibration in progress and the smoother's history.
 
-    calibration: id of the calibration in use, which is stored elsewhere. under_way: whether a calibration is in progress.
-    asked: who asked for it, and why. turned: axes whose turns were taken. reached: sequence number and host time, ns, of
-    the last sample the bias was estimated from.
+    calibration: id of the calibration in use, which is stored elsewhere; empty without one. under_way: whether a
+    calibration is in progress. asked: who asked for it, and why. turned: axes whose turns were taken. began, now:
+    device time, s, of the boot's begin and of the last judged window. silent_until, silent_c: device time, s, and
+    temperature, °C, of the first sample after the latest silence. moves: relative std of the scale from boot to boot.
+    scratch: why earlier knowledge is void. reached: sequence number and host time, ns, of the last sample the bias was
+    estimated from.
     """
 
     tracker: TrackerState
@@ -58,7 +61,7 @@ class BootEstimationState(StateStruct):
 
 
 class BootEstimation(BootCalibration):
-    """Estimation in a boot; see BootCalibration for its arguments."""
+    """Estimation in one boot: calibration, bias tracking and the correction; see BootCalibration for its arguments."""
 
     def __init__(
         self,
@@ -78,7 +81,10 @@ class BootEstimation(BootCalibration):
         self.receipts = deque[messages.Receipt](maxlen=MAX_RECEIPTS)
 
     def saved(self, buffer: SampleBuffer, end: int) -> BootEstimationState:
-        """State to save with `encode` at once; the samples below number `end` of the buffer have been learnt from."""
+        """State to save for `go_on`; encode it at once, because its parts are shared with the running estimation.
+
+        The samples below number `end` of the buffer have been learnt from.
+        """
         used = self.calibration or self.prior
         return BootEstimationState(
             self.tracker.saved(),
@@ -132,7 +138,7 @@ class BootEstimation(BootCalibration):
         return buffer
 
     def resumed(self, time: float, celsius: float | None) -> None:
-        """Note the end of a silence: device time, s, and temperature, °C, of the next sample.
+        """Note that a silence ends: device time, s, and temperature, °C or None, of the next sample.
 
         Until the tracker reaches that time, `correction` predicts the bias to it.
         """
@@ -228,13 +234,16 @@ class BootEstimation(BootCalibration):
 
     @property
     def accelerometer(self) -> AccelerometerCalibration | None:
-        """Calibration of the accelerometer by this boot's rests, or an accepted one that came with the calibration in use."""
+        """Accepted calibration of the accelerometer: by this boot's rests, else that of the calibration in use.
+
+        Where none is accepted, the last one by this boot's rests, or None.
+        """
         own, given = self._poses.found, None if self.calibration is None else self.calibration.accelerometer
         accepted = [one for one in (own, given) if one is not None and one.verdict is Verdict.ACCEPTED]
         return accepted[0] if accepted else own
 
     def correction(self) -> Correction:
-        """Choose the correction to apply, from all that is known."""
+        """Correction to apply to the next samples, chosen from calibration, tracked bias and known noise."""
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)

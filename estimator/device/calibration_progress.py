@@ -17,7 +17,7 @@ def turn_knobs(knobs: SessionKnobs, gyro_range: float = 0.0) -> TurnKnobs:
 
 
 class CalibrationProgress:
-    """Calibration in progress: windows in, progress out.
+    """Calibration in progress: windows in, events of the calibration session out.
 
     who, why: the person who asked for it and the reason; empty for the calibration after a boot.
     """
@@ -30,12 +30,12 @@ class CalibrationProgress:
 
     @property
     def asked(self) -> tuple[str, str] | None:
-        """Who asked for the calibration, and why; None after a boot."""
+        """Who asked for the calibration, and why; None for the one that every boot begins with."""
         return (self.who, self.why) if self.who else None
 
     @property
     def awaited(self) -> bool:
-        """Whether a person waits for the next samples' result: the first rest, or a turn after another."""
+        """Whether a person now waits for a result of the next samples: the first rest, or a turn after another."""
         return bool(self.turned) or not self._capture.rested
 
     @property
@@ -45,7 +45,7 @@ class CalibrationProgress:
 
     @property
     def missing(self) -> str:
-        """Names of the axes whose turns are still needed."""
+        """Names of the axes whose turns are still needed, such as `x, z`."""
         return axis_names(self._capture.missing())
 
     def add(self, windows: Windows) -> None:
@@ -54,13 +54,16 @@ class CalibrationProgress:
         self._capture.take(rows)
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
-        """Judge the next window whose samples were added, from device time `begun` to `ended`, s; returns the progress."""
+        """Judge the next window, from device time `begun` to `ended`, s; its samples were stored by `add` before.
+
+        still: whether the window was judged still. Returns the events it completes, and turns that are now too old.
+        """
         old = self._capture.expire(ended)
         progress = self._capture.judge(begun, ended, still=still)
         return [Expired(old), *progress] if old else progress
 
     def said(self, progress: TurnFound | Expired | Ignored) -> Sentences:
-        """Message for a step of progress, and for the turns still needed."""
+        """Text for people about an event of the calibration, and about the turns still needed."""
         missing = self._capture.missing()
         match progress:
             case TurnFound(turn, dropped, missing):

@@ -78,7 +78,7 @@ class CorrectedStream:
         self._lesson_s = self._blocks.length_s
 
     def orient(self) -> None:
-        """Begin to estimate the orientation, anew: heading zero is at the next sample."""
+        """Begin to estimate the orientation, or begin it anew: heading zero is at the next sample."""
         self.attitude = Attitude(self.knobs.orientation)
 
     @property
@@ -111,7 +111,10 @@ class CorrectedStream:
         return self.sequence.next is None and samples.first_s < self.learnt.began
 
     def handle(self, batch: SampleBatch) -> Outcome:
-        """Correct a batch of the current boot and learn from it at once; samples that are not finite are counted and dropped."""
+        """Correct a batch of the current boot and learn from it at once; the outcome holds the corrected batches.
+
+        Samples that are not finite, late or repeated are counted and dropped.
+        """
         samples, cuts = Samples.of(batch), list[Cut]()
         first, outcome = self._admit(samples)
         finite = runs(batch, first) if first < samples.n else []
@@ -126,8 +129,9 @@ class CorrectedStream:
         return outcome
 
     def take(self, samples: Samples, cuts: list[Cut]) -> Outcome | None:
-        """Accept samples of the current boot (see `SequenceNumbers.is_new_boot`), all finite; late or repeated ones are counted.
+        """Accept samples of the current boot, all finite, without correcting them.
 
+        Late or repeated ones are counted and dropped.
         Appends to `cuts` which samples each correction applies to. Returns what earlier samples led to, or None.
         """
         first, outcome = self._admit(samples)
@@ -135,11 +139,11 @@ class CorrectedStream:
 
     @property
     def to_learn(self) -> bool:
-        """Whether a whole block waits to be learnt from."""
+        """Whether a whole block of samples waits for `learn`."""
         return self._lesson is not None
 
     def learn(self) -> Outcome:
-        """Learn from the last whole block now.
+        """Learn from the last whole block now, and return what it led to.
 
         Otherwise this happens at the end of the next block, from which on the result is applied in either case.
         """
@@ -202,7 +206,7 @@ class CorrectedStream:
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:
-        """Finish the stream: learn from its last blocks without waiting for more samples."""
+        """Finish the stream: learn from its last blocks without waiting for more samples; returns what they led to."""
         outcome = Outcome()
         self._end_block(outcome)
         self._learn(outcome)
@@ -218,7 +222,10 @@ class CorrectedStream:
 
 
 def as_message(session: CorrectedStream, result: Result, who: str, now_ns: int) -> Calibration:
-    """Calibration message of a result, made for a person at host time now_ns."""
+    """Calibration message of a result, with the session's device, boot, temperature and accelerometer calibration.
+
+    who: the person who asked for it, or empty. now_ns: host time, ns, which also names the calibration.
+    """
     info = session.info
     boot = session.boot or 0
     # The wire takes no infinity: parameters that were not estimated are left out.

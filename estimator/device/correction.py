@@ -23,7 +23,10 @@ _ACCEL_STD = 0.05
 
 
 class PublishedCorrection(NamedTuple):
-    """Parameters published with every CorrectedBatch: (3,) each, referred to corrected rates, except the bias (reading)."""
+    """Parameters published with every CorrectedBatch, (3,) each: standard deviations of the rate's errors, and bias.
+
+    noise_std, bias_std, flicker_std: rad/s. scale_std, cross_std: relative. bias: of the reading, rad/s.
+    """
 
     noise_std: Float32s
     bias_std: Float32s
@@ -54,7 +57,10 @@ class Correction:
 
     @cached_property
     def told(self) -> PublishedCorrection:
-        """Parameters to publish, within the wire's range; every batch with this correction shares the same arrays."""
+        """Parameters to publish, limited to the wire's range.
+
+        Every batch with this correction shares the same arrays.
+        """
         model, of_reading, rows = self.model, np.empty((3, 3)), np.empty((6, 3), np.float32)
         of_reading[0], of_reading[1], of_reading[2] = model.noise_std, self.bias_std, self.flicker
         rows[0], rows[1], rows[5] = model.corrected_std(of_reading)
@@ -63,12 +69,12 @@ class Correction:
 
     @cached_property
     def parameters(self) -> Floats:
-        """Matrix (row by row) and bias, concatenated to (12,)."""
+        """Matrix (9, row by row) and bias (3) rad/s, concatenated to (12,)."""
         return np.concatenate([self.model.matrix.ravel(), self.model.bias])
 
     @cached_property
     def known(self) -> Floats:
-        """What the orientation needs to know: see `orientation.attitude.known`."""
+        """What the orientation needs to know of the sensors, packed as (38,): see `orientation.attitude.known`."""
         model, accel, std = self.model, np.repeat([0.0, 1.0], 3), np.repeat([*self.model.cross_std, _ACCEL_STD], 3)
         std[:9:4] = model.scale_std
         if self.taught is not None:
@@ -161,10 +167,11 @@ def choose(
     taught: Floats | None = None,
     accel: Floats | None = None,
 ) -> Correction:
-    """Combine a belief with the tracked bias (3,) rad/s, its std (3,) and the flicker, rad/s, to a correction.
+    """Combine a belief with the tracked bias (3,) rad/s, its std (3,) and the flicker, rad/s, into a correction.
 
-    noise_std (3,): noise of the present rest, or None for the model's. sure: the bias is known well enough and undoubted.
-    away: the device sends nothing. walk, taught, accel: see `Correction`.
+    noise_std (3,) rad/s: noise of the present rest, or None for the model's. sure: the bias is known well enough and
+    undoubted. away: the device sends nothing. walk, taught, accel: see `Correction`. These decide the quality: GOOD
+    needs a calibration of this boot, a sure bias and a device that sends.
     """
     quality = belief.quality
     if quality is Quality.GOOD:

@@ -65,7 +65,7 @@ CAUSES: dict[Event, str] = {
 
 
 class Back:
-    """Marks a transition back to the state before the device went away."""
+    """Entry of the state table that means: back to the state before the device went away."""
 
 
 S, E = State, Event
@@ -103,7 +103,7 @@ TABLE: dict[tuple[State, Event], State | type[Back]] = {
 
 
 class Lifecycle:
-    """Current state of one device and its reason; a device that was away returns to its earlier state."""
+    """Current state of one device and the reason for it; a device that was away returns to its earlier state."""
 
     def __init__(self) -> None:
         self.state = self._before = State.UNKNOWN
@@ -112,7 +112,7 @@ class Lifecycle:
 
     @property
     def saved(self) -> tuple[str, str, Sentences, Sentences]:
-        """State, state before the device went away, and the reasons of both."""
+        """For `resume`: names of the state and of the state before the device went away, and the reasons of both."""
         return self.state.name, self._before.name, self.reason, self._reason_before
 
     def resume(self, saved: tuple[str, str, Sentences, Sentences]) -> None:
@@ -141,7 +141,10 @@ class Lifecycle:
             self.reason = reason
 
     def on(self, event: Event, reason: Sentences = ()) -> bool:
-        """Apply an event with its reason; False when this state does not allow it and nothing changed."""
+        """Apply an event to the state table, with a reason for the new state.
+
+        False when the table does not allow the event in this state; nothing changed then.
+        """
         meanwhile = self.away and event in _MEANWHILE
         following = TABLE.get((self._before if meanwhile else self.state, event))
         if following is Back:

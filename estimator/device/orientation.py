@@ -1,4 +1,4 @@
-"""Orientation of devices from the cuts of a round."""
+"""Orientation of devices, for many devices and cuts of samples in one call."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,7 +9,10 @@ from estimator.orientation.attitude import Attitude, Oriented, orient
 
 
 class OrientedCut(NamedTuple):
-    """Samples of a cut and their attitudes; zero: number of the sample at which the heading was zero, and why."""
+    """Samples of a cut, and the attitude at each of them.
+
+    zero: sequence number of the sample at which the heading was zero, and why (`start`, or who reset it).
+    """
 
     cut: Cut
     attitudes: Oriented
@@ -17,9 +20,11 @@ class OrientedCut(NamedTuple):
 
 
 def oriented(due: Sequence[tuple[Attitude, Cut]], *, every: bool = False) -> list[OrientedCut]:
-    """Carry attitudes over the cuts of a round, in order; the bits do not depend on how the samples are batched.
+    """Carry attitudes over cuts of samples, of any number of devices in one call; returns each cut with its attitudes.
 
-    Samples that an attitude restored from a checkpoint has seen already are left out. every: see `orient`.
+    due: pairs of a device's attitude and its next cut; the cuts of a device in order. The bits do not depend on how the
+    samples are batched. Samples that an attitude restored from a checkpoint has seen already are left out. every: see
+    `orient`.
     """
     new, begun = list[tuple[Attitude, Cut]](), list[tuple[Attitude, Cut]]()
     for attitude, cut in due:

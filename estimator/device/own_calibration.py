@@ -23,10 +23,10 @@ _SIGMAS = 5.0
 
 
 def judged(own: DeviceCalibration, boot: int, seen: tuple[Floats, Floats] | None, noise_std: Floats) -> Result:
-    """Put a verdict on a device's own calibration.
+    """Put a verdict on a device's own calibration: ACCEPTED, or REFUSED when it is not plausible.
 
-    boot: the device's present one. seen: bias (3,) that rests of this boot have shown and its standard deviation (3,),
-    both rad/s; None before a rest. noise_std (3,): white noise of a reading, rad/s.
+    boot: the device's present boot id. seen: bias (3,) that rests of this boot have shown and its standard deviation
+    (3,), both rad/s; None before a rest. noise_std (3,): white noise of a reading, rad/s.
     """
     scale, bias = np.array(own.scale), np.array(own.bias)
     reason = _refused(own, boot, seen)

@@ -26,18 +26,21 @@ class PriorKnowledge:
     asked: tuple[str, str] | None = None
 
     def under(self, calibration: Calibration) -> "PriorKnowledge":
-        """The same knowledge with another calibration; a bias doubted under the old one is dropped until a rest shows it."""
+        """The same knowledge with another calibration; a bias that was doubted under the old one is dropped."""
         bias = None if self.doubted else self.bias
         return replace(self, calibration=calibration, bias=bias, doubted=False)
 
     def bias_at(self, now: float, doubt_std: float) -> BiasState | None:
-        """Stored bias at device time `now`, s; wider by doubt_std, rad/s, when its age is unknown and a rest must confirm it."""
+        """Stored bias for use at device time `now`, s; None without one.
+
+        When its age is unknown, its standard deviation grows by doubt_std, rad/s, so that a rest must confirm it.
+        """
         if self.bias is None:
             return None
         return wider(replace(self.bias, time=now), doubt_std) if self.lost_count(now) else self.bias
 
     def lost_count(self, now: float) -> bool:
-        """Whether device time has lost count, so that the age of the stored bias at `now` is unknown."""
+        """Whether the device clock lost count, so that the stored bias' age at device time `now`, s, is unknown."""
         if self.bias is None:
             return False
         passed = now - self.bias.time

@@ -9,7 +9,10 @@ from estimator.tracking.evidence import Receipt
 
 
 def receipt_message(receipt: Receipt, time_ns: int) -> messages.Receipt:
-    """Message of a receipt; time_ns: host time of the measurement. What is no number becomes the worst of its range."""
+    """Message of a filter receipt; time_ns: host time of the measurement, ns.
+
+    Values that are not finite become the worst of their range, an innovation that is no number becomes 0.
+    """
     innovation = np.nan_to_num(receipt.innovation).clip(-MAX_RATE, MAX_RATE)
     std = np.nan_to_num(np.sqrt(receipt.innovation_cov.diagonal()), nan=MAX_STD).clip(0.0, MAX_STD)
     return messages.Receipt(

@@ -22,9 +22,10 @@ _CREEP = 0.1
 
 
 class PosesState(StateStruct):
-    """Saved state: poses (n, 5): length of the rest, s, variance of its mean reading, and this mean (3,).
+    """Saved state: poses (n, 5), and the rest in progress.
 
-    rest (6,), of the rest under way: length, s, number of samples, their summed variance, and their sum (3,).
+    poses: length of the rest, s, variance of its mean reading, m²/s⁴, and this mean (3,), m/s². rest (6,): length, s,
+    number of samples, their summed variance, and their sum (3,).
     """
 
     poses: Floats
@@ -32,7 +33,7 @@ class PosesState(StateStruct):
 
 
 class RestingPoses:
-    """The longest rest of a boot in each pose, and the accelerometer calibration by these rests."""
+    """Longest rest of a boot in each pose, gathered second by second, and the accelerometer calibration by them."""
 
     def __init__(self) -> None:
         self._poses, self._rest = np.empty((0, 5)), np.zeros(6)
@@ -41,18 +42,18 @@ class RestingPoses:
 
     @property
     def state(self) -> PosesState:
-        """State to save."""
+        """State to save for `restore`."""
         return PosesState(self._poses, self._rest)
 
     def restore(self, state: PosesState) -> None:
-        """Restore a state; raises ValueError for a damaged one."""
+        """Restore a saved state, and calibrate by its poses. Raises ValueError for a damaged one."""
         shaped(state.poses, -1, 5, finite=True)
         shaped(state.rest, 6, finite=True)
         self._poses, self._rest = state.poses, state.rest
         self._calibrate()
 
     def take(self, second: Second) -> None:
-        """Take the next second."""
+        """Add the next second: a still one with an accelerometer lengthens the rest in progress, any other ends it."""
         mean, std = second.accel_mean, second.accel_std
         if mean is None or std is None or second.flaw or not second.still:
             self.end_rest()
@@ -63,7 +64,10 @@ class RestingPoses:
         self._rest = np.add(self._rest, [second.end - second.start, n, n * np.mean(std**2), *(n * mean)])
 
     def end_rest(self) -> None:
-        """End the rest under way, if any. A pose stays at least 30° from all others, so their number is bounded."""
+        """End the rest in progress, if any, and calibrate anew where it adds a pose or is the longest in its pose.
+
+        A pose stays at least 30° from all others, so their number is bounded.
+        """
         if not self._rest[0]:
             return
         (length, n, var), mean, self._rest = self._rest[:3].tolist(), self._rest[3:] / self._rest[1], np.zeros(6)

@@ -9,12 +9,12 @@ from estimator.device.same_rate import same_rate
 
 
 def restore_key(of: Calibration | DeviceInfo) -> dict[str, str | float]:
-    """Restore key of a calibration or device: model, firmware, gyro range in rad/s, rate in Hz."""
+    """Restore key of a calibration or device: model, firmware, gyro range in rad/s, output data rate in Hz."""
     return {"model": of.model, "firmware": of.firmware, "gyro_range": of.gyro_range, "rate_hz": of.rate_hz}
 
 
 def differing(then: Mapping[str, Any], info: DeviceInfo) -> dict[str, str | float]:
-    """Entries of a restore key that differ from the device's, with the present values.
+    """Entries of a stored restore key `then` that differ from the device's, with the device's present values.
 
     The rate counts only for a device without a clock, whose scale depends on it; a device with a clock may change rate.
     """

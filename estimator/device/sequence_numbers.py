@@ -35,7 +35,7 @@ class SequenceNumbers:
         return boot not in self._past
 
     def begin(self, boot: int) -> None:
-        """Begin a new boot, or resume an earlier one; later samples of the previous boot count as old."""
+        """Begin a new boot by its id, or resume an earlier one; later samples of the previous boot count as old."""
         if self.boot is not None:
             self._past[self.boot] = self.next or 0
         self._past.pop(boot, None)
@@ -75,7 +75,7 @@ class SequenceNumbers:
         self.events.add("stream jumped")
 
     def refuse(self, batch: Samples, reason: str) -> None:
-        """Count all samples of a batch as dropped for a reason."""
+        """Count all samples of a batch as received and dropped, for a reason."""
         self.samples_in += batch.n
         self.dropped.add(reason, batch.n)
 
@@ -97,7 +97,10 @@ class SequenceNumbers:
         return fresh
 
     def fresh(self, batch: Samples) -> int:
-        """Count a batch; return how many of its leading samples to skip: duplicates, or all of an old boot."""
+        """Count a batch as received; return the number of its leading samples to skip.
+
+        These are duplicates, or all samples where the batch is of another boot than the present one.
+        """
         n = batch.n
         self.samples_in += n
         if batch.sequence == self.next and batch.boot == self.boot:

@@ -75,7 +75,10 @@ class SessionState(StateStruct):
 
 
 class DeviceSession(CorrectedStream):
-    """Processing of one device across its boots; see CorrectedStream for its arguments."""
+    """Processing of one device across its boots: raw samples in; corrected rates, calibrations and a status out.
+
+    See CorrectedStream for its arguments.
+    """
 
     # ---- boots ----------------------------------------------------------------------------------------------------
 
@@ -89,8 +92,9 @@ class DeviceSession(CorrectedStream):
     ) -> Outcome:
         """Begin a boot: drop the calibration of the previous one, then restore what is remembered of this one.
 
-        device_time: s, begin of the boot. remembered: stored calibration and bias. law: temperature law learnt in earlier
-        boots. temperature_c: the device's temperature now, °C.
+        boot: its id. device_time: s, begin of the boot. remembered: stored calibration and bias, or None. law:
+        temperature law learnt in earlier boots. temperature_c: the device's temperature now, °C. Returns what this led
+        to, also of the previous boot.
         """
         outcome = self.learn()  # the last block of the previous boot
         first, again = self.boot is None, boot == self.boot and self.sequence.next is None
@@ -124,7 +128,10 @@ class DeviceSession(CorrectedStream):
         outcome.said.append(english(lost))
 
     def start_over(self, why: Sentences) -> Outcome:
-        """Void the calibration and bias because the device has changed; its sample stream continues."""
+        """Void the calibration and bias because the device has changed; its sample stream continues.
+
+        why: reason text, part of the status until the next calibration.
+        """
         blocks = self._blocks.anew()
         self._begin(blocks.latest)
         self._blocks = blocks
@@ -139,7 +146,10 @@ class DeviceSession(CorrectedStream):
         self._apply()
 
     def believe(self, calibration: Calibration) -> None:
-        """Use the scale factors of an earlier boot's calibration until this boot is calibrated."""
+        """Use the scale factors of an earlier boot's calibration until this boot is calibrated.
+
+        No effect afterwards.
+        """
         if self.calibration is None:
             self.learnt.believe(calibration)
             self._apply()
@@ -150,14 +160,18 @@ class DeviceSession(CorrectedStream):
             self._apply()
 
     def adopt(self, remembered: PriorKnowledge, calibration: Calibration) -> None:
-        """Adopt a calibration that another estimator made in this very boot; a calibration in progress ends."""
+        """Adopt a calibration that another estimator made in this very boot; a calibration in progress ends.
+
+        remembered: the bias that belongs to it.
+        """
         self._restore(remembered, calibration, self.tracker.thermometer.reading)
         self.learnt.scratch = ()
 
     def offered(self, own: DeviceCalibration, now_ns: int) -> Outcome:
         """Judge a calibration that the device made itself, and use it if it is plausible.
 
-        It never replaces a calibration made here in this boot, and waits while turns are under way here.
+        It never replaces a calibration made here in this boot, and waits while turns are under way here. now_ns: host
+        time, ns. The outcome is empty where the calibration is not judged.
         """
         learnt, known = self.learnt, self.calibration
         if own == self._offered or self.life.away or learnt.turned or learnt.asked:
@@ -257,7 +271,10 @@ class DeviceSession(CorrectedStream):
     # ---- requests and silence -------------------------------------------------------------------------------------
 
     def recalibrate(self, who: str, reason: str) -> Sentence | None:
-        """Request three new turns; the present calibration stays in use until then. Returns None, or why it is refused."""
+        """Request three new turns for person `who`; the present calibration stays in use until then.
+
+        Returns None, or why the request is refused. reason: the person's own words, may be empty.
+        """
         if not self.life.on(Event.RECALIBRATE):
             code = Code.ALREADY_DUE if self.life.state is State.WARMING else Code.NOT_HEARD
             return code(device=self.device)
@@ -267,7 +284,10 @@ class DeviceSession(CorrectedStream):
         return None
 
     def cancel(self, who: str) -> Sentence | None:
-        """Cancel a calibration in progress; the old one stays in use. Returns None, or why it is refused."""
+        """Cancel a calibration in progress for person `who`; the old one stays in use.
+
+        Returns None, or why the request is refused.
+        """
         event = Event.CANCEL_TO_START if self.calibration is None else Event.CANCEL_TO_TRACKING
         if not self.life.on(event):
             return Code.NOTHING_TO_CANCEL(device=self.device)
@@ -277,14 +297,17 @@ class DeviceSession(CorrectedStream):
         return None
 
     def zero_heading(self, who: str) -> Sentence | None:
-        """Make the present heading zero. Returns None, or why it is refused."""
+        """Make the device's present heading zero for person `who`. Returns None, or why the request is refused."""
         if self.attitude is None or not self.attitude.begun:
             return Code.NO_ORIENTATION(device=self.device)
         self.attitude.reset_heading(who)
         return None
 
     def silence(self, reason: Sentences, event: Event = Event.SILENT) -> bool:
-        """Mark the device as away, by an event and its reason; False if it was away already (the reason may be updated)."""
+        """Mark the device as away, by an event and its reason text.
+
+        False if it was away already; the reason may be updated then.
+        """
         if not self.life.on(event, reason):
             unknown = (Event.OUTDATED, Event.UNREACHABLE) if self.life.state is State.UNKNOWN else ()
             if event in unknown or (self.life.state, event) == (State.LOST, Event.SILENT):
@@ -308,11 +331,11 @@ class DeviceSession(CorrectedStream):
         placement: Placement | None = None,
         alerts: tuple[Alert, ...] = (),
     ) -> Status:
-        """Status message for the bus.
+        """Status message of the device for the bus: state, reason, quality, estimates, counters and new receipts.
 
         time_ns: time of the status. silent_s: seconds since the last sample. more: events counted outside the session.
-        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator took
-        the device over; higher is later. A receipt is told once.
+        bridge, refused_bridges: the bridge listened to, and others that send the device. epoch: when this estimator
+        took the device over; higher is later. A receipt is told once.
         """
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ()
@@ -355,7 +378,10 @@ class DeviceSession(CorrectedStream):
         )
 
     def checkpoint(self) -> BiasState | None:
-        """Bias to store for a restart; None without samples, or while the boot is uncalibrated and its bias is not sure."""
+        """Bias state to store for a restart.
+
+        None without samples, or while the boot is uncalibrated and its bias is not sure.
+        """
         return None if self.sequence.next is None else self.learnt.bias()
 
     def _too_seldom(self) -> Sentences:

@@ -24,7 +24,7 @@ _WINDOWS = round(BLOCK_S * WINDOWS_HZ)
 
 
 class Second(NamedTuple):
-    """Samples of a finished block and their correction.
+    """Samples of a finished block (about a second) and the correction applied to them.
 
     rows (n, 9) and places (n, 3): columns of estimator/samples/sample_buffer.py.
     """
@@ -37,7 +37,10 @@ class Second(NamedTuple):
 
 
 def windows(seconds: Sequence[Second]) -> list[WindowBatch]:
-    """One message of window summaries for each block, of one device or many, computed together."""
+    """Summarise blocks of samples over windows of 0.1 s: one message for each block, of one device or many.
+
+    Each window has mean, standard deviation, least and most of the readings and of the corrected rates, rad/s.
+    """
     lengths = np.array([len(second.rows) for second in seconds])
     of_second = np.repeat(np.arange(len(seconds)), lengths)
     rows, places = (np.concatenate([getattr(second, name) for second in seconds]) for name in ("rows", "places"))

@@ -21,7 +21,7 @@ _SCALE = slice(3, 6)
 
 
 def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) -> Result:
-    """The tracker's bias and matrix as a calibration; its state must have a matrix.
+    """Calibration result from the tracker's bias and the matrix that gravity has taught it; `taught` must not be None.
 
     noise_std (3,) rad/s: of a reading. turns: of a calibration by hand that it continues.
     """
@@ -47,9 +47,10 @@ def learnt(tracker: Tracker, noise_std: Floats, turns: tuple[Turn, ...] = ()) ->
 
 
 def combined(by_hand: Result, worn: Calibration) -> Result:
-    """A calibration by hand that starts from a worn one of the same boot; the one by hand alone where the two disagree.
+    """Combine a calibration by hand with a worn one of the same boot; the one by hand alone where the two disagree.
 
-    A method that determines the whole matrix needs no start.
+    The bias is that by hand; the scale factors by hand update the worn matrix, weighted by uncertainty. A method that
+    determines the whole matrix needs no such start.
     """
     if len(by_hand.parameters) > 6 or len(worn.parameters) != len(MATRIX_PARAMETERS):
         return by_hand

@@ -46,9 +46,9 @@ def least_step(reading: Floats) -> Floats:
 
 
 def rounding_var(std: Floats, step: Floats) -> Floats:
-    """Variance (3,) that rounding leaves in the mean of readings at rest.
+    """Variance (3,) that rounding leaves in the mean of readings at rest: step² / 12, or 0 where noise averages it out.
 
-    std (3,): standard deviation of a reading. step (3,): rounding step.
+    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit.
     Noise well below the step leaves the same rounding error in every reading, so averaging does not reduce the error.
     """
     return np.where(std < step / 2, step**2 / 12, 0.0)
@@ -57,7 +57,7 @@ def rounding_var(std: Floats, step: Floats) -> Floats:
 def mean_var(std: Floats, step: Floats, n: float) -> Floats:
     """Variance (3,) of the mean of n readings at rest, from noise and rounding.
 
-    std (3,): standard deviation of a reading. step (3,): rounding step.
+    std (3,): standard deviation of a reading. step (3,): rounding step, in the same unit.
     """
     return std**2 / n + rounding_var(std, step)
 
@@ -73,10 +73,10 @@ def reading_std(std: Floats) -> Floats:
 
 
 def corrected(reading: Floats, matrix: Floats, bias: Floats) -> Floats:
-    """Corrected rates (n, 3) of readings (n, 3), in the sensor frame.
+    """Corrected rates (n, 3) rad/s of gyro readings (n, 3) rad/s, in the sensor frame: matrix (reading - bias).
 
-    matrix (3, 3) and bias (3,) apply to all readings; matrix (n, 3, 3) and bias (n, 3) give each reading its own.
-    The result is bit-identical for any number of readings at once, which a matrix product does not guarantee.
+    matrix (3, 3) and bias (3,) apply to all readings; matrix (n, 3, 3) and bias (n, 3) give each reading its own. The
+    result is bit-identical for any number of readings at once, which a matrix product does not guarantee.
     """
     off = reading - bias
     return matrix[..., 0] * off[:, 0:1] + matrix[..., 1] * off[:, 1:2] + matrix[..., 2] * off[:, 2:3]
@@ -102,13 +102,16 @@ class GyroModel:
         return corrected(reading, self.matrix, self.bias)
 
     def corrected_std(self, reading_std: Floats) -> Floats:
-        """Standard deviation (…, 3) of the corrected rate from independent errors of the reading (…, 3)."""
+        """Standard deviation (…, 3) rad/s of the corrected rate from independent errors of the reading.
+
+        reading_std (…, 3) rad/s: standard deviations of these errors.
+        """
         return np.asarray(np.sqrt(np.square(reading_std) @ np.square(self.matrix).T))
 
 
 @dataclass(frozen=True, slots=True)
 class PriorKnobs:
-    """Prior standard deviations of a gyro not yet calibrated in this boot."""
+    """Prior standard deviations of a gyro not yet calibrated in this boot; noise_std: rad/s, of one reading."""
 
     #: relative, of the datasheet's sensitivity: known library errors reach 0.17
     scale_std: float = 0.15

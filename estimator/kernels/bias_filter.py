@@ -13,7 +13,10 @@ Floats = NDArray[np.float64]
 
 
 def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats, S: Floats) -> bool:
-    """Write the innovation y (m,) and its covariance S (m, m); return whether all are finite and each z has noise."""
+    """Write the innovation y = z - H x (m,) and its covariance S = H P H' + R (m, m).
+
+    Returns whether all elements are finite and each element of z has noise.
+    """
     (m, n), sound = H.shape, True
     seen = np.zeros((m, n))
     for i in range(m):
@@ -34,7 +37,7 @@ def innovation(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, y: Floats,
 
 
 def whitened(y: Floats, S: Floats) -> tuple[Floats, Floats]:
-    """Cholesky: L (m, m) with S = L L', and a (m,) with L a = y, so that NIS = a' a."""
+    """Cholesky factor L (m, m) of S = L L', and a (m,) with L a = y; the NIS of the innovation y is a' a."""
     m = len(y)
     L, a = np.zeros((m, m)), np.empty(m)
     for i in range(m):
@@ -52,7 +55,10 @@ def whitened(y: Floats, S: Floats) -> tuple[Floats, Floats]:
 
 
 def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
-    """Make the elements of y and S from `first` on conditional on those before."""
+    """Replace y (m,) and S (m, m) in place by the innovation and covariance given the first `first` elements.
+
+    L (m, m), a (m,): result of `whitened`. The covariance between both groups becomes 0.
+    """
     for i in range(first, len(y)):
         y[i] = 0.0
         for k in range(first, i + 1):
@@ -69,10 +75,10 @@ def given(first: int, L: Floats, a: Floats, y: Floats, S: Floats) -> None:
     *(innovation, whitened, given),
 )
 def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, first: int) -> tuple[Floats, Floats, float, float]:
-    """Innovation (m,) of z = H x, its covariance S (m, m), and the NIS of the first `first` elements of z and of the others.
+    """Innovation (m,) of z against H x, its covariance S (m, m), and the NIS of two groups of elements of z.
 
-    Innovation, S and NIS of the other elements are conditional on the first ones. S then has zeros between the two
-    groups.
+    The groups: the first `first` elements of z, and the others. Innovation, S and NIS of the other elements are
+    conditional on the first ones. S then has zeros between the two groups.
     An NIS is infinite where z, H or R is not finite, or where R leaves an element of z without noise.
     """
     m = len(z)
@@ -109,7 +115,7 @@ def inverse(S: Floats) -> Floats:
 
 @compiled("void(f8[:], f8[:, :], f8[:, :], f8, f8, f8[:], f8)")
 def walked(x: Floats, F: Floats, Q: Floats, warmer: float, over: float, bend: Floats, var: float) -> None:
-    """Write a filter step of bias and slope into x (n,), F and Q (n, n).
+    """Write a filter step of bias (rad/s) and slope (rad/s/K) into x (n,), F and Q (n, n), in place.
 
     The bias moves by its slope over `warmer` K, by over / 2 times bend (3,), and by a random walk of variance var.
     bend: standard deviation of the slope's change over `over` K.

@@ -42,7 +42,10 @@ def compiled(signature: str, *steps: Callable[..., Any]) -> Callable[[Callable[P
 
 
 def ready() -> None:
-    """Load all loops: up to a minute on the first start on a machine, while they are compiled; less than a second later."""
+    """Load all compiled loops, or compile them on a machine's first start.
+
+    Compiling takes up to a minute, loading less than a second.
+    """
     _load()
     for make in _makers:
         make()

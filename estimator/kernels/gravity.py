@@ -17,10 +17,10 @@ def crossing(v: Floats) -> Floats:
 
 
 def steered(F: Floats, P: Floats, span: Floats, at: tuple[int, int, int], tilts: Floats, swings: Floats) -> float:
-    """Write into F how n parameters of the gyro move gravity and velocity; return the variance of the angle they leave.
+    """Write into F how n gyro parameters move gravity and velocity; return the variance, rad², of the angle they leave.
 
-    at: index of the first of them in the state, n, and row of their slopes in the span. tilts, swings (3, 3): cross products
-    with gravity and with velocity.
+    P: covariance of the state. span: rows of kernels/strapdown.py. at: index of the first of them in the state, n, and
+    row of their slopes in the span. tilts, swings (3, 3): cross products with gravity and with velocity.
     """
     part, n, row = at
     turn, pushing = span[row : row + n].reshape(3, n), span[row + n : row + 2 * n].reshape(3, n)
@@ -42,7 +42,11 @@ def steered(F: Floats, P: Floats, span: Floats, at: tuple[int, int, int], tilts:
 
 
 def carried_over(x: Floats, span: Floats, after: Floats, kept: float, strength: float) -> Floats:
-    """State x (24,) after a span: gravity and velocity in axes of the end, `after` (3,) being velocity in those of the begin."""
+    """State x (24,) after a span: gravity (m/s²) and velocity (m/s) in axes of the end.
+
+    after (3,): velocity after the span in axes of the begin. kept: share of the accelerometer's bias that remains.
+    strength: magnitude of gravity, m/s².
+    """
     moved, norm = x.copy(), 0.0
     for i in range(3):
         moved[_G + i] = moved[_V + i] = 0.0
@@ -57,7 +61,11 @@ def carried_over(x: Floats, span: Floats, after: Floats, kept: float, strength: 
 
 
 def stirred(Q: Floats, tilting: Floats, seconds: float, doubt: float, noise: tuple[float, float, float]) -> None:
-    """Write the process noise of a span into Q. tilting (3, 3): gravity's change by a rotation; doubt: second-order variance."""
+    """Write the process noise of a span of `seconds` into Q (24, 24).
+
+    tilting (3, 3): gravity's change by a rotation. doubt: second-order variance of gravity, (m/s²)². noise: variances
+    added to rotation, velocity and accelerometer bias.
+    """
     turned, pushed, posed = noise
     for i in range(3):
         # A rotation tilts g by its whole angle and v by half of that on average.

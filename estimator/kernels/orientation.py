@@ -1,8 +1,8 @@
-"""Kernel of orientation/attitude.py: carries the attitudes of many devices over the samples of a round.
+"""Kernel of orientation/attitude.py: carries the attitudes of many devices over their samples in one call.
 
-Letters: q the attitude, sensor to earth (z up), as a quaternion w x y z; f specific force in earth axes; v the velocity that
-f gives; phi (3) the small rotation in earth axes from the estimated attitude to the true one. A tilt phi shows as an
-acceleration g (phi_y, -phi_x), so v runs away. A wearer's velocity is bounded: it is measured as zero.
+Letters: q the attitude, sensor to earth (z up), as a quaternion w x y z; f specific force in earth axes; v the velocity
+that f gives; phi (3) the small rotation in earth axes from the estimated attitude to the true one. A tilt phi shows as
+an acceleration g (phi_y, -phi_x), so v runs away. A wearer's velocity is bounded: it is measured as zero.
 """
 
 import numpy as np
@@ -250,7 +250,7 @@ def carried(
 
 @compiled("void(f8[:, ::1], f8[:, ::1], f8[:])")
 def smoothed(trace: Floats, quaternions: Floats, tilt_share: Floats) -> None:
-    """Rauch-Tung-Striebel pass over a trace (n, TRACE): turns quaternions (n, 4) in place by what later samples tell.
+    """Rauch-Tung-Striebel pass over a trace (n, TRACE): corrects quaternions (n, 4) in place by later samples.
 
     tilt_share (n,), written: variance of the smoothed tilt as a share of the real-time one.
     """

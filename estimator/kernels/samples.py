@@ -1,4 +1,4 @@
-"""Kernels for the samples of a round: unpack and check columns, and correct readings."""
+"""Kernels for the samples of many messages at once: unpack and check columns, and correct readings."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ COUNT, ACCEL, CELSIUS, FLAGS, FIRST, START = range(6)
 
 
 def vector(values: Float32s, limit: float, row: Floats) -> bool:
-    """Write a reading (3,); return whether it is within the limit."""
+    """Copy a reading (3,) into row (3,); return whether each value is within ±limit, and none is NaN."""
     fit = True
     for c in range(3):
         fit &= bool(abs(values[c]) <= limit)
@@ -24,7 +24,7 @@ def vector(values: Float32s, limit: float, row: Floats) -> bool:
 
 
 def starts(numbers: Wholes, ticks: int) -> tuple[int, int, int, int]:
-    """Index of the first value of gyro, accel, °C and flags behind the ticks of all messages."""
+    """Index, in 32-bit words, of the first gyro, accel, °C and flags value; they follow the ticks of all messages."""
     gyro = 2 * ticks
     accel = gyro + 3 * ticks
     celsius = accel + numbers[ACCEL].sum() // 4
@@ -32,7 +32,7 @@ def starts(numbers: Wholes, ticks: int) -> tuple[int, int, int, int]:
 
 
 def host_time(passed_ns: float, start: int, latest: float, place: Wholes) -> bool:
-    """Write the host time of a sample, ns, so long after the first one; return whether it is not beyond the latest."""
+    """Write a sample's host time, start + passed_ns, into place[1], ns; return whether it is not beyond `latest`."""
     if not passed_ns <= latest - start:
         return False
     place[1] = start + np.int64(np.rint(passed_ns))

@@ -14,7 +14,7 @@ MEAN, STD, STEP, MEAN_VAR, COMMON_VAR, JITTER, HELD, ACCEL_MEAN, ACCEL_STD, SCAL
 
 
 def timed(time: Floats, first: float, dt: Floats) -> float:
-    """Write the intervals dt (n,) of samples after time `first`, s; return the longest."""
+    """Write the intervals dt (n,), s, between samples at time (n,) after one at time `first`; return the longest."""
     before, longest = first, -np.inf
     for i in range(len(time)):
         dt[i] = time[i] - before
@@ -24,7 +24,7 @@ def timed(time: Floats, first: float, dt: Floats) -> float:
 
 
 def spread(read: Floats) -> tuple[float, float]:
-    """Mean and standard deviation of readings."""
+    """Mean and standard deviation of readings (n,), n > 1."""
     n, total, square = len(read), 0.0, 0.0
     for i in range(n):
         total += read[i]
@@ -35,7 +35,7 @@ def spread(read: Floats) -> tuple[float, float]:
 
 
 def jittered(read: Floats) -> tuple[float, float, float]:
-    """Least and largest reading, and the deviation from one reading to the next."""
+    """Least and largest of readings (n,), n > 2, and the standard deviation of the steps between neighbours."""
     n, low, high, jitter = len(read), read[0], read[0], 0.0
     jump = (read[n - 1] - read[0]) / max(1, n - 1)
     for i in range(1, n):
@@ -45,7 +45,11 @@ def jittered(read: Floats) -> tuple[float, float, float]:
 
 
 def on_grid(read: Floats, low: float, high: float, grid: float) -> float:
-    """Smallest difference between readings on a grid; infinite where all are equal, NaN where they are off the grid."""
+    """Smallest difference between readings (n,) that are multiples of `grid` apart.
+
+    low, high: least and largest reading. Infinite where all are equal, NaN where they are off the grid or it is too
+    wide.
+    """
     # Sorting would take longer than all the rest here.
     if not high - low < _LEVELS * grid < np.inf:
         return np.nan
@@ -64,7 +68,10 @@ def on_grid(read: Floats, low: float, high: float, grid: float) -> float:
 
 
 def stepped(read: Floats, low: float, high: float, known: float, step_if_none: float) -> float:
-    """Smallest difference between readings, by the grid of the least known one or by sorting."""
+    """Smallest difference between readings (n,), the rounding step; `step_if_none` where all are equal.
+
+    low, high: least and largest reading. known: least step known before, tried first as a grid.
+    """
     step = on_grid(read, low, high, known)
     if np.isnan(step):
         ordered, step = np.sort(read), np.inf
@@ -76,7 +83,7 @@ def stepped(read: Floats, low: float, high: float, known: float, step_if_none: f
 
 
 def strength(accel: Floats) -> float:
-    """Mean magnitude of readings (n, 3)."""
+    """Mean magnitude of accelerometer readings (n, 3), m/s²; NaN where any is."""
     total = 0.0
     for i in range(len(accel)):
         total += np.sqrt(accel[i, 0] ** 2 + accel[i, 1] ** 2 + accel[i, 2] ** 2)
@@ -84,7 +91,7 @@ def strength(accel: Floats) -> float:
 
 
 def mean_of_known(celsius: Floats) -> float:
-    """Mean of the values that are not NaN; NaN where all are."""
+    """Mean of the temperatures (n,) that are not NaN, °C; NaN where all are."""
     total, known = 0.0, 0
     for i in range(len(celsius)):
         if not np.isnan(celsius[i]):

@@ -18,19 +18,23 @@ _FASTER = 1.5
 
 
 def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
-    """Initial state (5, 4) and recent windows (RECENT, 7), with an assumed noise, rad/s."""
+    """Initial state (5, 4) and recent windows (RECENT, 7) of `judged`, with an assumed noise of one reading, rad/s."""
     state, recent = np.full((5, 4), np.nan), np.full((RECENT, 7), np.nan)
     state[1, 0], state[3, 1:] = 0.0, noise_guess
     return state, recent
 
 
 def near(a: Floats, b: Floats, tolerance: float) -> bool:
-    """Whether two rates (3,) differ by less than a tolerance on every axis."""
+    """Whether two rates (3,) differ by less than `tolerance` (same unit) on every axis."""
     return bool(abs(a[0] - b[0]) < tolerance and abs(a[1] - b[1]) < tolerance and abs(a[2] - b[2]) < tolerance)
 
 
 def window_end(time: Floats, read: Floats, begin: int, fewest: int, window_s: float, far: float) -> int:
-    """Index after the last sample of the window that begins at `begin`; beyond the samples where more are needed."""
+    """Index after the last sample of the window that begins at index `begin`; beyond the samples where more are needed.
+
+    time (n,) s, read (n, 6): samples. fewest, window_s: least number of samples and least length, s. far: least step of
+    a spike, rad/s; the window does not end at one.
+    """
     held, end = len(time), begin
     while end < held and time[end] < time[begin] + window_s:
         end += 1
@@ -49,7 +53,7 @@ def window_end(time: Floats, read: Floats, begin: int, fewest: int, window_s: fl
 
 
 def summed(read: Floats, mean: Floats, std: Floats) -> None:
-    """Write mean (6,) and standard deviation (6,) of readings (n, 6)."""
+    """Write mean (6,) and standard deviation (6,) of readings (n, 6), gyro and accel, n > 1."""
     n = len(read)
     mean[:], std[:] = 0.0, 0.0
     for i in range(n):
@@ -65,10 +69,10 @@ def summed(read: Floats, mean: Floats, std: Floats) -> None:
 
 
 def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, float, float]) -> int:
-    """Replace spikes in readings (n, 6) by the mean of their neighbours; return in how many samples.
+    """Replace spikes in the gyro columns of readings (n, 6) by their neighbours' mean; return how many samples had one.
 
-    before (3,): the reading before the first. spikes: least distance, the same relative to the usual one, and to the
-    neighbours'.
+    clipped (n,): flags, cleared for mended samples. before (3,): the reading before the first. spikes: least distance
+    from that mean, rad/s, the same relative to the usual one, and to the neighbours'.
     """
     n, (far, unusual, alone) = len(read), spikes
     lone, around, off = np.zeros(n, np.bool_), np.empty(n + 1), np.zeros(n + 1)
@@ -93,7 +97,10 @@ def mended(read: Floats, clipped: Floats, before: Floats, spikes: tuple[float, f
 
 
 def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[bool, bool]:
-    """Whether a window has a gap, and whether a reading in it is clipped; before: time of the sample before it."""
+    """Whether a window has a gap of gap_s or more between samples, and whether a reading in it is clipped.
+
+    time (n,) s, clipped (n,): of the window's samples. before: time of the sample before it, s.
+    """
     gap, cut_off = False, False
     for i in range(len(time)):
         gap |= time[i] - before >= gap_s
@@ -103,7 +110,11 @@ def broken(time: Floats, clipped: Floats, before: float, gap_s: float) -> tuple[
 
 
 def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple[float, ...]) -> bool:
-    """Whether readings of this mean (6,) and std (6,) scatter no more than at rest; accel's mean is NaN without one."""
+    """Whether readings of this mean (6,) and std (6,) scatter no more than at rest; accel's mean is NaN without one.
+
+    rate_hz: sample rate in the window. noise (4,): rate at which the noise was learnt, and the noise. knobs: see
+    `judged`.
+    """
     _, _, factor, floor, jolt, _, _, ceiling, _, _, _, _ = knobs
     # At a higher output data rate a reading averages over less time: its noise is larger until learnt anew.
     denser = np.sqrt(rate_hz / noise[0]) if rate_hz > _FASTER * noise[0] else 1.0
@@ -114,7 +125,10 @@ def quiet(mean: Floats, std: Floats, rate_hz: float, noise: Floats, knobs: tuple
 
 
 def rests(mean: Floats, begun: float, ended: float, state: Floats, knobs: tuple[float, ...]) -> bool:
-    """Whether a quiet window of mean rate (3,) belongs to a rest, or is long enough at another rate to be one."""
+    """Whether a quiet window of mean rate (3,) belongs to a rest, or is long enough at another rate to be one.
+
+    begun, ended: times of the window, s. state (5, 4), changed in place, and knobs: see `judged`.
+    """
     _, _, _, _, _, tolerance, new_s, _, _, _, _, _ = knobs
     rest, odd, reference = state[1], state[2], state[4, 1:]
     rested = np.isnan(reference[0]) or near(mean, reference, tolerance)
@@ -145,7 +159,10 @@ def middle(values: Floats, lower: int) -> float:
 
 
 def learnt(known: int, state: Floats, recent: Floats) -> bool:
-    """Update the mean of the rest and the noise from the latest `known` windows; return whether the noise was updated."""
+    """Update the mean of the rest and the noise from the latest `known` windows; return whether the noise was updated.
+
+    state (5, 4), changed in place, and recent (RECENT, 7): see `judged`.
+    """
     rest, noise, reference = state[1], state[3], state[4, 1:]
     # The first windows of a stream may be the end of a movement: require several in a row.
     if known >= 4 or (known and not np.isnan(reference[0])):
@@ -166,14 +183,15 @@ def learnt(known: int, state: Floats, recent: Floats) -> bool:
     *(near, window_end, summed, mended, broken, quiet, rests, middle, learnt),
 )
 def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]) -> Floats:
-    """Judged windows (m, 22) of samples, rows (n, 9) of samples/sample_buffer.py; spikes are mended in the rows.
+    """Cut samples, rows (n, 9) of samples/sample_buffer.py, into windows and judge each: result (m, 22).
 
-    A row: begin and end time, index after its last sample, spikes; flags: still, has an accelerometer, contributed to
-    the noise estimate; mean (6), std (6); noise (3).
+    Spikes are mended in the rows. Each result row: begin and end time, s, index after its last sample, number of
+    spikes; flags: still, has an accelerometer, contributed to the noise estimate; mean (6), std (6); noise (3).
     state (5, 4), each row a number and three axes: time and reading of the last sample; number of windows in this rest,
     and its mean after four of them; begin and mean of a stretch that is quiet at another rate; sample rate at which the
     noise was learnt, and the noise; unused, and the mean of the last rest.
-    recent (RECENT, 7): mean, rate and std of the latest windows of this rest.
+    recent (RECENT, 7): mean, rate and std of the latest windows of this rest. knobs: numbers of StillnessKnobs, as
+    ordered in the detector.
     """
     window_s, least, _, _, _, _, _, _, gap_s, far, unusual, alone = knobs
     last, rest, odd, noise = state[0], state[1], state[2], state[3]

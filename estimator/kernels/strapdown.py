@@ -21,7 +21,7 @@ BY_MATRIX, PUSH_BY_MATRIX, SCALARS, ROWS = slice(15, 24), slice(24, 33), 33, 34
 
 
 def rates(gyro: Floats, bias: Floats, calibrated: Floats, change: Floats) -> tuple[Floats, Floats]:
-    """Rates (n, 3) of readings, and the matrix (3, 3) used for them: (1 + change) calibrated."""
+    """Rates (n, 3) rad/s of gyro readings (n, 3), and the matrix (3, 3) used for them: (1 + change) calibrated."""
     rate, matrix = np.empty(gyro.shape), calibrated.copy()
     for r in range(3):
         for c in range(3):
@@ -35,7 +35,7 @@ def rates(gyro: Floats, bias: Floats, calibrated: Floats, change: Floats) -> tup
 
 
 def half_turn(speed: float, h: float) -> tuple[float, float]:
-    """Cosine of half the angle turned in h s, and its sine divided by the speed, rad/s."""
+    """Cosine of half the angle turned in h s at `speed` rad/s, and the sine of it divided by the speed, s."""
     half = 0.5 * speed * h
     if half >= 0.05:
         return np.cos(half), np.sin(half) / speed
@@ -45,10 +45,10 @@ def half_turn(speed: float, h: float) -> tuple[float, float]:
 
 
 def turned(dt: Floats, rate: Floats, force: Floats, carried: Floats, end: Floats) -> tuple[float, float]:
-    """Integrate the attitude; return the span's length, s, and the angle turned in total, rad.
+    """Integrate the attitude over n samples; return the span's length, s, and the angle turned in total, rad.
 
-    force (n, 3), changed in place from device axes to axes of the begin. Written: carried (9, n), the mean attitude in each
-    sample times its dt, and end (3, 3), the last attitude.
+    dt (n,) s, rate (n, 3) rad/s. force (n, 3), changed in place from device axes to axes of the begin. Written: carried
+    (9, n), the mean attitude in each sample times its dt, and end (3, 3), the last attitude.
     """
     seconds = way = 0.0
     # Scalars stay in registers: the attitude as a quaternion, and as matrix rows x, y and z before and after a sample.
@@ -88,7 +88,10 @@ def turned(dt: Floats, rate: Floats, force: Floats, carried: Floats, end: Floats
 
 
 def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Floats:
-    """Velocity changes (9, n) by the rotation `carried` of each sample; writes their sum of forces, push (3,)."""
+    """Velocity changes (9, n) that a rotation error in each sample causes, per its `carried` (9, n) of `turned`.
+
+    force (n, 3) m/s² in axes of the begin. Written: push (3,) m/s, the sum of force times dt.
+    """
     # A rotation phi moves the force f by phi x f. A sample's rotation error moves all pushes from that sample on.
     moved = np.empty(carried.shape)
     ahead_x = ahead_y = ahead_z = 0.0
@@ -106,7 +109,10 @@ def moved_ahead(dt: Floats, force: Floats, carried: Floats, push: Floats) -> Flo
 
 
 def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_matrix: Floats) -> None:
-    """Write the slopes of rotation and push by a rate error of each device axis (6, 3), and by the matrix (6, 9)."""
+    """Write the slopes of rotation and push by a rate error of each device axis (6, 3), and by the matrix (6, 9).
+
+    carried, moved (9, n): results of `turned` and `moved_ahead`. Rows: rotation (3), then push (3).
+    """
     n = len(rate)
     for r in range(3):
         for c in range(3):
@@ -128,7 +134,10 @@ def slopes(carried: Floats, moved: Floats, rate: Floats, by_bias: Floats, by_mat
 
 
 def strayed(dt: Floats, force: Floats, push: Floats, seconds: float, shift: Floats) -> float:
-    """Unrest, m/s: rms deviation of the velocity from a constant push; writes shift (3,)."""
+    """Unrest of a span, m/s: rms deviation of the velocity from that of a constant push.
+
+    force (n, 3) m/s², push (3,) m/s: in axes of the begin. Written: shift (3,) m, the integral of the growing push.
+    """
     n, square = len(dt), 0.0
     for r in range(3):
         evenly, shifted, pushed, strays, passed = push[r] / seconds, 0.0, 0.0, 0.0, 0.0
@@ -153,9 +162,10 @@ def strayed(dt: Floats, force: Floats, push: Floats, seconds: float, shift: Floa
 def summed(
     dt: Floats, gyro: Floats, accel: Floats, calibrated: Floats, bias: Floats, accel_bias: Floats, change: Floats
 ) -> Floats:
-    """Rows (ROWS, 3) of a span by geometry/strapdown.py; the slopes by the matrix, (3, 9), fill nine rows.
+    """Integrate a span of n samples: rows (ROWS, 3) as geometry/strapdown.py describes them.
 
-    The matrix used is (1 + change) calibrated, with change (9,) and calibrated (3, 3). SCALARS: seconds, way, unrest.
+    The slopes by the matrix, (3, 9), fill nine rows. The matrix used is (1 + change) calibrated, with change (9,) and
+    calibrated (3, 3). SCALARS: seconds, way, unrest.
     """
     rows, force, carried = np.zeros((ROWS, 3)), np.empty(accel.shape), np.empty((9, len(dt)))
     scalars, by_bias, by_matrix = rows[SCALARS], np.zeros((6, 3)), rows[15:33].reshape(6, 9)

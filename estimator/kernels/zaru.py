@@ -10,9 +10,10 @@ Floats = NDArray[np.float64]
 
 @compiled("b1(f8[:, :, ::1], f8, f8)")
 def calm(means: Floats, motion_var: float, scatter: float) -> bool:
-    """Whether the means of k seconds scatter less than `scatter` times their expected variance; two means are always calm.
+    """Whether the means of k seconds scatter as little as in one rest: below `scatter` times the expected variance.
 
-    means (k, 2, 3): means and their variances. motion_var: variance of a resting body's motion, added to these.
+    Two means are always calm. means (k, 2, 3): means, rad/s, and their variances. motion_var: variance of a resting
+    body's motion, added to these.
     """
     k = len(means)
     if k <= 2:

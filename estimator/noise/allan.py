@@ -13,14 +13,14 @@ Floats = NDArray[np.float64]
 
 
 def octaves(n: int) -> list[int]:
-    """Averaging factors 1, 2, 4 … up to a third of n samples."""
+    """Averaging factors 1, 2, 4 … (numbers of samples) up to a third of n samples."""
     return [1 << k for k in range(max(n // 3, 1).bit_length())]
 
 
 def overlapping(rate: Floats, factors: Sequence[int]) -> Floats:
-    """Overlapping Allan variance (m, …) of evenly sampled rates (n, …) at averaging factors (m,).
+    """Overlapping Allan variance (m, …), in the unit of the rate squared, of evenly sampled rates (n, …).
 
-    Source: NIST SP 1065, eq. 11.
+    factors (m,): averaging times in samples, at most n / 2. Source: NIST SP 1065, eq. 11.
     """
     angle = np.cumsum(rate - rate.mean(axis=0), axis=0)
     angle = np.concatenate([np.zeros_like(angle[:1]), angle])
@@ -29,8 +29,9 @@ def overlapping(rate: Floats, factors: Sequence[int]) -> Floats:
 
 
 def degrees_of_freedom(n: int, factors: Sequence[int]) -> Floats:
-    """Equivalent degrees of freedom (m, 3) of the Allan variance of n samples, for white, flicker and random-walk rate noise.
+    """Equivalent degrees of freedom (m, 3) of the Allan variance of n samples, for three kinds of rate noise.
 
+    Columns: white, flicker and random-walk rate noise. factors (m,): averaging factors.
     Source: NIST SP 1065, table 5: W FM, F FM and RW FM.
     """
     m, N = np.array(factors, dtype=float), n + 1.0
@@ -41,8 +42,9 @@ def degrees_of_freedom(n: int, factors: Sequence[int]) -> Floats:
 
 
 def interval(variance: Floats, freedom: Floats) -> tuple[Floats, Floats]:
-    """Lower and upper end of the 95 % interval of an estimated variance with the given degrees of freedom.
+    """Lower and upper end of the 95 % confidence interval of estimated variances, (m,) each.
 
+    variance (m,): the estimates. freedom (m,): their degrees of freedom.
     Source: NIST SP 1065, eq. 45.
     """
     return variance * freedom / chi2.ppf(0.975, freedom), variance * freedom / chi2.ppf(0.025, freedom)

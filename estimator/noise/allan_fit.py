@@ -73,12 +73,15 @@ class Noise:
 
 
 def shapes(tau: Floats) -> Floats:
-    """Allan deviation (4, m) at tau (m,) of each noise and of a drift, for a coefficient of 1."""
+    """Allan deviation (4, m) that each noise would have at averaging times tau (m,), s, with a coefficient of 1.
+
+    Rows: angle random walk, bias instability, rate random walk, drift.
+    """
     return np.sqrt(_terms(tau)).T
 
 
 def identify(rate: Floats, rate_hz: float) -> Noise:
-    """Noise of one axis at rest from evenly sampled rates (n,), rad/s.
+    """Identify the noise of one axis at rest from evenly sampled rates (n,), rad/s, at rate_hz samples a second.
 
     The rates must not all be equal. Raises ValueError if there are too few.
     """

@@ -134,7 +134,10 @@ def load_model(name: str | Path) -> NoiseModel:
 
 
 def model_stated(words: str) -> str:
-    """Name of the shipped model that a device states in its own words, `Arduino Nano 33 BLE (LSM9DS1)`; empty if none."""
+    """Name of the shipped model that a device states in its own words, `Arduino Nano 33 BLE (LSM9DS1)`.
+
+    Empty if none.
+    """
     return next((name for name, pattern in _spoken().items() if pattern.search(words)), "")
 
 
@@ -151,12 +154,12 @@ def _spoken() -> dict[str, re.Pattern[str]]:
 
 
 def shipped() -> dict[str, Path]:
-    """Names and files of the device models that come with truerate."""
+    """Device models that come with truerate: paths of their .toml files by name."""
     return in_folders(_FOLDERS)
 
 
 def as_toml(model: NoiseModel, origin: Mapping[str, str], head: str) -> str:
-    """TOML text of a device model, readable by load_model.
+    """Write a device model as TOML text that load_model reads, each value in the file's units with a comment.
 
     origin: for each field, a comment that says where its value comes from. head: comment at the top of the file.
     """

@@ -34,7 +34,7 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 
 @dataclass(frozen=True, slots=True)
 class OrientationKnobs:
-    """Settings of the orientation. rad, m, s; the order is the kernel's."""
+    """Settings of the orientation filter; rad, m, s. The order of the fields is the kernel's."""
 
     #: m/s, standard deviation of a wearer's velocity averaged over a second: without motion, and for each m/s of motion
     speed: float = 0.05
@@ -72,34 +72,35 @@ class Oriented(NamedTuple):
 
     @property
     def tilt_std(self) -> Floats:
-        """(n,) rad: rms angle between the true and the estimated vertical."""
+        """(n,) or (1,) rad: rms angle between the true and the estimated vertical."""
         return np.asarray(np.sqrt(self.cov[:, 0] + self.cov[:, 3]))
 
     @property
     def heading_std(self) -> Floats:
-        """(n,) rad: standard deviation of the heading since its zero."""
+        """(n,) or (1,) rad: standard deviation of the heading, counted from its zero."""
         return np.asarray(np.sqrt(self.cov[:, 5]))
 
     @property
     def rotation(self) -> Rotation:
-        """Rotations from sensor to earth axes; `rotation.apply(v)` gives a sensor's vector in earth axes."""
+        """The n rotations from sensor to earth axes; `rotation.apply(v)` gives a sensor's vector in earth axes."""
         return Rotation.from_quat(self.quat_wxyz, scalar_first=True)
 
 
 def known(model: GyroModel, bias_std: Floats, std: Floats, flicker: float, walk: float, accel: Floats) -> Floats:
-    """Pack what is known of the sensors for `Attitude`: (38,).
+    """Pack what is known of a device's sensors into one array (38,), as `Attitude` needs it.
 
-    bias_std (3,) and flicker, rad/s: of the bias and its instability. std (12,): standard deviations of the matrix, relative, row
-    by row, and of the accelerometer's bias, m/s². walk: rate random walk, rad/s per root second. accel (6,): bias, m/s², and
-    scale of the accelerometer: corrected = scale (reading - bias).
+    bias_std (3,) and flicker, rad/s: of the bias and its instability. std (12,): standard deviations of the matrix,
+    relative, row by row, and of the accelerometer's bias, m/s². walk: rate random walk, rad/s per root second. accel
+    (6,): bias, m/s², and scale of the accelerometer: corrected = scale (reading - bias).
     """
     return np.concatenate([model.matrix.ravel(), model.bias, bias_std, std, model.noise_std, [flicker, walk], accel])
 
 
 class Attitude:
-    """Attitude of one device in one boot; `state` (120,) is all that there is, and may be saved and given back.
+    """Attitude of one device in one boot, carried sample by sample.
 
-    zero: why the heading was zero last: `start`, or who reset it.
+    state (120,): the complete state, which may be saved and given back; None begins anew.
+    zero: why the heading was zero last: `start`, or who reset it. Raises ValueError for a damaged state.
     """
 
     def __init__(self, knobs: OrientationKnobs | None = None, state: Floats | None = None, zero: str = "start") -> None:
@@ -116,7 +117,7 @@ class Attitude:
 
     @property
     def begun(self) -> bool:
-        """Whether a sample was taken."""
+        """Whether the attitude has begun: at least one sample was taken."""
         return not np.isnan(self.state[loop.TIME])
 
     @property
@@ -138,16 +139,22 @@ class Attitude:
         return cov
 
     def take(self, rows: Floats, known: Floats) -> Oriented:
-        """Carry the attitude over samples: rows (n, 9) of samples/sample_buffer.py; known (38,): see `known`."""
+        """Carry the attitude over samples, and return the attitude, acceleration and covariance at each.
+
+        rows (n, 9): columns of samples/sample_buffer.py. known (38,): result of the function `known`.
+        """
         return orient([(self, rows, known)], every=True)[0]
 
     def traced(self, rows: Floats, known: Floats) -> tuple[Oriented, Floats]:
-        """As `take`, and the trace (n, 11) that `smoothing.smooth` needs."""
+        """Carry the attitude over samples as `take` does.
+
+        Also returns the trace (n, 11) that `smoothing.smooth` needs.
+        """
         trace = np.empty((len(rows), loop.TRACE))
         return _carry([(self, rows, known)], trace, every=True)[0], trace
 
     def reset_heading(self, zero: str = "") -> None:
-        """Make the heading of the last sample zero, and surely so. zero: who does it."""
+        """Make the heading of the last sample zero, with no uncertainty left. zero: who does it."""
         self.zero, self.state[loop.ZERO] = zero, self.state[loop.NEXT] - 1
         s, turn = self.state, Rotation.from_euler("z", -self.heading)
         matrix = turn.as_matrix()
@@ -164,10 +171,11 @@ class Attitude:
 
 
 def orient(due: Sequence[tuple[Attitude, Floats, Floats]], *, every: bool = False) -> list[Oriented]:
-    """Carry attitudes over the samples of a round, in one compiled loop: (attitude, rows (n, 9), known (38,)) each.
+    """Carry attitudes over samples of any number of devices, in one compiled loop; returns one result for each element.
 
-    A device may come several times, in order. The bits do not depend on how samples are batched. every: whether each sample's
-    covariance is wanted, or only that of the last one of each.
+    due: elements (attitude, rows (n, 9) of samples/sample_buffer.py, known (38,)). A device may come several times, in
+    order. The bits do not depend on how samples are batched. every: whether each sample's covariance is wanted, or only
+    that of the last one of each.
     """
     return _carry(due, np.empty((0, loop.TRACE)), every=every) if due else []
 

@@ -7,11 +7,12 @@ from estimator.orientation.attitude import Floats, G, Oriented
 
 
 def smooth(real_time: Oriented, trace: Floats, accel_std: Floats) -> Oriented:
-    """Smoothed attitudes from real-time ones and their trace (n, 11), both from `Attitude.traced`.
+    """Smooth attitudes: improve the tilt of n real-time attitudes by later samples; the heading stays as it is.
 
-    accel_std (3,), m/s²: bias of the accelerometer. The heading stays as it is. The tilt's variance shrinks as that of its noise
-    does, except for what the accelerometer's bias tilts.
-    Source: H. E. Rauch, F. Tung, C. T. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal 3 (1965).
+    real_time, trace (n, 11): both from `Attitude.traced`. accel_std (3,), m/s²: bias of the accelerometer. The tilt's
+    variance shrinks as that of its noise does, except for what the accelerometer's bias tilts.
+    Source: H. E. Rauch, F. Tung, C. T. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal
+    3 (1965).
     """
     quaternions, share = real_time.quat_wxyz.copy(order="C"), np.empty(len(trace))
     loop.smoothed(trace, quaternions, share)

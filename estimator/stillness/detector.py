@@ -25,7 +25,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class SpikeKnobs:
-    """Limits beyond which a reading is a spike."""
+    """Limits beyond which a single gyro reading is a spike."""
 
     #: least distance from the mean of its neighbours, rad/s, which a tap does not reach; and as a multiple of the usual
     #: distance
@@ -37,7 +37,11 @@ class SpikeKnobs:
 
 @dataclass(frozen=True, slots=True)
 class StillnessKnobs:
-    """Limits within which a window is still. Rates in rad/s, accelerations in m/s²."""
+    """Limits within which a window is still; rates in rad/s, accelerations in m/s².
+
+    window_s: least length of a window; min_samples: its least number of samples. accel_std: largest standard deviation
+    of a still window's accelerometer readings.
+    """
 
     window_s: float = 0.125
     min_samples: int = 6
@@ -71,10 +75,11 @@ def too_seldom(rate_hz: float, knobs: StillnessKnobs) -> Sentences:
 
 
 class Window(NamedTuple):
-    """A short run of n samples with its judgement: rows (n, 9) of estimator.samples.sample_buffer, spikes mended.
+    """A short run of n samples, judged still or moving: rows (n, 9) of estimator.samples.sample_buffer, spikes mended.
 
     start, end: numbers of the first sample and of the one after the last, counted from the first sample fed.
-    summed (12,): mean of gyro and accel, then their standard deviations. spikes: how many were mended.
+    start_time, end_time: device time of the first and the last sample, s.
+    summed (12,): mean of gyro (3) and accel (3), then their standard deviations. spikes: number of samples mended.
     aided: whether every sample has an accelerometer reading.
     """
 
@@ -105,7 +110,7 @@ class Window(NamedTuple):
 
     @property
     def clipped(self) -> Flags:
-        """Flags (n,): whether a reading was clipped or stuck."""
+        """Flags (n,): whether each reading was clipped or stuck."""
         return np.asarray(self.rows[:, CLIPPED] != 0)
 
     @property
@@ -165,7 +170,10 @@ class Windows:
         return Window(first + begin, first + end, begun, ended, rows, summed, int(spikes), still > 0, aided > 0)
 
     def part(self, index: int, end: int | None = None) -> "Windows":
-        """The windows from `index` up to but not including `end`."""
+        """The windows from index `index` up to but not including `end` (all that follow if None).
+
+        The rows are shared.
+        """
         return Windows(self.found[index:end], self.rows, self.first, self._behind(index))
 
     def each(self) -> Iterator["Windows"]:
@@ -174,7 +182,7 @@ class Windows:
 
     @property
     def heads(self) -> list[tuple[float, float, int, bool]]:
-        """For each window: begin and end, s, number of its last sample, and whether it is still."""
+        """For each window: begin and end in device time, s, number of its last sample, and whether it is still."""
         first = self.first - 1
         return [
             (begun, ended, first + int(end), still > 0) for begun, ended, end, _, still in self.found[:, :5].tolist()
@@ -188,12 +196,12 @@ class Windows:
 
     @property
     def moved(self) -> float | None:
-        """End time of the last moving window, s; None where all windows are still."""
+        """End of the last moving window in device time, s; None where all windows are still."""
         moving = self.found[self.found[:, 4] == 0.0, 1]
         return float(moving[-1]) if len(moving) else None
 
     def noise_std(self, index: int) -> Floats:
-        """White noise (3,) of one reading, rad/s, as known when the window closed."""
+        """White noise (3,) of one gyro reading, rad/s, as known when window `index` closed."""
         return self.found[index, NOISE]
 
     def _behind(self, index: int) -> int:
@@ -204,7 +212,8 @@ class Windows:
 class StillnessState(StateStruct):
     """Saved state of the stillness detector.
 
-    state (5, 4) and recent (16, 7): see kernels/stillness.py. next: number of the first sample of the next window.
+    state (5, 4) and recent (16, 7): see kernels/stillness.py. noise_std (3,) rad/s: noise of one reading; noise_known:
+    whether a rest has shown it. next: number of the first sample of the next window.
     """
 
     state: Floats
@@ -232,11 +241,11 @@ class Stillness:
 
     @property
     def saved(self) -> StillnessState:
-        """State to save. The samples from number `next` on must be saved beside it."""
+        """State to save for `resume`. The samples from number `next` on must be saved beside it."""
         return StillnessState(self._state, self._recent, self.noise_std, self.noise_known, self._next)
 
     def resume(self, saved: StillnessState) -> None:
-        """Continue from a saved state; raises ValueError for a damaged one."""
+        """Continue from a saved state. Raises ValueError for a damaged one."""
         state, recent = nothing_known(self.knobs.noise_guess)
         shaped(saved.state, *state.shape)
         shaped(saved.recent, *recent.shape)
@@ -248,7 +257,7 @@ class Stillness:
 
     @property
     def fed(self) -> int:
-        """Number of samples fed so far."""
+        """Number of samples fed so far by `feed` or `feed_rows`."""
         return self._own.end
 
     def feed(
@@ -259,10 +268,10 @@ class Stillness:
         clipped: Flags | None = None,
         celsius: NDArray[np.floating] | None = None,
     ) -> Windows:
-        """Add samples and return the windows that close.
+        """Add samples and return the windows that they complete, each judged still or moving.
 
-        time (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, clipped (n,) bool or None for no clipped reading, celsius
-        (n,) °C or None.
+        time (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, clipped (n,) bool or None for no clipped reading,
+        celsius (n,) °C or None.
         """
         rows = np.full((len(time), WIDTH), np.nan)
         rows[:, TIME], rows[:, GYRO] = time, gyro
@@ -274,16 +283,16 @@ class Stillness:
         return self.feed_rows(rows)
 
     def feed_rows(self, rows: Floats) -> Windows:
-        """Add rows (n, 9) of estimator.samples.sample_buffer and return the windows that close."""
+        """Add rows (n, 9) of estimator.samples.sample_buffer and return the windows that they complete, judged."""
         self._own.put([(rows, np.zeros((len(rows), 3), np.int64))])
         windows = self.take(self._own, self._own.end)
         self._own.forget(self._next)
         return windows
 
     def take(self, buffer: SampleBuffer, end: int) -> Windows:
-        """Judge the samples of a shared buffer before number `end`; return the windows that close.
+        """Judge the samples of a shared buffer before number `end`; return the windows that they complete.
 
-        Spikes are mended in the buffer.
+        Spikes are mended in the buffer. Do not mix with `feed`, which has a buffer of its own.
         """
         first = self._next
         waiting = buffer.rows(first, end)

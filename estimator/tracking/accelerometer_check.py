@@ -15,7 +15,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerKnobs:
-    """Limits for a usable accelerometer."""
+    """Limits within which an accelerometer counts as usable."""
 
     #: m/s², limits of a second's mean reading; a wearer's movement stays within them
     weakest: float = 5.0
@@ -31,9 +31,8 @@ class AccelerometerKnobs:
 class AccelerometerState(StateStruct):
     """State of the accelerometer check.
 
-    balance: contradicting minus agreeing seconds. row: contradictions in a row. disbelieved: given up for this boot.
-
-    alive: whether the readings have ever changed.
+    balance: contradicting minus agreeing seconds, at least 0. row: contradicting seconds in a row. disbelieved: whether
+    the accelerometer is given up for this boot. alive: whether the readings have ever changed.
     """
 
     disbelieved: bool = False
@@ -43,14 +42,18 @@ class AccelerometerState(StateStruct):
 
 
 class AccelerometerCheck:
-    """Accelerometer check: seconds and receipts of gravity in; whether to use the accelerometer out."""
+    """Accelerometer check: seconds and receipts of gravity's evidence in; whether to use the accelerometer out."""
 
     def __init__(self, knobs: AccelerometerKnobs | None = None) -> None:
         self.knobs = knobs or AccelerometerKnobs()
         self.state = AccelerometerState()
 
     def fit(self, second: Second) -> bool:
-        """Whether the next second's readings can be gravity and a wearer's movement."""
+        """Whether the accelerometer can be used in the next second.
+
+        False when there is none, when it was given up or is frozen, or when its mean magnitude is outside the plausible
+        range.
+        """
         fit = self._fit(second)
         if not fit:
             self.state.row = 0  # a silent or frozen accelerometer contradicts nothing
@@ -64,7 +67,10 @@ class AccelerometerCheck:
         return (changing or not self.state.alive) and self.knobs.weakest < second.accel_strength < self.knobs.strongest
 
     def heard(self, receipt: Receipt) -> None:
-        """Count the receipt of gravity's evidence for a second."""
+        """Count one second's receipt of gravity's evidence.
+
+        A test ratio above 1 contradicts the gyro, any other agrees.
+        """
         against = receipt.test_ratio > 1
         state = self.state
         state.row = state.row + 1 if against else 0
@@ -72,10 +78,13 @@ class AccelerometerCheck:
         state.disbelieved |= state.balance >= self.knobs.patience
 
     def anew(self) -> None:
-        """Forget the contradictions, as the bias was begun anew."""
+        """Reset the counts of contradictions, because the bias has been started anew."""
         self.state.balance = self.state.row = 0
 
     @property
     def contradicts(self) -> bool:
-        """Whether the accelerometer has contradicted the bias for several seconds in a row."""
+        """Whether the accelerometer has contradicted the bias for `in_a_row` seconds in a row.
+
+        False once it is given up.
+        """
         return self.state.row >= self.knobs.in_a_row and not self.state.disbelieved

@@ -31,14 +31,18 @@ _BEND_K = 1.0
 
 
 class FilterState(StateStruct):
-    """Saved filter: its state; unsure (3,): slope variance under the law."""
+    """Saved state of a bias filter.
+
+    now: the present bias state. unsure (3,), (rad/s/K)²: variance of the slope under the temperature law, before
+    evidence.
+    """
 
     now: BiasState
     unsure: Floats
 
 
 class Step(NamedTuple):
-    """Prediction step: predicted state x (n,), transition F (n, n), process noise Q (n, n)."""
+    """Prediction step of the filter: predicted state x (n,), transition matrix F (n, n), process noise Q (n, n)."""
 
     x: Floats
     F: Floats
@@ -46,7 +50,7 @@ class Step(NamedTuple):
 
 
 class BiasFilter:
-    """Kalman filter of bias and slope; `state` may be copied at any time.
+    """Kalman filter of bias (3) rad/s and its slope by temperature (3) rad/s/K; `state` may be copied at any time.
 
     law: temperature law from earlier boots, or None.
     """
@@ -69,17 +73,20 @@ class BiasFilter:
         self._bent_c = state.bent_c
 
     def restart(self, state: BiasState) -> None:
-        """Discard the present state and continue from another."""
+        """Discard the present state and continue from another one."""
         self._take(state)
         self._unsure = self._law_var(self.temperature_c)
 
     @property
     def saved(self) -> FilterState:
-        """All that evolves from second to second, to be saved."""
+        """State to save for `resume`: all that evolves from second to second."""
         return FilterState(self.state, self._unsure)
 
     def resume(self, saved: FilterState, law: TemperatureLaw | None) -> None:
-        """Restore a saved filter under a law. Raises ValueError when it is damaged."""
+        """Restore what `saved` returned, under a temperature law or None.
+
+        Raises ValueError when the state is damaged.
+        """
         n = len(saved.now.x)
         shaped(saved.now.x, n, finite=True)
         shaped(saved.now.P, n, n, finite=True)
@@ -91,31 +98,35 @@ class BiasFilter:
         self._unsure = saved.unsure
 
     def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
-        """Estimate the bias at a time before a given state: the random walk is as long backward as forward."""
+        """Set the filter to the bias at a device time, s, before a given state.
+
+        The random walk is as long backward as forward.
+        temperature_c: °C at that time, NaN when unknown.
+        """
         self.restart(state)
         self.predict(2 * state.time - time, temperature_c)
         self.time = time
 
     @property
     def x(self) -> Floats:
-        """(n,) current state; read only."""
+        """(n,) current state: bias (3) rad/s, slope (3) rad/s/K, then the appended states; read only."""
         return self._x
 
     @property
     def cov(self) -> Floats:
-        """(n, n) covariance of the state; read only."""
+        """(n, n) covariance of the current state `x`; read only."""
         return self._P
 
     @property
     def state(self) -> BiasState:
-        """Copy of the current state."""
+        """Copy of the current state, with its covariance, device time and temperature."""
         return BiasState(self._x.copy(), self._P.copy(), self.time, self.temperature_c, self._powered, self._bent_c)
 
     def predict(self, time: float, temperature_c: float = np.nan, carried: Step | None = None) -> Step | None:
         """Predict the state to a device time, s: the bias walks, other states move by `carried`.
 
-        carried: step of the appended states, which moves neither bias nor slope; it is modified and returned with the walk
-        added. Returns None when time does not advance.
+        temperature_c: °C at that time, NaN when unknown. carried: step of the appended states, which moves neither bias
+        nor slope; it is modified and returned with the walk added. Returns None when time does not advance.
         """
         dt, known = time - self.time, isfinite(temperature_c)
         step = _stays(self._x) if carried is None else carried
@@ -141,7 +152,7 @@ class BiasFilter:
         return step
 
     def settle(self) -> None:
-        """End a second: make the covariance symmetric again after rounding."""
+        """Call at the end of a second: make the covariance symmetric again after rounding."""
         P = self._P + self._P.T
         P *= 0.5
         self._P = P
@@ -162,12 +173,15 @@ class BiasFilter:
             P[SLOPE, SLOPE] = np.diag(self._unsure)
 
     def follow(self, law: TemperatureLaw) -> None:
-        """Use a temperature law from now on; the slope, learnt under it, is kept."""
+        """Use a temperature law from now on, but keep the tracked slope, which was learnt under this law."""
         self.law = law
         self._unsure = self._law_var(self.temperature_c)
 
     def unlearn(self) -> Floats:
-        """Give the temperature law up; returns the covariance (3, 3) added to the slope, that of an unknown part."""
+        """Give the temperature law up, and add the variance of an unknown slope to that of the tracked one.
+
+        Returns the added covariance (3, 3), (rad/s/K)².
+        """
         self.law = None
         doubt = self.knobs.per_kelvin**2 * np.eye(3)
         self._P[SLOPE, SLOPE] += doubt
@@ -175,7 +189,10 @@ class BiasFilter:
 
     @property
     def against_law(self) -> float:
-        """Distance of the slope from the law in standard deviations of what the evidence told; largest of three axes."""
+        """Distance of the slope from the law in standard deviations of what the evidence told; largest of three axes.
+
+        0 without a law or without a temperature.
+        """
         if self.law is None or not np.isfinite(self.temperature_c):
             return 0.0
         moved = self._x[SLOPE] - self.law.slope(self.temperature_c)
@@ -201,7 +218,11 @@ class BiasFilter:
         return np.sqrt(self._unsure - before), warmer, np.concatenate([by * warmer, 2 * by])
 
     def walked(self, dt: float, *, known: bool | None = None) -> float:
-        """Variance the walk adds to the bias in dt seconds; known: whether a temperature explains warming (default: if read)."""
+        """Variance, (rad/s)², that the random walk adds to the bias in dt seconds.
+
+        known: whether a temperature reading explains warming; by default whether one was read. If not, warming up adds
+        to the walk.
+        """
         known, knobs = isfinite(self.temperature_c) if known is None else known, self.knobs
         var = knobs.rate_random_walk**2 * self.pace * dt
         if not known and isfinite(self._powered):
@@ -209,21 +230,24 @@ class BiasFilter:
         return var
 
     def widen(self, cov: Floats) -> None:
-        """Add a covariance (3, 3) to that of the bias."""
+        """Add a covariance (3, 3), (rad/s)², to that of the bias."""
         self._P[BIAS, BIAS] += cov
         self.widened = cov if self.widened is None else self.widened + cov
 
     def extend(self, own: BiasState) -> None:
-        """Replace the state by one with other states appended to the filter's own six."""
+        """Replace the state by one whose first six states are the filter's own, with more states appended."""
         self._take(own)
 
     def weigh(self, evidence: Evidence) -> Receipt:
-        """Receipt of a measurement as `update` would give it, without the update."""
+        """Receipt of a measurement as `update` would give it at its gate, without changing the filter."""
         innovation, cov, _, nis = weighed(evidence.z, evidence.H, evidence.R, self._x, self._P, 0)
         return self._said(evidence, innovation, cov, nis)
 
     def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt]:
-        """Update with two simultaneous measurements, in one step when both pass their gates; returns both receipts."""
+        """Update with two simultaneous measurements, in one step when both pass their gates; returns both receipts.
+
+        Otherwise each is applied by `update`, one after the other.
+        """
         m = len(first.z)
         z, H = np.concatenate([first.z, then.z]), np.concatenate([first.H, then.H])
         R = np.zeros((len(z), len(z)))
@@ -237,7 +261,10 @@ class BiasFilter:
         return said
 
     def update(self, evidence: Evidence) -> Receipt:
-        """Update with a present measurement if it passes its gate; returns the receipt."""
+        """Update with a measurement of the present if its NIS passes its gate; returns the receipt.
+
+        Soft evidence is always applied: beyond the gate with less weight.
+        """
         receipt = self.weigh(evidence)
         if receipt.accepted or (evidence.soft and isfinite(receipt.nis)):
             R = evidence.R
@@ -255,10 +282,10 @@ class BiasFilter:
         self._x, self._P = kf.x, kf.P
 
     def update_late(self, evidence: Evidence, time: float, celsius: float) -> Receipt:
-        """Update with evidence of the bias at an earlier time, s, and temperature, °C, if it passes its gate.
+        """Update with evidence of the bias at an earlier device time, s, and temperature, °C, if it passes its gate.
 
         The random walk w since then is in the error of the state and, reversed, in the evidence: M is their covariance.
-        That updates since then have told of w is left out.
+        Neglected: what updates since then have already told of w. Returns the receipt.
         """
         m, n, walk = len(evidence.z), len(self._x), self.walked(self.time - time)
         H, M, then = np.zeros((m, n)), np.zeros((n, m)), self._P.copy()

@@ -31,8 +31,9 @@ class BiasMonitorKnobs:
 class BiasMonitorState(StateStruct):
     """State of the bias monitor.
 
-    contradictions: by part, since a rest last agreed. refused: by part, error of the latest contradiction, rad/s, and its
-    kind. agreed: parts that rests have agreed with since the doubt began.
+    why: reasons of the present doubt, or empty. contradictions: by part of the bias (level, vertical), their number
+    since a rest last agreed. refused: by part, error of the latest contradiction, rad/s, and its kind. agreed: parts
+    that rests have agreed with since the doubt began. consistency: latest innovations.
     """
 
     why: Sentences
@@ -56,7 +57,7 @@ class BiasMonitor:
 
     @property
     def state(self) -> BiasMonitorState:
-        """State to save."""
+        """State to save for `restore`."""
         return BiasMonitorState(self.why, self._contradictions, self._refused, self._agreed, self.consistency.state)
 
     def restore(self, state: BiasMonitorState) -> None:
@@ -73,17 +74,18 @@ class BiasMonitor:
         return bool(self.why)
 
     def anew(self) -> None:
-        """Begin anew without doubts, for a new bias."""
+        """Reset the monitor for a new bias: no doubt, and no contradictions or innovations counted."""
         self._contradictions = dict.fromkeys(_PARTS, 0)
         self.why = ()
         self._agreed.clear()
         self.consistency.forget()
 
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt], *, rested: bool = True) -> None:
-        """Add receipts of rests; surprises: receipts from before the filter widened the bias.
+        """Add the receipts of rests, to count contradictions and check consistency.
 
-        rested: whether a rest was proven since a restart. Before that ZARU receipts do not count for consistency: the first
-        quiet second may be a breath, and could cause a doubt by itself.
+        surprises: receipts from before the filter widened the bias, used for consistency only.
+        rested: whether a rest was proven since a restart. Before that ZARU receipts do not count for consistency: the
+        first quiet second may be a breath, and could cause a doubt by itself.
         """
         for receipt in (*surprises, *receipts):
             if rested or not receipt.kind.startswith("zaru"):
@@ -132,7 +134,11 @@ class BiasMonitor:
         return self.why
 
     def settled(self, age_s: float, *, sure: bool, gravity: bool) -> bool:
-        """End the doubt if rests have confirmed every part, the bias is sure, and nothing speaks against it."""
+        """End the doubt if rests have confirmed every part, the bias is sure, and nothing speaks against it.
+
+        Returns whether the doubt ended. age_s, gravity: as in `news`. sure: whether the bias' standard deviation is
+        small enough.
+        """
         against = gravity or self.consistency.inflation > self.knobs.inflation
         against = against or age_s > self.knobs.evidence_age_s  # unproven rests do not end the wait
         if against or not sure or not self._agreed.issuperset(_PARTS):

@@ -32,16 +32,20 @@ class BiasKnobs:
     flicker: float = 0.0
 
     def warmed(self, since_power_up: float, dt: float) -> float:
-        """Variance that warming up adds to the bias in dt s, that many seconds after power-up, without a temperature."""
+        """Variance, (rad/s)², that warming up adds to the bias in dt s, where no temperature is known.
+
+        since_power_up: s from power-up to the begin of these dt seconds.
+        """
         fading = exp(-max(0.0, since_power_up) / self.warm_up_s)
         return self.warm_up_walk**2 * fading * -expm1(-dt / self.warm_up_s) * self.warm_up_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasState:
-    """State of the bias filter: x (n,), P (n, n), device time, s, temperature, °C, and power-up time, s.
+    """State of the bias filter: x (n,), covariance P (n, n), device time, s, temperature, °C, and power-up time, s.
 
-    The temperature is an average over the last seconds; the latest reading is lag_k kelvin above it.
+    x: bias (3) rad/s, its slope by temperature (3) rad/s/K, and appended states. The temperature is an average over the
+    last seconds; the latest reading is lag_k kelvin above it.
     """
 
     x: Floats
@@ -60,7 +64,7 @@ class BiasState:
 
     @property
     def bias_cov(self) -> Floats:
-        """(3, 3) covariance of the bias."""
+        """(3, 3) covariance of the bias, (rad/s)²."""
         return self.P[BIAS, BIAS]
 
     @property
@@ -78,8 +82,9 @@ def start(
     temperature_c: float = np.nan,
     powered: float = -np.inf,
 ) -> BiasState:
-    """Initial filter state (six states) from a bias (3,) with covariance (3, 3); the slope is zero with a prior variance.
+    """Initial state of the bias filter from a bias (3,) rad/s with covariance cov (3, 3).
 
+    The slope is zero, as uncertain as the prior.
     time, powered: device time now and at power-up, s. temperature_c: °C, NaN when unknown.
     """
     P = np.zeros((OWN, OWN))

@@ -28,7 +28,7 @@ _Kept = tuple[float, float, Floats, Floats, Floats, float]
 
 @dataclass(frozen=True, slots=True)
 class BoundedMotionKnobs:
-    """Limits of a stretch of bounded motion."""
+    """Limits of a stretch of bounded motion; stretch_s: its length, s."""
 
     stretch_s: float = 30.0
     #: rad; a body that swings farther is moving
@@ -56,21 +56,24 @@ class _Refused:
 
 
 class BoundedMotionState(StateStruct):
-    """Seconds of the present stretch, and refused stretches before it by kind of evidence."""
+    """State of the bounded-motion evidence.
+
+    Seconds of the present stretch, and refused stretches by kind of evidence.
+    """
 
     seconds: list[_Kept] = msgspec.field(default_factory=list)
     refused: dict[str, _Refused] = msgspec.field(default_factory=dict)
 
 
 class BoundedMotion:
-    """Bounded-motion evidence: quiet seconds in, receipts for each whole stretch out."""
+    """Bounded-motion evidence of the bias: quiet seconds in, receipts for each whole stretch out."""
 
     def __init__(self, knobs: BoundedMotionKnobs | None = None) -> None:
         self.knobs = knobs or BoundedMotionKnobs()
         self.state = BoundedMotionState()
 
     def restore(self, state: BoundedMotionState) -> None:
-        """Restore a state. Raises ValueError when its arrays have wrong shapes."""
+        """Restore a saved state. Raises ValueError when its arrays have wrong shapes."""
         for _, _, *means, _ in state.seconds:
             for mean in means:
                 shaped(mean, 3)
@@ -80,13 +83,14 @@ class BoundedMotion:
         self.state = state
 
     def broken(self) -> None:
-        """End the present stretch without evidence."""
+        """Discard the seconds of the present stretch, because the device moves, rests or was not measured."""
         self.state.seconds.clear()
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
-        """Add the next second, to whose end the filter has been predicted; returns receipts when a stretch is complete.
+        """Add the next second, to whose end the filter has been predicted; at the end of a stretch, update the filter.
 
-        up (3,): direction of gravity's reading, None without an accelerometer.
+        up (3,): direction of gravity's reading, None without an accelerometer. Returns the receipts of a complete
+        stretch, else an empty list.
         """
         self.state.seconds.append(
             (second.start, second.end, second.mean, second.mean_var, second.common_var, bias.temperature_c)

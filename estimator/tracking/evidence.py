@@ -12,9 +12,10 @@ GATES = {1: 23.93, 2: 27.63, 3: 30.66}
 
 
 class Evidence(NamedTuple):
-    """A measurement z (m,) = H (m, n) x + noise of covariance R (m, m).
+    """A measurement of the filter's state: z (m,) = H (m, n) x + noise of covariance R (m, m).
 
-    common_var (m,): the part of R that is the same error in every measurement; averaging cannot reduce it.
+    kind: name of the kind of evidence, such as `zaru level`. common_var (m,): the part of R that is the same error in
+    every measurement; averaging cannot reduce it.
     gate: the largest accepted NIS. soft: beyond the gate R is enlarged until the NIS fits, instead of a refusal.
     """
 
@@ -28,7 +29,11 @@ class Evidence(NamedTuple):
 
 
 class Receipt(NamedTuple):
-    """Result of one update: innovation (m,) = measured - predicted, its covariance, test ratio = NIS / gate."""
+    """Receipt of a filter update: innovation (m,) = measured - predicted, its covariance, test ratio = NIS / gate.
+
+    time: device time, s. kind: as in `Evidence`. accepted: whether the filter was updated. reason: why it was not, or a
+    remark; may be empty.
+    """
 
     time: float
     kind: str

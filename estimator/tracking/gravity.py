@@ -71,7 +71,7 @@ class GravityKnobs:
 
 
 class GravityState(StateStruct):
-    """State of the gravity evidence.
+    """State of the gravity evidence, beside the filter's own state.
 
     known: whether g and v in the filter's state are current. lasting: state of the steady motion detector.
     """
@@ -81,7 +81,7 @@ class GravityState(StateStruct):
 
 
 class Gravity:
-    """Carries gravity in one bias filter, and makes evidence of it."""
+    """Gravity evidence for one bias filter: carries gravity and velocity over spans, and measures velocity as zero."""
 
     def __init__(self, knobs: GravityKnobs) -> None:
         self.knobs = knobs
@@ -92,7 +92,10 @@ class Gravity:
         self._resting = Evidence("gravity", _NONE, _VELOCITY_SEEN, stays, knobs.doubt, soft=True)
 
     def extend(self, state: BiasState, scale_std: Floats, cross_std: Floats) -> BiasState:
-        """Append this evidence's states to a bias state; scale_std, cross_std (3,): relative std of the gyro's matrix."""
+        """Append this evidence's 18 states to a bias state, which gives SIZE states; gravity itself is not known yet.
+
+        scale_std, cross_std (3,): relative standard deviations of the gyro's matrix, on and off its diagonal.
+        """
         x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
         x[:OWN], P[:OWN, :OWN] = state.x[:OWN], state.P[:OWN, :OWN]
         P[ACCEL_BIAS, ACCEL_BIAS] = self.knobs.accel_bias**2 * np.eye(3)
@@ -104,11 +107,11 @@ class Gravity:
 
     @property
     def state(self) -> GravityState:
-        """State to save, beside the filter's state."""
+        """State to save for `restore`, beside the filter's state."""
         return GravityState(self.known, self._lasting.state)
 
     def restore(self, state: GravityState) -> None:
-        """Restore a state."""
+        """Restore a saved state; the filter's state is restored separately."""
         self.known, self._lasting.state = state.known, state.lasting
 
     def lose(self) -> None:
@@ -119,8 +122,10 @@ class Gravity:
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
     ) -> Step:
-        """Prediction step for `BiasFilter.predict` over a span, summed up with the filter's own bias and matrix.
+        """Prediction step for `BiasFilter.predict` over a span: moves gravity and velocity, and adds their noise.
 
+        The span must have been integrated with the filter's own bias and matrix. If gravity is not known, it begins
+        here.
         gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn, rad, unseen_push, m/s: see `Second`.
         """
         if not self.known:
@@ -145,7 +150,11 @@ class Gravity:
         return Evidence("gravity", span.rows[DRIFT], H, R, self.knobs.doubt, soft=True)
 
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
-        """Add the receipt of this evidence to the steady motion detector; an unlikely one is no walk (mirrored axes, say)."""
+        """Pass the receipt of this evidence for a span to the steady motion detector.
+
+        An unlikely receipt (of mirrored axes, say) or one of a resting device tells of no walk; it breaks the
+        detector's chain.
+        """
         if resting or receipt.test_ratio > 1:
             self._lasting.broken()
         else:

@@ -24,7 +24,7 @@ _FREEDOMS = range(1, 4)
 
 
 class ConsistencyState(StateStruct):
-    """Latest receipts: NIS, degrees of freedom, and mean normalised innovation of each."""
+    """Latest receipts, at most WINDOW: NIS, degrees of freedom, and mean normalised innovation (`signs`) of each."""
 
     nis: list[float] = msgspec.field(default_factory=list)
     freedoms: list[int] = msgspec.field(default_factory=list)
@@ -38,7 +38,7 @@ class InnovationConsistency:
         self.restore(ConsistencyState())
 
     def restore(self, state: ConsistencyState) -> None:
-        """Restore a state. Raises ValueError when its lists do not match."""
+        """Restore a saved state. Raises ValueError when its lists do not match."""
         together = len(state.nis) == len(state.freedoms) == len(state.signs) <= WINDOW
         if not together or not all(freedom in _FREEDOMS for freedom in state.freedoms):
             raise ValueError("damaged state: receipts do not go together")
@@ -48,7 +48,7 @@ class InnovationConsistency:
         self._mean = float("nan")
 
     def take(self, receipt: Receipt) -> None:
-        """Add the receipt of a rest."""
+        """Add the receipt of a measurement at rest; a receipt whose NIS is not finite is ignored."""
         n, state = len(receipt.innovation), self.state
         if isfinite(receipt.nis):
             self._inflation = None
@@ -61,7 +61,7 @@ class InnovationConsistency:
             del state.nis[:-WINDOW], state.freedoms[:-WINDOW], state.signs[:-WINDOW]
 
     def forget(self) -> None:
-        """Discard all receipts: their cause has been explained."""
+        """Discard all receipts, because the cause of their innovations has been found."""
         self.restore(ConsistencyState())
 
     @property

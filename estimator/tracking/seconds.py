@@ -27,7 +27,7 @@ _COARSEST = radians(2.0)
 
 @dataclass(frozen=True, slots=True)
 class SecondKnobs:
-    """Settings for cutting a stream. Seconds, rad/s."""
+    """Settings for cutting a stream; s."""
 
     length_s: float = 1.0
     #: least length of a second that ends early at a change between still and moving
@@ -72,15 +72,15 @@ class Second(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """Number of samples."""
+        """Number n of samples in the second."""
         return len(self.dt)
 
 
 class SecondsState(StateStruct):
-    """State of the cutter.
+    """Saved state of `Seconds`.
 
     gathered (9,) and waiting (k, 6): see second_cuts.py. before (9,): last sample before the second being gathered.
-    step (3,): least difference of readings ever seen. noisy: axes whose readings never repeat at rest.
+    step (3,): least difference of readings ever seen, rad/s. noisy: axes whose readings never repeat at rest.
     """
 
     gathered: Floats
@@ -91,7 +91,10 @@ class SecondsState(StateStruct):
 
 
 class Seconds:
-    """Cutter: stillness windows in, seconds out; the cuts depend on the samples alone, not on their batching."""
+    """Cuts the stream into seconds: stillness windows in, seconds out.
+
+    The cuts depend on the samples alone, not on their batching.
+    """
 
     def __init__(self, knobs: SecondKnobs | None = None) -> None:
         self.knobs = knobs or SecondKnobs()
@@ -105,7 +108,7 @@ class Seconds:
 
     @property
     def state(self) -> SecondsState:
-        """State to save, without the samples being gathered or waiting."""
+        """State to save for `restore`, without the samples being gathered or waiting."""
         x, y, z = self._noisy.tolist()
         waiting = self._waiting[: int(self._state[1])]
         return SecondsState(self._state, waiting, self._before, self._step, (x, y, z))
@@ -131,7 +134,7 @@ class Seconds:
 
     @property
     def spikes(self) -> int:
-        """Number of spikes so far."""
+        """Number of spikes (single readings far from both neighbours) mended in all windows so far."""
         return int(self._state.item(-1))
 
     def take(self, windows: Windows) -> list[tuple[int, Second]]:
@@ -148,7 +151,7 @@ class Seconds:
         return found
 
     def skip(self, windows: Windows) -> None:
-        """Discard the next windows and all samples that wait."""
+        """Leave out the next windows (one or more): discard them, the unfinished second and all windows that wait."""
         let_go(self._state, windows.moved)
         self._parts, self._before = [], windows.samples[1][-1]
 

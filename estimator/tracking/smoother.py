@@ -36,7 +36,7 @@ class _Step:
 
 
 class History:
-    """Stored filter steps; when there are more than `most`, every second one is merged into the next."""
+    """Filter steps stored for smoothing; when there are more than `most`, every second one is merged into the next."""
 
     def __init__(self, most: int | None = None) -> None:
         self._most = most
@@ -46,9 +46,9 @@ class History:
         return len(self._steps)
 
     def add(self, time: float, x: Floats, P: Floats, step: Step, bent: Floats | None = None) -> None:
-        """Store the state x (n,), P (n, n) at a time, s, and the step of BiasFilter.predict that led to it.
+        """Store the filter's state x (n,), P (n, n) at a device time, s, and the prediction step that led to it.
 
-        bent (6,): deterministic change that was added to the state.
+        bent (6,): deterministic change that was added to the state, or None.
         """
         known = self._steps[-1].known if self._steps else _NOTHING
         F = step.F[:OWN, :OWN]
@@ -61,7 +61,7 @@ class History:
             self._thin()
 
     def doubt(self, cov: Floats, since: float, now: float) -> None:
-        """Add a covariance (3, 3) to the bias's walk between two times, spread evenly over the steps.
+        """Add a covariance (3, 3), (rad/s)², to the bias walk between two device times, s, spread evenly over steps.
 
         since -inf: the covariance is added to every stored state instead.
         """
@@ -76,7 +76,7 @@ class History:
             before = step.time
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
-        """Smoothed bias at every step after `since`, s; None without steps."""
+        """Smoothed bias at every stored step after device time `since`, s; None without steps."""
         steps = self._after(since)
         if not steps:
             return None

@@ -40,7 +40,7 @@ class SteadyMotionKnobs:
 class SteadyMotionState(StateStruct):
     """State of the steady motion detector.
 
-    shared: c. before: the previous innovation, m/s, or None.
+    shared: innovation correlation c. before: the previous innovation, m/s, or None.
     """
 
     shared: float = 0.0
@@ -48,7 +48,7 @@ class SteadyMotionState(StateStruct):
 
 
 class SteadyMotion:
-    """Steady motion detector: one innovation per second of movement in; factor for R out."""
+    """Steady motion detector: one velocity innovation per second of movement in; factor for its variance R out."""
 
     def __init__(self, knobs: SteadyMotionKnobs | None = None) -> None:
         self.knobs = knobs or SteadyMotionKnobs()
@@ -56,15 +56,15 @@ class SteadyMotion:
 
     @property
     def factor(self) -> float:
-        """Factor by which R exceeds that of a velocity independent from second to second."""
+        """Factor, at least 1, by which R exceeds that of a velocity independent from second to second."""
         knobs = self.knobs
         return min(knobs.most, 1.0 + knobs.growth * max(0.0, self.state.shared - knobs.bounded))
 
     def heard(self, innovation: Floats, var: float, end: Floats, seconds: float) -> None:
-        """Add an innovation (3,) m/s, in axes at the end of its span.
+        """Add the velocity innovation (3,) m/s of a span, in axes at the span's end.
 
-        var: variance of the measurement before `factor`, (m/s)². end (3, 3): attitude of the span's end in axes of its begin.
-        seconds: length of the span.
+        var: variance of the measurement before `factor`, (m/s)². end (3, 3): attitude of the span's end in axes of its
+        begin. seconds: length of the span.
         """
         state, (a, b, c) = self.state, innovation.tolist()
         if state.before is not None:

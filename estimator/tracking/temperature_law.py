@@ -31,7 +31,7 @@ class TemperatureLaw:
         return self.linear + 2 * (celsius - self.reference_c) * self.quadratic
 
     def slope_var(self, celsius: float) -> Floats:
-        """(3,) variance of the slope at a temperature; it grows away from the temperatures seen."""
+        """(3,) variance of the slope at a temperature, (rad/s/K)²; it grows away from the temperatures seen."""
         by = np.array([1.0, 2 * (celsius - self.reference_c)])
         return np.asarray(self.cov @ by @ by)
 

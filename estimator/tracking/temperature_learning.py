@@ -29,9 +29,9 @@ _LEAST_STD = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """m tracked biases of one boot in time order.
+    """m tracked biases of one boot in time order, from which a temperature law is learnt.
 
-    time (m,) s, bias (m, 3) rad/s, its standard deviation std (m, 3), temperature_c (m,).
+    time (m,) device s, bias (m, 3) rad/s, its standard deviation std (m, 3) rad/s, temperature_c (m,) °C.
     """
 
     time: Floats
@@ -41,7 +41,11 @@ class Points:
 
 
 def learn(boots: Sequence[Points], knobs: BiasKnobs) -> TemperatureLaw | None:
-    """Fit the temperature law of a device to some of its boots; None without a boot that spans LEAST_SPAN_K."""
+    """Fit the temperature law of a device to some of its boots.
+
+    knobs: rate random walk, and prior size of the coefficients. None without a boot whose temperatures span
+    LEAST_SPAN_K.
+    """
     walk = knobs.rate_random_walk
     boots = [_apart(boot, walk) for boot in boots if len(boot.time)]
     boots = [boot for boot in boots if np.ptp(boot.temperature_c) >= LEAST_SPAN_K]

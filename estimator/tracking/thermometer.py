@@ -29,7 +29,8 @@ class ThermometerKnobs:
 class ThermometerState(StateStruct):
     """State of the thermometer.
 
-    averages: (time, °C); leapt: time since which readings exceed a leap; reading: latest accepted, unfiltered.
+    averages: recent ones as (device time s, °C). leapt: device time, s, since which readings exceed a leap, or None.
+    reading: latest accepted, unfiltered, °C.
     """
 
     averages: list[tuple[float, float]] = msgspec.field(default_factory=list)
@@ -46,12 +47,12 @@ class Thermometer:
 
     @property
     def reading(self) -> float:
-        """Latest accepted reading, unfiltered, °C."""
+        """Latest accepted reading, unfiltered, °C; NaN before the first."""
         return self.state.reading
 
     @property
     def now(self) -> float:
-        """Present average, °C."""
+        """Present average temperature, °C; NaN before the first reading."""
         return self.state.averages[-1][1] if self.state.averages else float("nan")
 
     @property
@@ -77,7 +78,10 @@ class Thermometer:
         del kept[:-_KEPT]
 
     def ahead(self, time: float, celsius: float) -> float:
-        """The average that a reading would give; the present one when the reading leaps too far."""
+        """Average, °C, that a reading `celsius` at device time `time`, s, would give, without adding the reading.
+
+        The present average when the reading leaps too far.
+        """
         if not self.state.averages:
             return celsius
         if not abs(celsius - self.now) <= self._believable(time):
@@ -90,20 +94,26 @@ class Thermometer:
         return self.knobs.leap_k * max(1.0, (time - self.state.averages[-1][0]) / self.knobs.leap_s)
 
     def go_on(self, time: float, celsius: float) -> None:
-        """Continue from a stored average; later readings are discarded."""
+        """Restart the average from a stored one, °C, at a device time, s; all other averages are discarded.
+
+        Nothing happens when it is not finite.
+        """
         if isfinite(celsius):
             self.state.averages.clear()
             self.state.averages.append((time, celsius))
 
     def go_on_with(self, time: float, celsius: float, lag: float) -> None:
-        """Add a reading; if it is the first, the average begins `lag` K below it."""
+        """Add a reading, °C, at a device time, s; if it is the first, the average begins `lag` K below it."""
         first = not self.state.averages
         self.read(time, celsius)
         if first:
             self.go_on(time, celsius - lag)
 
     def at(self, time: float) -> float:
-        """Average at a time, s, by interpolation; NaN when readings ended long before it."""
+        """Average temperature, °C, at a device time, s, by interpolation.
+
+        NaN without readings or long after the last one.
+        """
         if self.state.averages and time - self.state.averages[-1][0] > self.knobs.stale_s:
             return float("nan")
         later, warmer = float("inf"), float("nan")

@@ -42,11 +42,14 @@ class TiltCheck:
         self.state = TiltState()
 
     def over(self) -> None:
-        """Begin anew because the device moves."""
+        """Forget the gravity readings compared so far, because the device moves."""
         self.state = TiltState()
 
     def watch(self, second: Second) -> bool:
-        """Add the next second; returns whether gravity has turned since the device became quiet, or within over_s."""
+        """Add a quiet second; returns whether gravity has turned since the device became quiet, or within over_s.
+
+        False without accelerometer readings.
+        """
         if second.accel_mean is None or second.accel_std is None:
             return False
         state, knobs, now = self.state, self.knobs, (second.start + second.end) / 2
@@ -70,7 +73,7 @@ class TiltCheck:
         return turned
 
     def would_show(self, rate: float, second: Second) -> bool:
-        """Whether a turn at this rate, rad/s, would have been noticed by the end of this second."""
+        """Whether a tilting turn at this rate, rad/s, would have been noticed by the end of this second."""
         means = self.state.means
         seen_s = (second.start + second.end) / 2 - (means[0][0] if means else 0.0)
         least = (self.knobs.sigmas + 1) * sqrt(2) * self.knobs.accel_floor / G

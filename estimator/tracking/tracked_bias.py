@@ -28,7 +28,12 @@ Floats = NDArray[np.float64]
 
 
 class TrackerState(StateStruct):
-    """Saved state of a tracker without the smoother's history, which begins anew after a restore."""
+    """Saved state of a tracker without the smoother's history, which begins anew after a restore.
+
+    evidenced: whether a rest of this boot is known. evidence_time: device time, s, of the last accepted rest. gap:
+    begin and end, s, of the latest gap in the evidence, not yet smoothed. kept: restored bias state, until the stream
+    reaches its time. supposed (2, 3): prior mean and std of a bias without evidence of its own, or None.
+    """
 
     filter: FilterState
     law: TemperatureLaw | None
@@ -49,10 +54,10 @@ class TrackerState(StateStruct):
 
 
 class TrackedBias:
-    """Bias and its uncertainty, and reasons to doubt or trust them.
+    """Tracked bias of one boot with its uncertainty, and the reasons to doubt or trust it.
 
-    model: gyro model at device time `began`, s; its bias has standard deviation bias_std (3,) rad/s. law: temperature law
-    from earlier boots, given up for the rest of the boot when the evidence disagrees with it.
+    model: gyro model at device time `began`, s; its bias has standard deviation bias_std (3,) rad/s. law: temperature
+    law from earlier boots, given up for the rest of the boot when the evidence disagrees with it.
     """
 
     def __init__(
@@ -85,7 +90,7 @@ class TrackedBias:
         self._kept: BiasState | None = None  # restored state, until the stream reaches the time it was saved at
 
     def saved(self) -> TrackerState:
-        """State to save with `encode` at once: its parts are shared with the running tracker."""
+        """State to save for `go_on`; encode it at once, because its parts are shared with the running tracker."""
         return TrackerState(
             self._filter.saved,
             self.law,
@@ -106,9 +111,10 @@ class TrackedBias:
         )
 
     def go_on(self, saved: TrackerState, model: GyroModel, first: int, samples: Floats) -> None:
-        """Restore a saved state, bit for bit; first, samples: see `Seconds.restore`.
+        """Restore a saved state, bit for bit; model: the gyro model in use.
 
-        Raises ValueError when the state is damaged; the tracker is then unusable.
+        first, samples: number of the first sample still needed, and these samples (n, 9). Raises ValueError when the
+        state is damaged; the tracker is then unusable.
         """
         self._model, self.law, self.law_refuted = model, saved.law, saved.law_refuted
         self._filter.resume(saved.filter, saved.law)
@@ -129,12 +135,12 @@ class TrackedBias:
 
     @property
     def state(self) -> BiasState:
-        """Current state of the bias filter."""
+        """Copy of the current state of the bias filter."""
         return self._filter.state
 
     @property
     def worth_keeping(self) -> BiasState:
-        """State to store for a restart: the current one, or the restored one until the stream reaches its time."""
+        """Bias state to store for a restart: the current one, or the restored one until the stream reaches its time."""
         return replace(self.state, lag_k=self.thermometer.lag) if self._kept is None else self._kept
 
     @property
@@ -144,7 +150,10 @@ class TrackedBias:
 
     @property
     def bias(self) -> Floats:
-        """(3,) estimated bias (reading at zero rate), rad/s."""
+        """(3,) estimated bias (reading at zero rate), rad/s.
+
+        Kept near a usual turn-on bias on axes without evidence.
+        """
         return self._usual(self._filter)
 
     @property
@@ -193,12 +202,15 @@ class TrackedBias:
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3) matrix in use; what gravity has taught since is in the state."""
+        """(3, 3) gyro matrix in use, without what gravity has taught since (`taught`)."""
         return self._model.matrix
 
     @property
     def surer(self) -> bool:
-        """Whether gravity has taught the matrix better than it was known, and nothing speaks against bias or accelerometer."""
+        """Whether gravity has taught the matrix better than it was known before, so that it can come into use.
+
+        False where `MatrixKnobs.learn` is off, or where anything speaks against bias or accelerometer.
+        """
         knobs = self.knobs.matrix
         if not knobs.learn or len(self._filter.x) == OWN:
             return False
@@ -217,18 +229,24 @@ class TrackedBias:
         return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
 
     def evidence_age(self, now: float) -> float:
-        """Seconds since a rest was last accepted; infinite when none of this boot is known, as after a restore."""
+        """Seconds from the last accepted rest to device time `now`, s.
+
+        Infinite when no rest is known, as after a restore.
+        """
         return now - self._evidence_time if self._evidenced else np.inf
 
     @property
     def events(self) -> dict[str, int]:
-        """Faults found in the readings, counted by name."""
+        """Faults found in the readings, as counts by name: `spike`, `accelerometer disbelieved`."""
         disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.state.disbelieved else {}
         spikes = {"spike": self.seconds.spikes} if self.seconds.spikes else {}
         return {**spikes, **disbelieved}
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
-        """Smoothed bias of each second after `since`; its std is enlarged like `std`. None without data."""
+        """Smoothed bias of each second after device time `since`, s; its std is enlarged like `std`.
+
+        None without data.
+        """
         found = self._history.smoothed(since)
         return None if found is None else replace(found, std=found.std * self.doubt.consistency.inflation)
 
@@ -241,25 +259,31 @@ class TrackedBias:
         return None if smoothed is None else (end - begin, smoothed)
 
     def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
-        """Begin anew from a gyro model with bias_std (3,) rad/s at a time, s, while nothing of this boot is known."""
+        """Begin anew from a gyro model's bias with bias_std (3,) rad/s at a device time, s.
+
+        Nothing of this boot is known.
+        """
         self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
         self._supposed = np.array([model.bias, bias_std])
 
     def rescaled(self, model: GyroModel) -> None:
-        """Replace the gyro model's matrix and its uncertainty; the bias is kept."""
+        """Replace the gyro model's matrix and its uncertainty; the tracked bias is kept."""
         self._model = model
         if len(self._filter.x) > OWN:
             self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
 
     def corrected_by(self, model: GyroModel) -> None:
-        """Use the matrix that gravity taught (`surer`) as the gyro model's; all else goes on."""
+        """Use a gyro model whose matrix gravity taught (see `surer`); the tracked bias and all else go on."""
         self._model = model
         x = self._filter.x.copy()
         x[MATRIX] = 0.0
         self._filter.extend(replace(self._filter.state, x=x))
 
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
-        """Continue from a stored bias state at device time `now`, s; samples from before the state teach nothing."""
+        """Continue from a stored bias state at device time `now`, s; samples from before the state teach nothing.
+
+        temperature_c: the device's temperature now, °C, or None when unknown.
+        """
         self._believe(model, state)
         self._zaru.state.rested = False
         self.doubt.anew()
@@ -286,11 +310,14 @@ class TrackedBias:
         self._filter.follow(law)
 
     def doubts(self, now: float) -> Sentences:
-        """Reasons why the bias is doubted from now on; empty when there is none or the doubt is not new."""
+        """Reasons why the bias is doubted from device time `now`, s, on.
+
+        Empty when there is none or the doubt is not new.
+        """
         return self.doubt.news(now - self._evidence_time, gravity=self._gravity_disagrees)
 
     def trusts(self) -> bool:
-        """Whether the last rest has ended the doubt of the bias."""
+        """End the doubt of the bias if the rests since have resolved it; returns whether it was ended."""
         age_s = self.time - self._evidence_time
         return self.doubt.settled(age_s, sure=self.sure, gravity=self._gravity_disagrees)
 

@@ -25,9 +25,9 @@ _SAME_S = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestBias:
-    """A rest as a measurement of the bias: mean (3,) rad/s, covariance (3, 3), and variance (3,) common to all readings.
+    """A rest as a measurement of the bias: mean (3,) rad/s, covariance cov (3, 3) and common_var (3,), both (rad/s)².
 
-    middle and end in device seconds.
+    common_var: the part of the variance that all readings share. middle, end: device time, s.
     """
 
     bias: Floats
@@ -38,7 +38,7 @@ class RestBias:
 
 
 class Tracker(TrackedBias):
-    """Bias tracker: stillness windows in; the bias and its uncertainty, and reasons to doubt or trust them, out."""
+    """Bias tracker of one boot: stillness windows in; bias, its uncertainty, and reasons to doubt or trust it out."""
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Start again from a calibration: its bias with covariance cov (3, 3) rad²/s² at `time`, s.
@@ -65,14 +65,17 @@ class Tracker(TrackedBias):
         self.doubt.anew()
 
     def take(self, windows: Windows) -> list[Receipt]:
-        """Learn from the next windows; returns receipts of the rests in the seconds they complete."""
+        """Learn from the next windows; returns the receipts of rests in the seconds that the windows complete."""
         receipts = []
         for _, second in self.seconds.take(windows):
             receipts += self.learn(second)
         return receipts
 
     def learn(self, second: Second) -> list[Receipt]:
-        """Learn from the next second; returns receipts of rests."""
+        """Learn bias, temperature and gravity from the next second.
+
+        Returns the filter's receipts of rests, possibly none.
+        """
         self.thermometer.read(second.end, second.celsius)
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:

@@ -26,7 +26,7 @@ _SAME_S = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class WalkKnobs:
-    """Hypotheses about the walk, and what of a rest tells between them."""
+    """Hypotheses about how fast the bias walks, and how rests are measured to tell between them."""
 
     #: factors of the model's rate random walk, and their prior weights
     factors: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
@@ -42,9 +42,10 @@ class WalkKnobs:
 
 
 class WalkState(StateStruct):
-    """State of the bank: told (h,) log-likelihoods; x, P (h, 3) means and variances.
+    """State of the bank of h walks: told (h,) log-likelihoods; x (h, 3) rad/s, P (h, 3) (rad/s)² means and variances.
 
-    time, s, and celsius, °C: of the last measurement. block: seconds of the next one so far, as (end, mean, variance, °C).
+    time, s, and celsius, °C: of the last measurement. block: seconds of the next one so far, as (end, mean, variance,
+    °C).
     """
 
     told: Floats
@@ -56,7 +57,7 @@ class WalkState(StateStruct):
 
 
 class WalkRate:
-    """Bank of walks of one boot: rests in, `pace` out, the factor of the walk's variance.
+    """Bank of random walks of one boot: rests in; out `pace`, the factor of the walk's variance.
 
     powered: device time of the power-up, s; -inf when unknown, and then nothing warms up.
     """
@@ -69,7 +70,7 @@ class WalkRate:
         self.pace = self._weighed()
 
     def restore(self, state: WalkState) -> None:
-        """Restore a state. Raises ValueError when it is damaged."""
+        """Restore a saved state. Raises ValueError when it is damaged."""
         n = len(self._factors)
         shaped(state.told, n, finite=True)
         shaped(state.x, n, 3, finite=True)
@@ -81,7 +82,10 @@ class WalkRate:
         self.pace = self._weighed()
 
     def take(self, second: Second, celsius: float, slope: Floats, slope_var: Floats) -> None:
-        """Add a second of rest. celsius: NaN if unknown; slope, slope_var (3,): of the bias by temperature, rad/s/K."""
+        """Add a second of rest; after `WalkKnobs.block` of them in a row, `pace` is learnt from their mean.
+
+        celsius: °C, NaN if unknown; slope (3,) rad/s/K, slope_var (3,): of the bias by temperature.
+        """
         block = self.state.block
         if block and second.start - block[-1][0] > _SAME_S:
             block.clear()

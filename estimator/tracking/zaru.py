@@ -36,7 +36,7 @@ INSISTED, JUMPED = "insisted", "jumped"
 
 
 class Zaru:
-    """ZARU evidence: seconds in, receipts out; updates one BiasFilter."""
+    """ZARU evidence: seconds of rest in, receipts out; updates one BiasFilter."""
 
     def __init__(self, knobs: ZaruKnobs | None = None, *, known: bool = False) -> None:
         """known: whether the bias is known well enough to check a rest against it."""
@@ -45,12 +45,12 @@ class Zaru:
         self.state = ZaruState(self.tilt.state, ever_proven=known)
 
     def saved(self) -> ZaruState:
-        """State to save."""
+        """State to save for `restore`."""
         self.state.tilt = self.tilt.state
         return self.state
 
     def restore(self, state: ZaruState) -> None:
-        """Restore a state. Raises ValueError when it is damaged."""
+        """Restore a saved state. Raises ValueError when it is damaged."""
         shaped(state.means, -1, 2, 3)
         for evidence, *_ in state.waiting:
             m = len(evidence.z)
@@ -68,18 +68,21 @@ class Zaru:
         self.state, self.tilt.state = state, state.tilt
 
     def moved(self, bias: BiasFilter) -> None:
-        """End a rest because the device moves."""
+        """End the rest because the device moves: measurements that wait are judged now, open questions are dropped."""
         self.state.in_question, self.state.contradiction, self.state.blind = 0.0, None, False
         self._over(bias)
 
     def unseen(self, bias: BiasFilter, seconds: float) -> None:
-        """Note seconds without usable samples: the device may still rest, so questions and contradictions stay open."""
+        """End the rest after `seconds` without usable samples: measurements that wait are judged now.
+
+        The device may still rest, so questions and contradictions stay open.
+        """
         self._lengthen(seconds)
         self.state.blind = True
         self._over(bias)
 
     def interrupted(self, bias: BiasFilter, seconds: float) -> None:
-        """Note seconds in which the device was quiet but not at rest."""
+        """Note `seconds` in which the device was quiet but not at rest; measurements that wait are judged now."""
         if self.state.blind:  # stillness is recognised only some time after a hole
             self._lengthen(seconds)
         else:
@@ -106,12 +109,12 @@ class Zaru:
             self.state.judged.append(self._late(bias))
 
     def judged(self) -> list[Receipt]:
-        """Receipts of measurements that waited when their rest ended, since the last call."""
+        """Fetch the receipts of measurements that waited when their rest ended, once each."""
         judged, self.state.judged = self.state.judged, []
         return judged
 
     def surprises(self) -> list[Receipt]:
-        """Receipts of surprising measurements since the last call, as they were before the bias was widened."""
+        """Fetch, once each, the receipts of surprising measurements from before the bias was widened for them."""
         surprises, self.state.surprises = self.state.surprises, []
         return surprises
 

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ZaruKnobs:
-    """When a rest is evidence of the bias."""
+    """When a rest is evidence of the bias: assumed motion of a resting body, and limits."""
 
     #: rad/s, motion of a resting body that no reading shows
     quasi_static: float = radians(0.003)
