@@ -35,7 +35,10 @@ def routes() -> list[BaseRoute]:
 
 
 def application(desk: Desk, broadcast: Broadcast) -> Starlette:
-    """ASGI application of one dashboard; it broadcasts for as long as it runs."""
+    """Build the ASGI application of one dashboard: routes, guard, compression and error pages.
+
+    It broadcasts while it runs.
+    """
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:

@@ -1,4 +1,4 @@
-"""Broadcast loop of the pages: reads the bus a few times a second and makes the frames of watched topics."""
+"""Broadcast loop of the pages: reads the bus many times a second, makes the frames of watched topics."""
 
 import asyncio
 import contextlib
@@ -28,12 +28,12 @@ AGAIN_S = 2.0
 #: most topics of devices at a time, since most hold subscriptions, which cost threads; at most half of them may be
 #: watched by a single address only
 TOPICS = 256
-#: a round later than this skips the frames it missed, s
+#: a topic whose frames are later than this skips the frames it missed, s
 LATE_S = 1.0
 
 
 class Heard:
-    """Subscriptions to the messages about all devices, kept whether or not anybody watches."""
+    """Subscriptions to messages about all devices (status, info, calibration …), kept even if no page is open."""
 
     def __init__(self, sources: Sources, client: Client, control: Client) -> None:
         known = sources.known
@@ -49,7 +49,7 @@ class Heard:
         ]
 
     def hear(self, now: float) -> None:
-        """Process the messages received since the last call."""
+        """Hand the messages received since the last call to the ward's state. now: monotonic time in s."""
         self._known.take_router(now, there=self._client.connected)
         for info in self._infos.drain():
             self._known.take_info(info)
@@ -73,7 +73,7 @@ class Heard:
 
 
 class Broadcast:
-    """The watched topics, and the loop that feeds them. Runs entirely in the event loop."""
+    """Loop that starts, feeds and ends the topics that pages watch. Runs entirely in the event loop."""
 
     def __init__(self, hub: Hub, sources: Sources) -> None:
         self._hub, self._sources = hub, sources
@@ -102,7 +102,10 @@ class Broadcast:
             await asyncio.sleep(max(LEAST_S, min(due - now, ROUND_S)))
 
     def step(self, now: float, now_ns: int) -> None:
-        """Run one round of the loop."""
+        """Do the loop's work once: read the bus, start newly watched topics, publish due frames, end unwatched topics.
+
+        now: monotonic time in s; now_ns: time since the Unix epoch in ns.
+        """
         if self._heard is not None and now >= self._hear_at:
             self._hear_at = now + HEAR_S
             self._guarded("what is heard", now, partial(self._heard.hear, now))
@@ -163,7 +166,7 @@ class Broadcast:
             self._due[name] = now + AGAIN_S
 
     def close(self) -> None:
-        """Close all topics and subscriptions."""
+        """Close all topics and all subscriptions."""
         for name in list(self._topics):
             self._end(name)
         if self._heard is not None:

@@ -21,7 +21,10 @@ _RECALIBRATES = (*CALIBRATING, State.TRACKING, State.DEGRADED)
 
 @dataclass(frozen=True, slots=True)
 class CalibrationLine:
-    """One calibration, accepted or rejected: scale factor and bias of each axis with 95 % intervals."""
+    """One calibration, accepted or rejected, in words: scale factor and bias (°/s) of each axis with 95 % intervals.
+
+    `turns` and `reason` have one line for each turn or sentence; `in_use`: the device is corrected by it.
+    """
 
     id: str
     time_ns: int
@@ -38,7 +41,10 @@ class CalibrationLine:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A boot, a note or an event: when, who or what, and words."""
+    """A boot, a note or an event as one line of a list on the page.
+
+    time_ns: since the Unix epoch; when: the same in words; what: who or what; words: the text.
+    """
 
     time_ns: int
     when: str
@@ -69,7 +75,10 @@ class DevicePage:
 
 
 def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, told: str = "") -> DevicePage:
-    """Present content of a known device's page, in the language of `t`. told: its model by the ward file, or empty."""
+    """Build the present content of a known device's page, in the language of `t`.
+
+    now: monotonic time in s; now_ns: ns since the Unix epoch. told: device model that the ward file names, or empty.
+    """
     story = known.stories[device]
     row = known.row(device, now)
     status = story.status

@@ -57,7 +57,7 @@ class Heading:
 
     @property
     def vertical(self) -> bool:
-        """Whether the vertical is known."""
+        """Whether the vertical is known, from the accelerometer at the start."""
         return self._up is not None
 
     @property
@@ -67,7 +67,7 @@ class Heading:
 
     @property
     def now(self) -> Lost:
-        """The last point."""
+        """The latest heading error; all zero before the first."""
         return self.points[-1] if self.points else _NOTHING
 
     def restart(self, at_s: float) -> None:

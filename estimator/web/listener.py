@@ -177,7 +177,7 @@ class Listener(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave the signal handlers unchanged."""
+        """Replace uvicorn's context by one that leaves the signal handlers unchanged."""
         yield
 
 
@@ -186,5 +186,5 @@ def _is_news(record: logging.LogRecord) -> bool:
 
 
 def room() -> int:
-    """Return how many connections the limit of open files allows; it is raised if possible."""
+    """Return how many connections the limit of open files allows, at least 1; raises that limit if possible."""
     return max(1, make_room(CONNECTIONS + _OTHER_FILES) - _OTHER_FILES)

@@ -50,7 +50,7 @@ class Pair:
 
 
 class Traces:
-    """Pairs raw with corrected batches, and makes points of them."""
+    """Pairs raw with corrected batches of one device by sample number, and thins the pairs to points for a chart."""
 
     def __init__(self) -> None:
         self._raw: deque[tuple[float, SampleBatch]] = deque(maxlen=_WAITING)
@@ -77,7 +77,10 @@ class Traces:
         return found
 
     def points(self, pairs: list[Pair]) -> Points | None:
-        """Points of new pairs; None when there are none. Pairs that come late in device time are left out."""
+        """Thin new pairs to points of at most about POINTS_HZ a second, and keep them; None if there are no pairs.
+
+        Pairs that come late in device time are left out.
+        """
         pairs = [pair for pair in pairs if not self._late(pair)]
         if not pairs:
             return None
@@ -101,7 +104,7 @@ class Traces:
         return late
 
     def kept(self) -> Points | None:
-        """Points of the last seconds, or None."""
+        """Return the points of the last KEPT_S seconds, or None."""
         if not self._kept:
             return None
         columns = [np.concatenate([getattr(one, name) for one in self._kept]) for name in Points.__slots__]

@@ -51,7 +51,7 @@ class Answer(Struct, frozen=True):
 
 
 def document(one: CorrectedBatch | Missed) -> Samples | MissedSamples:
-    """The JSON document of samples or of a hole."""
+    """Convert corrected samples, or a report of missed ones, into a document of the API."""
     if isinstance(one, Missed):
         return MissedSamples(one.device, boot_id(one.boot), one.first, one.count)
     return Samples(
@@ -72,15 +72,15 @@ def document(one: CorrectedBatch | Missed) -> Samples | MissedSamples:
 
 
 def message(one: CorrectedBatch | Missed, *, protobuf: bool) -> str | bytes:
-    """One message of the WebSocket: JSON as text; with `protobuf`, samples as the bytes of a CorrectedBatch."""
+    """Encode one message of the WebSocket: JSON as text; with `protobuf`, samples as the bytes of a CorrectedBatch."""
     if protobuf and isinstance(one, CorrectedBatch):
         return codec.encode_corrected(one)
     return msgspec.json.encode(document(one)).decode()
 
 
 def said(device: str, place: Place) -> str:
-    """A place as a parameter `after`: device, boot and number of the last sample, as in chest.0000000000000005.1239.
+    """Format a place as a parameter `after`: device, boot and number of the last sample.
 
-    The number is -1 before the first sample of a boot.
+    For example chest.0000000000000005.1239. The number is -1 before the first sample of a boot.
     """
     return f"{device}.{boot_id(place.boot)}.{place.next - 1}"
