@@ -34,7 +34,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the roles of which one is needed; by default those that may look.
+    """Return the roles of which the certificate needs one; empty if any role that may look will do.
 
     Raises ConfigError for an invalid port, and for --allow-recalibrate on an address that others reach.
     """

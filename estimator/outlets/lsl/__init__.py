@@ -33,7 +33,10 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Roles that may receive all that is asked for; none for those that may look."""
+    """Return the roles of which the certificate needs one to receive all that is asked for.
+
+    Empty if any role that may look will do.
+    """
     return (Role.COMMANDER, Role.RECORDER) if "raw" in (given.kinds or ()) else ()
 
 

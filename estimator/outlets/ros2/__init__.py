@@ -32,7 +32,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the roles of which one is needed: `ros2` to publish at the ward's router, else any that may look.
+    """Return the roles of which the certificate needs one: `ros2` at the ward's router, else any that may look.
 
     Raises ConfigError for an invalid domain or endpoint.
     """
