@@ -34,7 +34,7 @@ _UNNAMED = (Member(Role.COMMANDER, "dashboard"), Member(Role.RECORDER, "recorder
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `reload`."""
+    """Add the verb `reload` to the command line."""
     verb = add_verb(
         verbs, "reload", _reload, "check a changed ward file, and show what running programs took from it", RELOAD
     )
@@ -73,7 +73,10 @@ def asked(
 
 
 def said(reply: CommandReply, digest: str) -> str:
-    """Return an answer in words. digest: of the file that was asked about."""
+    """Return a program's reply in words.
+
+    digest: that of the file asked about; the reply names the file that was read.
+    """
     other = "" if reply.request_id == digest else "it has not read this file but another one. Of that: "
     return f"{other}{english(*reply.message)}"
 

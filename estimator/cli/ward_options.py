@@ -27,7 +27,7 @@ def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
 
 
 def listening(given: argparse.Namespace, ward: str) -> None:
-    """Say on standard error which ward is listened to, because the answer takes some seconds."""
+    """Print on standard error which ward is listened to, since the answer takes some seconds."""
     default = "" if given.config or given.ward else " (the default; name another with --config or --ward)"
     print(f"listening to ward {ward}{default} …", file=sys.stderr)
 
