@@ -98,7 +98,7 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     replacement_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Motion of the paper's session: rest, 360° clockwise about x, rest, y, rest, z, rest."""
+        """Return the motion of the paper's session: rest, 360° clockwise about x, rest, y, rest, z, rest."""
         turns = tuple(TurnPlan(axis, -360.0) for axis in range(3))
         plan = SessionPlan(self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg)
         return session(rng, plan)
@@ -113,7 +113,7 @@ class Recorded:
     ends_s: Floats
 
     def until(self, time_s: float, *, accel: bool = False) -> Recording:
-        """Part of the recording up to a time, s, with or without the accelerometer."""
+        """Return the part of the recording up to a time, s, with or without the accelerometer."""
         r = self.recording
         n = int(np.searchsorted(r.time_s, time_s + 1e-9))
         return Recording(
