@@ -40,7 +40,7 @@ _URGENT = (
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """A device that needs a person, and why."""
+    """A device that needs a person: its state, the reasons, and where it is worn."""
 
     device: str
     state: State
@@ -75,7 +75,7 @@ class WardSummary:
 
     @property
     def well(self) -> bool:
-        """Whether nobody has to do anything."""
+        """Whether nobody has to do anything: no needs, no lost samples, no troubles."""
         return not (self.needs or self.law or self.troubles)
 
 
@@ -134,7 +134,7 @@ def _misnamed(ward: str, bridges: Sequence[str], estimators: Sequence[str]) -> S
 
 
 def as_json(seen: WardSummary) -> dict[str, Any]:
-    """Return the summary as one JSON-compatible object."""
+    """Return the summary of a ward as one JSON-compatible object."""
     return {
         "ward": seen.ward,
         "well": seen.well,
@@ -176,7 +176,7 @@ def total(unused: Mapping[str, Mapping[str, int]]) -> Counter[str]:
 
 
 def most(reasons: Mapping[str, int]) -> str:
-    """Return the most frequent reasons with their counts, in words."""
+    """Return the three most frequent reasons with their counts, and the count of all others, in words."""
     found = Counter(reasons).most_common()
     said = [f"{n} {why}" for why, n in found[:_MOST]]
     left = sum(n for _, n in found[_MOST:])
