@@ -19,14 +19,14 @@ def interrupted(begin: float, *, heard: bool) -> None:
 
 
 class LiveMessages:
-    """Follows the statuses and infos of a client's ward, into `view`."""
+    """Follows the statuses and infos of a client's ward, and keeps the latest in `view`."""
 
     def __init__(self, client: Client) -> None:
         self.view = WardView()
         self._statuses, self._infos = client.follow(), client.follow_infos()
 
     def listen(self, for_s: float) -> None:
-        """Wait for_s seconds, and take the messages that came."""
+        """Wait for_s seconds, then take the messages that came into the view."""
         time.sleep(for_s)
         for info in self._infos.drain():
             self.view.take_info(info)
@@ -35,7 +35,7 @@ class LiveMessages:
             self.view.take_status(status, now)
 
     def close(self) -> None:
-        """Stop listening; the view stays as it is."""
+        """End the subscriptions; the view stays as it is."""
         self._statuses.close()
         self._infos.close()
 
