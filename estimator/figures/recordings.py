@@ -47,7 +47,10 @@ def binned(time_s: Floats, rate_hz: float) -> Bins:
 
 
 def corrected(recording: Recording, found: CorrectedRecording, path: Path) -> None:
-    """Draw raw and corrected rate and bias ± 2 σ, one row per axis, with quality as background; temperature below."""
+    """Draw a corrected recording, one row per axis: raw and corrected rate, bias ± 2 σ; writes `path`.
+
+    The background shows the quality; temperature is below, if recorded.
+    """
     warm = recording.temperature_c
     rows = 3 if warm is None else 4
     figure = Figure(figsize=(12, 2.5 * rows + 1.0), dpi=130)
