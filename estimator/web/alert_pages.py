@@ -1,4 +1,4 @@
-"""Alerts of the ward: their content for pages and programs, and their acknowledgement."""
+"""HTTP route by which a person acknowledges an alert on the ward page."""
 
 from collections.abc import Iterator
 from http import HTTPStatus

@@ -66,7 +66,7 @@ class Heard:
         self._known.tidy(now)
 
     def close(self) -> None:
-        """Close the subscriptions."""
+        """Close the subscriptions and the watches on live bridges and estimators."""
         of_devices = self._statuses, self._infos, self._calibrations, self._notes, self._revisions
         for thing in (*self._watches, *of_devices, self._owned):
             thing.close()
@@ -87,14 +87,20 @@ class Broadcast:
         self.failed, self.left_out = Tally(), Tally()
 
     def connect(self, client: Client, control: Client) -> None:
-        """Start receiving when a router is first connected; topics already watched start anew."""
+        """Start receiving by the sessions of a router, when one is first connected; topics already watched start anew.
+
+        client: session for data; control: session for liveliness and commands.
+        """
         self._sources.client = client
         self._heard = Heard(self._sources, client, control)
         for topic in list(self._topics):
             self._end(topic)
 
     async def run(self) -> None:
-        """Run until cancelled. A failing topic does not stop the others."""
+        """Run the loop until cancelled: a `step`, then a sleep of at most ROUND_S.
+
+        A failing topic does not stop the others.
+        """
         while True:
             self.step(time.monotonic(), time.time_ns())
             now = time.monotonic()

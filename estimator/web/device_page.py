@@ -54,7 +54,12 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class DevicePage:
-    """Everything that a device's page shows, except its live charts."""
+    """Everything that a device's page shows in one language, except its live charts.
+
+    time_ns: of the content, since the Unix epoch. progress: of the calibration, 0 to 1. blocked: why nothing
+    can be asked for, or empty. facts: (name, value) of hardware and counts. calibrations, boots, notes,
+    events: the newest first.
+    """
 
     ward: str
     title: str
@@ -184,7 +189,10 @@ def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:
 
 
 def accelerometer(one: AccelerometerCalibration | None, t: Texts) -> str:
-    """Scale and bias of a calibrated accelerometer with 95 % intervals, or why it is not calibrated; empty for None."""
+    """Format scale and bias (m/s²) of a calibrated accelerometer with 95 % intervals, or why it is not calibrated.
+
+    Empty for None.
+    """
     if one is None or not one.covariance:
         return t.text(one.reason) if one else ""
     of = zip(AXES, one.scale, one.bias, one.std[3:], one.std[:3], strict=True)

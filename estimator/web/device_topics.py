@@ -1,4 +1,4 @@
-"""Topics of a device's page: text, attitude, raw and corrected rates, bias trail and lost heading."""
+"""Topics of a device's page: text, attitude, raw and corrected rates, bias trail, and heading error of raw rates."""
 
 from collections.abc import Iterable
 from math import asin, degrees, hypot
@@ -40,7 +40,7 @@ class DeviceTopic(topics.Topic):
 class TraceTopic(topics.Topic):
     """Raw and corrected rates of a device point by point, as binary frames in °/s.
 
-    Once a second the lost heading, as text.
+    Once a second also the heading error of the raw rates, as text.
     """
 
     period_s = RATES_S
@@ -109,7 +109,10 @@ def _in_degrees(lost: Lost) -> tuple[float, ...]:
 
 @topics.kind("attitude", of_a_device=True)
 class AttitudeTopic(topics.Topic):
-    """Attitude ten times a second: unit quaternion from sensor to earth axes, tilt and heading with bands of 95 %, degrees."""
+    """Attitude of a device ten times a second, as text.
+
+    Unit quaternion from sensor to earth axes, scalar first; tilt and heading with their 95 % bands, degrees.
+    """
 
     period_s = 0.1
 

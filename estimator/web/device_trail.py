@@ -39,8 +39,8 @@ class Mark:
 class Trail:
     """History of one device: at most POINTS points, with rests, events and receipts.
 
-    Columns of `points`: bias x, y, z, their std in rad/s, temperature in °C; NaN between boots. rests: (begin, end) in
-    ns.
+    Columns of `points`: bias x, y, z, their std in rad/s, temperature in °C; NaN between boots.
+    rests: (begin, end) in ns.
     """
 
     def __init__(self) -> None:

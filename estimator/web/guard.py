@@ -36,8 +36,8 @@ _SCHEMES = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
 class Guard:
     """ASGI middleware that refuses requests for foreign hosts and from foreign origins, and adds the security headers.
 
-    Pages of the settings' `origins` may read the stream's WebSocket. settings: returns the settings in force, which may
-    change.
+    Pages of the settings' `origins` may read the stream's WebSocket. settings: returns the settings
+    in force, which may change.
     """
 
     def __init__(self, app: ASGIApp, settings: Callable[[], Dashboard]) -> None:

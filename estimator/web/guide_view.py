@@ -65,10 +65,10 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class GuideView:
-    """Everything the guide page shows.
+    """Everything the guide page of a device shows, with its texts in each language.
 
-    following: the next device to calibrate, once this one is over. percent: fill of the ring; centre: the text
-    inside it; way: direction of the turn, 1, -1, or 0 for either.
+    following: the next device to calibrate, once this one is over. percent: fill of the ring; centre: the text inside
+    it; way: direction of the turn, 1, -1, or 0 for either. calibration: id of the result, or empty.
     """
 
     device: str

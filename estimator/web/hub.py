@@ -89,7 +89,7 @@ class Hub:
         self.viewers.discard(viewer)
 
     def watch(self, viewer: Viewer, topics: Collection[str]) -> None:
-        """Set the topics that a viewer watches, replacing the earlier ones."""
+        """Set the topics that a viewer watches, replacing its earlier ones; for new topics it counts as a newcomer."""
         for topic in viewer.topics - set(topics):
             viewer.forget(topic)
             newcomers = self.newcomers.get(topic, set())
@@ -101,7 +101,7 @@ class Hub:
             self.newcomers.setdefault(topic, set()).add(viewer)
 
     def wanted(self) -> dict[str, set[str]]:
-        """Watched topics, each with the addresses that watch it."""
+        """Return the watched topics, each with the set of client addresses that watch it."""
         found: dict[str, set[str]] = {}
         for viewer in self.viewers:
             for topic in viewer.topics:

@@ -1,4 +1,7 @@
-"""Pages on which an administrator manages the ward's people, and on which a person chooses a password by a one-time link."""
+"""Pages on which an administrator manages the ward's people, and a person chooses a password.
+
+The latter is opened by a one-time link.
+"""
 
 import logging
 import secrets

@@ -35,9 +35,10 @@ class TurnLine:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Everything a certificate shows.
+    """Everything that a calibration certificate shows, in words.
 
-    when, due: dates. matrix: rows of the full matrix; empty where only the diagonal was estimated.
+    when, due: dates. facts: (name, value). result: scale factor and bias of each axis. matrix: rows of the full matrix;
+    empty where only the diagonal was estimated. compared: with the calibration before.
     """
 
     device: str
@@ -96,8 +97,8 @@ def certificate(
 ) -> Certificate:
     """Build the certificate of a calibration, accepted or rejected. known: all known calibrations of the device.
 
-    limit: largest relative scale error that is taken (`SessionKnobs.scale_limit`). due_days: days until it is due
-    again.
+    limit: largest relative scale error that is taken (`SessionKnobs.scale_limit`). due_days:
+    days until it is due again.
     """
     c = calibration
     before = last_before(c, known)

@@ -1,4 +1,4 @@
-"""Read a request's form or JSON body within limits of size and time."""
+"""Read the body of a request, or a form in it, within limits of size and time."""
 
 import asyncio
 from http import HTTPStatus

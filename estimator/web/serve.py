@@ -139,8 +139,9 @@ def _place(host: str, port: int, *, tls: bool) -> str:
 
 
 def run(ward: Ward, file: WardFile[Ward] | None = None, people: WardFile[Ward] | None = None) -> int:
-    """Serve until SIGINT or SIGTERM and return the exit code. While no router is found, every page says so.
+    """Serve the dashboard until SIGINT or SIGTERM, and return the exit code.
 
+    While no router is found, every page says so.
     file: the ward file, which may change. people: its `people_file`.
     """
     gc.set_threshold(_CYCLES)
@@ -163,7 +164,7 @@ def _settings(ward: Ward, people: WardFile[Ward] | None) -> Dashboard:
 
 
 def routers_of(ward: Ward) -> Routers:
-    """Routers and role of the dashboard: commander, or viewer where nobody may command.
+    """Return the routers and the dashboard's role there: commander, or viewer where nobody may command.
 
     A warning tells a viewer which messages its certificate does not permit.
     """

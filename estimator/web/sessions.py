@@ -54,7 +54,10 @@ class Sessions:
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
 
     def use(self, length_s: float, idle_s: float, people: Container[str]) -> None:
-        """Use other limits from now on, and end the sessions of those who log in here and are not among `people`."""
+        """Use other limits (s) from now on, and end the sessions of people who left: those not among `people`.
+
+        Sessions that an OpenID Connect provider opened go on.
+        """
         self._length_s, self._idle_s = length_s, idle_s
         for hashed, session in [*self._sessions.items()]:
             if session.name not in people and not session.elsewhere:

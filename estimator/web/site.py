@@ -122,7 +122,10 @@ class Desk:
         return self.sessions.find(cookie.found(connection), time.monotonic())
 
     def checked(self, connection: HTTPConnection, csrf: str) -> Session:
-        """Session of a person giving a command, checked by cookie and CSRF token; raises Fault otherwise."""
+        """Return the session of a person who gives a command, checked by cookie and CSRF token.
+
+        Raises Fault otherwise.
+        """
         session = self.session(connection)
         if session is None:
             raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", headers=CHALLENGE)
@@ -131,7 +134,7 @@ class Desk:
         return session
 
     def administrator(self, request: Request, csrf: str) -> Session:
-        """Session of an administrator giving a command; raises Fault otherwise."""
+        """Return the session of an administrator who gives a command; raises Fault for anybody else."""
         session = self.checked(request, csrf)
         if session.role != "administrator":
             raise Fault(HTTPStatus.FORBIDDEN, "not_administrator")
@@ -169,9 +172,10 @@ class Desk:
         return story
 
     async def ask(self, device: str, verb: str, who: str, words: str | Placement = "") -> CommandReply:
-        """Send a command to the estimator and return its reply; raises Fault when no estimator answers.
+        """Send a command to the estimator and return its reply.
 
-        words: the text of the command; for `place` the placement.
+        Raises Fault for a wrong text, or if no estimator answers.
+        device: also an estimator's id, for `acknowledge`. words: the text of the command; for `place` the placement.
         """
         if verb != "acknowledge" or device not in self.known.alive["estimator"]:
             self.story(device)

@@ -23,9 +23,9 @@ from estimator.web.ward_state import Known
 
 @dataclass(slots=True)
 class Sources:
-    """What a topic takes its content from: ward state, bus client and settings.
+    """What topics take their content from: ward state, device settings, and the bus client.
 
-    Client is None until a router is first connected.
+    client: None until a router is first connected.
     """
 
     known: Known

@@ -59,7 +59,10 @@ class Traces:
         self._kept: deque[Points] = deque(maxlen=_WAITING)
 
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
-        """Pair the batches received by `now`, in order of the readings; a raw batch may match several corrected ones."""
+        """Pair the batches received by monotonic time `now` (s), in order of the readings.
+
+        A raw batch may match several corrected ones; without any after ALONE_S it is returned alone, corrected NaN.
+        """
         self._raw += [(now, batch) for batch in raw]
         self._corrected += corrected
         found = []

@@ -155,7 +155,10 @@ class Known:
         return self.stories[device]
 
     def tidy(self, now: float) -> None:
-        """Forget devices that ended, those that nobody lists, and uncalibrated ones while only other devices have statuses."""
+        """Forget devices that ended, that no bridge lists, or that are uncalibrated and silent while others are not.
+
+        now: monotonic time in s.
+        """
         over, spoken = {*self._view.ended(now), *self._unlisted(now)}, self._view.silences(now)
         if spoken and min(spoken.values()) <= SILENT_S:
             for device, silent_s in spoken.items():

@@ -43,9 +43,9 @@ class RatesTopic(topics.Topic):
         return ()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Yield one binary frame: float64 server time in s.
+        """Yield one binary frame with the rates since the last one.
 
-        Float32 minimum and maximum of |rate| in °/s by device number, NaN when silent.
+        float64 server time in s; float32 minimum and maximum of |rate| in °/s by device number, NaN when silent.
         """
         if self._rates is None:
             return

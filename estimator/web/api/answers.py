@@ -27,7 +27,7 @@ Matrix = Annotated[list[Vector], Meta(min_length=3, max_length=3)]
 
 
 class Said(Struct, frozen=True):
-    """One message: a code and its parameters, as docs/wire.md lists them, and the English text."""
+    """One message: a code and its parameters, as docs/wire.md lists them, and the same as English text."""
 
     code: str
     params: dict[str, str]
@@ -42,8 +42,8 @@ def said(sentences: Sentences) -> list[Said]:
 class Worn(Struct, frozen=True):
     """Placement of a device: body segment, side, wearer, who set it and since when.
 
-    `since` is an ISO 8601 time, null if the ward file sets the placement. Empty segment and wearer: nobody wears the
-    device.
+    `since` is an ISO 8601 time, null if the ward file sets the placement. Empty segment and
+    wearer: nobody wears the device.
     """
 
     segment: str
@@ -54,9 +54,10 @@ class Worn(Struct, frozen=True):
 
 
 class Accelerometer(Struct, frozen=True):
-    """An accelerometer's calibration by rests: corrected = scale (reading - bias), axis by axis; null if not accepted.
+    """Calibration of an accelerometer by rests: corrected = scale (reading - bias), axis by axis; null if not accepted.
 
-    covariance (6, 6): of bias and scale. cross_std: standard deviation of what an axis takes from each other one, relative.
+    covariance (6, 6): of bias (m/s²) and scale. cross_std: standard deviation of what an axis takes from
+    each other one, relative.
     """
 
     verdict: str
@@ -69,7 +70,12 @@ class Accelerometer(Struct, frozen=True):
 
 
 class Device(Struct, frozen=True):
-    """A device. null means unknown; `gaps` and `missing_samples` count since the estimator first saw the device."""
+    """One device: state, bias, calibration, sample counts, battery and hardware; null means unknown.
+
+    `gaps` and `missing_samples` count since the estimator first saw the device. `rate_hz` is measured, `told_rate_hz`
+    is the configured output data rate. `evidence_age_s` is the time since the last rest, `nis` the mean normalised
+    innovation squared of the bias filter.
+    """
 
     id: str
     state: str
@@ -108,8 +114,8 @@ class Device(Struct, frozen=True):
 class Standing(Struct, frozen=True):
     """A standing alert of a device or an estimator (`subject`); docs/alerts.md lists the kinds.
 
-    Times are ISO 8601: since when the fault lasts, when the alert was raised, and acknowledged (null: not yet), by
-    `who`.
+    Times are ISO 8601: since when the fault lasts, when the alert was raised, and acknowledged
+    (null: not yet), by `who`.
     """
 
     subject: str
@@ -151,7 +157,11 @@ class Turn(Struct, frozen=True):
 
 
 class OneCalibration(Struct, frozen=True):
-    """A calibration: corrected = matrix (reading - bias). As a file, `truerate correct --calibration` accepts it."""
+    """A calibration of a gyro, accepted or rejected: corrected = matrix (reading - bias).
+
+    As a file, `truerate correct --calibration` accepts it.
+    `covariance` (n, n) is in the order of `parameters`; null where there is no estimate.
+    """
 
     device: str
     boot: str

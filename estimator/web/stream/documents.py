@@ -35,7 +35,10 @@ class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
 
 
 class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
-    """Samples that did not come: `count` from number `first` on; null: up to the end of that boot, nobody knows how many."""
+    """Samples that did not come: `count` of them from number `first` on.
+
+    null: all up to the end of that boot, nobody knows how many.
+    """
 
     device: str
     boot: str
@@ -44,7 +47,10 @@ class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
 
 
 class Answer(Struct, frozen=True):
-    """Documents in order, possibly none. `after` is for the next request: give each of its texts as a parameter `after`."""
+    """Answer to a request: documents in order, possibly none, and where to go on.
+
+    `after` is for the next request: give each of its texts as a parameter `after`.
+    """
 
     documents: list[Samples | MissedSamples]
     after: Annotated[list[str], Meta(min_length=1)]
