@@ -58,7 +58,7 @@ def _reload(given: argparse.Namespace) -> int:
 def asked(
     bus: Bus, routers: Routers, ward: Ward, digest: str, patience_s: float = _PATIENCE_S
 ) -> Iterator[tuple[Member, CommandReply]]:
-    """Ask the running programs of a ward what they took from their files. Yields the answers, by program.
+    """Ask the running programs of a ward what they took from their files; yields (program, reply).
 
     A program is given patience_s to read a content of this digest. With a certificate that is not a commander's, only
     the program of the same certificate may be asked.

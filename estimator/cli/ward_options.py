@@ -12,10 +12,10 @@ from bridge.toml.loader import ConfigError
 
 
 def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
-    """Return the ward's name and its routers, as the options and the ward's file say.
+    """Return the ward's name and its routers, as the options and the ward file say.
 
-    roles: one of these is needed; by default the roles that may look. Raises ConfigError, also if the file's certificate
-    has another role.
+    roles: one of these is needed; by default the roles that may look. Raises ConfigError, also if the file's
+    certificate has another role.
     """
     from estimator.config.schema import Ward  # noqa: PLC0415
 
