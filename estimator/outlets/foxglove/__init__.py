@@ -49,7 +49,10 @@ def roles(given: argparse.Namespace) -> tuple[Role, ...]:
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Serve the ward to Foxglove until `stop` is set. Raises ConfigError for a port that cannot be listened on."""
+    """Serve the ward to Foxglove until `stop` is set; returns the exit code 0. devices: ids, None for all.
+
+    Raises ConfigError for a port that cannot be listened on.
+    """
     from estimator.outlets.foxglove.server import FoxgloveOutlet  # noqa: PLC0415 - needs foxglove and rosbags
 
     with FoxgloveOutlet(client, devices, given.host, given.port, recalibrate=given.allow_recalibrate) as outlet:

@@ -41,7 +41,10 @@ def roles(given: argparse.Namespace) -> tuple[Role, ...]:
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Copy corrected rates, and the streams asked for, to LSL until `stop` is set. Raises ConfigError without liblsl."""
+    """Copy corrected rates, and the streams asked for, to LSL until `stop` is set; returns the exit code 0.
+
+    devices: ids, None for all. Raises ConfigError without liblsl.
+    """
     try:
         from estimator.outlets.lsl.service import LslOutlet  # noqa: PLC0415 - optional extra
     except (RuntimeError, OSError) as error:  # pylsl is there, but its wheel for this platform has no liblsl

@@ -9,8 +9,9 @@ from bridge.transport import host_time
 
 
 class LslClock:
-    """Mapping from host time to LSL's clock. local_clock: the present time of LSL's clock, s.
+    """Mapping from host time (ns since the Unix epoch) to LSL's clock (s).
 
+    local_clock: returns the present time of LSL's clock, s.
     The host's clock may be set while the program runs. Sample times follow it, LSL's clock does not.
     """
 

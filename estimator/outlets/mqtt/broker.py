@@ -22,7 +22,10 @@ _log = logging.getLogger(__name__)
 
 
 class Address(NamedTuple):
-    """A broker's address. ca, cert, key: PEM files, empty for the system's authorities and for no certificate."""
+    """Address of an MQTT broker, parsed from its URL.
+
+    ca, cert, key: PEM files; empty for the system's authorities, and for no certificate.
+    """
 
     host: str
     port: int

@@ -53,7 +53,10 @@ def _domain(given: argparse.Namespace) -> int:
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Publish the ward to ROS 2 until `stop` is set. Raises BusError if the ROS 2 router does not answer."""
+    """Publish the ward to ROS 2 until `stop` is set; returns the exit code 0. devices: ids, None for all.
+
+    Raises BusError if the ROS 2 router does not answer.
+    """
     from bridge.bus.zenoh_bus import ZenohBus  # noqa: PLC0415 - zenoh is slow to import
     from estimator.outlets.ros2.node import Ros2Outlet  # noqa: PLC0415 - needs rosbags and xxhash
 
