@@ -29,9 +29,9 @@ def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: 
     """Overwrite the rows with the smoothed bias, and the rates and attitudes that follow from it.
 
     The calibration is the one known at the end of the boot.
-    last: the last corrected batch; matrix (3, 3): its calibration matrix. Before the first and after the last point of
-    the history, the bias's uncertainty grows by its rate random walk. Raises RecordingError if there is no evidence of
-    the bias.
+    last: the last corrected batch; matrix (3, 3): its calibration matrix. Before the first and after the last
+    point of the history, the bias's uncertainty grows by its rate random walk. Raises RecordingError if there
+    is no evidence of the bias.
     """
     found = session.tracker.smoothed()
     if found is None:
