@@ -38,7 +38,7 @@ class Factor(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Base(Struct, frozen=True, forbid_unknown_fields=True):
-    """Values that are not varied: see bridge.sim.paper_sessions.PaperPlan."""
+    """Noise (°/s), rate (Hz), and lengths of rests and turns (s) of sessions in which they are not varied."""
 
     noise_dps: float
     rate_hz: float
@@ -47,7 +47,7 @@ class Base(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AnalysisScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario: `runs` sessions for each value, over `sets` parameter sets."""
+    """Scenario of study `analysis`: `runs` sessions for each value of a factor, over `sets` sets of gyro parameters."""
 
     sets: int
     base: Base

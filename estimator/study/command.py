@@ -28,8 +28,7 @@ def run_one(
 
     Raises ConfigError for an unusable scenario.
     config: name or file of another scenario. runs: overrides its number of runs; quick: few runs. workers: number of
-    processes,
-    None for one per processor. recording: session for the study `real`.
+    processes, None for one per processor. recording: session for the study `real`.
     """
     scenario = _scenario(name, config, runs, quick=quick)
     if isinstance(scenario, RealScenario):

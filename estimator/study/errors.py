@@ -15,7 +15,10 @@ from estimator.study.study import Finding, Parts, Study
 
 
 class ErrorsScenario(Simulation, frozen=True, kw_only=True):
-    """Scenario of the study; paper_band: at each noise, the limit the paper gives for most errors of k and b (°/s)."""
+    """Scenario of study `errors`.
+
+    paper_band: for each noise, the limit within which the paper has most errors of k and b (°/s).
+    """
 
     paper_band: tuple[float, ...]
 

@@ -55,9 +55,10 @@ def closure(seen: Evidence) -> Many:
 
 
 def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> Floats:
-    """Cramér-Rao bound (s, 6) of bias and k as variances: inverse information at the truth, from noise-free readings.
+    """Return the Cramér-Rao bound (s, 6) of bias and k as variances, for s sessions.
 
-    noise_std: rad/s of a reading. replacement_std: as in `evidence`.
+    It is the inverse information at the truth, from noise-free readings.
+    noise_std: rad/s of a reading. replacement_std: as in `evidence`, rad.
     """
     gyro, clean = sessions.gyro, sessions.rates / sessions.gyro.k + sessions.gyro.bias
     still = np.broadcast_to(gyro.bias, sessions.rests.shape)

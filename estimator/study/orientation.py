@@ -61,7 +61,7 @@ class Orientation(Struct, frozen=True):
 
 
 def angle_deg(rate: NDArray[np.float64], dt: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """(n,) angle in degrees about an axis of the initial frame, from rates (n, 3) rad/s held for dt (n,) s."""
+    """Integrate rates (n, 3) rad/s, held for dt (n,) s, to angles (n,), degrees, about an axis of the first frame."""
     attitude = rotation.attitudes(rate, dt)[1:]
     initial = np.einsum("tij,tj->ti", attitude, rate)
     return np.asarray(np.degrees(np.cumsum(initial[:, axis] * dt)))

@@ -63,7 +63,10 @@ def joined(parts: list[Arrays]) -> Arrays:
 
 
 class Simulation(Scenario, frozen=True, kw_only=True):
-    """Scenario of the paper's simulation: `runs` sessions at each noise, over `sets` parameter sets. Hz, °/s, s."""
+    """Scenario of the paper's simulation: `runs` sessions at each noise, over `sets` sets of gyro parameters.
+
+    Hz, °/s, s.
+    """
 
     sets: int
     noise_dps: tuple[float, ...]

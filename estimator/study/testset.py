@@ -19,8 +19,9 @@ AXES = ("x", "y", "z")
 
 
 class TestsetScenario(Simulation, frozen=True, kw_only=True):
-    """Scenario: the test set has test_samples samples of a constant rate, °/s, with equal projections on the three axes.
+    """Scenario of study `testset`: the test set has test_samples samples of a constant rate, equal on the three axes.
 
+    test_rate_dps: its magnitude, °/s.
     paper_left: share of the error left according to the paper, at paper_left_noise_dps.
     """
 

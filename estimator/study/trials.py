@@ -75,8 +75,7 @@ def work(of: Inputs, job: Job) -> Arrays:
     """Simulate and calibrate n sessions of one sensor by one method: one job.
 
     Returns found (n, 6) and std (n, 6) in the order of PARAMETERS, b in °/s with the paper's sign; accepted (n,); lasts
-    (n,),
-    duration of the session, s; took (n,), computing time, s.
+    (n,), duration of the session, s; took (n,), computing time, s.
     """
     name, method, first, last = str(job[0]), str(job[1]), int(job[2]), int(job[3])
     found, std, accepted, lasts, took = [], [], [], [], []

@@ -22,7 +22,10 @@ _AXES = ("x", "y", "z")
 
 
 class TypicalScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario: one session of parameter set `set_number` of the paper's simulation. Noise in °/s, times in s."""
+    """Scenario of study `typical`: one session of parameter set `set_number` of the paper's simulation.
+
+    Noise in °/s, times in s.
+    """
 
     set_number: int
     noise_dps: float
@@ -40,7 +43,10 @@ class Stage(Struct, frozen=True):
 
 
 class Parameter(Struct, frozen=True):
-    """One parameter: truth, estimate of Algorithm 1, and its standard deviation; b in °/s with the paper's sign."""
+    """One calibrated parameter: its truth, its estimate by Algorithm 1, and the standard deviation.
+
+    b in °/s with the paper's sign, k without unit.
+    """
 
     name: str
     truth: float
