@@ -25,7 +25,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class ClusterView:
-    """All estimators of a ward, by name; `troubles` are most urgent first."""
+    """All estimators of a ward, by name, with their devices; `troubles` are most urgent first."""
 
     ward: str
     shares: Sequence[Share]

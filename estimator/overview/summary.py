@@ -50,9 +50,10 @@ class Need:
 
 @dataclass(frozen=True, slots=True)
 class WardSummary:
-    """Summary of a ward.
+    """Summary of a ward: numbers of devices and samples, who needs a person, and faults of the ward.
 
-    devices: those that did not end. needs: most urgent first. law: devices that break samples in = out + dropped, and how.
+    devices: those that did not end. needs: most urgent first. law: devices that break samples in
+    = out + dropped, and how.
     troubles: of the ward itself.
     unused: number of unused samples by device and reason, most first; devices without any are left out.
     told: per device, in English, other events that its bridge counted, and a rate that is not as expected.

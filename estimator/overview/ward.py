@@ -30,9 +30,10 @@ WORDS = {state: state.name.lower().replace("_", " ") for state in State}
 
 @dataclass(frozen=True, slots=True)
 class DeviceRow:
-    """One device of a ward.
+    """One device of a ward in a list: state, reasons, quality, rate and battery. None is unknown.
 
-    `gaps` and `missing_samples` count since the estimator knows the device. None is unknown.
+    `gaps` and `missing_samples` count since the estimator knows the device. evidence_age_s:
+    time since the last rest, s.
     needs_person: as `estimator.device.attention` defines it; a device that nothing is known of needs a person too.
     """
 
@@ -125,11 +126,14 @@ class WardView:
         return all(name in self._anew or _silence(now - heard) for name, (_, heard) in self._statuses.items())
 
     def statuses(self, now: float) -> dict[str, Status]:
-        """Return the latest status of each device; a silent device's state is unknown."""
+        """Return the latest status of each device by id; a silent device's state is unknown.
+
+        now: monotonic time in s.
+        """
         return {name: _unless_silent(status, now - heard) for name, (status, heard) in self._statuses.items()}
 
     def infos(self) -> dict[str, DeviceInfo]:
-        """Return for each device the info of the bridge whose samples are used."""
+        """Return the hardware info of each device by id, from the bridge whose samples are used."""
         owners = {name: status.bridge for name, (status, _) in self._statuses.items()}
         found = {name: self._info(name, owners.get(name, "")) for name in self._infos}
         return {name: info for name, info in found.items() if info is not None}
