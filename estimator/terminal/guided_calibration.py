@@ -47,9 +47,9 @@ def calibrate(
     seconds: float | None = None,
     knobs: SessionKnobs | None = None,
 ) -> int:
-    """Ask for a calibration unless one is under way, and guide a person to its end.
+    """Guide a person in a terminal through the calibration of a live device; asks for one unless it is under way.
 
-    Returns 0 when the device is calibrated. who: the person, for the audit. t: texts in the person's language.
+    Returns 0 when the device is calibrated, else 1. who: the person, for the audit. t: texts in the person's language.
     seconds: give up after so long. knobs: settings of the device; by default those of a device of unknown kind.
     """
     heard = Heard(client, device, knobs or Treatment().of(device))

@@ -13,7 +13,10 @@ NO_DEVICE_DO = "Start a bridge, or name the right ward (--config WARD.toml or --
 
 
 def interrupted(begin: float, *, heard: bool) -> None:
-    """Handle Ctrl-C: re-raise KeyboardInterrupt if nothing was heard yet and it is too early to say so."""
+    """Handle Ctrl-C in a live view: re-raise KeyboardInterrupt if nothing was heard yet and it is too early to say so.
+
+    begin: monotonic time of the start, s. heard: whether any device was heard.
+    """
     if not heard and time.monotonic() - begin < NONE_S:
         raise KeyboardInterrupt
 

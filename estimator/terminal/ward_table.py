@@ -60,10 +60,7 @@ def table(statuses: dict[str, Status], title: str = "") -> Columns:
 
 
 class LiveTable:
-    """Shows a ward's statuses as a table in a terminal, live; on other outputs only the changes, a line each.
-
-    A context.
-    """
+    """Context that shows a ward's statuses live: a table in a terminal, on other outputs a line for each change."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
