@@ -15,7 +15,7 @@ APART = 3.0
 
 @dataclass(frozen=True, slots=True)
 class AxisCompared:
-    """Scale factor and bias (rad/s) of one axis with standard deviations, and the scale factor of the one before.
+    """Scale factor and bias (rad/s) of one axis, with standard deviations, and the earlier calibration's scale factor.
 
     Unknown values are NaN.
     """

@@ -54,8 +54,8 @@ class Instruction:
 
     ring: progress 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING). angle: rad turned about `axis`,
     signed. axis: the axis of the present or the next turn. done, needed: axes, in the order that is easiest to turn.
-    wrong: why the last attempt does not count. laid: the device was only laid on another face, which is right
-    too. rebooted: turns were lost because the device was switched off and on.
+    wrong: why the last attempt does not count. laid: the device was only laid on another face, which is right too.
+    rebooted: turns were lost because the device was switched off and on.
     sides: for methods by movements, the sides the device has rested on: 2 axis, plus 1 where that axis points down.
     None for methods by turns. ways: for each axis, the picture of how to turn the device about it.
     """
