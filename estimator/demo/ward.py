@@ -139,11 +139,14 @@ class Ward:
         return None if process is None else process.pid
 
     def send(self, name: str, number: signal.Signals) -> None:
-        """Send a signal to a running process."""
+        """Send a signal to a running process of the ward, by the process's name."""
         self._processes[name].send_signal(number)
 
     def plug(self, name: str, device: VirtualDevice, *, speed: float = 1.0, lossless: bool = False) -> PtyPort:
-        """Plug a virtual device into the port of this name; speed: times real time; lossless: see `PtyPort`."""
+        """Plug a virtual device into the port of this name, and return the port.
+
+        speed: times real time; lossless: see `PtyPort`.
+        """
         self.ports[name] = PtyPort(device, self._places[name], speed=speed, lossless=lossless)
         return self.ports[name]
 
