@@ -55,8 +55,7 @@ def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKno
     """Return the session settings of a device that no file gives a model: those of the model that the device states.
 
     Range and tolerance of the scale stay generic: they depend on settings and libraries that the name of a chip does
-    not
-    tell, and no turn is refused because of a name. words: the device's own, empty if unknown.
+    not tell, and no turn is refused because of a name. words: the device's own, empty if unknown.
     """
     usual, name = knobs_of(load_model(GENERIC), knobs), model_stated(words)
     if not name:
