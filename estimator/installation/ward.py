@@ -25,8 +25,8 @@ def install(
     """Install a ward: write what is missing of its ward file, certificates, folders and people.
 
     Returns the plan with what an earlier run made, the ward file's content, and what is left to do.
-    found: what a scan of the serial ports found. hashed: gives the hash of a new person's password; not called in a dry
-    run.
+    found: what a scan of the serial ports found. hashed: gives the hash of a new person's
+    password; not called in a dry run.
     say: prints what was done. dry: nothing is written.
     Raises ConfigError if the ward file that is there is not valid, ValueError and OSError for what cannot be made.
     """

@@ -19,8 +19,7 @@ class Plan:
     """Plan of an installation: the ward's name, its folders, hosts, bridges and people.
 
     folder: ward file and certificates. data: store and recordings. hosts: names and addresses by which browsers and
-    other
-    machines reach this one, the best first. bridges: ids of the bridges on other machines. people: roles by name.
+    other machines reach this one, the best first. bridges: ids of the bridges on other machines. people: roles by name.
     virtual: number of simulated devices.
     """
 
@@ -52,8 +51,9 @@ class Plan:
 
 
 def completed(plan: Plan, there: str, found: str) -> str:
-    """Return the ward file of the machine with router, estimator, page and recorder; what is there stays, comments too.
+    """Return the text of this machine's ward file, completed with router, estimator, page and recorder.
 
+    What is there stays, comments too.
     there: the file's text, or empty. found: blocks of newly found devices.
     """
     path = plan.folder / "ward.toml"
