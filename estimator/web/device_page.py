@@ -189,9 +189,9 @@ def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:
 
 
 def accelerometer(one: AccelerometerCalibration | None, t: Texts) -> str:
-    """Format scale and bias (m/s²) of a calibrated accelerometer with 95 % intervals, or why it is not calibrated.
+    """Format scale and bias (m/s²) of a calibrated accelerometer with 95 % intervals; empty for None.
 
-    Empty for None.
+    Without a calibration, the text says why there is none.
     """
     if one is None or not one.covariance:
         return t.text(one.reason) if one else ""

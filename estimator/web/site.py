@@ -122,10 +122,7 @@ class Desk:
         return self.sessions.find(cookie.found(connection), time.monotonic())
 
     def checked(self, connection: HTTPConnection, csrf: str) -> Session:
-        """Return the session of a person who gives a command, checked by cookie and CSRF token.
-
-        Raises Fault otherwise.
-        """
+        """Return the session of a person who gives a command; raises Fault without a valid cookie and CSRF token."""
         session = self.session(connection)
         if session is None:
             raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", headers=CHALLENGE)

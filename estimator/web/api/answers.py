@@ -233,7 +233,7 @@ class ErrorWords(Struct, frozen=True):
 
 
 class Error(Struct, frozen=True):
-    """Body of every refused request (status 400 and above): why it was refused."""
+    """Body of the response to every refused request (status 400 and above): why it was refused."""
 
     error: ErrorWords
 

@@ -86,10 +86,7 @@ class Cursor:
         return self._position < self._kept.end
 
     def read(self, most: int) -> list[CorrectedBatch | Missed]:
-        """Return the next batches and reports of missed samples, from at most `most` kept batches.
-
-        Empty if there are none.
-        """
+        """Return the next batches and reports of missed samples, possibly none, from at most `most` kept batches."""
         if self._position < self._kept.begin:
             self._position = self._kept.begin
             for device in self._devices.values():
