@@ -67,10 +67,7 @@ def _loops() -> Finding:
 
 
 def look(path: Path | None) -> Iterable[Finding]:
-    """Run all checks of this machine, then those of the ward whose file is at `path` (None: no ward).
-
-    Yields their findings.
-    """
+    """Run all checks and yield their findings: of this machine, then of the ward of the file at `path`, if not None."""
     plugged = [found.port for found in find()]
     ward: Ward | None = None
     said: list[Finding] = []
