@@ -20,10 +20,7 @@ class Boots:
         self._missing[miss.device] = self._missing.get(miss.device, 0) + miss.count
 
     def before(self, batch: CorrectedBatch) -> list[str]:
-        """Return the markers to send at the first sample of a batch: a reboot, and the number of missing samples.
-
-        Often none.
-        """
+        """Return the markers to send at a batch's first sample, often none: a reboot, the number of missing samples."""
         missing = self._missing.pop(batch.device, 0)
         known = self._boots.get(batch.device)
         self._boots[batch.device] = batch.boot

@@ -40,9 +40,9 @@ class Address(NamedTuple):
 
 
 def address_of(text: str, example: str) -> Address:
-    """Parse a broker's URL, such as mqtts://USER@HOST:PORT?ca=FILE. example: a URL that errors show.
+    """Parse a broker's URL, such as mqtts://USER@HOST:PORT?ca=FILE. Raises ConfigError.
 
-    Raises ConfigError.
+    example: a URL that errors show.
     """
     scheme, mark, rest = text.partition("://")
     if not mark or scheme not in _PORTS:
