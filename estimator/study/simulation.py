@@ -65,7 +65,7 @@ def joined(parts: list[Arrays]) -> Arrays:
 class Simulation(Scenario, frozen=True, kw_only=True):
     """Scenario of the paper's simulation: `runs` sessions at each noise, over `sets` sets of gyro parameters.
 
-    Hz, °/s, s.
+    Noise in °/s, rate in Hz, lengths of rests and turns in s.
     """
 
     sets: int
@@ -76,7 +76,10 @@ class Simulation(Scenario, frozen=True, kw_only=True):
 
 
 class Inputs(Struct, frozen=True):
-    """What the runs of the paper's simulation depend on; equal inputs give equal results. Hz, °/s, s."""
+    """What the runs of the paper's simulation depend on; equal inputs give equal results.
+
+    Noise in °/s, rate in Hz, lengths of rests and turns in s.
+    """
 
     runs: int
     seed: int
