@@ -16,9 +16,9 @@ Floats = NDArray[np.float64]
 
 
 def allan(rest: AtRest, title: str, path: Path) -> None:
-    """Draw the Allan deviation of each axis with 95 % interval, fitted model, and each noise or its limit.
+    """Draw the Allan deviation of each axis: measured with 95 % interval, fitted model, each noise or its upper limit.
 
-    Writes `path`.
+    The Allan deviation is in °/s over the averaging time in s. title: of the figure. path: file to write.
     """
     figure = Figure(figsize=(13, 6), dpi=130)
     figure.suptitle(f"{title}: {rest.duration_s:.0f} s at rest, {rest.rate_hz:.4g} Hz", fontsize=12)
