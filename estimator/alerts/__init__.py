@@ -1,4 +1,5 @@
-"""Alerts: what has needed a person for its hold time, once, until it has been well for a while.
+"""Alerts to people: a trouble that lasts longer than its hold time becomes one alert, until it has ended for a while.
 
-`board.py` decides (pure), `outbox.py` gathers what is to be sent and keeps quiet hours (pure), `sender.py` sends by apprise.
+`board.py` decides (pure), `outbox.py` gathers what is to be sent and keeps quiet hours (pure),
+`sender.py` sends by apprise.
 """

@@ -9,7 +9,7 @@ from estimator.config.alerts import Alerts
 
 
 class Change(NamedTuple):
-    """An alert that was raised or acknowledged, or that is cleared."""
+    """An alert that was raised or acknowledged, or, if `cleared`, whose trouble has ended."""
 
     alert: Alert
     cleared: bool = False
@@ -40,12 +40,16 @@ class Board:
 
     @property
     def standing(self) -> tuple[Alert, ...]:
-        """Standing alerts, oldest first."""
+        """Standing alerts of the subject, oldest first."""
         found = (trouble.alert for trouble in self._troubles.values() if trouble.alert is not None)
         return tuple(sorted(found, key=lambda one: one.raised_ns))
 
     def look(self, kinds: Collection[str], now_s: float, now_ns: int) -> list[Change]:
-        """Take the troubles that are there now; returns the alerts raised and cleared by that."""
+        """Update the board with the kinds of trouble that are present now.
+
+        Returns the alerts that this raised or cleared.
+        now_s: monotonic time, s; now_ns: time since the Unix epoch, ns.
+        """
         changes = list[Change]()
         for kind in kinds:
             trouble = self._troubles.setdefault(kind, _Trouble(now_s, now_ns, now_s))
@@ -61,7 +65,10 @@ class Board:
         return changes
 
     def acknowledge(self, kind: str, who: str, now_ns: int) -> list[Change]:
-        """Note that a person has seen the alert of a kind, or with "" all alerts; returns those not seen before."""
+        """Note that `who` has seen the alert of a kind, or with "" all alerts; returns those not seen before.
+
+        now_ns: time since the Unix epoch, ns.
+        """
         changes = list[Change]()
         for trouble in self._troubles.values():
             if (alert := trouble.alert) is not None and not alert.acknowledged_ns and kind in ("", alert.kind):

@@ -13,12 +13,12 @@ GATHER_S = 5.0
 
 
 def sentence(kind: str, subject: str) -> Sentence:
-    """An alert in words; subject: the device, with its placement, or the estimator."""
+    """Return an alert as a sentence to be worded later; subject: the device, with its placement, or the estimator."""
     return Code.ALERT(subject=subject, label=f"alert_{kind}")
 
 
 class News(NamedTuple):
-    """An alert or all-clear to be sent."""
+    """An alert, or an all-clear (`cleared`), to be sent to people; subject: device or estimator."""
 
     subject: str
     placement: Placement | None
@@ -27,7 +27,10 @@ class News(NamedTuple):
 
 
 class Outbox:
-    """News that wait to be sent. An all-clear is sent only for an alert that was sent; a short alert in quiet hours is not."""
+    """Queue of alerts to be sent; holds them during quiet hours, and gathers those that come together.
+
+    An all-clear is sent only for an alert that was sent; a short alert in quiet hours is not.
+    """
 
     def __init__(self, settings: Alerts) -> None:
         #: quiet hours in force
@@ -36,7 +39,10 @@ class Outbox:
         self._due_s = float("inf")
 
     def put(self, subject: str, placement: Placement | None, change: Change, now_s: float) -> None:
-        """Add an alert or an all-clear."""
+        """Queue an alert or an all-clear at monotonic time now_s, s.
+
+        An alert and its all-clear, both unsent, cancel each other.
+        """
         key = subject, change.alert.kind
         before = self._waiting.pop(key, None)
         if before is not None and change.cleared != before.cleared:
@@ -45,7 +51,10 @@ class Outbox:
         self._due_s = min(self._due_s, now_s + GATHER_S)
 
     def take(self, now_s: float, local: datetime) -> list[News]:
-        """Return what is to be sent now, and forget it."""
+        """Return the news to be sent now, and forget them; empty while they are gathered, and in quiet hours.
+
+        now_s: monotonic time, s. local: wall clock time.
+        """
         if now_s < self._due_s or self.settings.quiet(local):
             return []
         news, self._waiting, self._due_s = list(self._waiting.values()), {}, float("inf")

@@ -25,7 +25,7 @@ Notify = Callable[[str, str], bool]
 
 
 class Sender:
-    """Thread that sends the news of an outbox. What an address refuses is logged and not sent again.
+    """Thread that sends a ward's alerts to people. What an address refuses is logged and not sent again.
 
     Raises ConfigError for an address of the settings that cannot be used.
     """
@@ -39,16 +39,16 @@ class Sender:
         self._thread.start()
 
     def use(self, settings: Alerts) -> None:
-        """Send by other settings from now on. Raises ConfigError."""
+        """Use changed settings from now on. Raises ConfigError for an address that cannot be used."""
         self._notify = by_apprise(settings.urls())
         self._outbox.settings = settings
 
     def put(self, subject: str, placement: Placement | None, change: Change) -> None:
-        """Queue an alert or all-clear; never waits."""
+        """Queue an alert or all-clear of a device or estimator for sending; never waits."""
         self._came.put((subject, placement, change))
 
     def close(self) -> None:
-        """Stop; news that wait are not sent, since another estimator or the next start has the alert."""
+        """Stop the thread; waiting news are not sent, since another estimator or the next start has the alert."""
         self._stop.set()
         self._thread.join(_END_S)
 
@@ -70,7 +70,7 @@ class Sender:
 
 
 def message(ward: str, news: Sequence[News], language: str) -> tuple[str, str]:
-    """Title and body of a message: alerts first, then all-clears."""
+    """Word a message from news: its title and its body, alerts first, then all-clears. language: `en` or `zh`."""
     lines = list[str]()
     for one in sorted(news, key=lambda one: (one.cleared, one.subject)):
         worn = f" ({one.placement})" if one.placement else ""
@@ -83,7 +83,11 @@ def message(ward: str, news: Sequence[News], language: str) -> tuple[str, str]:
 
 
 def by_apprise(urls: Sequence[str]) -> Notify:
-    """Notify function for addresses of apprise. Raises ConfigError for a missing package or a wrong address."""
+    """Return a function that sends a title and a body by apprise, and says whether every address took them.
+
+    urls: addresses of apprise; without any, the function does nothing and returns True.
+    Raises ConfigError for a missing package or a wrong address.
+    """
     if not urls:
         return lambda _title, _body: True
     try:

@@ -26,7 +26,7 @@ examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `alerts`."""
+    """Add the verb `alerts` (list, acknowledge, test) to the command line."""
     verb = add_verb(verbs, "alerts", _alerts, "list what has needed a person for some time, or acknowledge an alert")
     verb.description, verb.formatter_class = _ABOUT, argparse.RawDescriptionHelpFormatter
     verb.add_argument(

@@ -30,7 +30,7 @@ examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `allan FILE`."""
+    """Add the verb `allan FILE` to the command line."""
     verb = add_verb(verbs, "allan", _allan, "measure a device's noise from a recording at rest (Allan deviation)")
     verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
     verb.add_argument("file", type=Path, help="a recording: .npz, .mcap, or text of any tool; see below")

@@ -49,7 +49,7 @@ examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `calibrate FILE`."""
+    """Add the verb `calibrate FILE`, with its option --live, to the command line."""
     verb = add_verb(
         verbs,
         "calibrate",

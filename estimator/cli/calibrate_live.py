@@ -15,7 +15,7 @@ _OF_RECORDING = ("method", "model", "rates_dps", "range_dps", "rate_hz", "device
 
 
 def add_live(verb: argparse.ArgumentParser) -> None:
-    """Add the options of a live calibration."""
+    """Add the options of a live calibration to the verb `calibrate`."""
     live = verb.add_argument_group("live calibration of a device in a running ward")
     live.add_argument("--live", metavar="DEVICE", help="guide a person step by step with this device")
     live.add_argument("--config", type=Path, help="the ward file: names the ward and its routers")
@@ -31,7 +31,10 @@ def add_live(verb: argparse.ArgumentParser) -> None:
 
 
 def live(given: argparse.Namespace) -> int:
-    """Guide the calibration of one device; returns 0 when it is calibrated."""
+    """Guide a person through the calibration of one live device; returns 0 when it is calibrated, else 1.
+
+    Raises ConfigError for options that fit only a recording.
+    """
     from estimator.client import Client  # noqa: PLC0415
     from estimator.config.device_settings import treatment  # noqa: PLC0415
     from estimator.config.schema import Ward  # noqa: PLC0415

@@ -16,7 +16,7 @@ from estimator.overview.cluster import ClusterView, as_json, cluster_view
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `cluster status`."""
+    """Add the verb `cluster status` to the command line."""
     inner = verbs.add_parser(
         "cluster",
         help="show the estimators that share a ward",

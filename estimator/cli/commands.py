@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `recalibrate`, `cancel`, `zero-heading`, `note` and `forget`."""
+    """Add the verbs `recalibrate`, `cancel`, `zero-heading`, `note` and `forget` to the command line."""
     for name, help_text in (
         ("recalibrate", "request three new turns; the old calibration stays in use until the new one is accepted"),
         ("cancel", "cancel a running calibration; the old one stays in use"),
@@ -55,9 +55,9 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 
 def obey(given: argparse.Namespace, ask: Callable[["Client", str], CommandReply]) -> int:
-    """Send a command for the device of the arguments, and print the answer; returns the exit code.
+    """Send a command for the device of the arguments, and print the reply; returns the exit code, 0 if it was accepted.
 
-    ask: sends the command by a client, for a device.
+    ask(client, device): sends the command and returns the reply.
     """
     from estimator.client import Client  # noqa: PLC0415
 
@@ -97,6 +97,6 @@ def _note(given: argparse.Namespace) -> int:
 
 
 def answered(device: str, reply: CommandReply) -> int:
-    """Print the estimator's answer, and return the exit code."""
+    """Print the estimator's reply to a command; returns the exit code, 0 if it was accepted, else 1."""
     print(f"{device}: {english(*reply.message)}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1

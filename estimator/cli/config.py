@@ -14,7 +14,7 @@ from bridge.terminal.plurals import count
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `config check`."""
+    """Add the verb `config check` to the command line."""
     config = verbs.add_parser(
         "config",
         help="check ward files and router files",

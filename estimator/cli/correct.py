@@ -50,7 +50,7 @@ examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `correct IN OUT`."""
+    """Add the verb `correct IN OUT` to the command line."""
     verb = add_verb(
         verbs,
         "correct",

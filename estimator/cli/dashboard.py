@@ -14,7 +14,7 @@ may give commands there."""
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `dashboard`."""
+    """Add the verb `dashboard` to the command line."""
     verb = add_verb(verbs, "dashboard", _dashboard, "serve the ward's pages to browsers")
     verb.epilog = _EXAMPLE
     verb.add_argument("--config", type=Path, help="the ward file: names the ward, its routers and [dashboard]")

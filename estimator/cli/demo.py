@@ -11,7 +11,7 @@ from estimator.cli import picture_file
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `demo`."""
+    """Add the verb `demo` to the command line."""
     verb = add_verb(verbs, "demo", _demo, "run a small simulated ward for about a minute and compare it with the truth")
     verb.add_argument(
         "--picture", type=Path, default=Path("out/demo.png"), help="the picture's file (default: %(default)s)"

@@ -15,7 +15,7 @@ _ONLY = (
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `devices`, `status` and `watch`."""
+    """Add the verbs `devices`, `status` and `watch` to the command line."""
     verb = add_verb(verbs, "devices", _devices, "list every device of a running ward with state, quality and reason")
     add_ward(verb)
     verb = add_verb(

@@ -34,7 +34,7 @@ _FINE, _TROUBLE = 0, 1
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `doctor`."""
+    """Add the verb `doctor` to the command line."""
     verb = add_verb(
         verbs,
         "doctor",
@@ -67,7 +67,7 @@ def _loops() -> Finding:
 
 
 def look(path: Path | None) -> Iterable[Finding]:
-    """Run all checks: first of the machine, then of the ward."""
+    """Run all checks and yield their findings: of this machine, then of the ward of the file at `path`, if not None."""
     plugged = [found.port for found in find()]
     ward: Ward | None = None
     said: list[Finding] = []

@@ -10,7 +10,7 @@ from bridge.toml.loader import ConfigError
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `estimator serve`."""
+    """Add the verb `estimator serve` to the command line."""
     parser = verbs.add_parser(
         "estimator", help="run the estimator service", description="Example: truerate estimator serve configs/demo.toml"
     )

@@ -25,7 +25,7 @@ examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `history DEVICE`."""
+    """Add the verb `history DEVICE` to the command line."""
     verb = add_verb(
         verbs, "history", _history, "show one device's calibrations, boots, commands and bias from the store", HISTORY
     )

@@ -32,7 +32,7 @@ _HERE, _DATA, _DEFAULTS = Path("/etc/truerate"), Path("/var/lib/truerate"), Path
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `init`."""
+    """Add the verb `init` to the command line."""
     does = "set up a ward on this machine: ward file, certificates, people, services"
     verb = add_verb(verbs, "init", _init, does)
     verb.epilog, verb.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter

@@ -95,7 +95,7 @@ exit codes: 0 done; 1 a finding, a refusal by the data or a failure; 2 wrong usa
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code."""
+    """Run one command; returns the exit code. arguments: the words after `truerate`; None for those of this process."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that cannot show ° or ± shows a substitute

@@ -19,7 +19,10 @@ log = logging.getLogger(__name__)
 
 
 class Outlet(NamedTuple):
-    """An outlet's entry in the help, and the packages that it needs, by import name; its extra has the outlet's name."""
+    """An outlet in the command line: what it does, an example, and the packages that it needs, by import name.
+
+    The optional extra of the package truerate has the outlet's name.
+    """
 
     does: str
     example: str
@@ -52,7 +55,7 @@ OUTLETS: dict[str, Outlet] = {
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `outlet` and its verbs."""
+    """Add the verb `outlet`, with a verb for each outlet, to the command line."""
     does = "hand a ward's corrected rates and orientation to other programs until stopped (Ctrl-C)"
     inner = add_group(verbs, "outlet", does)
     for name, outlet in OUTLETS.items():

@@ -26,7 +26,7 @@ _EXAMPLES = """examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `people list|add|password|role|remove`."""
+    """Add the verbs `people list|add|password|role|remove` to the command line."""
     inner = verbs.add_parser(
         "people",
         help="list, add and remove the people who may give commands on the page",
@@ -119,7 +119,10 @@ def _hash(given: argparse.Namespace) -> str:
 
 
 def asked() -> str:
-    """Ask for a password twice; without a terminal, read the first line of standard input."""
+    """Ask for a password twice and return it; without a terminal, read the first line of standard input.
+
+    Raises ValueError if the two differ, or none was given.
+    """
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip("\n")
     try:

@@ -27,7 +27,7 @@ examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `placement set|list|end`."""
+    """Add the verbs `placement set|list|end` to the command line."""
     inner = add_group(verbs, "placement", "say where and by whom a device is worn", about=_ABOUT)
     verb = add_verb(inner, "set", _set, "say where and by whom a device is worn from now on")
     add_device(verb)

@@ -27,7 +27,7 @@ examples:
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `qualify`."""
+    """Add the verb `qualify` to the command line."""
     verb = add_verb(
         verbs, "qualify", _qualify, "test this installation against a known truth, and write a report to sign"
     )

@@ -22,17 +22,17 @@ HOLDS = """recordings:
 
 
 def add_choice(verb: argparse.ArgumentParser) -> None:
-    """Add the options for what a file does not say, and for the device and boot of a ward's recording."""
+    """Add the options that say how to read a recording: what the file does not say, and which device and boot."""
     add_reading(verb)
 
 
 def recorded(given: argparse.Namespace) -> Recording:
-    """Load the recording that the arguments choose. Raises RecordingError."""
+    """Load the recording that the arguments name, as its options say. Raises RecordingError."""
     return load(given.file, device=given.device, reading=reading_of(given))
 
 
 def check_range(given: argparse.Namespace) -> None:
-    """Refuse a full-scale range that no gyro has. Raises ConfigError."""
+    """Refuse a full-scale range (--range-dps, °/s) that no gyro has. Raises ConfigError."""
     if not 0 <= given.range_dps <= MAX_RANGE_DPS:
         raise ConfigError(f"--range-dps is {given.range_dps:g}: give 0 (unknown) to {MAX_RANGE_DPS}")
 

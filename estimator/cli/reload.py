@@ -34,7 +34,7 @@ _UNNAMED = (Member(Role.COMMANDER, "dashboard"), Member(Role.RECORDER, "recorder
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `reload`."""
+    """Add the verb `reload` to the command line."""
     verb = add_verb(
         verbs, "reload", _reload, "check a changed ward file, and show what running programs took from it", RELOAD
     )
@@ -58,7 +58,7 @@ def _reload(given: argparse.Namespace) -> int:
 def asked(
     bus: Bus, routers: Routers, ward: Ward, digest: str, patience_s: float = _PATIENCE_S
 ) -> Iterator[tuple[Member, CommandReply]]:
-    """Ask the running programs of a ward what they took from their files. Yields the answers, by program.
+    """Ask the running programs of a ward what they took from their files; yields (program, reply).
 
     A program is given patience_s to read a content of this digest. With a certificate that is not a commander's, only
     the program of the same certificate may be asked.
@@ -73,7 +73,10 @@ def asked(
 
 
 def said(reply: CommandReply, digest: str) -> str:
-    """Return an answer in words. digest: of the file that was asked about."""
+    """Return a program's reply in words.
+
+    digest: that of the file asked about; the reply names the file that was read.
+    """
     other = "" if reply.request_id == digest else "it has not read this file but another one. Of that: "
     return f"{other}{english(*reply.message)}"
 

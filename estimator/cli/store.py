@@ -44,7 +44,7 @@ _ROWS = {
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `store backup|check|verify|restore`."""
+    """Add the verbs `store backup|check|verify|restore` to the command line."""
     inner = add_group(verbs, "store", "back up, check, verify or restore the estimator's store", about=STORE)
     verb = add_verb(inner, "backup", _backup, "back up a store, also while its estimator runs")
     verb.add_argument("to", metavar="DEST", help="a folder, or a new file")

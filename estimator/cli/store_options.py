@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def add_store(verb: argparse.ArgumentParser) -> None:
-    """Add --config and --store."""
+    """Add the options --config and --store, which name an estimator's store."""
     verb.add_argument("--config", type=Path, help="the ward file: gives the store's path")
     verb.add_argument(
         "--store",
@@ -22,7 +22,10 @@ def add_store(verb: argparse.ArgumentParser) -> None:
 
 
 def backups_of(given: argparse.Namespace) -> "Backups":
-    """Return the paths of the store and its backups."""
+    """Return the paths of the store and its backups, as the options and the ward file say.
+
+    Raises ConfigError for a ward file without [estimator].
+    """
     from estimator.config.schema import Estimator, Ward  # noqa: PLC0415
     from estimator.database import Backups  # noqa: PLC0415
 

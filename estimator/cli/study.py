@@ -14,7 +14,7 @@ _WORKERS = "number of processes (default: one per processor)"
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `study NAME`."""
+    """Add the verbs `study all`, `study NAME` for each study, and `study protocols` to the command line."""
     inner = verbs.add_parser(
         "study",
         help="compute the paper's tables and figures, or run another simulation",

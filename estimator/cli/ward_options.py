@@ -12,10 +12,10 @@ from bridge.toml.loader import ConfigError
 
 
 def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
-    """Return the ward's name and its routers, as the options and the ward's file say.
+    """Return the ward's name and its routers, as the options and the ward file say.
 
-    roles: one of these is needed; by default the roles that may look. Raises ConfigError, also if the file's certificate
-    has another role.
+    roles: one of these is needed; by default the roles that may look. Raises ConfigError, also if the file's
+    certificate has another role.
     """
     from estimator.config.schema import Ward  # noqa: PLC0415
 
@@ -27,7 +27,7 @@ def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
 
 
 def listening(given: argparse.Namespace, ward: str) -> None:
-    """Say on standard error which ward is listened to, because the answer takes some seconds."""
+    """Print on standard error which ward is listened to, since the answer takes some seconds."""
     default = "" if given.config or given.ward else " (the default; name another with --config or --ward)"
     print(f"listening to ward {ward}{default} …", file=sys.stderr)
 

@@ -55,11 +55,11 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"language is {self.language!r}; 'en' or 'zh' is taken")
 
     def hold(self, kind: str) -> float:
-        """Hold time of a kind, s."""
+        """Return how long a trouble of a kind must last before it is an alert, s."""
         return self.hold_s.get(kind, HOLD_S[Kind(kind)])
 
     def quiet(self, local: datetime) -> bool:
-        """Whether a local time is within the quiet hours, which may span midnight."""
+        """Whether a time in this machine's zone is within the quiet hours, which may span midnight."""
         if (match := _HOURS.match(self.quiet_hours)) is None:
             return False
         numbers = [int(one) for one in match.groups()]
@@ -67,7 +67,10 @@ class Alerts(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return begin <= now < end if begin <= end else now >= begin or now < end
 
     def urls(self) -> list[str]:
-        """Addresses from the file and the environment. Raises ConfigError where the file cannot be read."""
+        """Return the addresses to send alerts to, from the file and the environment.
+
+        Raises ConfigError if the file cannot be read.
+        """
         found = os.environ.get(URLS_VARIABLE, "").split()
         if self.urls_file:
             try:

@@ -26,8 +26,9 @@ _TOLERANCES, _BY_HAND = 2.0, 0.01
 
 
 def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKnobs:
-    """Return the session settings for a noise model; settings that the model does not give are those of `knobs`.
+    """Derive a device's session settings from its noise model.
 
+    Settings that the model does not give are those of `knobs`.
     The worst axis counts.
     """
     knobs = knobs or SessionKnobs()
@@ -53,8 +54,8 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
 def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKnobs:
     """Return the session settings of a device that no file gives a model: those of the model that the device states.
 
-    Range and tolerance of the scale stay generic: they depend on settings and libraries that the name of a chip does not
-    tell, and no turn is refused because of a name. words: the device's own, empty if unknown.
+    Range and tolerance of the scale stay generic: they depend on settings and libraries that the name of a chip does
+    not tell, and no turn is refused because of a name. words: the device's own, empty if unknown.
     """
     usual, name = knobs_of(load_model(GENERIC), knobs), model_stated(words)
     if not name:
@@ -65,9 +66,10 @@ def knobs_of_stated(words: str, knobs: SessionKnobs | None = None) -> SessionKno
 
 
 class Treatment:
-    """Settings of each device of a ward, as its [estimator] table says, else as the device states its model.
+    """Session settings of each device of a ward, as its [estimator] table says, else as the device states its model.
 
     Programs that must agree with the estimator use it too.
+    usual: settings before any model; model: name or file for all devices; models: the same by device id.
     """
 
     def __init__(
@@ -85,12 +87,12 @@ class Treatment:
         return self._made[key]
 
     def told(self, device: str) -> str:
-        """Return the model that the ward file tells of a device; empty if it tells none."""
+        """Return the model (a name or a file) that the ward file gives for a device; empty if it gives none."""
         return self._models.get(device, self._model)
 
 
 def treatment(told: "Estimator | None") -> Treatment:
-    """Return the settings as the estimator of this table uses them; without a table, the defaults."""
+    """Return the device settings of an [estimator] table, as its estimator uses them; None gives the defaults."""
     if told is None:
         return Treatment()
     usual = SessionKnobs(method=told.method, warming_s=told.warming_s, horizontal_turns=told.horizontal_turns)
@@ -98,5 +100,5 @@ def treatment(told: "Estimator | None") -> Treatment:
 
 
 def learning(knobs: SessionKnobs) -> SessionKnobs:
-    """Return the same settings with scale and misalignment learnt from gravity while the device is worn."""
+    """Return a copy of the settings in which gravity teaches scale and misalignment while the device is worn."""
     return replace(knobs, track=replace(knobs.track, matrix=replace(knobs.track.matrix, learn=True)))

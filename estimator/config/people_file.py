@@ -32,12 +32,12 @@ def people_in(path: Path) -> tuple[Person, ...]:
 
 
 def with_people(settings: Dashboard, people: tuple[Person, ...]) -> Dashboard:
-    """Return the settings with these people. Raises ValueError where two have the same name."""
+    """Return the dashboard's settings with these people. Raises ValueError where two have the same name."""
     return replace(settings, people=people, people_file="")
 
 
 def empty(ward: str) -> str:
-    """Return the text of a file without people."""
+    """Return the text of a people file that lists nobody yet."""
     return f'# People of ward {ward}, for its page. To change them: truerate people\nward = "{ward}"\n'
 
 
@@ -50,7 +50,10 @@ def put(path: Path, ward: str, person: Person) -> None:
 
 
 def remove(path: Path, name: str) -> None:
-    """Remove a person from a file; errors as of `put`."""
+    """Remove a person from a file; all else stays.
+
+    Raises ConfigError for an invalid file, OSError if it cannot be written.
+    """
     _change(path, "", name, None)
 
 

@@ -36,7 +36,7 @@ class Worn(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def placement(self) -> Placement:
-        """The placement, checked."""
+        """Placement in force until somebody says otherwise, as a typed value."""
         return placement(self.segment, self.side, self.wearer)
 
 

@@ -5,4 +5,4 @@ Begin at `run`.
 
 
 class DemoFailed(Exception):
-    """A process of the ward did not start, or stopped: the message names it and quotes the end of its log."""
+    """Raised when a process of the demonstration did not start, or stopped: names it and quotes the end of its log."""

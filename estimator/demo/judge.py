@@ -49,7 +49,7 @@ class Judgement:
 
     @property
     def bias_off_dps(self) -> Floats:
-        """(3,) error of the bias at the end, °/s."""
+        """(3,) error of the estimated bias at the end, °/s: estimate minus truth."""
         return np.asarray(self.bias_dps[-1] - self.bias_true_dps[-1])
 
 
@@ -107,7 +107,7 @@ def _heading_error(rate: Floats, time: Floats, start: Rotation, true: Rotation) 
 
 
 def in_words(judgement: Judgement) -> str:
-    """One line for people: heading error raw and corrected, largest scale and bias errors."""
+    """Return one line for people: heading error raw and corrected, largest scale and bias errors."""
     raw, corrected = (
         heading[np.argmax(np.abs(heading))] for heading in (judgement.raw_heading_deg, judgement.corrected_heading_deg)
     )

@@ -25,7 +25,10 @@ SUBSCRIBERS = 3
 
 
 def run(console: Console, picture: Path, seed: int) -> bool:
-    """Run the demonstration and save its figure to `picture`; returns whether every check passed."""
+    """Run the demonstration, print its results, and save its figure to `picture`; returns whether every check passed.
+
+    seed: of the simulated devices.
+    """
     # A signal must end the started processes too.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda got, _: sys.exit(128 + got))

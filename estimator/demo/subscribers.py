@@ -34,13 +34,16 @@ class Subscriber:
 
     @property
     def troubles(self) -> str:
-        """Faults on the way, in words: missed messages, repeated samples, refused ones; empty without faults."""
+        """Faults of the received messages, in words: missed messages, repeated samples, refused ones.
+
+        Empty without faults.
+        """
         c = self._corrected
         found = {"missed messages": c.missed, "repeated samples": c.repeated, **c.refused}
         return ", ".join(f"{count} {what}" for what, count in found.items() if count)
 
     def close(self, drain_s: float = DRAIN_S) -> None:
-        """Receive what is still on the way, for at most drain_s seconds, and stop."""
+        """Receive what is still on the way, for at most drain_s seconds, then stop the thread and the client."""
         self._until = time.monotonic() + drain_s
         self._thread.join()
         self._client.close()
@@ -74,7 +77,7 @@ class Watcher:
         self.changes: list[Status] = []
 
     def poll(self) -> None:
-        """Receive new messages; `changes` then holds the statuses with a new state or boot."""
+        """Receive new messages; afterwards `changes` holds the statuses with a new state or boot."""
         self.changes = []
         for message in self._raw.drain(4096, 0.0):
             if (batch := self._raw_door.take(message)) is not None:
@@ -89,7 +92,7 @@ class Watcher:
             self.statuses[status.device] = status
 
     def all_tracking(self, devices: int) -> bool:
-        """Whether this number of devices is calibrated and tracked."""
+        """Whether exactly this number of devices is calibrated and tracked."""
         return sum(status.state is State.TRACKING for status in self.statuses.values()) == devices
 
     def close(self) -> None:

@@ -52,7 +52,10 @@ port = "{port}"
 
 
 class Ward:
-    """Devices, ports and processes of a ward; `close` ends all. Configuration and logs are in `folder`."""
+    """A ward on this machine: virtual devices on pseudo-terminals, and its programs as processes; `close` ends all.
+
+    folder: for configuration and logs. names: ids of the devices. method: calibration method.
+    """
 
     def __init__(self, folder: Path, names: tuple[str, ...], method: str = DEFAULT) -> None:
         self.folder = folder
@@ -131,16 +134,19 @@ class Ward:
             self.complaints.append(f"the {name} ended with exit code {process.returncode}")
 
     def pid(self, name: str) -> int | None:
-        """Process id, or None when the process is not running."""
+        """Return the process id of a program of the ward, or None when it is not running."""
         process = self._processes.get(name)
         return None if process is None else process.pid
 
     def send(self, name: str, number: signal.Signals) -> None:
-        """Send a signal to a running process."""
+        """Send a signal to a running process of the ward, by the process's name."""
         self._processes[name].send_signal(number)
 
     def plug(self, name: str, device: VirtualDevice, *, speed: float = 1.0, lossless: bool = False) -> PtyPort:
-        """Plug a virtual device into the port of this name; speed: times real time; lossless: see `PtyPort`."""
+        """Plug a virtual device into the port of this name, and return the port.
+
+        speed: times real time; lossless: see `PtyPort`.
+        """
         self.ports[name] = PtyPort(device, self._places[name], speed=speed, lossless=lossless)
         return self.ports[name]
 
@@ -151,14 +157,14 @@ class Ward:
                 raise DemoFailed(f"the {name} stopped with exit code {process.returncode}:\n{self.log(name)[-2000:]}")
 
     def log(self, name: str) -> str:
-        """Log of a process so far."""
+        """Return what a process has logged so far."""
         process = self._processes.get(name)
         if name in self._logs and (process is None or process.poll() is not None):
             self._logs[name].join(1.0)  # until its last output is written
         return (self.folder / f"{name}.log").read_text(encoding="utf-8", errors="replace")
 
     def close(self) -> None:
-        """Stop the processes, last first, and unplug all devices."""
+        """Stop the processes, the last started first, and unplug all devices."""
         for name in reversed(list(self._processes)):
             self.stop(name)
         for port in self.ports.values():
@@ -178,7 +184,7 @@ class Ward:
 
 
 def free_port() -> int:
-    """A free TCP port on loopback, outside the range for outgoing connections.
+    """Return a free TCP port on loopback, outside the range for outgoing connections.
 
     A connection could otherwise take the port while the process that listens there is restarted.
     """

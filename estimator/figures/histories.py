@@ -42,12 +42,12 @@ def history(
     dark: bool = False,
     narrow: bool = False,
 ) -> None:
-    """Draw the bias of each axis on a scale of its own with its 95 % interval, and the temperature where it is known.
+    """Draw a device's bias over days, each axis with its 95 % interval, and its temperature where known; writes `path`.
 
-    Boots and calibrations are vertical lines; no line leads from one boot to the next. A band far wider than usual, as at
-    a boot's first point, is cut off by the edge of the figure; the label says so.
+    Boots and calibrations are vertical lines; no line leads from one boot to the next. A band far wider than usual, as
+    at a boot's first point, is cut off by the edge of the figure; the label says so.
     words: False leaves only numbers, units and axes, for a page that explains the figure in its own language.
-    dark: for a dark page. narrow: for a phone.
+    dark: for a dark page. narrow: for a phone. zone: of the times shown.
     """
     warm = any(np.isfinite(boot.temperature_c).any() for boot in of.biases)
     with mpl.rc_context(_DARK if dark else {}):

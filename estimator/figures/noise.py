@@ -16,7 +16,10 @@ Floats = NDArray[np.float64]
 
 
 def allan(rest: AtRest, title: str, path: Path) -> None:
-    """Draw one panel per axis: Allan deviation with its 95 % interval, fitted model, and each noise or its upper limit."""
+    """Draw the Allan deviation of each axis: measured with 95 % interval, fitted model, each noise or its upper limit.
+
+    The Allan deviation is in °/s over the averaging time in s. title: of the figure. path: file to write.
+    """
     figure = Figure(figsize=(13, 6), dpi=130)
     figure.suptitle(f"{title}: {rest.duration_s:.0f} s at rest, {rest.rate_hz:.4g} Hz", fontsize=12)
     rooms = figure.subplots(1, 3, sharey=True)

@@ -34,7 +34,7 @@ class Bins(NamedTuple):
 
 
 def binned(time_s: Floats, rate_hz: float) -> Bins:
-    """Bin samples at time_s (n,) into at most _BINS even bins, with a new one after each gap."""
+    """Divide samples at time_s (n,) into at most _BINS even bins for a plot, with a new bin after each gap."""
     gaps = np.flatnonzero(np.diff(time_s) > max(_SEEN * time_s[-1], _STEPS / rate_hz)) + 1
     even = np.linspace(0, len(time_s), min(_BINS, len(time_s)) + 1).astype(int)[:-1]
     edges = np.unique(np.concatenate([even, gaps]))
@@ -47,7 +47,10 @@ def binned(time_s: Floats, rate_hz: float) -> Bins:
 
 
 def corrected(recording: Recording, found: CorrectedRecording, path: Path) -> None:
-    """Draw raw and corrected rate and bias ± 2 σ, one row per axis, with quality as background; temperature below."""
+    """Draw a corrected recording, one row per axis: raw and corrected rate, bias ± 2 σ; writes `path`.
+
+    The background shows the quality; temperature is below, if recorded.
+    """
     warm = recording.temperature_c
     rows = 3 if warm is None else 4
     figure = Figure(figsize=(12, 2.5 * rows + 1.0), dpi=130)

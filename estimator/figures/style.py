@@ -25,7 +25,7 @@ PAPER = "#b3261e"
 
 
 def save(figure: Figure, stem: Path) -> None:
-    """Save a figure as SVG, PDF and PNG, named after `stem`."""
+    """Save a figure in the folder of `stem` as STEM.svg, STEM.pdf and STEM.png."""
     figure.savefig(stem.with_name(f"{stem.name}.png"), dpi=150)
     figure.set_layout_engine("none")  # keep the layout: computing it takes longest
     figure.savefig(stem.with_name(f"{stem.name}.svg"), metadata={"Date": None})

@@ -15,7 +15,7 @@ APART = 3.0
 
 @dataclass(frozen=True, slots=True)
 class AxisCompared:
-    """Comparison of one axis: scale factor and bias (rad/s) with standard deviations, and the scale factor before.
+    """Scale factor and bias (rad/s) of one axis, with standard deviations, and the earlier calibration's scale factor.
 
     Unknown values are NaN.
     """
@@ -30,20 +30,29 @@ class AxisCompared:
 
     @property
     def apart(self) -> float:
-        """Difference of the two scale factors in its standard deviations; NaN without an earlier calibration."""
+        """Difference of the two scale factors as a multiple of its standard deviation.
+
+        NaN without an earlier calibration.
+        """
         std = hypot(self.scale_std, self.before_std)
         difference = abs(self.scale - self.before)
         return difference / std if std else inf if difference else 0.0
 
 
 def last_before(calibration: Calibration, known: Iterable[Calibration]) -> Calibration | None:
-    """Newest accepted calibration older than `calibration`, or None. `known` holds calibrations of the same device."""
+    """Return the newest accepted calibration that is older than `calibration`, or None.
+
+    known: calibrations of the same device.
+    """
     older = [c for c in known if c.verdict is Verdict.ACCEPTED and c.time_ns < calibration.time_ns]
     return max(older, key=lambda c: c.time_ns, default=None)
 
 
 def compared(calibration: Calibration, before: Calibration | None) -> tuple[AxisCompared, ...]:
-    """Compare each axis with the calibration before: scale factors only, as the biases are of different boots."""
+    """Compare each axis with the calibration before, if any.
+
+    Scale factors only, as the biases are of different boots.
+    """
     std = stds(calibration)
     then = {} if before is None else stds(before)
     return tuple(
@@ -61,13 +70,14 @@ def compared(calibration: Calibration, before: Calibration | None) -> tuple[Axis
 
 
 def differing(axes: Iterable[AxisCompared]) -> tuple[int, ...]:
-    """Axes whose scale factor has changed by more than APART standard deviations."""
+    """Return the axes (0, 1, 2) whose scale factor has changed by more than APART standard deviations."""
     return tuple(one.axis for one in axes if one.apart > APART)
 
 
 def bias_moves(calibration: Calibration, known: Iterable[Calibration]) -> tuple[int, ...]:
-    """Axes in which the intervals of 95 % of the bias and of that before, of the same boot, exclude each other.
+    """Return the axes (0, 1, 2) whose bias has moved since the calibration before, of the same boot.
 
+    The 95 % intervals of both biases then exclude each other.
     Two methods measure the same bias, so it has moved in between, or one calibration is wrong.
     """
     before = last_before(calibration, [c for c in known if c.boot == calibration.boot])
@@ -82,5 +92,5 @@ def bias_moves(calibration: Calibration, known: Iterable[Calibration]) -> tuple[
 
 
 def stds(calibration: Calibration) -> dict[str, float]:
-    """Standard deviation of each parameter, by parameter name."""
+    """Return the standard deviation of each parameter of a calibration, by parameter name."""
     return dict(zip(calibration.parameters, np.sqrt(np.diag(calibration.covariance)).tolist(), strict=True))

@@ -75,8 +75,9 @@ SIDES = 6
 
 
 class Guide:
-    """Instructions for one device while somebody watches. Stillness is judged with the estimator's own knobs.
+    """Guide of one device's calibration by hand: turns its status and readings into instructions for a person.
 
+    Stillness is judged with the estimator's own settings.
     method: the calibration method. horizontal: each turn must be about a horizontal axis, so the device is stood on its
     side for the turn about its upright axis.
     """
@@ -98,7 +99,7 @@ class Guide:
         self._tried: int | None = None
 
     def take_samples(self, batch: SampleBatch) -> None:
-        """Take the device's next raw readings."""
+        """Process the device's next batch of raw readings: rests, turns, and how the device lies."""
         was_settled = self.hand.settled
         self.hand.take(batch)
         if was_settled and not self.hand.settled:
@@ -109,7 +110,7 @@ class Guide:
             self._sides = tuple(dict.fromkeys((*self._sides, 2 * self.hand.upright + self.hand.upside_down)))
 
     def take_status(self, status: Status) -> None:
-        """Take the estimator's latest status of the device; a repeated status changes nothing."""
+        """Process the estimator's latest status of the device; a repeated status changes nothing."""
         before, self._status = self._status, status
         if status.boot and status.boot != self._boot:
             self._rebooted |= self._turned
@@ -130,7 +131,7 @@ class Guide:
             self.hand.begin_rest()  # rest before the calibration began does not count
 
     def told(self) -> Instruction:
-        """The instruction for the present moment."""
+        """Return the instruction for the present moment."""
         sides = self._sides if self.method in BY_MOVEMENTS else None
         ways = self._way(0), self._way(1), self._way(2)
         return replace(self._now(), rebooted=self._rebooted, ways=ways, sides=sides)
@@ -277,7 +278,7 @@ class Guide:
 
 
 def wrong_in(reason: Sentences) -> Sentences:
-    """The faults among a status's reasons, without the usual messages.
+    """Return the faults among a status's reasons, without the usual messages.
 
     After the turns still needed comes why an earlier verdict refused: a turn that was taken since is no fault.
     """

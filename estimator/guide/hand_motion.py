@@ -17,7 +17,10 @@ _LAID = np.radians(135.0)
 
 
 class Hand:
-    """Motion of one device. A new boot number resets it. Angles in rad, as read: no scale factor is applied."""
+    """Motion of one device by hand, from its readings: rest, turns and attitude. A new boot number resets it.
+
+    Angles in rad, as read: no scale factor is applied. Axes are 0, 1, 2 in the device's frame.
+    """
 
     def __init__(self, stillness: StillnessKnobs | None = None) -> None:
         self._knobs = stillness or StillnessKnobs()
@@ -40,7 +43,7 @@ class Hand:
         self.upright: int | None = None
         #: whether the upright axis points down
         self.upside_down = False
-        #: the upright axis, and the level axis along the edge of the table: as gravity shows, else as the gyro carries them
+        #: upright axis, and level axis along the table's edge: as gravity shows, else as the gyro carries them
         self.top, self.edge = 2, 0
         #: whether the last movement only laid the device on another face
         self.laid = False
@@ -48,7 +51,7 @@ class Hand:
         self._moved: Floats = np.eye(3)
 
     def take(self, batch: SampleBatch) -> None:
-        """Take the next batch of readings; repeated and non-finite samples are left out."""
+        """Process the next batch of readings; repeated and non-finite samples are left out."""
         if batch.boot != self.boot:
             self._begin(batch.boot)
         time = batch.device_time
@@ -63,28 +66,28 @@ class Hand:
             self._window(window)
 
     def begin_rest(self) -> None:
-        """Reset the rest timer and the angles: a calibration begins, and only rest from now on counts."""
+        """Reset the rest timer and the turned angles when a calibration begins: only rest from now on counts."""
         self._since, self.still_s, self.settled, self.turned, self._moved = None, 0.0, False, np.zeros(3), np.eye(3)
 
     @property
     def rested(self) -> float:
-        """Completed part of the required rest, 0 to 1."""
+        """Completed part of the required rest, from 0 to 1."""
         return min(1.0, self.still_s / self.rest_s)
 
     @property
     def axis(self) -> int | None:
-        """The axis of the present turn; None while the rotation is below a nudge or spread over several axes."""
+        """Axis (0, 1, 2) of the present turn; None while the rotation is small or spread over several axes."""
         angle = float(np.linalg.norm(self.turned))
         axis = int(np.argmax(np.abs(self.turned)))
         return axis if angle > self._turn.nudge and abs(float(self.turned[axis])) > SHARE * angle else None
 
     @property
     def moved(self) -> bool:
-        """Whether the device has turned by more than a nudge since the last rest."""
+        """Whether the device has turned by more than a nudge (`TurnKnobs.nudge`, rad) since the last rest."""
         return float(np.linalg.norm(self.turned)) > self._turn.nudge
 
     def believe(self, along: int) -> None:
-        """Take it that this axis lies along the edge, as a person showed by turning the device about it."""
+        """Assume that this axis lies along the table's edge, as a person showed by turning the device about it."""
         if along != self.top:
             self.edge = along
 

@@ -8,7 +8,7 @@ from bridge.reasons.codes import Sentences
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """A text of the guide: its key, and the values filled in."""
+    """A sentence of the guide to be worded later: the key of its text, and the values to fill in."""
 
     key: str
     values: dict[str, str] = field(default_factory=dict)
@@ -50,14 +50,14 @@ class Picture(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """What the person is told now.
+    """Instruction to a person at one moment: the step, the picture to draw, the sentence, and the progress.
 
     ring: progress 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING). angle: rad turned about `axis`,
     signed. axis: the axis of the present or the next turn. done, needed: axes, in the order that is easiest to turn.
-    wrong: why the last attempt does not count. laid: the device was only laid on another face, which is right
-    too. rebooted: turns were lost because the device was switched off and on.
+    wrong: why the last attempt does not count. laid: the device was only laid on another face, which is right too.
+    rebooted: turns were lost because the device was switched off and on.
     sides: for methods by movements, the sides the device has rested on: 2 axis, plus 1 where that axis points down.
-    None for methods by turns.
+    None for methods by turns. ways: for each axis, the picture of how to turn the device about it.
     """
 
     step: Step
@@ -76,5 +76,5 @@ class Instruction:
 
     @property
     def how(self) -> str:
-        """Key of the text that says how to do it."""
+        """Key of the text that says how to do this step."""
         return "laid" if self.laid else self.step.value

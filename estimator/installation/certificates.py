@@ -20,7 +20,10 @@ _PROGRAMS = (
 
 
 def certify(plan: Plan, files: OwnedFiles) -> None:
-    """Make what is missing, renew what expires soon, and copy to each machine's folder what is new."""
+    """Make the certificates that a ward lacks, renew those that expire soon, copy new ones to the machines' folders.
+
+    Raises ValueError if a certificate names other hosts than the plan.
+    """
     authority, page = Folder(plan.authority), Member(Role.PAGE, plan.ward)
     bridges = [Member(Role.BRIDGE, name) for name in plan.bridges]
     here = {page: plan.hosts}

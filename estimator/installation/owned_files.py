@@ -14,7 +14,11 @@ _FOLDER, _SHARED, _SECRET = 0o750, 0o640, 0o600
 
 
 class OwnedFiles:
-    """Files of an installation. Root gives them to the services' group, and keys and data to their user, if there is one."""
+    """Writes the files of an installation, with their owner and mode; `changed` lists those that had another content.
+
+    Root gives them to the services' group, and keys and data to their user, if there is one.
+    say: prints what was done. dry: nothing is written.
+    """
 
     def __init__(self, say: Callable[[str], None], *, dry: bool) -> None:
         self._say, self.dry = say, dry
@@ -24,11 +28,14 @@ class OwnedFiles:
         self._services = there[0] if there else None
 
     def did(self, would: str, did: str, what: str) -> None:
-        """Say what was done, or would be done in a dry run."""
+        """Print what was done, or in a dry run what would be done."""
         self._say(f"{f'would {would}' if self.dry else did} {what}")
 
     def folder(self, path: Path, *, data: bool = False) -> None:
-        """Make a folder that others cannot read. data: the services write to it. Raises ValueError if others may write to one."""
+        """Make a folder that others cannot read; one that exists stays. data: the services write to it.
+
+        Raises ValueError if every user may write to it.
+        """
         if path.is_dir():
             if path.stat().st_mode & stat.S_IWOTH:  # whoever may place links there chooses where keys are written
                 raise ValueError(f"every user may write to {path}: run chmod o-w {path}, and look at what is in it")
@@ -40,7 +47,10 @@ class OwnedFiles:
         self.did("make", "made", f"{path}/")
 
     def write(self, path: Path, text: str, *, secret: bool = False) -> None:
-        """Write a whole file or nothing; the services may read it. secret: their user alone may."""
+        """Write a file, whole or not at all; the services may read it. secret: their user alone may.
+
+        An equal file stays.
+        """
         there = path.read_text("utf-8") if path.exists() else None
         if there == text:
             return

@@ -22,9 +22,12 @@ from estimator.installation.ward_text import Plan, completed, virtual_devices
 def install(
     plan: Plan, found: Sequence[Verdict], hashed: Callable[[str], str], say: Callable[[str], None], *, dry: bool
 ) -> tuple[Plan, Ward, list[str]]:
-    """Write what is missing. Returns the plan with what an earlier run made, the ward file's content, and what is left to do.
+    """Install a ward: write what is missing of its ward file, certificates, folders and people.
 
-    found: what a scan of the serial ports found. hashed: gives the hash of a new person's password; not called in a dry run.
+    Returns the plan with what an earlier run made, the ward file's content, and what is left to do.
+    found: what a scan of the serial ports found. hashed: gives the hash of a new person's
+    password; not called in a dry run.
+    say: prints what was done. dry: nothing is written.
     Raises ConfigError if the ward file that is there is not valid, ValueError and OSError for what cannot be made.
     """
     files, path = OwnedFiles(say, dry=dry), plan.folder / "ward.toml"

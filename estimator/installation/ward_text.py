@@ -16,10 +16,10 @@ ROUTER_PORT, PAGE_PORT = 7447, 8443
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What an installation is to become.
+    """Plan of an installation: the ward's name, its folders, hosts, bridges and people.
 
-    folder: ward file and certificates. data: store and recordings. hosts: names and addresses by which browsers and other
-    machines reach this one, the best first. bridges: ids of the bridges on other machines. people: roles by name.
+    folder: ward file and certificates. data: store and recordings. hosts: names and addresses by which browsers and
+    other machines reach this one, the best first. bridges: ids of the bridges on other machines. people: roles by name.
     virtual: number of simulated devices.
     """
 
@@ -33,26 +33,27 @@ class Plan:
 
     @property
     def pki(self) -> Path:
-        """Folder of this machine's certificates."""
+        """Folder of the certificates of this machine's programs."""
         return self.folder / "pki"
 
     @property
     def authority(self) -> Path:
-        """Folder of the authority, with all certificates of the ward."""
+        """Folder of the certificate authority, with all certificates of the ward."""
         return self.folder / "authority"
 
     def machine(self, bridge: str) -> Path:
-        """Folder to be copied to another machine."""
+        """Return the folder with the files of a bridge on another machine, to be copied there."""
         return self.folder / "machines" / bridge
 
     def page(self, listen: str) -> str:
-        """Address of the ward's page in a browser. listen: HOST:PORT of the ward file's [dashboard]."""
+        """Return the address of the ward's page for a browser. listen: HOST:PORT of the ward file's [dashboard]."""
         return f"https://{self.hosts[0]}:{listen.rpartition(':')[2]}/" if self.hosts else f"http://{listen}/"
 
 
 def completed(plan: Plan, there: str, found: str) -> str:
-    """Return the ward file of the machine with router, estimator, page and recorder; what is there stays, comments too.
+    """Return the text of this machine's ward file, completed with router, estimator, page and recorder.
 
+    What is there stays, comments too.
     there: the file's text, or empty. found: blocks of newly found devices.
     """
     path = plan.folder / "ward.toml"
@@ -81,7 +82,10 @@ def bridge_machine(plan: Plan, bridge: str) -> str:
 
 
 def virtual_devices(number: int, there: Container[str] = ()) -> str:
-    """Return blocks of simulated devices, to try an installation. there: ids that the ward file has already."""
+    """Return the TOML blocks of `number` simulated devices, to try an installation.
+
+    there: ids that the ward file has already.
+    """
     block = '[[bridge.devices]]\nid = "virtual-{0}"\ndriver = "simulated"\nseed = {0}'
     return "\n\n".join(block.format(seed) for seed in range(1, number + 1) if f"virtual-{seed}" not in there)
 

@@ -18,7 +18,10 @@ _FOLDER = Path(__file__).parent.parent / "web" / "texts"
 
 
 class Texts:
-    """Texts of one language; call it with a key to get a text."""
+    """All texts for people in one language; call it with a key to get a text.
+
+    Counters and sentences have methods of their own.
+    """
 
     def __init__(self, language: str) -> None:
         self.language = language
@@ -28,7 +31,7 @@ class Texts:
 
     @property
     def name(self) -> str:
-        """Name of the language in that language."""
+        """Name of the language, in that language."""
         return str(self._texts["name"])
 
     def __call__(self, key: str, **values: object) -> str:
@@ -37,15 +40,15 @@ class Texts:
         return str(self._texts[section][name]).format(**values)
 
     def text(self, sentences: Iterable[Sentence]) -> str:
-        """Return sentences of the estimator or bridge as text."""
+        """Return sentences of the estimator or bridge (code and parameters) as text in this language."""
         return self._catalogue.text(sentences)
 
     def label(self, label: str) -> str:
-        """Return the text of a counter's label."""
+        """Return a counter's label in this language."""
         return self._catalogue.label(label)
 
     def say(self, section: str, words: Words) -> str:
-        """Return a sentence of the calibration guide."""
+        """Return a sentence of the calibration guide, from its section, key and values. Raises KeyError."""
         return self(f"{section}.{words.key}", **words.values)
 
 
@@ -56,7 +59,7 @@ def texts(language: str) -> Texts:
 
 
 def chosen(asked: Sequence[str], accepted: str = "") -> str:
-    """Return the first available language: of those asked for, else of an Accept-Language header, else the default."""
+    """Choose the language: the first of LANGUAGES in `asked`, else in an Accept-Language header, else the default."""
     weighed = []
     for number, part in enumerate(accepted.split(",")[:20]):
         name, _, weight = part.partition(";q=")

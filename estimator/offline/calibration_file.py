@@ -42,7 +42,10 @@ _Row = Annotated[list[float], msgspec.Meta(min_length=3, max_length=3)]
 
 
 class CalibrationFileError(Exception):
-    """A calibration file cannot be used: the file, what came, what was expected, what to do."""
+    """Raised when a calibration file cannot be used.
+
+    The message says which file, what came, what was expected, what to do.
+    """
 
 
 class _Turn(msgspec.Struct, frozen=True):
@@ -100,10 +103,10 @@ class _File(msgspec.Struct, frozen=True):
 
 
 def of_result(result: Result, recording: Recording | None = None, gyro_range: float = 0.0) -> Calibration:
-    """Make a Calibration from a result, with the output data rate and temperature of its recording.
+    """Make a Calibration from a result, with the output data rate (Hz) and temperature of its recording.
 
-    gyro_range: full-scale range in rad/s, 0 when unknown. The temperature is the recording's at `result.bias_time`,
-    NaN when unknown.
+    gyro_range: full-scale range in rad/s, 0 when unknown. The temperature is the recording's at
+    `result.bias_time`, NaN when unknown.
     """
     warm = None if recording is None else recording.temperature_c
     celsius = np.nan if recording is None or warm is None else np.interp(result.bias_time, recording.time_s, warm)

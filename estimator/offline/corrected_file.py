@@ -82,7 +82,7 @@ def _is_corrected(path: Path) -> bool:
 def save(
     out: Path, corrected: CorrectedRecording, recording: Recording, progress: Callable[[int, int], None] | None = None
 ) -> None:
-    """Write a corrected recording to a temporary file beside `out`, then rename it.
+    """Write a corrected recording to `out`, in the format of its suffix: a temporary file beside it is renamed.
 
     progress(done, n) counts rows. Call `check` first: it refuses unusable paths.
     """

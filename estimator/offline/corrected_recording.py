@@ -1,4 +1,4 @@
-"""Corrected recording as arrays, one row per sample, and the rows' filling from corrected batches."""
+"""Corrected recording as arrays, one row per sample, and the class that fills the rows from corrected batches."""
 
 from dataclasses import dataclass
 
@@ -62,7 +62,10 @@ class CorrectedRecording:
 
 
 class Rows:
-    """Columns of n corrected rows, filled in order."""
+    """Columns of the n rows of a corrected recording, filled in order; `filled`: number of rows filled so far.
+
+    rate, rate_std, bias, bias_std (n, 3) rad/s; quality (n,); quat_wxyz (n, 4); tilt_std, heading_std (n,) rad.
+    """
 
     def __init__(self, n: int) -> None:
         self.filled = 0
@@ -83,7 +86,7 @@ class Rows:
         self.filled = part.stop
 
     def turn(self, attitudes: Oriented, first: int | None = None) -> None:
-        """Fill the attitudes of the rows from `first` on, by default of the next rows."""
+        """Fill the attitudes of consecutive rows from row `first` on, by default after the last attitude."""
         begin = self._oriented if first is None else first
         part = slice(begin, begin + len(attitudes.quat_wxyz))
         self.quat_wxyz[part] = attitudes.quat_wxyz

@@ -90,7 +90,7 @@ def identify_noise(recording: Recording) -> AtRest:
 
 
 def measured(rest: AtRest, like: NoiseModel) -> tuple[NoiseModel, dict[str, str]]:
-    """Return a noise model of this device, and the origin of each field as text.
+    """Return a noise model of the measured device, and for each field its origin as text, by field name.
 
     like: the noise model of the device's kind. A coefficient that the rest does not show is taken from `like`, or is
     the measured upper limit if that is less.

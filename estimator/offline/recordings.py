@@ -59,11 +59,10 @@ def calibrate(
     rates: tuple[float, ...] = (),
     knobs: SessionKnobs | None = None,
 ) -> tuple[Result, list[str]]:
-    """Calibrate from a recording: return a result, and the reasons why movements were not used.
+    """Calibrate a gyro from a recording: returns the result, and the reasons why movements were not used.
 
     The result is the first accepted calibration, otherwise the last attempt. Methods that work on whole movements use
     the entire recording at once. The accelerometer is calibrated by all rests of the recording.
-
     gyro_range: full-scale range in rad/s, 0 when unknown; readings at 99 % of it count as clipped.
     rates: a machine's known rates in rad/s, for the methods that need them; other methods ignore them.
     knobs: settings of the device's kind; the default assumes nothing. Their calibration method is ignored.

@@ -21,16 +21,17 @@ _ROWS = 100_000
 
 
 def remembering(knobs: SessionKnobs) -> SessionKnobs:
-    """Return the same knobs with a tracker that keeps the whole boot's history."""
+    """Return the same session settings, but with a tracker that keeps the whole boot's history, as smoothing needs."""
     return replace(knobs, track=replace(knobs.track, history=None))
 
 
 def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: CorrectedBatch, matrix: Floats) -> None:
-    """Overwrite the rows with the smoothed bias and with the calibration known at the end of the boot.
+    """Overwrite the rows with the smoothed bias, and the rates and attitudes that follow from it.
 
-    last: the last corrected batch; matrix (3, 3): its calibration matrix. Before the first and after the last point of
-    the history, the bias's uncertainty grows by its rate random walk. Raises
-    RecordingError if there is no evidence of the bias.
+    The calibration is the one known at the end of the boot.
+    last: the last corrected batch; matrix (3, 3): its calibration matrix. Before the first and after the last
+    point of the history, the bias's uncertainty grows by its rate random walk. Raises RecordingError if there
+    is no evidence of the bias.
     """
     found = session.tracker.smoothed()
     if found is None:

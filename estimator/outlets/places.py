@@ -1,4 +1,4 @@
-"""Places of devices at an outlet: however many devices are invented, a bounded number is shown. Time is an argument."""
+"""Limits how many devices an outlet shows, however many ids are invented. Time is an argument."""
 
 import logging
 from collections.abc import Callable
@@ -12,7 +12,10 @@ SILENT_S = 60.0
 
 
 class Places:
-    """Devices that an outlet shows; those heard first keep their place. leave: called with each device that leaves."""
+    """The devices that an outlet shows, at most `most`; those heard first keep their place.
+
+    leave: called with each device that loses its place, after SILENT_S without a message.
+    """
 
     def __init__(self, leave: Callable[[str], None], most: int = MOST) -> None:
         self._leave, self._most = leave, most
@@ -20,7 +23,7 @@ class Places:
         self._warned = False
 
     def take(self, device: str, now_s: float) -> bool:
-        """Whether a device, heard now, has a place."""
+        """Whether a device, heard at monotonic time now_s, may be shown; gives it a place if there is room."""
         if self._heard_s.pop(device, None) is None and len(self._heard_s) >= self._most:
             first, heard_s = next(iter(self._heard_s.items()))
             if now_s - heard_s <= SILENT_S:

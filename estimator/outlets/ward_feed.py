@@ -1,4 +1,4 @@
-"""What outlets for robotics show of a ward: each sample once, poses on a grid, states, and events in words."""
+"""Reads a ward for outlets to robotics: each sample once, poses on a grid, statuses, and events in words."""
 
 import math
 import time
@@ -17,7 +17,10 @@ _NOT_TURNED = (1.0, 0.0, 0.0, 0.0)
 
 
 class Pose(NamedTuple):
-    """Pose of a device in the frame of its ward: its place on the grid in m, and its orientation, scalar first."""
+    """Pose of a device in the frame of its ward: time in ns since the Unix epoch, place on a grid in m, orientation.
+
+    quat_wxyz turns sensor axes to earth axes, scalar first.
+    """
 
     device: str
     time_ns: int
@@ -26,7 +29,10 @@ class Pose(NamedTuple):
 
 
 class Event(NamedTuple):
-    """A note, a calibration, or a change of a device's state, in words. serious: a person should look."""
+    """A note, a calibration, or a change of a device's state, in words, at a time in ns since the Unix epoch.
+
+    serious: a person should look.
+    """
 
     time_ns: int
     device: str
@@ -35,9 +41,9 @@ class Event(NamedTuple):
 
 
 class WardFeed:
-    """Reads a ward's streams; call the methods again and again, from one thread.
+    """Reads a ward's streams for an outlet; call the methods again and again, from one thread.
 
-    left: called with a device that has left its place; what is kept for it can go.
+    left: called with a device that lost its place to another; what is kept for it can go.
     """
 
     def __init__(self, client: Client, devices: Sequence[str] | None, left: Callable[[str], None]) -> None:
@@ -50,12 +56,15 @@ class WardFeed:
         self._calibrations = client.follow_calibrations(devices)
         self._join = ImuJoin()
         self._places, self._left = Places(self._leave), left
-        #: places on the grid
+        #: number of each device's place on the grid
         self._grid: dict[str, int] = {}
         self._states: dict[str, tuple[int, State, Quality]] = {}
 
     def samples(self, timeout_s: float) -> Iterator[ImuRows]:
-        """Wait at most timeout_s for corrected samples, and yield those that are complete."""
+        """Wait at most timeout_s for corrected samples, and yield rows once complete.
+
+        A row joins a corrected rate with its raw reading and orientation.
+        """
         self._rates.wait(timeout_s)
         now_s = time.monotonic()
         for stream in (self._raw, self._orientation):
@@ -67,12 +76,12 @@ class WardFeed:
         yield from self._join.due(now_s)
 
     def statuses(self) -> list[Status]:
-        """Return the statuses since the last call: one a second of each device."""
+        """Return the statuses that came since the last call; each device sends one a second."""
         now_s = time.monotonic()
         return [status for status in self._statuses.drain() if self._places.take(status.device, now_s)]
 
     def pose(self, rows: ImuRows) -> Pose:
-        """Return a device's pose at the last sample; a device whose orientation is unknown is shown unturned."""
+        """Return a device's pose at its last sample; a device whose orientation is unknown (NaN) is shown unturned."""
         w, x, y, z = rows.quat_wxyz[-1].tolist()
         turned = _NOT_TURNED if math.isnan(w) else (w, x, y, z)
         return Pose(rows.device, int(rows.time_ns[-1]), self._position(rows.device), turned)
@@ -89,7 +98,7 @@ class WardFeed:
         return column * _APART, -row * _APART, 0.0
 
     def events(self, statuses: Sequence[Status]) -> Iterator[Event]:
-        """Yield what happened since the last call, as these statuses, notes and calibrations say."""
+        """Yield the events since the last call: changes of state in these statuses, new calibrations and notes."""
         for status in statuses:
             state = status.boot, State(status.state), Quality(status.quality)
             if self._states.get(status.device) != state:

@@ -11,7 +11,10 @@ from bridge.wire.messages import Holding, Move, Owned
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """One estimator: its devices and its recent moves. load: processor seconds per second."""
+    """One estimator of a ward: whether it is alive, the devices that it owns, and its recent moves of devices.
+
+    load: processor seconds per second.
+    """
 
     estimator: str
     alive: bool
@@ -22,7 +25,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class ClusterView:
-    """All estimators of a ward, by name; `troubles` are most urgent first."""
+    """All estimators of a ward, by name, with their devices; `troubles` are most urgent first."""
 
     ward: str
     shares: Sequence[Share]
@@ -41,9 +44,10 @@ class ClusterView:
 
 
 def cluster_view(ward: str, alive: Sequence[str], said: Iterable[Owned]) -> ClusterView:
-    """Combine the messages of a ward's estimators, in order of arrival.
+    """Combine the messages of a ward's estimators into one view.
 
-    alive: ids of the estimators that are alive. said: their messages about owned devices.
+    said: their messages about owned devices, in order of arrival.
+    alive: ids of the estimators that are alive.
     """
     parts: dict[str, dict[int, Owned]] = {}
     for owned in said:
@@ -66,7 +70,7 @@ def cluster_view(ward: str, alive: Sequence[str], said: Iterable[Owned]) -> Clus
 
 
 def as_json(view: ClusterView) -> dict[str, Any]:
-    """Return the view as one JSON-compatible object."""
+    """Return the view of the estimators as one JSON-compatible object."""
     return {
         "ward": view.ward,
         "well": not view.troubles,

@@ -40,7 +40,7 @@ _URGENT = (
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """A device that needs a person, and why."""
+    """A device that needs a person: its state, the reasons, and where it is worn."""
 
     device: str
     state: State
@@ -50,9 +50,10 @@ class Need:
 
 @dataclass(frozen=True, slots=True)
 class WardSummary:
-    """Summary of a ward.
+    """Summary of a ward: numbers of devices and samples, who needs a person, and faults of the ward.
 
-    devices: those that did not end. needs: most urgent first. law: devices that break samples in = out + dropped, and how.
+    devices: those that did not end. needs: most urgent first. law: devices that break samples in
+    = out + dropped, and how.
     troubles: of the ward itself.
     unused: number of unused samples by device and reason, most first; devices without any are left out.
     told: per device, in English, other events that its bridge counted, and a rate that is not as expected.
@@ -75,7 +76,7 @@ class WardSummary:
 
     @property
     def well(self) -> bool:
-        """Whether nobody has to do anything."""
+        """Whether nobody has to do anything: no needs, no lost samples, no troubles."""
         return not (self.needs or self.law or self.troubles)
 
 
@@ -134,7 +135,7 @@ def _misnamed(ward: str, bridges: Sequence[str], estimators: Sequence[str]) -> S
 
 
 def as_json(seen: WardSummary) -> dict[str, Any]:
-    """Return the summary as one JSON-compatible object."""
+    """Return the summary of a ward as one JSON-compatible object."""
     return {
         "ward": seen.ward,
         "well": seen.well,
@@ -176,7 +177,7 @@ def total(unused: Mapping[str, Mapping[str, int]]) -> Counter[str]:
 
 
 def most(reasons: Mapping[str, int]) -> str:
-    """Return the most frequent reasons with their counts, in words."""
+    """Return the three most frequent reasons with their counts, and the count of all others, in words."""
     found = Counter(reasons).most_common()
     said = [f"{n} {why}" for why, n in found[:_MOST]]
     left = sum(n for _, n in found[_MOST:])

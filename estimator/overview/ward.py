@@ -30,9 +30,10 @@ WORDS = {state: state.name.lower().replace("_", " ") for state in State}
 
 @dataclass(frozen=True, slots=True)
 class DeviceRow:
-    """One device of a ward.
+    """One device of a ward in a list: state, reasons, quality, rate and battery. None is unknown.
 
-    `gaps` and `missing_samples` count since the estimator knows the device. None is unknown.
+    `gaps` and `missing_samples` count since the estimator knows the device. evidence_age_s:
+    time since the last rest, s.
     needs_person: as `estimator.device.attention` defines it; a device that nothing is known of needs a person too.
     """
 
@@ -57,20 +58,20 @@ class DeviceRow:
 
     @property
     def order(self) -> tuple[int, bool, str]:
-        """Sort key: most urgent first."""
+        """Sort key of the rows: most urgent first, then those with notices, then by device id."""
         urgency = URGENCY.index(self.state)
         if self.needs_person and self.state == TRACKING:
             urgency = min(urgency, _ASKS)
         return urgency, not self.notices, self.device
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the row as JSON-compatible values."""
+        """Return the row as JSON-compatible values, by field name."""
         said = {"reason": sentences_as_json(self.reason), "notices": sentences_as_json(self.notices)}
         return asdict(self) | said
 
 
 class WardView:
-    """Latest statuses and infos of a ward's devices, and when they came."""
+    """Latest status and infos of each device of a ward, and when its status came; `now` is monotonic time in s."""
 
     def __init__(self) -> None:
         self._statuses: dict[str, tuple[Status, float]] = {}
@@ -78,13 +79,13 @@ class WardView:
         self._infos: dict[str, dict[str, DeviceInfo]] = {}  # by device and bridge
 
     def take_status(self, status: Status, now: float) -> None:
-        """Take an estimator's status of a device, received at `now` seconds."""
+        """Keep an estimator's status of a device, received at monotonic time `now`, s."""
         if status.device in self._statuses:
             self._anew.add(status.device)
         self._statuses[status.device] = status, now
 
     def take_info(self, info: DeviceInfo) -> None:
-        """Take a bridge's info of a device."""
+        """Keep a bridge's info of a device; of at most eight bridges per device."""
         known = self._infos.setdefault(info.device, {})
         known.pop(info.bridge, None)
         known[info.bridge] = info  # latest last
@@ -93,16 +94,16 @@ class WardView:
             del known[next(one for one in known if status is None or one != status.bridge)]
 
     def room(self, device: str, most: int) -> bool:
-        """Whether to take a device: it is known, or fewer than `most` devices are known from bridges only."""
+        """Whether to keep infos of a device: it is known, or fewer than `most` devices are known from bridges only."""
         known = device in self._statuses or device in self._infos
         return known or len(self._infos.keys() - self._statuses.keys()) < most
 
     def silences(self, now: float) -> dict[str, float]:
-        """Return the seconds since the last status, by device."""
+        """Return the seconds since the last status of each device, by device id."""
         return {device: now - heard for device, (_, heard) in self._statuses.items()}
 
     def ended(self, now: float) -> list[str]:
-        """Return the devices that ended, and that no estimator reports any more."""
+        """Return the ids of devices whose data has ended, and that no estimator reports any more."""
         return [
             device
             for device, (status, heard) in self._statuses.items()
@@ -110,26 +111,29 @@ class WardView:
         ]
 
     def forget(self, device: str) -> None:
-        """Drop a device."""
+        """Drop all that is known of a device."""
         self._statuses.pop(device, None)
         self._infos.pop(device, None)
         self._anew.discard(device)
 
     def rows(self, now: float) -> list[DeviceRow]:
-        """Return every device, most urgent first."""
+        """Return the rows of all devices, most urgent first. now: monotonic time in s."""
         names = self._statuses.keys() | self._infos.keys()
         return sorted((self.row(name, now) for name in names), key=lambda row: row.order)
 
     def settled(self, now: float) -> bool:
-        """Whether each device is known to be live (a second status came) or silent."""
+        """Whether each device is known to be live (a second status came) or silent (none for SILENT_S)."""
         return all(name in self._anew or _silence(now - heard) for name, (_, heard) in self._statuses.items())
 
     def statuses(self, now: float) -> dict[str, Status]:
-        """Return the latest status of each device; a silent device's state is unknown."""
+        """Return the latest status of each device by id; a silent device's state is unknown.
+
+        now: monotonic time in s.
+        """
         return {name: _unless_silent(status, now - heard) for name, (status, heard) in self._statuses.items()}
 
     def infos(self) -> dict[str, DeviceInfo]:
-        """Return for each device the info of the bridge whose samples are used."""
+        """Return the hardware info of each device by id, from the bridge whose samples are used."""
         owners = {name: status.bridge for name, (status, _) in self._statuses.items()}
         found = {name: self._info(name, owners.get(name, "")) for name in self._infos}
         return {name: info for name, info in found.items() if info is not None}
@@ -141,7 +145,10 @@ class WardView:
         return infos[-1] if infos else None
 
     def row(self, name: str, now: float) -> DeviceRow:
-        """Return the row of one device."""
+        """Return the row of one device: state, reasons and counts, from its status and info.
+
+        now: monotonic time in s.
+        """
         status, heard = self._statuses.get(name, (None, now))
         info = self._info(name, status.bridge if status is not None else "")
         about: dict[str, Any] = {}
@@ -191,19 +198,19 @@ def _unless_silent(status: Status, for_s: float) -> Status:
 
 
 def to_calibrate(rows: Iterable[DeviceRow]) -> list[str]:
-    """Return the devices that wait for turns by hand, those that nobody has begun with first."""
+    """Return the ids of the devices that wait for turns by hand, those that nobody has begun with first."""
     waits = sorted((row for row in rows if row.state in _WAIT), key=lambda row: _WAIT.index(row.state))
     return [row.device for row in waits]
 
 
 def counted(rows: Iterable[DeviceRow]) -> str:
-    """Return the number of devices per state, in words."""
+    """Return the number of devices in each state, in words: `1 lost, 3 tracking`, most urgent first."""
     found = Counter(row.state for row in rows)
     return ", ".join(f"{found[state]} {state}" for state in URGENCY if found[state])
 
 
 def head_line(rows: Sequence[DeviceRow]) -> str:
-    """Return the number of tracking devices, and the states of the others, in words."""
+    """Return a line such as `5 of 6 tracking; 1 lost`: the number of tracking devices, and the states of the others."""
     others = [row for row in rows if row.state != TRACKING]
     said = f"{len(rows) - len(others)} of {len(rows)} tracking"
     return f"{said}; {counted(others)}" if others else said
@@ -242,7 +249,7 @@ def matches(text: str, pattern: str) -> bool:
 
 
 def strangers(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[str]:
-    """Return the words that are neither a state nor match the id of a device."""
+    """Return the words of `only` that are neither a state nor match the id of a device."""
     devices = [row.device for row in rows]
     states = set(WORDS.values()) | {SILENT, ENDED}
     return [
@@ -254,14 +261,14 @@ def strangers(rows: Iterable[DeviceRow], only: Iterable[str]) -> list[str]:
 
 
 def listed(devices: Iterable[str]) -> str:
-    """Return device ids in order, `ankle, chest`; after the first 20, the number of the others."""
+    """Format device ids in order, `ankle, chest`; after the first 20, the number of the others."""
     names = sorted(devices)
     more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     return f"{', '.join(names[:_LISTED])}{more}"
 
 
 def age(seconds: float) -> str:
-    """Return a duration in the largest unit of which it has at least two."""
+    """Format a duration in s, in the largest unit (s, min, h, d) of which it has at least two: `3 min`."""
     for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"

@@ -45,7 +45,7 @@ def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
 
 
 def first(lines: Sequence[str]) -> Iterator[str]:
-    """Yield the first lines, and how many more there are, which `--json` prints."""
+    """Yield the first 12 lines, and a line that says how many more there are, which `--json` prints."""
     yield from lines[:_MOST]
     if (more := len(lines) - _MOST) > 0:
         yield f"… and {more} more; --json lists all"
@@ -92,7 +92,7 @@ def accelerometer_as_words(one: AccelerometerCalibration | None) -> Iterator[str
 
 
 def as_notes(notes: Sequence[str]) -> list[str]:
-    """Return what the result rests on: what was understood, assumed or repaired of the recording, one line each."""
+    """Format the notes of a recording, one line each: what was understood, assumed or repaired of it."""
     return [f"note: {words}" for words in notes]
 
 

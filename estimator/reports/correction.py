@@ -25,12 +25,15 @@ _MEANS = {
 
 
 def bias_known(corrected: CorrectedRecording) -> bool:
-    """Whether the bias is known for any sample."""
+    """Whether the bias is known for any sample of a corrected recording."""
     return not corrected.seconds().keys() <= {"NONE", "PRIOR"}
 
 
 def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> dict[str, Any]:
-    """Return the report as JSON-compatible values, in SI; bias and its standard deviation are those at the end."""
+    """Return a corrected recording's report as JSON-compatible values, in SI.
+
+    Bias and its standard deviation are those at the end.
+    """
     warm = recording.temperature_c
     return {
         "samples": len(corrected),
@@ -52,7 +55,10 @@ def as_json(corrected: CorrectedRecording, recording: Recording, out: Path) -> d
 
 
 def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> Iterator[str]:
-    """Yield the report as lines: samples, quality, bias at the end, calibrations, temperature, events, output file."""
+    """Yield a corrected recording's report as lines.
+
+    Samples, quality, bias at the end, calibrations, temperature, events, output file.
+    """
     minutes = recording.time_s[-1] / 60
     how = "from the whole recording" if corrected.smoothed else "as in a live ward"
     yield f"{count(len(corrected), 'sample')}, {minutes:.1f} min at {recording.rate_hz:.4g} Hz, corrected {how}"
@@ -80,7 +86,7 @@ def as_words(corrected: CorrectedRecording, recording: Recording, out: Path) -> 
 
 
 def said(corrected: CorrectedRecording) -> Iterator[str]:
-    """Yield the first messages that the live service would have logged."""
+    """Yield the first of the messages that the live service would have logged while correcting."""
     yield from first(corrected.said)
 
 

@@ -62,7 +62,7 @@ def as_tables(history: History) -> Iterator[RenderableType]:
 
 
 def as_json(history: History) -> dict[str, Any]:
-    """Return the whole history as JSON-compatible values, in SI units, times in ISO 8601."""
+    """Return a device's whole history as JSON-compatible values, in SI units, times in ISO 8601."""
     return {
         "device": history.device,
         "calibrations": [
@@ -148,7 +148,7 @@ def _words(name: str) -> str:
 
 
 def when(time_ns: int) -> str:
-    """Date and time in this machine's zone."""
+    """Format ns since the Unix epoch as date and time in this machine's zone: `2026-11-21 13:39:19`."""
     return datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
 
 

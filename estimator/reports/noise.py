@@ -20,7 +20,10 @@ _POOR = 3.0  # misfit above which the model explains an axis poorly
 
 
 def as_json(rest: AtRest) -> dict[str, Any]:
-    """Return the noise as JSON-compatible values, in SI; if `seen` is false, only the upper limit `high` is known."""
+    """Return the noise at rest as JSON-compatible values, in SI.
+
+    If `seen` is false, only the upper limit `high` is known.
+    """
     return {
         "used_s": [rest.start_s, rest.end_s],
         "recorded_s": rest.total_s,
@@ -64,13 +67,13 @@ def as_table(rest: AtRest) -> Columns:
 
 
 def said(coefficient: Coefficient, scale: float) -> str:
-    """Return a coefficient as `0.0123`, or as `< 0.004` if the rest shows only its upper limit."""
+    """Format a coefficient times `scale` as `0.0123`, or as `< 0.004` if the rest shows only its upper limit."""
     value, high = coefficient.value * scale, coefficient.high * scale
     return f"{value:.3g}" if coefficient.seen else f"< {high:.2g}"
 
 
 def sentences(rest: AtRest) -> Iterator[str]:
-    """Yield what part of the recording was used, and what limits the result."""
+    """Yield sentences that say what part of the recording was used, and what limits the result."""
     yield (
         f"longest rest: {rest.duration_s:.0f} s of {rest.total_s:.0f} s, from {rest.start_s:.1f} to "
         f"{rest.end_s:.1f} s, at {rest.rate_hz:.2f} Hz"

@@ -38,7 +38,7 @@ class Factor(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Base(Struct, frozen=True, forbid_unknown_fields=True):
-    """Values that are not varied: see bridge.sim.paper_sessions.PaperPlan."""
+    """Noise (°/s), rate (Hz), and lengths of rests and turns (s) of sessions in which they are not varied."""
 
     noise_dps: float
     rate_hz: float
@@ -47,7 +47,7 @@ class Base(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AnalysisScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario: `runs` sessions for each value, over `sets` parameter sets."""
+    """Scenario of study `analysis`: `runs` sessions for each value of a factor, over `sets` sets of gyro parameters."""
 
     sets: int
     base: Base
@@ -55,9 +55,10 @@ class AnalysisScenario(Scenario, frozen=True, kw_only=True):
 
 
 class Row(Struct, frozen=True):
-    """Results for one value and method: rms errors of k and b (°/s), mean error of k ± 95 % interval, rms bounds.
+    """Results for one value of a cause and one method, over all sessions.
 
-    nees: of closure, per degree of freedom; None for Algorithm 1.
+    k_rms, b_rms: rms errors of k and of b (°/s). k_mean ± k_mean_ci: mean error of k and its 95 % interval.
+    k_bound, b_bound: rms Cramér-Rao bounds. nees: of closure, per degree of freedom; None for Algorithm 1.
     """
 
     factor: str
@@ -74,7 +75,7 @@ class Row(Struct, frozen=True):
 
 
 class Analysis(Struct, frozen=True):
-    """Results of the study: all rows, the factors, and the number of sessions for each value."""
+    """Results of the study: all rows, the factors, the values not varied, and the number of sessions for each value."""
 
     runs: int
     factors: tuple[Factor, ...]
@@ -82,19 +83,19 @@ class Analysis(Struct, frozen=True):
     rows: list[Row]
 
     def of(self, factor: str, method: str, sampling: str = "mean") -> list[Row]:
-        """Rows of a factor by one method and sampling, in the order of the values."""
+        """Return the rows of a factor by one method and sampling, in the order of the values."""
         return [r for r in self.rows if (r.factor, r.method, r.sampling) == (factor, method, sampling)]
 
 
 def jobs(of: AnalysisScenario) -> Sequence[Job]:
-    """Jobs: (factor, value, sampling), highest rates first, as they take longest."""
+    """Return the jobs (factor, value, sampling), highest rates first, as they take longest."""
     found: list[Job] = [(f.name, value, how) for f in of.factors for value in f.values for how in f.sampling]
     keys = {f.name: f.key for f in of.factors}
     return sorted(found, key=lambda job: -float(job[1]) if keys[str(job[0])] == "rate_hz" else 0.0)
 
 
 def plan_of(of: AnalysisScenario, job: Job) -> PaperPlan:
-    """Plan of the sessions of one job."""
+    """Return the plan of the simulated sessions of one job: the base values, with the job's value of its factor."""
     factor = next(f for f in of.factors if f.name == job[0])
     base, value = of.base, float(job[1])
     varied = msgspec.structs.asdict(base) | {"wobble_deg": factor.wobble_deg, "replacement_deg": 0.0}
@@ -125,7 +126,7 @@ def work(of: AnalysisScenario, job: Job) -> Arrays:
 
 
 def results(of: AnalysisScenario, parts: Parts) -> Analysis:
-    """Compute rms errors by value."""
+    """Compute rms errors, bounds and NEES for each factor, value and method from the arrays of all jobs."""
     rows = []
     for factor in of.factors:
         for how in factor.sampling:
@@ -158,7 +159,7 @@ def _rows(factor: str, value: float, how: Sampling, part: Arrays) -> list[Row]:
 
 
 def tables(found: Analysis) -> Sequence[RenderableType]:
-    """Table with one row per value."""
+    """Return a table of the rms errors of k, with one row per value of each cause."""
     names = {"cause": 0, "value": 0, "samples": 3, "Algorithm 1": 0, "closure": 0, "bound": 0, "NEES": 2}
     table = Columns(
         [Column(name, number=name not in ("cause", "samples"), spare=spare) for name, spare in names.items()],
@@ -176,7 +177,7 @@ def tables(found: Analysis) -> Sequence[RenderableType]:
 
 
 def draw(found: Analysis, folder: Path) -> Sequence[str]:
-    """Draw one panel per cause."""
+    """Draw the rms error of k over the values of each cause, one panel per cause; returns the figure's name."""
     from estimator.study.figures.sweeps import analysis  # noqa: PLC0415 - matplotlib takes a second to load
 
     analysis(found, folder / "analysis")
@@ -184,7 +185,7 @@ def draw(found: Analysis, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Analysis) -> Sequence[Finding]:
-    """Judge noise, discretization and hand motion, from the factors of the scenario that comes with truerate."""
+    """Judge the paper's claims on noise, discretization and hand motion, from the factors of the study's own file."""
     return _of_noise(found.of("noise", "algorithm1")), _of_rate(found), _of_hand(found)
 
 

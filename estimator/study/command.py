@@ -1,4 +1,4 @@
-"""Commands `truerate study NAME` and `truerate study all`."""
+"""Run the studies for the commands `truerate study NAME` and `truerate study all`."""
 
 from pathlib import Path
 
@@ -24,9 +24,11 @@ def run_one(
     workers: int | None = None,
     recording: Path | None = None,
 ) -> None:
-    """Run one study with its own scenario or another. Raises ConfigError when the scenario cannot be used.
+    """Run one study, with its own scenario or another, and save it in OUT/NAME.
 
-    config: name or file of another scenario. runs: overrides its number of runs; quick: few runs. recording: for `real`.
+    Raises ConfigError for an unusable scenario.
+    config: name or file of another scenario. runs: overrides its number of runs; quick: few runs. workers: number of
+    processes, None for one per processor. recording: session for the study `real`.
     """
     scenario = _scenario(name, config, runs, quick=quick)
     if isinstance(scenario, RealScenario):
@@ -47,7 +49,10 @@ def run_all(
     recording: Path | None = None,
     runs: int | None = None,
 ) -> None:
-    """Run all studies and write OUT/report.html; `real` only with a recording. runs: overrides those of each study."""
+    """Run all studies and write OUT/report.html; `real` only with a recording.
+
+    runs: overrides the number of runs of each study. workers: number of processes, None for one per processor.
+    """
     runner = Runner(console, out, workers)
     done = []
     for name, study in STUDIES.items():

@@ -24,7 +24,7 @@ _USUAL_ACCEL_NOISE = 0.02
 
 
 class PaperColumn(Struct, frozen=True, forbid_unknown_fields=True):
-    """One column of the paper's tables 2 and 3: k, b with the paper's sign (°/s), and duration, s."""
+    """Result of one method in the paper's tables 2 and 3: k, b with the paper's sign (°/s), and duration (s)."""
 
     k: Axes
     b_dps: Axes
@@ -89,7 +89,10 @@ def load_device(name: str) -> Device:
 
 
 class Hand(Struct, frozen=True, forbid_unknown_fields=True):
-    """Motion of a calibration by hand; keys as in bridge.sim.motion_scripts.SessionPlan."""
+    """Motion of a calibration by hand: lengths of rests and turns (s), and the hand's errors (degrees).
+
+    turn_s: shortest and longest turn. The keys are those of bridge.sim.motion_scripts.SessionPlan.
+    """
 
     rest_s: float
     turn_s: tuple[float, float]
@@ -98,7 +101,7 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     replacement_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Motion of the paper's session: rest, 360° clockwise about x, rest, y, rest, z, rest."""
+        """Return the motion of the paper's session: rest, 360° clockwise about x, rest, y, rest, z, rest."""
         turns = tuple(TurnPlan(axis, -360.0) for axis in range(3))
         plan = SessionPlan(self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg)
         return session(rng, plan)
@@ -113,7 +116,7 @@ class Recorded:
     ends_s: Floats
 
     def until(self, time_s: float, *, accel: bool = False) -> Recording:
-        """Part of the recording up to a time, s, with or without the accelerometer."""
+        """Return the part of the recording up to a time, s, with or without the accelerometer."""
         r = self.recording
         n = int(np.searchsorted(r.time_s, time_s + 1e-9))
         return Recording(
@@ -125,7 +128,7 @@ class Recorded:
 def record(
     device: Device, pieces: Sequence[Piece], rng: np.random.Generator, *, zero_g: float | None = None
 ) -> Recorded:
-    """Simulate one boot of the device moved by the pieces.
+    """Simulate a recording of one boot of the device, moved by the pieces of motion.
 
     zero_g: ± limit of the accelerometer's offset, m/s², in place of the device's.
     """

@@ -15,7 +15,10 @@ from estimator.study.study import Finding, Parts, Study
 
 
 class ErrorsScenario(Simulation, frozen=True, kw_only=True):
-    """Scenario of the study; paper_band: at each noise, the limit the paper gives for most errors of k and b (°/s)."""
+    """Scenario of study `errors`.
+
+    paper_band: for each noise, the limit within which the paper has most errors of k and b (°/s).
+    """
 
     paper_band: tuple[float, ...]
 
@@ -55,12 +58,12 @@ class Errors(Struct, frozen=True):
     honesty: list[Honesty]
 
     def of(self, noise: float, method: str) -> list[Row]:
-        """Rows of the six parameters by one method at one noise."""
+        """Return the rows of the six parameters by one method at one noise, °/s."""
         return [row for row in self.rows if (row.noise_dps, row.method) == (noise, method)]
 
 
 def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
-    """Compute spreads of the errors, and the NEES, from all runs."""
+    """Compute the spread of each parameter's errors by noise and method, and the NEES of closure, from all runs."""
     rows, honesty = [], []
     for noise, band in zip(scenario.noise_dps, scenario.paper_band, strict=True):
         found = simulation.joined(list(simulation.at_noise(parts, noise).values()))
@@ -76,7 +79,7 @@ def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
 
 
 def tables(found: Errors) -> Sequence[RenderableType]:
-    """Table of errors, one row per parameter, and a line with the NEES."""
+    """Return a table of the errors, one row per parameter, noise and method, and a line with the NEES."""
     headings = {
         "°/s": 0,
         "method": 0,
@@ -108,7 +111,7 @@ def tables(found: Errors) -> Sequence[RenderableType]:
 
 
 def draw(found: Errors, folder: Path) -> Sequence[str]:
-    """Draw box plots of the errors."""
+    """Draw box plots of the errors of all parameters; returns the figure's name."""
     from estimator.study.figures.simulations import errors  # noqa: PLC0415 - matplotlib takes a second to load
 
     errors(found, folder / "errors")
@@ -116,7 +119,7 @@ def draw(found: Errors, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Errors) -> Sequence[Finding]:
-    """Judge whether the errors are unbiased and within the paper's band."""
+    """Judge the paper's figure 7: whether the errors are unbiased and within the paper's band."""
     rows = [row for row in found.rows if row.method == "algorithm1"]
     zero = sum(holds(row.error.median_ci, 0.0) for row in rows)
     least = min(row.inside for row in rows)

@@ -19,7 +19,7 @@ _DRAWN = 4
 
 
 class Row(Struct, frozen=True):
-    """Mean magnitude, °/s, in one turn of a sensor; rates: key of WORDS."""
+    """Spread over the sessions of the mean magnitude of the rate, °/s, in one turn of a sensor; rates: key of WORDS."""
 
     sensor: str
     spin: str
@@ -28,7 +28,10 @@ class Row(Struct, frozen=True):
 
 
 class Trace(Struct, frozen=True):
-    """First session without ramps: time, s, magnitudes, °/s, by key of WORDS, and begin of each turn, s."""
+    """Magnitudes over time in a sensor's first session, without ramps.
+
+    time_s: s. dps: magnitudes, °/s, by key of WORDS. begins_s: begin of each turn, s.
+    """
 
     sensor: str
     time_s: list[float]
@@ -45,7 +48,7 @@ class Magnitude(Struct, frozen=True):
     traces: list[Trace]
 
     def error(self, sensor: str, rates: str) -> float:
-        """Rms error over sessions and turns, °/s."""
+        """Return the rms error of the magnitude over sessions and turns of a sensor, °/s. rates: key of WORDS."""
         off = [r.mean.rms**2 - 2 * r.mean.mean * self.rate_dps + self.rate_dps**2 for r in self.rows
                if (r.sensor, r.rates) == (sensor, rates)]  # fmt: skip
         return float(np.sqrt(np.mean(off)))
@@ -72,7 +75,7 @@ def _steady(found: Verification, spin: tuple[float, float]) -> slice:
 
 
 def results(scenario: VerificationScenario, parts: Parts) -> Magnitude:
-    """Compute spreads over the sessions, and collect the first one of each sensor."""
+    """Compute the spread of the mean magnitudes over the sessions, and collect the first session of each sensor."""
     devices = inputs(scenario).devices
     rows, traces = [], []
     for sensor in devices:
@@ -91,7 +94,7 @@ def results(scenario: VerificationScenario, parts: Parts) -> Magnitude:
 
 
 def tables(found: Magnitude) -> Sequence[RenderableType]:
-    """Table of mean magnitudes by turn."""
+    """Return a table of the mean magnitude in each turn, °/s, before and after calibration."""
     n = found.rows[0].mean.n
     table = Columns(
         [
@@ -109,7 +112,7 @@ def tables(found: Magnitude) -> Sequence[RenderableType]:
 
 
 def draw(found: Magnitude, folder: Path) -> Sequence[str]:
-    """Draw magnitudes over time."""
+    """Draw the magnitudes over time, one panel per sensor; returns the figure's name."""
     from estimator.study.figures.traces import magnitude  # noqa: PLC0415 - matplotlib takes a second to load
 
     magnitude(found, folder / "magnitude")
@@ -117,7 +120,7 @@ def draw(found: Magnitude, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Magnitude) -> Sequence[Finding]:
-    """Judge whether the magnitude is closer to the truth after calibration."""
+    """Judge the paper's figure 9: whether the magnitude is closer to the truth after calibration."""
     said, closer = [], True
     for sensor, label in found.labels.items():
         before, after = (found.error(sensor, name) for name in ("raw", "turn360"))

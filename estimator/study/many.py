@@ -21,7 +21,7 @@ class Many:
 
 
 def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = False) -> Evidence:
-    """Evidence of the sessions for closure, with known stages and a constant bias.
+    """Make closure's input from sessions: rests, turns, and their noise, with known stages and a constant bias.
 
     replacement_std: rad per axis by which the hand misses the first attitude. coning: whether to correct for changes of
     direction within a sample, as `closure` does at low rates.
@@ -44,7 +44,10 @@ def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = 
 
 
 def closure(seen: Evidence) -> Many:
-    """Calibrate by maximum likelihood. Raises ArithmeticError when a session does not converge."""
+    """Calibrate all sessions by closure (maximum likelihood).
+
+    Raises ArithmeticError when a session does not converge.
+    """
     found = fit(seen)
     if not found.converged.all():
         raise ArithmeticError(f"{np.sum(~found.converged)} of {len(found.b)} sessions did not converge")
@@ -52,9 +55,10 @@ def closure(seen: Evidence) -> Many:
 
 
 def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> Floats:
-    """Cramér-Rao bound (s, 6) of bias and k as variances: inverse information at the truth, from noise-free readings.
+    """Return the Cramér-Rao bound (s, 6) of bias and k as variances, for s sessions.
 
-    noise_std: rad/s of a reading. replacement_std: as in `evidence`.
+    It is the inverse information at the truth, from noise-free readings.
+    noise_std: rad/s of a reading. replacement_std: as in `evidence`, rad.
     """
     gyro, clean = sessions.gyro, sessions.rates / sessions.gyro.k + sessions.gyro.bias
     still = np.broadcast_to(gyro.bias, sessions.rests.shape)
@@ -71,7 +75,11 @@ def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> 
 
 
 def algorithm1(sessions: PaperSessions, tolerance: float = 1e-5, max_iterations: int = 50) -> Many:
-    """Algorithm 1 of the paper, as turn360.estimate on each session; bias from the first rest, covariance NaN."""
+    """Calibrate all sessions by Algorithm 1 of the paper, as turn360.estimate does.
+
+    Bias from the first rest, covariance NaN.
+    tolerance: change of the scale factors at which a session is done.
+    """
     bias = sessions.rests[:, 0].mean(axis=1)
     K = np.ones_like(bias)
     open_ = np.arange(len(K))

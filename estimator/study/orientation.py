@@ -25,7 +25,10 @@ _DRAWN = 8
 
 
 class Row(Struct, frozen=True):
-    """Largest and final error of the angle, degrees, for a sensor, an axis and a kind of rates (key of WORDS)."""
+    """Spread over the sessions of the largest and the final error of the angle, degrees.
+
+    For a sensor, an axis and a kind of rates (key of WORDS).
+    """
 
     sensor: str
     axis: str
@@ -44,7 +47,7 @@ class Trace(Struct, frozen=True):
 
 
 class Orientation(Struct, frozen=True):
-    """Results of the study: all rows, and the first session of each sensor."""
+    """Results of the study: all rows, the first session of each sensor, and the machine's rate, °/s."""
 
     labels: dict[str, str]
     rate_dps: float
@@ -52,13 +55,13 @@ class Orientation(Struct, frozen=True):
     traces: list[Trace]
 
     def largest(self, sensor: str, rates: str) -> Spread:
-        """Largest error on the worst axis, by median."""
+        """Return the spread of the largest error, degrees, on the axis with the largest median. rates: key of WORDS."""
         rows = [row for row in self.rows if (row.sensor, row.rates) == (sensor, rates)]
         return max((row.largest for row in rows), key=lambda of: of.median)
 
 
 def angle_deg(rate: NDArray[np.float64], dt: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """(n,) angle in degrees about an axis of the initial frame, from rates (n, 3) rad/s held for dt (n,) s."""
+    """Integrate rates (n, 3) rad/s, held for dt (n,) s, to angles (n,), degrees, about an axis of the first frame."""
     attitude = rotation.attitudes(rate, dt)[1:]
     initial = np.einsum("tij,tj->ti", attitude, rate)
     return np.asarray(np.degrees(np.cumsum(initial[:, axis] * dt)))
@@ -86,7 +89,7 @@ def work(of: Inputs, job: Job) -> Arrays:
 
 
 def results(scenario: VerificationScenario, parts: Parts) -> Orientation:
-    """Compute spreads over the sessions, and collect the first one of each sensor."""
+    """Compute the spread of the angle's errors over the sessions, and collect the first session of each sensor."""
     devices = inputs(scenario).devices
     rows, traces = [], []
     for sensor in devices:
@@ -106,7 +109,7 @@ def results(scenario: VerificationScenario, parts: Parts) -> Orientation:
 
 
 def tables(found: Orientation) -> Sequence[RenderableType]:
-    """Table of the largest errors by axis."""
+    """Return a table of the largest errors of the angle by axis, degrees, before and after calibration."""
     n = found.rows[0].largest.n
     table = Columns(
         [
@@ -123,7 +126,7 @@ def tables(found: Orientation) -> Sequence[RenderableType]:
 
 
 def draw(found: Orientation, folder: Path) -> Sequence[str]:
-    """Draw angles over time, before and after calibration."""
+    """Draw angles over time, before and after calibration, one column per sensor; returns the figure's name."""
     from estimator.study.figures.traces import orientation  # noqa: PLC0415 - matplotlib takes a second to load
 
     orientation(found, folder / "orientation")
@@ -131,7 +134,7 @@ def draw(found: Orientation, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Orientation) -> Sequence[Finding]:
-    """Judge the errors of the angle before and after calibration."""
+    """Judge the paper's figures 2 and 10: errors of the angle before and after calibration."""
     before, after, good = [], [], True
     for sensor, label in found.labels.items():
         raw, ours = (found.largest(sensor, name).median for name in ("raw", "turn360"))

@@ -26,13 +26,13 @@ Floats = NDArray[np.float64]
 Rng = np.random.Generator
 ODD = ImuSpec(scale=(0.95, 1.05), bias_limit_dps=5.0)
 SPOILT = ImuSpec(scale=(0.9, 1.1), bias_limit_dps=2.0)
-#: axis mappings other than the sensor's own; without mirrored z, which hardly shows in these sessions
+#: (3, 3) axis mappings other than the sensor's own; without mirrored z, which hardly shows in these sessions
 FOREIGN = [m for m in MAPPINGS[1:] if not np.array_equal(m, np.diag([1.0, 1.0, -1.0]))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A recording of a session, and its true scale factors (3,); k None: every acceptance is wrong.
+    """A simulated session as a recording, with its true scale factors k (3,); k None: every acceptance is wrong.
 
     knobs: what is known of the device and its turns; None: nothing.
     """
@@ -43,7 +43,10 @@ class Trial:
 
 
 def good(seed: int) -> Trial:
-    """A good session: random order, direction, goes, rate, bias, scale, hand and resolution; odd seeds with accelerometer."""
+    """Simulate a good session.
+
+    Order, direction, rate, bias, scale, hand and resolution are random; odd seeds with accelerometer.
+    """
     rng = np.random.default_rng(seed)
     turns = tuple(
         TurnPlan(int(axis), 360.0 * rng.choice([-1, 1]), goes=int(rng.integers(1, 5))) for axis in rng.permutation(3)
@@ -208,12 +211,15 @@ UNDETECTABLE: dict[str, Callable[[int], Trial]] = {
 
 
 def is_wrong(result: Result, k: Floats | None) -> bool:
-    """Whether a result is accepted though it cannot be right, or its scale is off by more than 1 % and 4 std."""
+    """Whether a result is accepted but wrong: its scale is off by more than 1 % and 4 std, or k is None.
+
+    k (3,): true scale factors; None if no result could be right.
+    """
     return result.verdict is Verdict.ACCEPTED and (k is None or _is_off(result, k, 0.01, 4.0))
 
 
 def is_too_sure(result: Result, k: Floats | None) -> bool:
-    """Whether a result is accepted with a scale off by more than 0.2 % and 5 std."""
+    """Whether a result is accepted with a scale off by more than 0.2 % and 5 std: its covariance is too small."""
     return result.verdict is Verdict.ACCEPTED and k is not None and _is_off(result, k, 0.002, 5.0)
 
 
@@ -223,7 +229,10 @@ def _is_off(result: Result, k: Floats, by: float, deviations: float) -> bool:
 
 
 def try_one(job: tuple[str, int, str]) -> tuple[str, bool, bool, bool]:
-    """Simulate and calibrate one session of a kind, seed and method; returns (kind, accepted, wrong, too sure)."""
+    """Simulate one session of a job (kind, seed, method) and calibrate it.
+
+    Returns (kind, accepted, wrong, too sure).
+    """
     kind, seed, method = job
     trial = (good if kind == GOOD else {**BAD, **UNDETECTABLE}[kind])(seed)
     result, _ = recordings.calibrate(trial.recording, method, knobs=trial.knobs)

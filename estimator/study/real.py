@@ -33,14 +33,17 @@ class Theirs(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class RealScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario; recording: path of the session's file; imucal: its result for that session."""
+    """Scenario of study `real`. recording: path of the session's file; imucal: imucal's own result for that session."""
 
     recording: str = ""
     imucal: Theirs
 
 
 class Row(Struct, frozen=True):
-    """Result of one method: k (3,) with standard deviations, closure errors of the three turns, degrees; None without."""
+    """Result of one method: scale factors k (3,) and their standard deviations, closure errors of the turns, degrees.
+
+    None where the method gives none.
+    """
 
     method: str
     verdict: str
@@ -65,7 +68,7 @@ def work(of: RealScenario, _: Job) -> Arrays:
 
 
 def results(of: RealScenario, parts: Parts) -> Real:
-    """Calibrate the whole recording by each method."""
+    """Calibrate the whole recording by each method that applies; returns one row per method, imucal's own first."""
     (part,) = parts.values()
     accel = part["accel"] if len(part["accel"]) else None
     recording = Recording(part["time"], part["gyro"], accel, None, float(part["rate"]), Path(of.recording).name)
@@ -93,7 +96,7 @@ def results(of: RealScenario, parts: Parts) -> Real:
 
 
 def tables(found: Real) -> Sequence[RenderableType]:
-    """Table with one row per method, and the reasons of failed methods."""
+    """Return a table with one row per method, and the reasons of the methods that failed."""
     table = Columns(
         [Column("method", least=11), *(Column(f"k_{a}", number=True) for a in _AXES), Column("std", number=True, spare=1),
          *(Column(f"{a} open °", number=True) for a in _AXES), Column("verdict")],
@@ -109,7 +112,7 @@ def tables(found: Real) -> Sequence[RenderableType]:
 
 
 def draw(found: Real, folder: Path) -> Sequence[str]:
-    """Draw scale factors and closure errors by method."""
+    """Draw scale factors and closure errors by method; returns the figure's name."""
     from estimator.study.figures.real import real  # noqa: PLC0415 - matplotlib takes a second to load
 
     real(found, folder / "real")

@@ -1,4 +1,4 @@
-"""Registry of the studies by name, in the order of the report."""
+"""Registry: all studies by name, in the order of the report."""
 
 from typing import Any
 

@@ -20,20 +20,20 @@ _HERE = Path(__file__).parent
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One item of the paper and its finding; None when its study was not run."""
+    """One table, figure or claim of the paper, and what our study found; None if the study was not run."""
 
     item: Item
     finding: Finding | None
 
 
 def rows(done: Sequence[Done]) -> list[Row]:
-    """All items of the paper with the findings of the studies run."""
+    """Return all items of the paper, each with the finding of the study that computed it."""
     found = {finding.item: finding for one in done for finding in one.study.findings(one.results)}
     return [Row(item, found.get(item.key)) for item in ITEMS]
 
 
 def summary(of: Sequence[Row]) -> Columns:
-    """Table of the rows for a terminal."""
+    """Return a table of the items and their findings for a terminal."""
     table = Columns(
         [Column("paper"), Column("what it says", least=16), Column("ours", least=24), Column("verdict", least=8)],
         title=f"{sum(row.finding is not None for row in of)} of {len(of)} tables, figures and claims computed",
@@ -45,7 +45,7 @@ def summary(of: Sequence[Row]) -> Columns:
 
 
 def write(path: Path, done: Sequence[Done], *, quick: bool) -> None:
-    """Write the report to `path`, with the figures embedded; quick: note that the runs were few."""
+    """Write the HTML report to `path`, with the figures embedded; quick: note in it that the runs were few."""
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(_HERE), autoescape=True)
     of = rows(done)
     verdicts = [row.finding.verdict for row in of if row.finding]

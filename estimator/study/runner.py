@@ -35,14 +35,17 @@ class Done:
 
 
 class Runner:
-    """Runs studies into a folder, on `workers` processes (None: one per processor; 1: in this process)."""
+    """Runs studies and saves their results in a folder `out`.
+
+    workers: number of processes; None: one per processor; 1: in this process.
+    """
 
     def __init__(self, console: Console, out: Path, workers: int | None) -> None:
         self._console, self._out, self._workers = console, out, workers
         self._parts = out / ".parts"
 
     def run(self, study: AnyStudy, scenario: Scenario) -> Done:
-        """Compute missing parts, save results.json and figures in OUT/NAME, and print the tables."""
+        """Run a study: compute missing parts, save results.json and figures in OUT/NAME, and print the tables."""
         inputs = study.inputs(scenario)
         parts = self._computed(study, inputs)
         results = study.results(scenario, parts)
@@ -57,7 +60,7 @@ class Runner:
         return Done(study, results, tuple(folder / name for name in names))
 
     def forget_parts(self) -> None:
-        """Delete the saved parts: nothing remains to continue."""
+        """Delete the saved parts of all studies, from which an interrupted run would continue."""
         shutil.rmtree(self._parts, ignore_errors=True)
 
     def _computed(self, study: AnyStudy, inputs: Any) -> Parts:

@@ -50,7 +50,10 @@ class Session(Struct, frozen=True):
 
 
 class Sensors(Struct, frozen=True):
-    """Results of the study; machine: median computing time of each method, ms, which depends on the computer."""
+    """Results of the study: one row per parameter, and one entry per sensor and method for its sessions.
+
+    labels, paper_limit: by sensor. machine: median computing time of each method, ms, which depends on the computer.
+    """
 
     labels: dict[str, str]
     paper_limit: dict[str, float]
@@ -59,16 +62,19 @@ class Sensors(Struct, frozen=True):
     machine: dict[str, float]
 
     def of(self, sensor: str, method: str) -> list[Row]:
-        """Rows of the six parameters of a sensor by one method."""
+        """Return the rows of the six parameters of a sensor by one method."""
         return [row for row in self.rows if (row.sensor, row.method) == (sensor, method)]
 
     def worst_k(self, sensor: str, method: str) -> float:
-        """95 % quantile of the error of k on the worst axis; infinite when no session gave an estimate."""
+        """Return the 95 % quantile of the error of k on the worst axis; infinite when no session gave an estimate."""
         return max((row.size_95 for row in self.of(sensor, method) if row.parameter.startswith("k")), default=inf)
 
 
 def results(scenario: SensorsScenario, parts: Parts) -> Sensors:
-    """Compute spreads by sensor, method and parameter; sessions without an estimate count as not accepted, in no spread."""
+    """Compute the spread of estimates and errors by sensor, method and parameter, and the share accepted.
+
+    Sessions without an estimate count as not accepted, and are in no spread.
+    """
     rows, sessions, machine = [], [], {}
     devices = inputs(scenario).devices
     for method in METHODS:
@@ -119,7 +125,7 @@ def _rows(name: str, method: str, found: Floats, std: Floats, truth: Floats, col
 
 
 def tables(found: Sensors) -> Sequence[RenderableType]:
-    """One table per sensor, and a table of the sessions."""
+    """Return one table per sensor with the six parameters by method, and a table of the sessions."""
     shown: list[RenderableType] = []
     for sensor, label in found.labels.items():
         n = next(one.sessions for one in found.sessions if one.sensor == sensor)
@@ -159,7 +165,7 @@ def tables(found: Sensors) -> Sequence[RenderableType]:
 
 
 def draw(found: Sensors, folder: Path) -> Sequence[str]:
-    """Draw one figure per sensor: differences from the turntable's truth."""
+    """Draw one figure per sensor, the differences from the turntable's truth; returns the figures' names."""
     from estimator.study.figures.sensors import sensor  # noqa: PLC0415 - matplotlib takes a second to load
 
     for name in found.labels:
@@ -168,7 +174,7 @@ def draw(found: Sensors, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Sensors) -> Sequence[Finding]:
-    """Judge the paper's tables, its limits and its times."""
+    """Judge the paper's tables 2 and 3, its limits of the errors, and its calibration times."""
     told = [_table(found, name) for name in found.labels]
     return *told, _limits(found), _time(found)
 

@@ -25,7 +25,7 @@ class Turntable(Struct, frozen=True, forbid_unknown_fields=True):
     fixture_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Motion of the session: mounted with x, y and z up in turn."""
+        """Return the motion of the session: mounted with x, y and z up in turn, turned at each rate both ways."""
         both = tuple(sign * rate for rate in self.rates_dps for sign in (1.0, -1.0))
         return machine(askew(np.eye(3), self.fixture_deg, rng), both, rest_s=self.rest_s, spin_s=self.spin_s)
 
@@ -44,7 +44,7 @@ class Servomotor(Struct, frozen=True, forbid_unknown_fields=True):
     accel_offset_mg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Motion of the session: mounted with x, y and z up in turn."""
+        """Return the motion of the session: mounted with x, y and z up in turn, turned at the one rate both ways."""
         mounts = askew(np.eye(3), self.fixture_deg, rng)
         return machine(mounts, (self.rate_dps, -self.rate_dps), rest_s=self.rest_s, spin_s=self.spin_s)
 
@@ -61,7 +61,7 @@ class AccelAided(Struct, frozen=True, forbid_unknown_fields=True):
     wobble_deg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
-        """Motion of the session: six poses for each inclination."""
+        """Return the motion of the session: six poses for each inclination, with a turn by hand in between."""
         ups = [
             np.cos(tilt) * sign * np.eye(3)[axis] + np.sin(tilt) * np.eye(3)[(axis + 1) % 3]
             for tilt in np.radians(self.inclinations_deg)
@@ -87,11 +87,14 @@ def _through(ups: Sequence[Floats], how: AccelAided, rng: np.random.Generator) -
 
 
 def askew(mounts: Floats, std_deg: float, rng: np.random.Generator) -> Floats:
-    """Unit vectors (m, 3) with errors: the mounts in sensor axes, each tilted by std_deg per axis across it."""
+    """Return mounting directions with errors, unit vectors (m, 3) in sensor axes.
+
+    mounts (m, 3): exact unit vectors; each is tilted by a random angle of std_deg degrees per axis across it.
+    """
     off = mounts + np.radians(std_deg) * rng.normal(size=mounts.shape)
     return np.asarray(off / np.linalg.norm(off, axis=1)[:, None])
 
 
 def turn_s(rate_dps: float, ramp_s: float = 0.5) -> float:
-    """Duration of a machine's 360° turn, s, including its ramps."""
+    """Return the duration of a machine's 360° turn, s, including its ramps."""
     return 360.0 / abs(rate_dps) + ramp_s

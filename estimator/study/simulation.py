@@ -54,7 +54,7 @@ def run(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generato
 
 
 def joined(parts: list[Arrays]) -> Arrays:
-    """Join the arrays of several runs."""
+    """Join the arrays of several runs along the sessions: error, bound and nees, as `run` returns them."""
     return {
         "error": np.concatenate([part["error"] for part in parts], axis=1),
         "bound": np.concatenate([part["bound"] for part in parts]),
@@ -63,7 +63,10 @@ def joined(parts: list[Arrays]) -> Arrays:
 
 
 class Simulation(Scenario, frozen=True, kw_only=True):
-    """Scenario of the paper's simulation: `runs` sessions at each noise, over `sets` parameter sets. Hz, °/s, s."""
+    """Scenario of the paper's simulation: `runs` sessions at each noise, over `sets` sets of gyro parameters.
+
+    Noise in °/s, rate in Hz, lengths of rests and turns in s.
+    """
 
     sets: int
     noise_dps: tuple[float, ...]
@@ -73,7 +76,10 @@ class Simulation(Scenario, frozen=True, kw_only=True):
 
 
 class Inputs(Struct, frozen=True):
-    """Values that the runs depend on."""
+    """What the runs of the paper's simulation depend on; equal inputs give equal results.
+
+    Noise in °/s, rate in Hz, lengths of rests and turns in s.
+    """
 
     runs: int
     seed: int
@@ -85,13 +91,16 @@ class Inputs(Struct, frozen=True):
 
 
 def inputs(scenario: Simulation) -> Inputs:
-    """Inputs of a scenario; equal for all studies of the same runs, so that they share the computed parts."""
+    """Return what the runs of a scenario depend on.
+
+    Equal for all studies of the same runs, so that they share computed parts.
+    """
     s = scenario
     return Inputs(s.runs, s.seed, s.sets, s.noise_dps, s.rate_hz, s.rest_s, s.turn_s)
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
-    """Jobs: (noise, number of the parameter set, first run, last run + 1)."""
+    """Return the jobs (noise, number of the parameter set, first run, last run + 1)."""
     runs = {number: of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)}
     return [
         (noise, number, first, min(first + TASK, runs[number]))
@@ -102,17 +111,17 @@ def jobs(of: Inputs) -> Sequence[Job]:
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Run one job: sessions of one parameter set at one noise."""
+    """Run one job, the sessions of one parameter set at one noise; returns the arrays of `run`."""
     noise, number, first, last = (float(word) for word in job)
     plan = PaperPlan(noise, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)
     return run(gyro_of(of.seed, int(number)), plan, int(last - first), generator(of.seed, noise, number, first))
 
 
 def gyro_of(seed: int, number: int) -> PaperGyro:
-    """Gyro of a parameter set; the same at every noise."""
+    """Return the simulated gyro of a parameter set by its number; the same at every noise."""
     return draw_gyro(np.random.default_rng((seed, number)))
 
 
 def at_noise(parts: Parts, noise: float) -> dict[Job, Arrays]:
-    """Parts computed at one noise."""
+    """Return the computed parts of one noise (°/s), by job."""
     return {job: part for job, part in parts.items() if job[0] == noise}

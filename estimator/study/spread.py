@@ -27,17 +27,17 @@ class Spread(Struct, frozen=True, kw_only=True):
 
     @property
     def band(self) -> tuple[float, float]:
-        """Interval of the middle 95 %."""
+        """Interval of the middle 95 % of the numbers: 2.5 and 97.5 % quantiles."""
         return self.quantiles[0], self.quantiles[3]
 
     @property
     def quartiles(self) -> tuple[float, float]:
-        """Interval of the middle half."""
+        """Interval of the middle half of the numbers: 25 and 75 % quantiles."""
         return self.quantiles[1], self.quantiles[2]
 
 
 def spread(values: NDArray[np.float64]) -> Spread:
-    """Compute the spread of values (n,)."""
+    """Compute mean, median, quantiles and rms of values (n,), with 95 % intervals of mean and median."""
     x = np.sort(np.asarray(values, dtype=np.float64))
     n, mean = len(x), float(x.mean())
     half = _Z * float(x.std(ddof=1)) / sqrt(n) if n > 1 else float("inf")

@@ -29,7 +29,7 @@ FOLDERS = (_HERE / "scenarios", _HERE.parents[1] / "configs" / "study")  # in an
 
 
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Keys of every study's file: runs, quick_runs (for a first look), and seed of all random numbers.
+    """Keys of every study's file: number of runs, quick_runs (for a first look), and seed of all random numbers.
 
     Raises ValueError when runs or quick_runs is below 1.
     """
@@ -81,15 +81,18 @@ class Study(Generic[S, In, R]):
 
     @property
     def does(self) -> str:
-        """Description of the study in a few words."""
+        """Description of the study in a few words, for the command's help."""
         return STUDIES[self.name]
 
     def read(self, config: str = "") -> S:
-        """Read the scenario from the study's own file, or from `config`. Raises ConfigError."""
+        """Read the study's scenario from its own file, or from `config`, a name or a path. Raises ConfigError."""
         return load(file_of(config or self.name, "study", FOLDERS), self.scenario)
 
 
 def generator(seed: int, *words: str | float) -> np.random.Generator:
-    """Random number generator for one job, independent of the other jobs'."""
+    """Return the random number generator of one job, independent of those of other words.
+
+    words: what tells the job apart.
+    """
     numbers = [int.from_bytes(repr(word).encode(), "little") for word in words]
     return np.random.default_rng([seed, *numbers])

@@ -19,8 +19,9 @@ AXES = ("x", "y", "z")
 
 
 class TestsetScenario(Simulation, frozen=True, kw_only=True):
-    """Scenario: the test set has test_samples samples of a constant rate, °/s, with equal projections on the three axes.
+    """Scenario of study `testset`: the test set has test_samples samples of a constant rate, equal on the three axes.
 
+    test_rate_dps: its magnitude, °/s.
     paper_left: share of the error left according to the paper, at paper_left_noise_dps.
     """
 
@@ -42,7 +43,10 @@ class Row(Struct, frozen=True):
 
 
 class Left(Struct, frozen=True):
-    """Share of the error left after calibration: rms over rms of all runs and axes, median and 97.5 % quantile of runs."""
+    """Share of the test set's error that is left after calibration by one method at one noise.
+
+    rms: rms after over rms before, of all runs and axes. median, most: median and 97.5 % quantile of the runs' shares.
+    """
 
     noise_dps: float
     method: str
@@ -52,7 +56,7 @@ class Left(Struct, frozen=True):
 
 
 class Testset(Struct, frozen=True):
-    """Results of the study: all rows, shares left, and the paper's share."""
+    """Results of the study: rows of mean errors, shares left after calibration, and the paper's share."""
 
     __test__ = False
 
@@ -62,12 +66,12 @@ class Testset(Struct, frozen=True):
     paper_left_noise_dps: float
 
     def of(self, noise: float, stage: str) -> list[Row]:
-        """Rows of the three axes at one noise and stage."""
+        """Return the rows of the three axes at one noise (°/s) and stage: before calibration, or the method."""
         return [row for row in self.rows if (row.noise_dps, row.stage) == (noise, stage)]
 
 
 def results(scenario: TestsetScenario, parts: Parts) -> Testset:
-    """Compute mean errors on each run's test set, with new noise."""
+    """Compute the mean errors of the rate on a test set of each run, with new noise, before and after calibration."""
     rows, left = [], []
     for noise in scenario.noise_dps:
         before, after = [], []
@@ -89,7 +93,7 @@ def results(scenario: TestsetScenario, parts: Parts) -> Testset:
 def mean_errors(
     scenario: TestsetScenario, noise: float, number: int, error: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean errors e of readings (n, 3), and of corrected rates (2, n, 3), °/s.
+    """Return the test set's mean errors, °/s: of readings (n, 3), and of corrected rates (2, n, 3), by method.
 
     error (2, n, 6): errors of the parameters by method. number: of the parameter set. noise: °/s of a sample.
     """
@@ -102,7 +106,7 @@ def mean_errors(
 
 
 def tables(found: Testset) -> Sequence[RenderableType]:
-    """Table of mean errors, one row per axis, and table of the shares left."""
+    """Return a table of mean errors, one row per axis, and a table of the shares left after calibration."""
     names = {BEFORE: "before", **WORDS}
     n = found.rows[0].error.n
     table = Columns(
@@ -125,7 +129,7 @@ def tables(found: Testset) -> Sequence[RenderableType]:
 
 
 def draw(found: Testset, folder: Path) -> Sequence[str]:
-    """Draw box plots of the mean errors."""
+    """Draw box plots of the mean errors; returns the figure's name."""
     from estimator.study.figures.simulations import testset  # noqa: PLC0415 - matplotlib takes a second to load
 
     testset(found, folder / "testset")
@@ -133,7 +137,7 @@ def draw(found: Testset, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Testset) -> Sequence[Finding]:
-    """Judge whether the error is reduced to the paper's 3 %, or less."""
+    """Judge the paper's figure 8: whether the error is reduced to 3 % or less."""
     left = next(one for one in found.left if one.method == "algorithm1" and one.noise_dps == found.paper_left_noise_dps)
     return (
         Finding(

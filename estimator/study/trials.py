@@ -29,7 +29,10 @@ _TASK = 5
 
 
 class SensorsScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario of study `sensors`: sensors, by name in configs/study/sensors; motion of each method; paper_limit by sensor."""
+    """Scenario of study `sensors`: names in configs/study/sensors, the motion of each method, and the paper's limits.
+
+    paper_limit: largest error of k, and of b in °/s, by sensor.
+    """
 
     sensors: tuple[str, ...]
     hand: Hand
@@ -40,7 +43,7 @@ class SensorsScenario(Scenario, frozen=True, kw_only=True):
 
 
 class Inputs(Struct, frozen=True):
-    """Values that the runs depend on."""
+    """What the runs of study `sensors` depend on; equal inputs give equal results."""
 
     runs: int
     seed: int
@@ -52,13 +55,13 @@ class Inputs(Struct, frozen=True):
 
 
 def inputs(s: SensorsScenario) -> Inputs:
-    """Inputs of a scenario, with the sensors' files read."""
+    """Return what the runs of a scenario depend on, with the sensors' files read. Raises ConfigError."""
     devices = {name: load_device(name) for name in s.sensors}
     return Inputs(s.runs, s.seed, devices, s.hand, s.turntable, s.accel_aided, s.servomotor)
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
-    """Jobs: (sensor, method, first run, last run + 1), the longest first."""
+    """Return the jobs (sensor, method, first run, last run + 1), the longest first."""
     methods = sorted(METHODS, key=lambda method: method not in ("turntable", "accel_aided"))
     return [
         (name, method, first, min(first + _TASK, of.runs))
@@ -69,10 +72,10 @@ def jobs(of: Inputs) -> Sequence[Job]:
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """Simulate and calibrate n sessions.
+    """Simulate and calibrate n sessions of one sensor by one method: one job.
 
-    Returns found (n, 6) and std (n, 6) in the order of PARAMETERS, b in °/s with the paper's sign; accepted (n,); lasts (n,),
-    duration of the session, s; took (n,), computing time, s.
+    Returns found (n, 6) and std (n, 6) in the order of PARAMETERS, b in °/s with the paper's sign; accepted (n,); lasts
+    (n,), duration of the session, s; took (n,), computing time, s.
     """
     name, method, first, last = str(job[0]), str(job[1]), int(job[2]), int(job[3])
     found, std, accepted, lasts, took = [], [], [], [], []
@@ -102,9 +105,10 @@ def work(of: Inputs, job: Job) -> Arrays:
 def session_of(
     of: Inputs, method: str, rng: np.random.Generator
 ) -> tuple[Sequence[Piece], tuple[float, ...], bool, float | None]:
-    """Session of a method: pieces of motion, known rates, °/s, whether the accelerometer is used, its offset limit, m/s².
+    """Return a random session of a method: its motion, and what the calibration is told.
 
-    The offset limit is None for the device's own.
+    That is: pieces of motion, known rates in °/s, whether the accelerometer is used, and its offset limit in m/s²,
+    which is None for the device's own.
     """
     if method == "turntable":
         return of.turntable.pieces(rng), of.turntable.rates_dps, False, None

@@ -22,7 +22,10 @@ _AXES = ("x", "y", "z")
 
 
 class TypicalScenario(Scenario, frozen=True, kw_only=True):
-    """Scenario: one session of parameter set `set_number` of the paper's simulation. Noise in °/s, times in s."""
+    """Scenario of study `typical`: one session of parameter set `set_number` of the paper's simulation.
+
+    Noise in °/s, times in s.
+    """
 
     set_number: int
     noise_dps: float
@@ -40,7 +43,10 @@ class Stage(Struct, frozen=True):
 
 
 class Parameter(Struct, frozen=True):
-    """One parameter: truth, estimate of Algorithm 1, and its standard deviation; b in °/s with the paper's sign."""
+    """One calibrated parameter: its truth, its estimate by Algorithm 1, and the standard deviation.
+
+    b in °/s with the paper's sign, k without unit.
+    """
 
     name: str
     truth: float
@@ -61,7 +67,7 @@ class Typical(Struct, frozen=True):
 
 
 def work(of: TypicalScenario, _: Job) -> Arrays:
-    """Simulate the session: readings gyro (n, 3) rad/s, and begin and end of its turns (3, 2) s."""
+    """Simulate the session; returns its readings gyro (n, 3), rad/s, and the begin and end of its turns (3, 2), s."""
     gyro = gyro_of(of.seed, of.set_number)
     plan = PaperPlan(of.noise_dps, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)
     session = simulate(gyro, plan, 1, generator(of.seed, "typical"))
@@ -75,7 +81,7 @@ def work(of: TypicalScenario, _: Job) -> Arrays:
 
 
 def results(of: TypicalScenario, parts: Parts) -> Typical:
-    """Find the turns in the readings, and calibrate."""
+    """Find the turns in the readings alone, and calibrate by Algorithm 1."""
     (part,) = parts.values()
     gyro = part["gyro"]
     time_s = np.arange(1, len(gyro) + 1) / of.rate_hz
@@ -113,7 +119,7 @@ def _stages(recording: Recording) -> list[Stage]:
 
 
 def tables(found: Typical) -> Sequence[RenderableType]:
-    """Tables of stages and parameters."""
+    """Return a table of the turns as simulated and found, and a table of the parameters."""
     stages = Columns(
         [Column(name, number=True) for name in ("turn about", "simulated s", "found s")],
         title=f"One simulated session, noise {found.noise_dps:g} °/s: {found.verdict}",
@@ -128,7 +134,7 @@ def tables(found: Typical) -> Sequence[RenderableType]:
 
 
 def draw(found: Typical, folder: Path) -> Sequence[str]:
-    """Draw the readings with shaded stages."""
+    """Draw the readings over time with shaded turns; returns the figure's name."""
     from estimator.study.figures.traces import typical  # noqa: PLC0415 - matplotlib takes a second to load
 
     typical(found, folder / "typical")
@@ -136,7 +142,7 @@ def draw(found: Typical, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Typical) -> Sequence[Finding]:
-    """Judge whether all turns are found at the right times."""
+    """Judge the paper's figure 6: whether all turns are found at the right times."""
     pairs = [(a, b) for a in found.simulated for b in found.found if a.axis == b.axis]
     off = max((abs(x - y) for a, b in pairs for x, y in ((a.begin_s, b.begin_s), (a.end_s, b.end_s))), default=0.0)
     # A hand starts and ends slowly: the first and last tenths of a second of a turn are hidden by noise.

@@ -1,4 +1,4 @@
-"""Calibrate a sensor of the paper by hand, then turn it by a machine: the sessions of figures 2, 9 and 10."""
+"""Simulates a sensor of the paper, calibrated by hand, then turned by a machine: sessions of figures 2, 9, 10."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class VerificationScenario(Scenario, frozen=True, kw_only=True):
 
 
 class Inputs(Struct, frozen=True):
-    """Values that the runs depend on."""
+    """What the sessions depend on; equal inputs give equal results. rate_dps: °/s; rest_s: s."""
 
     runs: int
     seed: int
@@ -45,12 +45,12 @@ class Inputs(Struct, frozen=True):
 
 
 def inputs(s: VerificationScenario) -> Inputs:
-    """Inputs of a scenario, with the sensors' files read."""
+    """Return what the sessions of a scenario depend on, with the sensors' files read. Raises ConfigError."""
     return Inputs(s.runs, s.seed, {name: load_device(name) for name in s.sensors}, s.hand, s.rate_dps, s.rest_s)
 
 
 def jobs(of: Inputs) -> Sequence[Job]:
-    """Jobs: (sensor, run)."""
+    """Return the jobs (sensor, number of the run)."""
     return [(name, run) for name in of.devices for run in range(of.runs)]
 
 
@@ -69,7 +69,10 @@ class Verification:
 
 
 def verify(of: Inputs, job: Job) -> Verification:
-    """Calibrate by hand, then turn each axis 360° one way and back, in one boot of the device."""
+    """Simulate one session: calibrate by hand, then turn each axis 360° one way and back, in one boot.
+
+    job: (sensor, number of the run).
+    """
     device = of.devices[str(job[0])]
     rng = generator(of.seed, *job)
     by_hand = of.hand.pieces(rng)

@@ -47,9 +47,9 @@ def calibrate(
     seconds: float | None = None,
     knobs: SessionKnobs | None = None,
 ) -> int:
-    """Ask for a calibration unless one is under way, and guide a person to its end.
+    """Guide a person in a terminal through the calibration of a live device; asks for one unless it is under way.
 
-    Returns 0 when the device is calibrated. who: the person, for the audit. t: texts in the person's language.
+    Returns 0 when the device is calibrated, else 1. who: the person, for the audit. t: texts in the person's language.
     seconds: give up after so long. knobs: settings of the device; by default those of a device of unknown kind.
     """
     heard = Heard(client, device, knobs or Treatment().of(device))
@@ -85,7 +85,10 @@ def calibrate(
 
 
 class Heard:
-    """Messages about one device, and which bridges and estimators are alive."""
+    """Follows the messages about one device during a calibration, and which bridges and estimators are alive.
+
+    guide: turns them into instructions; story: everything known of the device.
+    """
 
     def __init__(self, client: Client, device: str, knobs: SessionKnobs) -> None:
         self._client, self._device, self._known = client, device, Known(client.ward)
@@ -98,7 +101,7 @@ class Heard:
         self._watches = [client.watch_alive(what, alive.__setitem__) for what, alive in self._known.alive.items()]
 
     def told(self, wait_s: float) -> Instruction:
-        """Return the current instruction; waits up to wait_s seconds for readings."""
+        """Wait up to wait_s seconds for readings, and return the current instruction."""
         for batch in self._samples.drain(wait_s):
             self.guide.take_samples(batch)
         now = time.monotonic()
@@ -113,12 +116,12 @@ class Heard:
         return unless_broken(self.guide.told(), self._known, self._device, now)
 
     def others(self) -> list[str]:
-        """Return the devices of the ward if this one is not among them; otherwise an empty list."""
+        """Return the ids of the ward's devices if this one is not among them; otherwise an empty list."""
         there = sorted(name for name, story in self._known.stories.items() if story.info is not None)
         return there if self.story.status is None and self._device not in there else []
 
     def close(self) -> None:
-        """Stop listening."""
+        """End all subscriptions."""
         for stream in (self._samples, self._statuses, self._made, self._infos):
             stream.close()
         for watch in self._watches:
@@ -140,7 +143,10 @@ def _left(t: Texts, step: Step, ward: str, device: str, after_s: float) -> str:
 
 
 class GuideScreen:
-    """Shows instructions: in place on a terminal, otherwise a line per change."""
+    """Shows instructions of the guide: in place on a terminal, otherwise a line per change.
+
+    `t`: texts in the person's language.
+    """
 
     def __init__(self, console: Console, t: Texts, device: str) -> None:
         self._console, self._t, self._device = console, t, device
@@ -150,7 +156,7 @@ class GuideScreen:
             self._live.start()
 
     def show(self, told: Instruction) -> None:
-        """Show an instruction."""
+        """Show an instruction: update the terminal in place, or print it if it is new."""
         if self._live:
             self._live.update(Group(*panel(told, self._device, self._t)))
         said = "\n".join(sentences(told, self._t))
@@ -159,13 +165,13 @@ class GuideScreen:
             self._console.print(said, highlight=False)
 
     def close(self) -> None:
-        """Stop showing instructions."""
+        """Stop showing instructions, and free the terminal."""
         if self._live:
             self._live.stop()
 
 
 def sentences(told: Instruction, t: Texts) -> list[str]:
-    """Return an instruction as sentences: what was wrong, what to do, how."""
+    """Return an instruction as sentences: what was wrong, what to do, and how."""
     wrong = [t.text((one,)) for one in told.wrong]
     again = [t("guide.rebooted")] if told.rebooted else []
     return [*again, *wrong, t.say("head", told.head), f"  {t(f'how.{told.how}')}"]

@@ -13,20 +13,23 @@ NO_DEVICE_DO = "Start a bridge, or name the right ward (--config WARD.toml or --
 
 
 def interrupted(begin: float, *, heard: bool) -> None:
-    """Handle Ctrl-C: re-raise KeyboardInterrupt if nothing was heard yet and it is too early to say so."""
+    """Handle Ctrl-C in a live view: re-raise KeyboardInterrupt if nothing was heard yet and it is too early to say so.
+
+    begin: monotonic time of the start, s. heard: whether any device was heard.
+    """
     if not heard and time.monotonic() - begin < NONE_S:
         raise KeyboardInterrupt
 
 
 class LiveMessages:
-    """Follows the statuses and infos of a client's ward, into `view`."""
+    """Follows the statuses and infos of a client's ward, and keeps the latest in `view`."""
 
     def __init__(self, client: Client) -> None:
         self.view = WardView()
         self._statuses, self._infos = client.follow(), client.follow_infos()
 
     def listen(self, for_s: float) -> None:
-        """Wait for_s seconds, and take the messages that came."""
+        """Wait for_s seconds, then take the messages that came into the view."""
         time.sleep(for_s)
         for info in self._infos.drain():
             self.view.take_info(info)
@@ -35,7 +38,7 @@ class LiveMessages:
             self.view.take_status(status, now)
 
     def close(self) -> None:
-        """Stop listening; the view stays as it is."""
+        """End the subscriptions; the view stays as it is."""
         self._statuses.close()
         self._infos.close()
 

@@ -26,7 +26,7 @@ STYLES = {
 
 
 def word(state: State) -> Text:
-    """Return a state as a coloured word."""
+    """Return a state's name as coloured text."""
     return Text(state.name.lower().replace("_", " "), STYLES.get(state, ""))
 
 
@@ -60,14 +60,17 @@ def table(statuses: dict[str, Status], title: str = "") -> Columns:
 
 
 class LiveTable:
-    """Shows statuses live in a terminal; on other outputs only the changes."""
+    """Context that shows a ward's statuses live: a table in a terminal, on other outputs a line for each change."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
 
     def show(self, elapsed_s: float, statuses: dict[str, Status], changes: list[Status], note: str) -> None:
-        """Show the ward's statuses, elapsed_s after the start."""
+        """Show the ward's statuses, elapsed_s seconds after the start.
+
+        changes: statuses with a new state; note: text of the title.
+        """
         if self._live is not None:
             self._live.update(table(statuses, f"{elapsed_s:4.0f} s  {note}"))
             return
@@ -77,7 +80,7 @@ class LiveTable:
             )
 
     def say(self, elapsed_s: float, words: str) -> None:
-        """Print a line that stays."""
+        """Print a line that stays, with the seconds since the start."""
         self._console.print(f"{elapsed_s:5.1f} s  {words}", soft_wrap=True, highlight=False)
 
     def __enter__(self) -> Self:

@@ -88,7 +88,7 @@ def _strange(words: list[str], heard: Sequence[DeviceRow]) -> str:
 
 
 def shown(rows: Sequence[DeviceRow], head: str, width: int, height: int | None = None) -> Group:
-    """Return a head line, headings, and a line per device.
+    """Lay out a ward for a terminal of `width` columns: a head line, headings, and a line per device.
 
     height: lines of the terminal; devices without room are counted in the last line, and reasons are cut. Without a
     height all devices are shown, and reasons are wrapped. Columns without a value are left out.

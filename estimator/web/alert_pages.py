@@ -1,4 +1,4 @@
-"""Alerts of the ward: their content for pages and programs, and their acknowledgement."""
+"""HTTP route by which a person acknowledges an alert on the ward page."""
 
 from collections.abc import Iterator
 from http import HTTPStatus
@@ -16,12 +16,15 @@ from estimator.web.site import Desk
 
 
 def routes() -> Iterator[BaseRoute]:
-    """Route of the ward page's button."""
+    """Yield the POST route /alerts/acknowledge, which the button on the ward page calls."""
     yield Route("/alerts/acknowledge", acknowledge, methods=["POST"])
 
 
 async def acknowledge(request: Request) -> Response:
-    """Acknowledge an alert, then redirect to the page, which shows the reply once."""
+    """Acknowledge the alert named in the form (`id`: SUBJECT/KIND), then redirect to the page in `to`.
+
+    That page shows the reply once. Raises Fault for a malformed id and for a wrong session or CSRF token.
+    """
     desk, given = Desk.of(request), await fields(request)
     session = desk.checked(request, given.get("csrf", ""))
     subject, _, kind = given.get("id", "").partition("/")

@@ -29,13 +29,19 @@ _AS_IT_IS = (*DEFAULT_EXCLUDED_CONTENT_TYPES, "application/json")
 
 
 def routes() -> list[BaseRoute]:
-    """All routes of the dashboard. A part is a module with `routes()`; name a new one here."""
+    """Return all routes of the dashboard: those of each part, a module with `routes()`, and the static files.
+
+    Name a new part here.
+    """
     parts = (pages, people_pages, alert_pages, device_pages, guide_pages, report_pages, places, stream, live)
     return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
 
 
 def application(desk: Desk, broadcast: Broadcast) -> Starlette:
-    """ASGI application of one dashboard; it broadcasts for as long as it runs."""
+    """Build the ASGI application of one dashboard: routes, guard, compression and error pages.
+
+    It broadcasts while it runs.
+    """
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:

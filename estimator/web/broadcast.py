@@ -1,4 +1,4 @@
-"""Broadcast loop of the pages: reads the bus a few times a second and makes the frames of watched topics."""
+"""Broadcast loop of the pages: reads the bus many times a second, makes the frames of watched topics."""
 
 import asyncio
 import contextlib
@@ -28,12 +28,12 @@ AGAIN_S = 2.0
 #: most topics of devices at a time, since most hold subscriptions, which cost threads; at most half of them may be
 #: watched by a single address only
 TOPICS = 256
-#: a round later than this skips the frames it missed, s
+#: a topic whose frames are later than this skips the frames it missed, s
 LATE_S = 1.0
 
 
 class Heard:
-    """Subscriptions to the messages about all devices, kept whether or not anybody watches."""
+    """Subscriptions to messages about all devices (status, info, calibration …), kept even if no page is open."""
 
     def __init__(self, sources: Sources, client: Client, control: Client) -> None:
         known = sources.known
@@ -49,7 +49,7 @@ class Heard:
         ]
 
     def hear(self, now: float) -> None:
-        """Process the messages received since the last call."""
+        """Hand the messages received since the last call to the ward's state. now: monotonic time in s."""
         self._known.take_router(now, there=self._client.connected)
         for info in self._infos.drain():
             self._known.take_info(info)
@@ -66,14 +66,14 @@ class Heard:
         self._known.tidy(now)
 
     def close(self) -> None:
-        """Close the subscriptions."""
+        """Close the subscriptions and the watches on live bridges and estimators."""
         of_devices = self._statuses, self._infos, self._calibrations, self._notes, self._revisions
         for thing in (*self._watches, *of_devices, self._owned):
             thing.close()
 
 
 class Broadcast:
-    """The watched topics, and the loop that feeds them. Runs entirely in the event loop."""
+    """Loop that starts, feeds and ends the topics that pages watch. Runs entirely in the event loop."""
 
     def __init__(self, hub: Hub, sources: Sources) -> None:
         self._hub, self._sources = hub, sources
@@ -87,14 +87,20 @@ class Broadcast:
         self.failed, self.left_out = Tally(), Tally()
 
     def connect(self, client: Client, control: Client) -> None:
-        """Start receiving when a router is first connected; topics already watched start anew."""
+        """Start receiving by the sessions of a router, when one is first connected; topics already watched start anew.
+
+        client: session for data; control: session for liveliness and commands.
+        """
         self._sources.client = client
         self._heard = Heard(self._sources, client, control)
         for topic in list(self._topics):
             self._end(topic)
 
     async def run(self) -> None:
-        """Run until cancelled. A failing topic does not stop the others."""
+        """Run the loop until cancelled: a `step`, then a sleep of at most ROUND_S.
+
+        A failing topic does not stop the others.
+        """
         while True:
             self.step(time.monotonic(), time.time_ns())
             now = time.monotonic()
@@ -102,7 +108,10 @@ class Broadcast:
             await asyncio.sleep(max(LEAST_S, min(due - now, ROUND_S)))
 
     def step(self, now: float, now_ns: int) -> None:
-        """Run one round of the loop."""
+        """Do the loop's work once: read the bus, start newly watched topics, publish due frames, end unwatched topics.
+
+        now: monotonic time in s; now_ns: time since the Unix epoch in ns.
+        """
         if self._heard is not None and now >= self._hear_at:
             self._hear_at = now + HEAR_S
             self._guarded("what is heard", now, partial(self._heard.hear, now))
@@ -163,7 +172,7 @@ class Broadcast:
             self._due[name] = now + AGAIN_S
 
     def close(self) -> None:
-        """Close all topics and subscriptions."""
+        """Close all topics and all subscriptions."""
         for name in list(self._topics):
             self._end(name)
         if self._heard is not None:

@@ -9,7 +9,7 @@ _CUSTOMER = 64
 
 @lru_cache(4096)
 def neighbourhood(address: str) -> str:
-    """The address under which a client is counted: an IPv6 address's /64, since one machine may hold all of it.
+    """Return the address under which a client is counted: an IPv6 address's /64, since one machine may hold all of it.
 
     IPv4 addresses and anything else stay as they are; an IPv4-mapped IPv6 address becomes IPv4.
     """

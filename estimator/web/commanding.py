@@ -1,4 +1,4 @@
-"""Command routes: one for each verb, for pages and for the API."""
+"""Routes of the commands to a device: one POST route for each verb, for pages and for the API."""
 
 from collections.abc import Awaitable, Callable
 
@@ -13,7 +13,7 @@ Obey = Callable[[Request, str], Awaitable[Response]]
 
 
 def commands(under: str, obey: Obey) -> list[BaseRoute]:
-    """POST routes for every verb below a device's path."""
+    """Return one POST route `under`/VERB for each verb; `obey(request, verb)` handles its requests."""
 
     def of(verb: str) -> Callable[[Request], Awaitable[Response]]:
         async def command(request: Request) -> Response:

@@ -7,17 +7,20 @@ NAME = "truerate"
 
 
 def name(connection: HTTPConnection) -> str:
-    """Name of the cookie. Under TLS the `__Host-` prefix keeps other hosts and pages without TLS from setting it."""
+    """Return the session cookie's name.
+
+    Under TLS the `__Host-` prefix keeps other hosts and pages without TLS from setting it.
+    """
     return f"__Host-{NAME}" if _secure(connection) else NAME
 
 
 def found(connection: HTTPConnection) -> str:
-    """Session cookie sent by the browser; empty if there is none."""
+    """Return the value of the session cookie that the browser sent; empty if there is none."""
     return connection.cookies.get(name(connection), "")
 
 
 def give(response: Response, connection: HTTPConnection, value: str, hours: float) -> None:
-    """Set the session cookie."""
+    """Set the session cookie in a response: `value`, valid for `hours`, hidden from scripts and other sites."""
     response.set_cookie(
         name(connection),
         value,
@@ -29,7 +32,7 @@ def give(response: Response, connection: HTTPConnection, value: str, hours: floa
 
 
 def take(response: Response, connection: HTTPConnection) -> None:
-    """Delete the session cookie."""
+    """Delete the session cookie, by a header of the response."""
     response.delete_cookie(name(connection), httponly=True, samesite="strict", secure=_secure(connection))
 
 

@@ -21,7 +21,10 @@ _RECALIBRATES = (*CALIBRATING, State.TRACKING, State.DEGRADED)
 
 @dataclass(frozen=True, slots=True)
 class CalibrationLine:
-    """One calibration, accepted or rejected: scale factor and bias of each axis with 95 % intervals."""
+    """One calibration, accepted or rejected, in words: scale factor and bias (°/s) of each axis with 95 % intervals.
+
+    `turns` and `reason` have one line for each turn or sentence; `in_use`: the device is corrected by it.
+    """
 
     id: str
     time_ns: int
@@ -38,7 +41,10 @@ class CalibrationLine:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A boot, a note or an event: when, who or what, and words."""
+    """A boot, a note or an event as one line of a list on the page.
+
+    time_ns: since the Unix epoch; when: the same in words; what: who or what; words: the text.
+    """
 
     time_ns: int
     when: str
@@ -48,7 +54,12 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class DevicePage:
-    """Everything that a device's page shows, except its live charts."""
+    """Everything that a device's page shows in one language, except its live charts.
+
+    time_ns: of the content, since the Unix epoch. progress: of the calibration, 0 to 1. blocked: why nothing
+    can be asked for, or empty. facts: (name, value) of hardware and counts. calibrations, boots, notes,
+    events: the newest first.
+    """
 
     ward: str
     title: str
@@ -69,7 +80,10 @@ class DevicePage:
 
 
 def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts, told: str = "") -> DevicePage:
-    """Present content of a known device's page, in the language of `t`. told: its model by the ward file, or empty."""
+    """Build the present content of a known device's page, in the language of `t`.
+
+    now: monotonic time in s; now_ns: ns since the Unix epoch. told: device model that the ward file names, or empty.
+    """
     story = known.stories[device]
     row = known.row(device, now)
     status = story.status
@@ -175,7 +189,10 @@ def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:
 
 
 def accelerometer(one: AccelerometerCalibration | None, t: Texts) -> str:
-    """Scale and bias of a calibrated accelerometer with 95 % intervals, or why it is not calibrated; empty for None."""
+    """Format scale and bias (m/s²) of a calibrated accelerometer with 95 % intervals; empty for None.
+
+    Without a calibration, the text says why there is none.
+    """
     if one is None or not one.covariance:
         return t.text(one.reason) if one else ""
     of = zip(AXES, one.scale, one.bias, one.std[3:], one.std[:3], strict=True)

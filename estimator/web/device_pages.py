@@ -1,4 +1,4 @@
-"""Page of one device, and the commands a person gives there."""
+"""HTTP routes of a device's page, and of the commands that a person gives there."""
 
 import time
 from http import HTTPStatus
@@ -26,7 +26,7 @@ _PLACING = {"segments": tuple(SEGMENTS), "sides": SIDES, "longest_wearer": MAX_W
 
 
 def routes() -> list[BaseRoute]:
-    """Routes of the device page and its commands."""
+    """Return the routes of the device page and of its commands; GET on a command's path leads back to the page."""
     return [
         Route("/devices/{device}", device, name="device"),
         *commands("/devices/{device}", command),
@@ -35,7 +35,7 @@ def routes() -> list[BaseRoute]:
 
 
 async def device(request: Request) -> Response:
-    """Serve the page of one device."""
+    """Serve the page of one device. Raises Fault for an unknown device."""
     desk, name = Desk.of(request), request.path_params["device"]
     desk.story(name)
     await desk.remember(name)
@@ -50,7 +50,10 @@ async def back(request: Request) -> Response:
 
 
 async def command(request: Request, verb: str) -> Response:
-    """Send a command to the estimator, then redirect to the page, which shows the reply once."""
+    """Send a command of the page's form to the estimator, then redirect to the page, which shows the reply once.
+
+    Raises Fault for an unknown device, and for a wrong session or CSRF token.
+    """
     desk, name = Desk.of(request), request.path_params["device"]
     given = await fields(request)
     session = desk.checked(request, given.get("csrf", ""))

@@ -1,4 +1,4 @@
-"""Topics of a device's page: text, attitude, raw and corrected rates, bias trail and lost heading."""
+"""Topics of a device's page: text, attitude, raw and corrected rates, bias trail, and heading error of raw rates."""
 
 from collections.abc import Iterable
 from math import asin, degrees, hypot
@@ -30,7 +30,7 @@ class DeviceTopic(topics.Topic):
         self._sources = sources
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """The present page content."""
+        """Yield the present content of the page as one text frame; nothing for an unknown device."""
         if self._device in self._known.stories:
             told = self._sources.treatment.told(self._device)
             yield topics.text(self._topic, device_page(self._known, self._device, now, now_ns, self._t, told))
@@ -38,7 +38,10 @@ class DeviceTopic(topics.Topic):
 
 @topics.kind("trace", of_a_device=True)
 class TraceTopic(topics.Topic):
-    """Raw and corrected rates point by point, as binary frames; once a second the lost heading, as text."""
+    """Raw and corrected rates of a device point by point, as binary frames in °/s.
+
+    Once a second also the heading error of the raw rates, as text.
+    """
 
     period_s = RATES_S
 
@@ -55,13 +58,13 @@ class TraceTopic(topics.Topic):
             )
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """The kept raw and corrected rates of the device, and the heading."""
+        """Yield the raw and corrected rates of the last 20 s as a binary frame, then the heading error as text."""
         if (kept := self._traces.kept()) is not None:
             yield self._frame(kept)
         yield self._headings()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """New points, and once a second the heading."""
+        """Yield the new points as a binary frame, and once a second the heading error as text."""
         if self._raw is None or self._corrected is None:
             return
         story = self._known.stories.get(self._device)
@@ -78,7 +81,7 @@ class TraceTopic(topics.Topic):
             yield self._headings()
 
     def close(self) -> None:
-        """Close the subscriptions."""
+        """Close the subscriptions to raw and corrected rates."""
         for stream in (self._raw, self._corrected):
             if stream is not None:
                 stream.close()
@@ -106,7 +109,10 @@ def _in_degrees(lost: Lost) -> tuple[float, ...]:
 
 @topics.kind("attitude", of_a_device=True)
 class AttitudeTopic(topics.Topic):
-    """Attitude ten times a second: unit quaternion from sensor to earth axes, tilt and heading with bands of 95 %, degrees."""
+    """Attitude of a device ten times a second, as text.
+
+    Unit quaternion from sensor to earth axes, scalar first; tilt and heading with their 95 % bands, degrees.
+    """
 
     period_s = 0.1
 
@@ -115,11 +121,11 @@ class AttitudeTopic(topics.Topic):
         self._stream = sources.client.orientation(self._device) if sources.client is not None else None
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Nothing: the next attitude comes at once."""
+        """Return no frames for a new viewer: the next attitude comes within 0.1 s."""
         return ()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """The newest attitude, if a new one has come."""
+        """Yield the newest attitude as one text frame, if a new one has come since the last call."""
         batch = self._stream.latest() if self._stream is not None else None
         if batch is not None:
             w, x, y, z = map(float, batch.quat_wxyz[-1])
@@ -140,12 +146,15 @@ class AttitudeTopic(topics.Topic):
 
 @topics.kind("trail", of_a_device=True)
 class TrailTopic(topics.Topic):
-    """Bias and temperature over time, with rests and marks; whole every few seconds."""
+    """Bias and temperature of a device over time, with rests and marks; sent whole every 5 s."""
 
     period_s = 5.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """Rests and marks as text, then the points as a binary frame."""
+        """Yield rests and marks (times in s since the Unix epoch) as text, then the points as a binary frame.
+
+        The frame: float64 (n,) times in s, then float32 (n, 7) bias x, y, z and its std in °/s, temperature in °C.
+        """
         story = self._known.stories.get(self._device)
         if story is None or not len(story.trail):
             return

@@ -26,7 +26,7 @@ _REFUSED = ": "
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """An event of a device: `kind` is boot, calibrated, refused, note or state.
+    """An event of a device at a time in ns since the Unix epoch: `kind` is boot, calibrated, refused, note or state.
 
     words: text of a note, label of refused evidence or a boot, reason of a calibration.
     """
@@ -37,7 +37,11 @@ class Mark:
 
 
 class Trail:
-    """History of one device. Columns of `points`: bias x, y, z, their std in rad/s, temperature in °C; NaN between boots."""
+    """History of one device: at most POINTS points, with rests, events and receipts.
+
+    Columns of `points`: bias x, y, z, their std in rad/s, temperature in °C; NaN between boots.
+    rests: (begin, end) in ns.
+    """
 
     def __init__(self) -> None:
         self._times = np.zeros(0, np.int64)  # grows, as most of many invented devices never have a point
@@ -56,17 +60,18 @@ class Trail:
 
     @property
     def times_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each point, increasing."""
+        """(n,) host time of each point in ns since the Unix epoch, increasing."""
         return self._times[: self._n]
 
     @property
     def points(self) -> Floats:
-        """(n, 7) points; NaN where unknown."""
+        """(n, 7) points: bias x, y, z, their std in rad/s, temperature in °C; NaN where unknown."""
         return self._rows[: self._n]
 
     def take(self, status: Status) -> None:
-        """Add a status, sent once a second and at every change. A status not newer than the last is left out.
+        """Add a status (sent once a second and at every change) as a point.
 
+        A status not newer than the last point is left out.
         If a second such status follows, newer than the first, the clock was set back; the points after it are dropped.
         """
         latest_ns = self.receipts[-1].time_ns if self.receipts else 0
@@ -94,12 +99,12 @@ class Trail:
         self._n += 1
 
     def mark(self, mark: Mark) -> None:
-        """Add an event, unless it is known already."""
+        """Add an event to the marks; an event that is there already changes nothing."""
         if mark not in self.marks:
             self.marks.append(mark)
 
     def revise(self, revision: BiasRevision) -> None:
-        """Replace the past bias by the values of a revision."""
+        """Replace bias and std within the times of a revision by the revision's values, interpolated linearly."""
         times = self.times_ns
         inside = (times >= revision.times_ns[0]) & (times <= revision.times_ns[-1]) & np.isfinite(self.points[:, 0])
         for axis in range(3):
@@ -108,7 +113,10 @@ class Trail:
                 self._rows[: self._n][inside, column] = known
 
     def spread(self, n: int, begin_ns: int, end_ns: int) -> Floats:
-        """(n, 7) points at even intervals of a time span, each the last before its time; NaN where there is none."""
+        """Resample to n points at even intervals from begin_ns to end_ns: (n, 7) as `points`.
+
+        Each is the last point before its time; NaN where that is missing or too old.
+        """
         at = np.linspace(begin_ns, end_ns, n).astype(np.int64)
         found = np.full((n, 7), np.nan)
         index = np.searchsorted(self.times_ns, at, side="right") - 1

@@ -34,9 +34,10 @@ _SCHEMES = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
 
 
 class Guard:
-    """ASGI middleware that refuses foreign hosts and origins. Pages of `origins` may read the stream's WebSocket.
+    """ASGI middleware that refuses requests for foreign hosts and from foreign origins, and adds the security headers.
 
-    settings: returns the settings in force, which may change.
+    Pages of the settings' `origins` may read the stream's WebSocket. settings: returns the settings
+    in force, which may change.
     """
 
     def __init__(self, app: ASGIApp, settings: Callable[[], Dashboard]) -> None:
@@ -86,7 +87,10 @@ class Guard:
 
 
 def dress(path: str, headers: MutableHeaders) -> None:
-    """Add the security and cache headers to an answer."""
+    """Add the security headers and Cache-Control to an answer's headers, in place.
+
+    Only files of /static/ may be cached.
+    """
     for name, value in HEADERS.items():
         headers.setdefault(name, value)
     headers.setdefault("Cache-Control", "no-cache" if path.startswith("/static/") else "no-store")

@@ -17,7 +17,7 @@ from estimator.web.tiles import ward_page
 
 
 def routes() -> list[BaseRoute]:
-    """Route of the guide page."""
+    """Return the routes of the two guides: of one device, and of all devices of the ward that wait."""
     return [
         Route("/devices/{device}/calibrate", calibrate, name="calibrate"),
         Route("/calibrate", queue, name="queue"),
@@ -34,7 +34,10 @@ async def queue(request: Request) -> Response:
 
 
 async def calibrate(request: Request) -> Response:
-    """Serve the guide of one device, with what is known before the live stream starts."""
+    """Serve the guide of one device, with what is known before the live stream starts.
+
+    Raises Fault for an unknown device.
+    """
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
     await desk.remember(name)

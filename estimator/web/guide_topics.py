@@ -16,7 +16,7 @@ _AGAIN_S = 1.0
 
 @topics.kind("guide", of_a_device=True)
 class GuideTopic(topics.Topic):
-    """Present instruction in every language, sent when it changes and every second."""
+    """Present instruction of a guided calibration in every language, sent when it changes and every second."""
 
     period_s = 0.1
 
@@ -27,13 +27,13 @@ class GuideTopic(topics.Topic):
         self._told, self._told_at = "", 0.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """The present instruction."""
+        """Yield the present instruction as a text frame; nothing for an unknown device."""
         self._look()
         if self._device in self._known.stories:
             yield self._frame(now)
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """The instruction, if it changed or is due again."""
+        """Yield the instruction as a text frame, if it changed or was last sent a second ago."""
         self._look()
         if self._device not in self._known.stories:
             return
@@ -43,7 +43,7 @@ class GuideTopic(topics.Topic):
             yield frame
 
     def close(self) -> None:
-        """Close the subscription."""
+        """Close the subscription to raw readings."""
         if self._raw is not None:
             self._raw.close()
 

@@ -24,7 +24,10 @@ _REST_S = Hand().rest_s
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One of the three turns: its axis, how the device is turned, and whether the turn is done."""
+    """One of the three turns, or of six sides to rest on: axis, picture, how to do it, and whether it is done.
+
+    `mark` is done, now or next; `state` is the same in words.
+    """
 
     axis: str
     picture: str
@@ -35,7 +38,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """Texts of the guide in one language."""
+    """Texts of the guide page in one language; empty where there is nothing to say."""
 
     head: str
     how: str
@@ -49,7 +52,10 @@ class Said:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One row of the result table."""
+    """One row of the result table in words, with 95 % intervals.
+
+    Axis, scale factor, scale factor of the calibration before (or empty), and bias in °/s.
+    """
 
     axis: str
     scale: str
@@ -59,10 +65,10 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class GuideView:
-    """Everything the guide page shows.
+    """Everything the guide page of a device shows, with its texts in each language.
 
-    following: the next device to calibrate, once this one is over. percent: fill of the ring; centre: the text
-    inside it; way: direction of the turn, 1, -1, or 0 for either.
+    following: the next device to calibrate, once this one is over. percent: fill of the ring; centre: the text inside
+    it; way: direction of the turn, 1, -1, or 0 for either. calibration: id of the result, or empty.
     """
 
     device: str
@@ -82,7 +88,10 @@ class GuideView:
 
 
 def guide_view(told: Instruction, known: Known, device: str, now: float) -> GuideView:
-    """Present content of the guide page of a known device."""
+    """Build the present content of the guide page of a known device, from the guide's instruction.
+
+    now: monotonic time in s.
+    """
     story = known.stories[device]
     status = story.status
     deaf, told = known.deaf(device), unless_broken(told, known, device, now)
@@ -112,14 +121,17 @@ def _following(known: Known, device: str, now: float) -> str:
 
 
 def unless_broken(told: Instruction, known: Known, device: str, now: float) -> Instruction:
-    """The instruction, or BROKEN where the ward itself prevents the device from being heard."""
+    """Return the instruction, or one with step BROKEN if a fault of the ward keeps the device from being heard."""
     if not known.broken(device, now):
         return told
     return Instruction(Step.BROKEN, Picture.NOTHING, Words("broken"), rebooted=told.rebooted)
 
 
 def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
-    """Result table: scale factor and bias of each axis with 95 % intervals, and the scale factor before."""
+    """Return the result table of a calibration, a row for each axis, with the scale factors of the one `before`.
+
+    before: None if there is none.
+    """
     return [
         Axis(
             AXES[one.axis],
@@ -132,7 +144,10 @@ def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
 
 
 def against(calibration: Calibration, before: Calibration | None, t: Texts) -> str:
-    """Comparison with the calibration before, in words."""
+    """Compare a calibration with the one `before`: a sentence that names the axes whose scale factors differ.
+
+    before: None if it is the first, which the sentence then says.
+    """
     if before is None:
         return t("guide.first")
     axes = ", ".join(AXES[axis] for axis in differing(compared(calibration, before)))

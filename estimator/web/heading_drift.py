@@ -37,10 +37,11 @@ _NOTHING = Lost(0.0, 0.0, 0.0, 0.0)
 
 
 class Heading:
-    """Heading error of one device since `restart`.
+    """Heading error of one device's raw rates since `restart`, against its corrected rates.
 
-    The heading is the turn about the vertical, which the accelerometer gives at the start. Without an accelerometer it
-    is the whole angle between two attitudes.
+    The heading is the turn about the vertical, which the accelerometer gives at the start. Without an
+    accelerometer it is the whole angle between two attitudes. points: errors, one a second; since_s: host time
+    of the start, 0 before it.
     """
 
     def __init__(self) -> None:
@@ -57,7 +58,7 @@ class Heading:
 
     @property
     def vertical(self) -> bool:
-        """Whether the vertical is known."""
+        """Whether the vertical is known, from the accelerometer at the start."""
         return self._up is not None
 
     @property
@@ -67,17 +68,17 @@ class Heading:
 
     @property
     def now(self) -> Lost:
-        """The last point."""
+        """The latest heading error; all zero before the first."""
         return self.points[-1] if self.points else _NOTHING
 
     def restart(self, at_s: float) -> None:
-        """Start anew at a moment of host time, such as the start of a rest; a repeat changes nothing."""
+        """Start anew at host time at_s, s, such as the start of a rest; a repeat changes nothing."""
         if at_s != self._asked_s:
             self._asked_s = at_s
             self._anew()
 
     def add(self, pair: Pair) -> None:
-        """Integrate some samples; uncorrected samples or a gap start anew.
+        """Integrate the rates of new samples, and add a point each second; uncorrected samples or a gap start anew.
 
         A new listener receives the last seconds at once; of those the samples before `restart` do not count.
         """

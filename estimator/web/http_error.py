@@ -29,11 +29,11 @@ class Fault(Exception):
 
     @property
     def message(self) -> str:
-        """The text in English."""
+        """The error's text in English."""
         return self.text(texts(LANGUAGES[0]))
 
     def text(self, t: Texts) -> str:
-        """The text in a language; a message for programs is always English."""
+        """Return the error's text in the language of `t`; a message given for programs is always English."""
         if self.reason:
             return t.text(self.reason)
         return self._message or t(f"fault.{self.code}", **self._values)

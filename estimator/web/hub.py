@@ -26,7 +26,10 @@ class Viewer:
         self._closed = False
 
     def put(self, topic: str, frame: Frame) -> None:
-        """Queue a frame; never waits."""
+        """Queue a frame of a topic for this viewer, without waiting.
+
+        Beyond WAITING frames the oldest of the topic is dropped.
+        """
         queue = self._waiting.setdefault(topic, deque())
         if len(queue) >= WAITING:
             queue.popleft()
@@ -35,7 +38,7 @@ class Viewer:
         self._ready.set()
 
     def forget(self, topic: str) -> None:
-        """Stop watching a topic."""
+        """Stop watching a topic, and drop its queued frames."""
         self.topics.discard(topic)
         self._waiting.pop(topic, None)
 
@@ -58,7 +61,7 @@ class Viewer:
 
 
 class Hub:
-    """Set of viewers and their topics. Used from the event loop only."""
+    """Set of viewers and the topics that each watches. Used from the event loop only."""
 
     def __init__(self) -> None:
         self.viewers: set[Viewer] = set()
@@ -66,7 +69,7 @@ class Hub:
         self.newcomers: dict[str, set[Viewer]] = {}
 
     def full(self, address: str) -> str:
-        """Why no more viewers are accepted from an address; empty if one more is."""
+        """Return why no further viewer is accepted from an address, in words; empty if there is room."""
         if len(self.viewers) >= VIEWERS:
             return f"{VIEWERS} pages look already; this one tries again"
         if sum(viewer.address == address for viewer in self.viewers) >= OF_ONE_ADDRESS:
@@ -74,7 +77,7 @@ class Hub:
         return ""
 
     def add(self, address: str = "") -> Viewer:
-        """Add a viewer without topics."""
+        """Add a viewer without topics, and return it."""
         viewer = Viewer(address)
         self.viewers.add(viewer)
         return viewer
@@ -86,7 +89,7 @@ class Hub:
         self.viewers.discard(viewer)
 
     def watch(self, viewer: Viewer, topics: Collection[str]) -> None:
-        """Set the topics that a viewer watches, replacing the earlier ones."""
+        """Set the topics that a viewer watches, replacing its earlier ones; for new topics it counts as a newcomer."""
         for topic in viewer.topics - set(topics):
             viewer.forget(topic)
             newcomers = self.newcomers.get(topic, set())
@@ -98,7 +101,7 @@ class Hub:
             self.newcomers.setdefault(topic, set()).add(viewer)
 
     def wanted(self) -> dict[str, set[str]]:
-        """Watched topics, each with the addresses that watch it."""
+        """Return the watched topics, each with the set of client addresses that watch it."""
         found: dict[str, set[str]] = {}
         for viewer in self.viewers:
             for topic in viewer.topics:
@@ -106,7 +109,7 @@ class Hub:
         return found
 
     def greet(self, topic: str, frames: Iterable[Frame]) -> None:
-        """Send the whole content of a topic to its newcomers."""
+        """Queue the frames of a topic's whole content for its newcomers, who then count as viewers like any other."""
         newcomers = self.newcomers.pop(topic, None)
         if newcomers:
             for frame in frames:
@@ -114,12 +117,12 @@ class Hub:
                     viewer.put(topic, frame)
 
     def publish(self, topic: str, frame: Frame) -> None:
-        """Send one frame to every viewer of a topic."""
+        """Queue one frame for every viewer of a topic."""
         for viewer in self.viewers:
             if topic in viewer.topics:
                 viewer.put(topic, frame)
 
     def close(self) -> None:
-        """Remove all viewers."""
+        """Close and remove all viewers."""
         for viewer in list(self.viewers):
             self.remove(viewer)

@@ -10,13 +10,13 @@ _YEAR_S = 365 * 86400
 
 
 def language(request: Request) -> str:
-    """Language of a request, one of LANGUAGES."""
+    """Choose the language of a request, one of LANGUAGES: by ?lang= in the link, else cookie, else the browser."""
     asked = (request.query_params.get("lang", ""), request.cookies.get(COOKIE, ""))
     return chosen(asked, request.headers.get("accept-language", ""))
 
 
 def keep(request: Request, response: Response) -> Response:
-    """Store the language chosen by a link in a cookie."""
+    """Store the language of ?lang= in a cookie of the response, for a year; returns the response."""
     asked = request.query_params.get("lang", "")
     if asked in LANGUAGES:
         secure = request.url.scheme == "https"

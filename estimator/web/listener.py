@@ -41,7 +41,10 @@ _REFUSAL = (
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Connection limits. `proxies` are addresses without a limit; `refused` counts refusals by reason."""
+    """Limits of a listener: most connections, and addresses of proxies, which have no limit of their own.
+
+    `refused` counts refusals by reason.
+    """
 
     connections: int = CONNECTIONS
     proxies: tuple[str, ...] = ()
@@ -125,7 +128,7 @@ class _Bounded(H11Protocol):
 
 
 class Listener(uvicorn.Server):
-    """Server for an ASGI application, until told to stop.
+    """HTTP server for an ASGI application, with limits on connections, until told to stop.
 
     Signal handlers stay ours, since uvicorn's would end the process too early.
     """
@@ -162,7 +165,10 @@ class Listener(uvicorn.Server):
         self._certified = stamp_of(Path(certificate))
 
     def renew(self) -> None:
-        """Show the certificate's file to new connections if it has changed, as after a renewal."""
+        """Load the certificate's file for new connections if it has changed, as after a renewal.
+
+        A faulty file is logged.
+        """
         file, key, context = self.config.ssl_certfile, self.config.ssl_keyfile, self.config.ssl
         if context is None or not file or (stamp := stamp_of(Path(file))) == self._certified:
             return
@@ -177,7 +183,7 @@ class Listener(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave the signal handlers unchanged."""
+        """Replace uvicorn's context by one that leaves the signal handlers unchanged."""
         yield
 
 
@@ -186,5 +192,5 @@ def _is_news(record: logging.LogRecord) -> bool:
 
 
 def room() -> int:
-    """Return how many connections the limit of open files allows; it is raised if possible."""
+    """Return how many connections the limit of open files allows, at least 1; raises that limit if possible."""
     return max(1, make_room(CONNECTIONS + _OTHER_FILES) - _OTHER_FILES)

@@ -1,4 +1,4 @@
-"""Websocket of every page: the page names the topics it watches, and receives frames."""
+"""WebSocket /live of every page: the page names the topics that it watches, and receives their frames."""
 
 import asyncio
 import contextlib
@@ -21,30 +21,30 @@ _LATER, _WRONG, _SILENT = 1013, 1007, 1008
 
 
 class Wish(msgspec.Struct, forbid_unknown_fields=True):
-    """Request to watch exactly these topics from now on."""
+    """Request of a page: watch exactly these topics from now on."""
 
     watch: list[str]
 
 
 class Pace:
-    """Rate limit for a viewer's requests: how long to wait after each. Pure: time is an argument."""
+    """Rate limit for a viewer's requests: WISHES at once, then one each WISH_S seconds. Pure: time is an argument."""
 
     def __init__(self) -> None:
         self._until = 0.0
 
     def wait_s(self, now: float) -> float:
-        """Count one request; returns the seconds to wait before the next is read."""
+        """Count one request at monotonic time `now` (s); returns the seconds to wait before reading the next."""
         self._until = max(self._until, now) + WISH_S
         return max(0.0, self._until - now - WISHES * WISH_S)
 
 
 def routes() -> list[BaseRoute]:
-    """Route of the websocket."""
+    """Return the route of the WebSocket /live."""
     return [WebSocketRoute("/live", live)]
 
 
 async def live(socket: WebSocket) -> None:
-    """Serve one viewer until it disconnects."""
+    """Serve one viewer's WebSocket until it disconnects: read the topics it asks for, and send their frames."""
     desk, address = Desk.of(socket), neighbourhood(socket.client.host if socket.client else "")
     await socket.accept()
     if words := desk.hub.full(address):

@@ -24,18 +24,21 @@ class Attempts:
         self._right = OrderedDict[tuple[str, str], None]()
 
     def wait_s(self, address: str, name: str, now: float) -> float:
-        """Seconds until another attempt is accepted; 0 if it is accepted now."""
+        """Return the seconds until another attempt is accepted; 0 if it is accepted now. now: monotonic time in s."""
         here = max(self._both.wait_s((address, name), now), self._addresses.wait_s((address,), now))
         return here if (address, name) in self._right else max(here, self._names.wait_s((name,), now))
 
     def failed(self, address: str, name: str, now: float) -> None:
-        """Count a wrong password."""
+        """Count a wrong password for this address, this name, and the pair. now: monotonic time in s."""
         self._both.add((address, name), now)
         self._addresses.add((address,), now)
         self._names.add((name,), now)
 
     def succeeded(self, address: str, name: str) -> None:
-        """Take note of a right password."""
+        """Record a right password, which clears the wrong ones of this name at this address.
+
+        The pair is then exempt from the limit of the name.
+        """
         self._both.clear((address, name))
         self._right[address, name] = None
         self._right.move_to_end((address, name))

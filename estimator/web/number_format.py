@@ -14,25 +14,25 @@ SPACE = "\N{NO-BREAK SPACE}"
 
 
 def signed(value: float, digits: int) -> str:
-    """Number with its sign; plus and minus have the same width."""
+    """Format a number with its sign and `digits` decimals; plus and minus have the same width."""
     return f"{value:+.{digits}f}".replace("-", MINUS)
 
 
 def bias(bias: Sequence[float], std: Sequence[float]) -> str:
-    """`+0.12 −0.40 +0.03 ± 0.004 °/s`: bias of each axis from rad/s, with 95 % of the least known axis."""
+    """Format a bias (3,) in rad/s: `+0.12 −0.40 +0.03 ± 0.004 °/s`, with the 95 % interval of the least known axis."""
     wide = SIGMAS * degrees(max(std))
     digits = 3 if wide < 0.1 else 2
     return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {wide:.{digits}f} °/s"
 
 
 def interval(value: float, std: float, digits: int) -> str:
-    """`1.0123 ± 0.0008`, a 95 % interval; the value alone where its standard deviation is unknown."""
+    """Format `1.0123 ± 0.0008`, a 95 % interval; the value alone if its standard deviation is not finite."""
     shown = f"{value:.{digits}f}".replace("-", MINUS)
     return f"{shown} ±{SPACE}{SIGMAS * std:.{digits}f}" if isfinite(std) else shown
 
 
 def rate(measured_hz: float, told_hz: float, t: Texts) -> str:
-    """`103.9 of 104 Hz`: measured and configured rate, whichever are known."""
+    """Format measured and configured output data rate in Hz, `103.9 of 104 Hz`; an unknown one (0) is left out."""
     if not measured_hz:
         return t("words.rate_told", told=f"{told_hz:g}") if told_hz else ""
     measured = f"{measured_hz:.1f}"
@@ -40,42 +40,42 @@ def rate(measured_hz: float, told_hz: float, t: Texts) -> str:
 
 
 def gaps(count: int, missing: int, t: Texts) -> str:
-    """`none`, `3, in one gap`, or `12, in 2 gaps`."""
+    """Format the number of gaps and of the samples missing in them: `none`, `3, in one gap`, or `12, in 2 gaps`."""
     if count == 1:
         return t("words.gap", missing=missing)
     return t("words.gaps", count=count, missing=missing) if count else t("words.no_gaps")
 
 
 def temperature(celsius: float) -> str:
-    """`31.5 °C`; empty when unknown."""
+    """Format a temperature: `31.5 °C`; empty for NaN."""
     return f"{celsius:.1f} °C" if isfinite(celsius) else ""
 
 
 def battery(percent: float | None, t: Texts, *, charging: bool) -> str:
-    """`82 %`, with whether the device is charging; empty when unknown."""
+    """Format a battery's charge: `82 %`, and whether it is charging; empty for None."""
     if percent is None:
         return ""
     return t("words.charging", percent=f"{percent:.0f}") if charging else f"{percent:.0f} %"
 
 
 def ago(then_ns: int, now_ns: int, t: Texts) -> str:
-    """`2 h ago`."""
+    """Format the time between two moments (ns since the Unix epoch) in words: `2 h ago`."""
     return t("words.ago", age=lasting(max(0.0, (now_ns - then_ns) / 1e9), t))
 
 
 def lasting(seconds: float, t: Texts) -> str:
-    """`2 h`."""
+    """Format a duration in s in words, by its largest unit: `2 h`."""
     n, _, unit = age(seconds).partition(" ")
     return t(f"words.{unit}", n=n)
 
 
 def clock(time_ns: int) -> str:
-    """`2026-11-21 13:39:19 UTC+01:00`: date and time in the server's zone, which is named."""
+    """Format ns since the Unix epoch in the server's time zone: `2026-11-21 13:39:19 UTC+01:00`."""
     local = datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone()
     return f"{local:%Y-%m-%d %H:%M:%S} {zone_name(local)}"
 
 
 def zone_name(local: datetime) -> str:
-    """Offset of a time's zone from UTC: `UTC`, or `UTC+01:00`."""
+    """Return the offset of a time's zone from UTC: `UTC`, or `UTC+01:00`."""
     offset = local.isoformat()[-6:]
     return "UTC" if offset == "+00:00" else f"UTC{offset.replace('-', MINUS)}"

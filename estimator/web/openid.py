@@ -27,7 +27,10 @@ _AWAY_S = 600
 
 
 def routes(settings: Dashboard) -> list[BaseRoute]:
-    """Routes to the provider and back, if the ward file names one. Raises ConfigError."""
+    """Return the routes to the OpenID Connect provider and back; none if the ward file names no provider.
+
+    Raises ConfigError if Authlib is not installed or the secret's file cannot be read.
+    """
     if (there := settings.openid) is None:
         return []
     provider = _provider(there)

@@ -24,7 +24,7 @@ TEMPLATES.env.trim_blocks = TEMPLATES.env.lstrip_blocks = True
 
 
 def routes() -> list[BaseRoute]:
-    """Routes of the ward page, login and logout."""
+    """Return the routes of the ward page, login and logout."""
     return [
         Route("/", ward, name="ward"),
         Route("/login", login_form, name="login"),
@@ -34,7 +34,10 @@ def routes() -> list[BaseRoute]:
 
 
 def show(request: Request, template: str, values: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> Response:
-    """Render a page in the reader's language, with ward, session, and messages that are shown once."""
+    """Render a template in the reader's language, with the ward, the session, and messages that are shown once.
+
+    values: further variables of the template.
+    """
     desk = Desk.of(request)
     session = desk.session(request)
     frame = {
@@ -51,7 +54,7 @@ def show(request: Request, template: str, values: Mapping[str, Any], status: HTT
 
 
 async def ward(request: Request) -> Response:
-    """Serve the ward page."""
+    """Serve the ward page; ?wall=1 for a screen that nobody touches."""
     page = ward_page(Desk.of(request).known, time.monotonic(), time.time_ns(), texts(language(request)))
     wall = request.query_params.get("wall") == "1"  # a screen that nobody touches
     plain = wall or request.cookies.get("truerate-numbers") != "1"  # set by static/choice.js
@@ -67,7 +70,7 @@ async def login_form(request: Request) -> Response:
 
 
 async def login(request: Request) -> Response:
-    """Check name and password, and start a session."""
+    """Check name and password, and start a session; on a wrong one, show the form again with the reason."""
     desk = Desk.of(request)
     given = await fields(request)
     name, to = given.get("name", "").strip(), own(given.get("to", "/"))
@@ -92,7 +95,10 @@ def begin(request: Request, response: Response, name: str, role: str, *, elsewhe
 
 
 async def logout(request: Request) -> Response:
-    """End the session."""
+    """End the session, delete its cookie, and redirect to the ward page.
+
+    Raises Fault for a wrong session or CSRF token.
+    """
     desk = Desk.of(request)
     desk.checked(request, (await fields(request)).get("csrf", ""))
     desk.sessions.end(cookie.found(request))
@@ -102,6 +108,6 @@ async def logout(request: Request) -> Response:
 
 
 def own(path: str) -> str:
-    """Safe redirect target: a path of this site, never another site nor the login or logout page."""
+    """Return a safe redirect target: `path` if it is a path of this site other than login and logout, else `/`."""
     ours = path.startswith("/") and not path.startswith(("//", "/\\", "/login", "/logout")) and path.isprintable()
     return path if ours else "/"

@@ -13,7 +13,10 @@ _HASHER = PasswordHasher()
 
 
 def hashed(password: str) -> str:
-    """Hash of a password for the ward's file; raises ValueError when the password is too short."""
+    """Return the argon2 hash of a password, for the ward's file.
+
+    Raises ValueError if it has fewer than MIN_LENGTH characters.
+    """
     if len(password) < MIN_LENGTH:
         raise ValueError(f"a password of {len(password)} characters; {MIN_LENGTH} are the least")
     return _HASHER.hash(password)
@@ -32,7 +35,7 @@ class Passwords:
         self._hashes = {person.name: person.password for person in people}
 
     def right(self, name: str, password: str) -> bool:
-        """Whether the password belongs to this person."""
+        """Whether the password belongs to the person of this name; an unknown name takes as long to check."""
         try:
             _HASHER.verify(self._hashes.get(name) or _nobody(), password)
         except (VerificationError, InvalidHashError):

@@ -1,4 +1,7 @@
-"""Pages on which an administrator manages the ward's people, and on which a person chooses a password by a one-time link."""
+"""Pages on which an administrator manages the ward's people, and a person chooses a password.
+
+The latter is opened by a one-time link.
+"""
 
 import logging
 import secrets
@@ -26,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 def routes() -> list[BaseRoute]:
-    """Routes of the people's page and of one-time links."""
+    """Return the routes of the people's page and of one-time links."""
     return [
         Route("/people", people, name="people"),
         Route("/people", change, methods=["POST"]),
@@ -36,14 +39,18 @@ def routes() -> list[BaseRoute]:
 
 
 async def people(request: Request) -> Response:
-    """Serve the list of people to an administrator."""
+    """Serve the list of people. Raises Fault if the request is not an administrator's."""
     session = Desk.of(request).session(request)
     Desk.of(request).administrator(request, session.csrf if session else "")
     return _listed(request)
 
 
 async def change(request: Request) -> Response:
-    """Add or remove a person, change a role, or make a one-time link for a new password."""
+    """Change the list of people as an administrator's form says, and show it.
+
+    Adds or removes a person, changes a role, or makes a one-time link for a new password. Raises Fault for a wrong
+    form, and for a change that would leave no administrator.
+    """
     desk, given = Desk.of(request), await fields(request)
     session = desk.administrator(request, given.get("csrf", ""))
     do, there = given.get("do"), {one.name: one for one in desk.settings.people}
@@ -72,13 +79,16 @@ async def change(request: Request) -> Response:
 
 
 async def welcome(request: Request) -> Response:
-    """Serve the form of a one-time link."""
+    """Serve the form of a one-time link, on which a person chooses a password. Raises Fault for a link that ended."""
     key = request.query_params.get("key", "")
     return show(request, "welcome.html", {"key": key, "person": _invited(Desk.of(request), key)})
 
 
 async def choose(request: Request) -> Response:
-    """Set the password that a person chose, and end the one-time link."""
+    """Set the password that a person chose, end the one-time link, and redirect to the login.
+
+    Shows the form again if the two passwords differ or are too short.
+    """
     desk, given = Desk.of(request), await fields(request)
     person = _invited(desk, key := given.get("key", ""))
     password, again = given.get("password", ""), given.get("again", "")

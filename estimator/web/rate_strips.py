@@ -9,12 +9,12 @@ from bridge.wire.messages import Floats
 
 
 class Strips:
-    """Combines the batches of many devices into one frame, all at once."""
+    """Reduces the rate batches of many devices to one frame: minimum and maximum rate of each device."""
 
     def take(self, batches: Sequence[Rates], numbers: Mapping[str, int]) -> Floats:
-        """(n, 2) minimum and maximum in °/s by device number; NaN for silent devices.
+        """Return (n, 2) minimum and maximum of the rate's magnitude in °/s by device number; NaN for silent devices.
 
-        Devices without a number are left out.
+        numbers: number of each device; devices without a number are left out.
         """
         found = np.full((max(numbers.values(), default=-1) + 1, 2), np.nan)
         known = [batch for batch in batches if batch.device in numbers]

@@ -18,19 +18,22 @@ _MOST = 20.0
 
 @topics.kind("receipts", of_a_device=True, worded=True)
 class ReceiptTopic(topics.Topic):
-    """Receipts since somebody looks, and the few before: the latest in words, all as points of the NIS picture."""
+    """Receipts of a device's bias updates since a page first watched, and the few before.
+
+    The latest in words; all as points of the NIS picture.
+    """
 
     def __init__(self, topic: str, sources: Sources) -> None:
         super().__init__(topic, sources)
         self._kept = deque[Receipt](maxlen=POINTS)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """All receipts kept."""
+        """Yield one text frame with all kept receipts."""
         self._look()
         yield self._frame()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """All receipts kept, if there are new ones."""
+        """Yield one text frame with all kept receipts, if there are new ones."""
         if self._look():
             yield self._frame()
 

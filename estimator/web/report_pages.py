@@ -24,7 +24,7 @@ from estimator.web.site import Desk
 
 
 def routes() -> list[BaseRoute]:
-    """Routes of the reports."""
+    """Return the routes of the reports, of device labels and of the bias chart."""
     return [
         Route("/report", ward, name="report"),
         Route("/devices/{device}/calibrations/{calibration}/certificate", certificate, name="certificate"),
@@ -34,13 +34,16 @@ def routes() -> list[BaseRoute]:
 
 
 async def ward(request: Request) -> Response:
-    """Serve the summary of the ward."""
+    """Serve the printable summary of the ward."""
     page = reports.summary(Desk.of(request).known, time.monotonic(), texts(language(request)))
     return _report(request, "report.html", page)
 
 
 async def certificate(request: Request) -> Response:
-    """Serve the certificate of one calibration, accepted or rejected."""
+    """Serve the certificate of one calibration, accepted or rejected; ?label=1 for its label.
+
+    Raises Fault for an unknown one.
+    """
     desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
     known = {calibration.id: calibration for calibration in await desk.calibrations(request, name)}
     if (found := known.get(number)) is None:
@@ -57,7 +60,7 @@ async def certificate(request: Request) -> Response:
 
 
 async def label(request: Request) -> Response:
-    """Serve the label of a device, calibrated or not."""
+    """Serve the printable label of a device, with its QR code. Raises Fault for an unknown device."""
     name = request.path_params["device"]
     Desk.of(request).story(name)
     return _report(request, "label.html", None, device=name, code=_code_of_device(request), label=True)
@@ -73,7 +76,10 @@ def _code(opens: URL) -> Markup:
 
 
 async def bias(request: Request) -> Response:
-    """Serve a chart of the device's bias over time as PNG; `?dark=1` for a dark page, `?narrow=1` for a phone."""
+    """Serve a chart of the device's bias over time as PNG; `?dark=1` for a dark page, `?narrow=1` for a phone.
+
+    Raises Fault if no bias is known.
+    """
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
     if not reports.past(story, name).biases:

@@ -25,7 +25,7 @@ _BEFORE_NS = 60 * 10**9
 
 @dataclass(frozen=True, slots=True)
 class TurnLine:
-    """One turn by hand."""
+    """One turn by hand, in words: axis, angle and closure error in degrees, duration in s."""
 
     axis: str
     angle: str
@@ -35,9 +35,10 @@ class TurnLine:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Everything a certificate shows.
+    """Everything that a calibration certificate shows, in words.
 
-    when, due: dates. matrix: rows of the full matrix; empty where only the diagonal was estimated.
+    when, due: dates. facts: (name, value). result: scale factor and bias of each axis. matrix: rows of the full matrix;
+    empty where only the diagonal was estimated. compared: with the calibration before.
     """
 
     device: str
@@ -56,7 +57,10 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One device in the summary."""
+    """One device in the ward summary, in words.
+
+    tone: look of its state; result: its calibration, a row for each axis.
+    """
 
     device: str
     placement: str
@@ -71,7 +75,10 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Summary of a ward at one moment."""
+    """Summary of a ward at one moment: `tracking` of `of` devices track.
+
+    needs: the devices that need a person; devices: all, by name; troubles: those of the ward itself.
+    """
 
     tracking: int
     of: int
@@ -90,10 +97,10 @@ def certificate(
     due_days: float,
     now_ns: int,
 ) -> Certificate:
-    """Certificate of a calibration, accepted or rejected. known: all known calibrations of the device.
+    """Build the certificate of a calibration, accepted or rejected. known: all known calibrations of the device.
 
-    limit: largest relative scale error that is taken (`SessionKnobs.scale_limit`). due_days: days until it is due again.
-    now_ns: host time.
+    limit: largest relative scale error that is taken (`SessionKnobs.scale_limit`). due_days:
+    days until it is due again. now_ns: host time.
     """
     c = calibration
     before = last_before(c, known)
@@ -144,7 +151,7 @@ def certificate(
 
 
 def summary(known: Known, now: float, t: Texts) -> Summary:
-    """Summary of all devices by name, preceded by those that need a person."""
+    """Build the ward summary: all devices by name, and those that need a person. now: monotonic time in s."""
     found = known.rows(now)
     lines = {}
     for row in found:
@@ -173,7 +180,10 @@ def summary(known: Known, now: float, t: Texts) -> Summary:
 
 
 def past(story: Story, device: str) -> History:
-    """Bias history for a chart, boot by boot; far less certain points are left out, since they would hide the present bias."""
+    """Return a device's bias history for a chart, one part for each boot, with calibrations and boots since its begin.
+
+    Points far less certain than the best are left out, since they would hide the present bias.
+    """
     times_ns, points = story.trail.times_ns, story.trail.points
     if (stored := story.biases) is not None and len(times_ns):
         before = stored.time_ns < times_ns[0]

@@ -1,4 +1,4 @@
-"""Read a request's form or JSON body within limits of size and time."""
+"""Read the body of a request, or a form in it, within limits of size and time."""
 
 import asyncio
 from http import HTTPStatus
@@ -14,7 +14,7 @@ WHOLE_S = 10.0
 
 
 async def body(request: Request) -> bytes:
-    """Whole body of a request; raises Fault when it is too large, too slow, or incomplete."""
+    """Read the whole body of a request; raises Fault if it is larger than MAX_BYTES, too slow, or incomplete."""
     found = b""
     try:
         async with asyncio.timeout(WHOLE_S):
@@ -28,7 +28,7 @@ async def body(request: Request) -> bytes:
 
 
 async def fields(request: Request) -> dict[str, str]:
-    """Fields of a form; of repeated names the last counts. Raises Fault for a malformed form."""
+    """Read the fields of a form by name; of repeated names the last counts. Raises Fault for a malformed form."""
     text = (await body(request)).decode("utf-8", "replace")
     try:
         return dict(parse_qsl(text, keep_blank_values=True, max_num_fields=20))

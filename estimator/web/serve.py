@@ -57,7 +57,10 @@ _ANY = ("0.0.0.0", "::")  # noqa: S104 - compared with, not bound
 
 
 class Server:
-    """Dashboard of one ward; `connect` may be called at any time later."""
+    """Web server of one ward's dashboard.
+
+    It serves before a router is found; `connect` attaches the router's sessions later.
+    """
 
     def __init__(
         self,
@@ -85,7 +88,7 @@ class Server:
         )
 
     async def serve(self) -> None:
-        """Serve until `stop`; raises OSError if the address cannot be used."""
+        """Serve until `stop`. Raises OSError if the address, or the certificate for TLS, cannot be used."""
         try:
             self.uvicorn.config.load()
         except OSError as error:
@@ -108,18 +111,21 @@ class Server:
             await self.uvicorn.serve([listener])
 
     def use(self, ward: Ward) -> None:
-        """Use the changed settings of the ward's file."""
+        """Apply the changed settings of the ward file to the running dashboard."""
         self._sources.treatment = treatment(ward.estimator)
         self.desk.use(ward.dashboard, self._sources.treatment)
         self.desk.known.alert_settings = ward.alerts
 
     def stop(self) -> None:
-        """Stop serving; a second call stops at once."""
+        """Stop serving once open answers are sent; a second call stops at once."""
         self.uvicorn.force_exit = self.uvicorn.should_exit
         self.uvicorn.should_exit = True
 
     def connect(self, data: Bus, control: Bus) -> None:
-        """Attach the sessions of a router that was found. Called in the event loop."""
+        """Attach the bus sessions of a router that was found: one for data, one for commands.
+
+        Called in the event loop.
+        """
         commands, client = Client(ward=self._ward, bus=control), Client(ward=self._ward, bus=data)
         self._broadcast.connect(client, commands)
         self.desk.control, self.desk.feeds.client = commands, client
@@ -133,8 +139,9 @@ def _place(host: str, port: int, *, tls: bool) -> str:
 
 
 def run(ward: Ward, file: WardFile[Ward] | None = None, people: WardFile[Ward] | None = None) -> int:
-    """Serve until SIGINT or SIGTERM and return the exit code. While no router is found, every page says so.
+    """Serve the dashboard until SIGINT or SIGTERM, and return the exit code.
 
+    While no router is found, every page says so.
     file: the ward file, which may change. people: its `people_file`.
     """
     gc.set_threshold(_CYCLES)
@@ -157,7 +164,7 @@ def _settings(ward: Ward, people: WardFile[Ward] | None) -> Dashboard:
 
 
 def routers_of(ward: Ward) -> Routers:
-    """Routers and role of the dashboard: commander, or viewer where nobody may command.
+    """Return the routers and the dashboard's role there: commander, or viewer where nobody may command.
 
     A warning tells a viewer which messages its certificate does not permit.
     """

@@ -14,8 +14,9 @@ SESSIONS = 500
 
 @dataclass(slots=True)
 class Session:
-    """Session of one person in one browser. `csrf` is in each of their forms.
+    """Login session of one person in one browser, until monotonic times `until` and `idle_until`, s.
 
+    `csrf` is in each of the person's forms.
     role: what the person may do. elsewhere: an OpenID Connect provider let the person in.
     said: message to show once: whether it is good news, of which device, and the text by language.
     """
@@ -32,25 +33,31 @@ class Session:
     draft: str = ""
 
     def take_draft(self) -> str:
-        """Text to put back into the form, once."""
+        """Return the text of a refused note, to put back into the form, and forget it."""
         draft, self.draft = self.draft, ""
         return draft
 
     def take_said(self) -> tuple[bool, str, Callable[[Texts], str]] | None:
-        """Message to show, once."""
+        """Return the message to show, or None, and forget it."""
         said, self.said = self.said, None
         return said
 
 
 class Sessions:
-    """Sessions by cookie; only hashes of the cookies are kept."""
+    """Login sessions by cookie; only hashes of the cookies are kept.
+
+    length_s: longest session, s; idle_s: longest time without a request, s.
+    """
 
     def __init__(self, length_s: float, idle_s: float) -> None:
         self._length_s, self._idle_s = length_s, idle_s
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
 
     def use(self, length_s: float, idle_s: float, people: Container[str]) -> None:
-        """Use other limits from now on, and end the sessions of those who log in here and are not among `people`."""
+        """Use other limits (s) from now on, and end the sessions of people who left: those not among `people`.
+
+        Sessions that an OpenID Connect provider opened go on.
+        """
         self._length_s, self._idle_s = length_s, idle_s
         for hashed, session in [*self._sessions.items()]:
             if session.name not in people and not session.elsewhere:
@@ -59,7 +66,10 @@ class Sessions:
     def begin(
         self, name: str, now: float, role: str = "operator", *, elsewhere: bool = False, instead: str | None = None
     ) -> str:
-        """Start a session and return its cookie; ends the browser's earlier session `instead`."""
+        """Start a person's session at monotonic time `now` (s) and return its cookie.
+
+        Ends the browser's earlier session, whose cookie is `instead`.
+        """
         self.end(instead or "")
         cookie = secrets.token_urlsafe(32)
         self._sessions[_hashed(cookie)] = Session(name, now + self._length_s, now + self._idle_s, role, elsewhere)
@@ -68,7 +78,7 @@ class Sessions:
         return cookie
 
     def find(self, cookie: str | None, now: float) -> Session | None:
-        """Session of a cookie, marked as active; None when unknown or expired."""
+        """Find the session of a cookie and mark it as active; None if unknown or expired. now: monotonic time in s."""
         if not cookie:
             return None
         session = self._sessions.get(_hashed(cookie))
@@ -81,7 +91,7 @@ class Sessions:
         return session
 
     def end(self, cookie: str) -> None:
-        """End the session of a cookie."""
+        """End the session of a cookie; an unknown cookie changes nothing."""
         self._sessions.pop(_hashed(cookie), None)
 
 

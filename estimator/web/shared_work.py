@@ -32,7 +32,10 @@ class SharedWork(Generic[T]):
         self._askers = Counter[str]()
 
     async def get(self, request: Request, key: str, make: Callable[[], T]) -> T:
-        """The answer for a key, computed by make(). Raises Fault when too many others wait, or the client has left."""
+        """Return the answer for a key: a kept one, or the result of make(), which runs on a thread.
+
+        Raises Fault if too many other answers are awaited, or the client has left.
+        """
         made_s, answer = self._made.get(key, (float("-inf"), None))
         if answer is not None and time.monotonic() - made_s < self._keep_s:
             return answer

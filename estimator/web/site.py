@@ -57,7 +57,7 @@ VERBS = ("recalibrate", "cancel", "note", "place")
 
 
 class Desk:
-    """Services of one dashboard, shared by all requests."""
+    """Services of one dashboard, shared by all requests: ward state, sessions, passwords, commands and the store."""
 
     def __init__(
         self,
@@ -89,13 +89,16 @@ class Desk:
         self._past_at: dict[str, float] = {}
 
     def use(self, settings: Dashboard, treatment: Treatment) -> None:
-        """Use changed settings. The sessions of people who left, or whose password changed, end."""
+        """Apply changed settings. The sessions of people who left, or whose password changed, end."""
         stay = {person.name for person in settings.people if person in self.settings.people}
         self.sessions.use(settings.session_hours * 3600, settings.idle_minutes * 60, stay)
         self.settings, self.treatment, self._passwords = settings, treatment, Passwords(settings.people)
 
     async def change_people(self, change: Callable[[Path], None], people: Iterable[Person]) -> None:
-        """Change the file that lists the people, and use the new list at once; raises Fault."""
+        """Change the file that lists the people by `change(path)`, and use the new list `people` at once.
+
+        Raises Fault if there is no such file, or it cannot be written.
+        """
         if self._people is None:
             raise Fault(HTTPStatus.CONFLICT, "people_elsewhere")
         try:
@@ -107,7 +110,7 @@ class Desk:
 
     @classmethod
     def of(cls, connection: HTTPConnection) -> "Desk":
-        """Desk of the application that a request came to."""
+        """Return the Desk of the application that a request came to."""
         desk = connection.app.state.desk
         assert isinstance(desk, cls)
         return desk
@@ -115,11 +118,11 @@ class Desk:
     # ---- who asks -------------------------------------------------------------------------------------------------
 
     def session(self, connection: HTTPConnection) -> Session | None:
-        """Session of the request's cookie, or None."""
+        """Return the login session of the request's cookie, or None."""
         return self.sessions.find(cookie.found(connection), time.monotonic())
 
     def checked(self, connection: HTTPConnection, csrf: str) -> Session:
-        """Session of a person giving a command, checked by cookie and CSRF token; raises Fault otherwise."""
+        """Return the session of a person who gives a command; raises Fault without a valid cookie and CSRF token."""
         session = self.session(connection)
         if session is None:
             raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", headers=CHALLENGE)
@@ -128,7 +131,7 @@ class Desk:
         return session
 
     def administrator(self, request: Request, csrf: str) -> Session:
-        """Session of an administrator giving a command; raises Fault otherwise."""
+        """Return the session of an administrator who gives a command; raises Fault for anybody else."""
         session = self.checked(request, csrf)
         if session.role != "administrator":
             raise Fault(HTTPStatus.FORBIDDEN, "not_administrator")
@@ -158,7 +161,7 @@ class Desk:
     # ---- devices --------------------------------------------------------------------------------------------------
 
     def story(self, device: str) -> Story:
-        """Story of a known device; raises Fault for an unknown one."""
+        """Return everything known of a device; raises Fault for an unknown one."""
         story = self.known.stories.get(device)
         if story is None:
             there = ", ".join(sorted(self.known.stories)[:20]) or "–"
@@ -166,9 +169,10 @@ class Desk:
         return story
 
     async def ask(self, device: str, verb: str, who: str, words: str | Placement = "") -> CommandReply:
-        """Send a command to the estimator and return its reply; raises Fault when no estimator answers.
+        """Send a command to the estimator and return its reply.
 
-        words: the text of the command; for `place` the placement.
+        Raises Fault for a wrong text, or if no estimator answers.
+        device: also an estimator's id, for `acknowledge`. words: the text of the command; for `place` the placement.
         """
         if verb != "acknowledge" or device not in self.known.alive["estimator"]:
             self.story(device)
@@ -194,7 +198,10 @@ class Desk:
             raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer") from error
 
     async def remember(self, device: str) -> None:
-        """Add the store's data of a known device, if the store can be read; raises Fault for an unknown device."""
+        """Add the store's data of a known device to the ward's state, unless it was read in the last PAST_S seconds.
+
+        A store that cannot be read is logged. Raises Fault for an unknown device.
+        """
         self.story(device)
         if self._store is None or not self._store.is_file() or self._fresh(device):
             return
@@ -212,7 +219,10 @@ class Desk:
         return time.monotonic() - self._past_at.get(device, -PAST_S) < PAST_S
 
     async def calibrations(self, request: Request, device: str) -> list[Calibration]:
-        """All calibrations of a device, oldest first: those heard, and older ones from the store."""
+        """Return all calibrations of a device, oldest first: those heard, and older ones from the store.
+
+        Raises Fault for an unknown device.
+        """
         await self.remember(device)
         heard = self.story(device).calibrations
         store = self._store
@@ -232,7 +242,7 @@ def _read(path: Path, what: Callable[[StoreReader], T]) -> T:
 
 
 def placed(segment: str, side: str, wearer: str) -> Placement:
-    """Placement of a form or a body; empty to end it. Raises Fault."""
+    """Make the Placement of a form or a body; all empty ends the placement. Raises Fault for an invalid one."""
     try:
         return placement(segment, side, plain(wearer))
     except Refusal:
@@ -240,6 +250,6 @@ def placed(segment: str, side: str, wearer: str) -> Placement:
 
 
 def plain(words: str) -> str:
-    """Text as it is stored: every kind of space becomes a plain space, and format characters are removed."""
+    """Return a text as it is stored: every kind of space becomes a plain space, and format characters are removed."""
     kinds = ((letter, category(letter)) for letter in words)
     return "".join(" " if kind == "Zs" else letter for letter, kind in kinds if kind != "Cf")

@@ -32,9 +32,10 @@ _BY_HAND = ("awaiting still", "bias only", "degraded", "turning", "warming")
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Tile of one device, in words of one language, shown as they are. Numbers are for sorting, None last.
+    """Tile of one device, texts in one language, shown as they are. Numbers are for sorting, None last.
 
-    state: name for programs; word: name for people. advice: one plain sentence, which says what to do.
+    state: name for programs; word: name for people. advice: one plain sentence that says what to do.
+    bias_std: of the least known axis, rad/s; calibrated_ns: since the Unix epoch.
     """
 
     id: str
@@ -67,7 +68,10 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class AlertLine:
-    """A standing alert in words. id: subject and kind; device: its device, empty for an estimator's; seen: by whom."""
+    """A standing alert in words.
+
+    id: subject and kind; device: its device, empty for an estimator; seen: who acknowledged it.
+    """
 
     id: str
     device: str
@@ -100,7 +104,7 @@ class WardPage:
 
 
 def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
-    """Present content of the ward page. now: seconds of the receive clock; now_ns: wall clock time."""
+    """Build the present content of the ward page. now: monotonic time in s; now_ns: time since the Unix epoch in ns."""
     quiet = known.alert_settings.quiet(datetime.fromtimestamp(now_ns / 1e9).astimezone())
     alerts = [_alert(*one, known, now_ns, t) for one in known.alerts(now)]
     rows = known.rows(now)
@@ -137,17 +141,17 @@ def _alert(subject: str, placement: Placement | None, alert: Alert, known: Known
 
 
 def word(state: str, t: Texts) -> str:
-    """Name of a state for people."""
+    """Return the name of a device's state for people, in the language of `t`."""
     return t(f"state.{state.replace(' ', '_')}")
 
 
 def troubles(known: Known, t: Texts) -> list[str]:
-    """Troubles of the ward itself, in words."""
+    """Return the troubles of the ward itself (not of single devices), in words."""
     return [t.text((trouble,)) for trouble in known.troubles()]
 
 
 def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
-    """Tile of one device."""
+    """Build the tile of one device. now: monotonic time in s; now_ns: time since the Unix epoch in ns."""
     status, info = story.status, story.info
     told_hz, measured_hz = (info.rate_hz, info.measured_rate_hz) if info else (0.0, 0.0)
     calibrated_ns = status.calibrated_time_ns if status else 0
@@ -189,7 +193,7 @@ def tile(row: DeviceRow, story: Story, now: float, now_ns: int, t: Texts) -> Til
 
 
 def worn(placement: Placement | None, t: Texts) -> str:
-    """`upper arm, left · bed-3`; empty where nobody wears the device, or nobody said."""
+    """Format a placement, `upper arm, left · bed-3`; empty if nobody wears the device, or nobody said."""
     if not placement:
         return ""
     where = t(f"placement.{placement.segment}") if placement.segment else ""
@@ -198,7 +202,7 @@ def worn(placement: Placement | None, t: Texts) -> str:
 
 
 def toned(row: DeviceRow) -> str:
-    """Tone of a device: whatever its state, a device that needs a person never looks well."""
+    """Return the tone of a device (bad, ask, busy or well); a device that needs a person is never busy or well."""
     return "ask" if row.needs_person and TONES[row.state] in ("busy", "well") else TONES[row.state]
 
 
@@ -234,6 +238,6 @@ def _stale(row: DeviceRow, story: Story, now: float, t: Texts) -> str:
 
 
 def rebooted(story: Story) -> bool:
-    """Whether a device rebooted while the dashboard listened, and is not calibrated since."""
+    """Whether a device rebooted while the dashboard listened, and has not been calibrated since."""
     calibrated = story.status is not None and story.status.calibrated_time_ns
     return len(story.boots) > 1 and story.boot in story.boots and not calibrated

@@ -23,7 +23,10 @@ from estimator.web.ward_state import Known
 
 @dataclass(slots=True)
 class Sources:
-    """Inputs of a topic; client is None until a router is first connected."""
+    """What topics take their content from: ward state, device settings, and the bus client.
+
+    client: None until a router is first connected.
+    """
 
     known: Known
     client: Client | None = None
@@ -31,7 +34,10 @@ class Sources:
 
 
 class Topic(ABC):
-    """Content that pages watch. All methods are called from the event loop and must be quick."""
+    """Content that pages watch under one name. All methods are called from the event loop and must be quick.
+
+    In all of them, now is monotonic time in s, and now_ns the time since the Unix epoch in ns.
+    """
 
     #: interval between calls of `frames`, s
     period_s = 1.0
@@ -42,14 +48,14 @@ class Topic(ABC):
 
     @abstractmethod
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """Frames that a newcomer needs first."""
+        """Return the frames of the whole present content, which a new viewer needs first."""
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """New frames for all viewers; where a topic does not say otherwise, all of it."""
+        """Return the new frames for all viewers, called every period_s; by default the whole content."""
         return self.whole(now, now_ns)
 
     def close(self) -> None:  # noqa: B027 - most topics have nothing to release
-        """Release subscriptions: nobody watches any more."""
+        """Release the topic's subscriptions when nobody watches it any more."""
 
 
 Make = Callable[[str, Sources], Topic]
@@ -61,7 +67,10 @@ WORDED: set[str] = set()
 
 
 def kind(name: str, *, of_a_device: bool = False, worded: bool = False) -> Callable[[Make], Make]:
-    """Register a kind of topic under the first part of its name."""
+    """Class decorator: register a kind of topic under `name`, the first part of its topics' names.
+
+    of_a_device: `/<id>` follows the name. worded: the topic has words, so it exists in every language.
+    """
 
     def add(make: Make) -> Make:
         KINDS[name] = make
@@ -75,7 +84,7 @@ def kind(name: str, *, of_a_device: bool = False, worded: bool = False) -> Calla
 
 
 def exists(topic: str) -> bool:
-    """Whether a topic of this name exists."""
+    """Whether a topic of this name exists: its kind, its language, and a well-formed device id."""
     bare, at, language = topic.partition("@")
     name, slash, device = bare.partition("/")
     spoken = name in WORDED and language in LANGUAGES if at else True
@@ -83,26 +92,26 @@ def exists(topic: str) -> bool:
 
 
 def kind_of(topic: str) -> str:
-    """Kind of a topic: the first part of its name."""
+    """Return the kind of a topic: the first part of its name."""
     return topic.partition("@")[0].partition("/")[0]
 
 
 def device_of(topic: str) -> str:
-    """Device id of a topic; empty for topics of the ward."""
+    """Return the device id in a topic's name; empty for topics of the ward."""
     return topic.partition("@")[0].partition("/")[2]
 
 
 def texts_of(topic: str) -> Texts:
-    """Texts in the language of a topic."""
+    """Return the texts in the language of a topic's name; English without one."""
     return texts(topic.partition("@")[2] or LANGUAGES[0])
 
 
 def text(topic: str, content: Any) -> str:
-    """JSON frame of a topic."""
+    """Encode a text frame: JSON with the topic's name and its content."""
     return msgspec.json.encode({"topic": topic, "is": content}).decode()
 
 
 def binary(topic: str, content: bytes) -> bytes:
-    """Binary frame of a topic."""
+    """Encode a binary frame: the topic's name, padded to a multiple of eight bytes, then `content`."""
     head = bytes([len(topic)]) + topic.encode()
     return head + bytes(-len(head) % 8) + content

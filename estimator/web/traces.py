@@ -50,7 +50,7 @@ class Pair:
 
 
 class Traces:
-    """Pairs raw with corrected batches, and makes points of them."""
+    """Pairs raw with corrected batches of one device by sample number, and thins the pairs to points for a chart."""
 
     def __init__(self) -> None:
         self._raw: deque[tuple[float, SampleBatch]] = deque(maxlen=_WAITING)
@@ -59,7 +59,10 @@ class Traces:
         self._kept: deque[Points] = deque(maxlen=_WAITING)
 
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
-        """Pair the batches received by `now`, in order of the readings; a raw batch may match several corrected ones."""
+        """Pair the batches received by monotonic time `now` (s), in order of the readings.
+
+        A raw batch may match several corrected ones; without any after ALONE_S it is returned alone, corrected NaN.
+        """
         self._raw += [(now, batch) for batch in raw]
         self._corrected += corrected
         found = []
@@ -77,7 +80,10 @@ class Traces:
         return found
 
     def points(self, pairs: list[Pair]) -> Points | None:
-        """Points of new pairs; None when there are none. Pairs that come late in device time are left out."""
+        """Thin new pairs to points of at most about POINTS_HZ a second, and keep them; None if there are no pairs.
+
+        Pairs that come late in device time are left out.
+        """
         pairs = [pair for pair in pairs if not self._late(pair)]
         if not pairs:
             return None
@@ -101,7 +107,7 @@ class Traces:
         return late
 
     def kept(self) -> Points | None:
-        """Points of the last seconds, or None."""
+        """Return the points of the last KEPT_S seconds, or None."""
         if not self._kept:
             return None
         columns = [np.concatenate([getattr(one, name) for one in self._kept]) for name in Points.__slots__]

@@ -1,4 +1,7 @@
-"""State of a ward and its devices, from everything heard: the one source of every page. Pure: time is an argument."""
+"""Present state of a ward and its devices, collected from all messages heard: the one source of every page.
+
+Pure: `now` is monotonic time in s.
+"""
 
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -46,7 +49,10 @@ _CAUSES = {
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """A boot, seen or from the store. time_ns: when it was first heard of; cause: a label."""
+    """A boot of a device, seen or from the store. boot: its number; time_ns: when it was first heard of.
+
+    cause: a label, empty if unknown; what: model and firmware.
+    """
 
     boot: int
     time_ns: int
@@ -56,15 +62,18 @@ class Boot:
 
 @dataclass(slots=True)
 class Story:
-    """Everything known of one device. Calibrations and boots by id, oldest first."""
+    """Everything known of one device.
+
+    Calibrations and boots by id, oldest first; `number` is its place in frames of all devices.
+    """
 
     number: int
     status: Status | None = None
     info: DeviceInfo | None = None
     trail: Trail = field(default_factory=Trail)
-    #: last status with samples, by the clock of receipt, s; None if there was none
+    #: monotonic time of the last status with samples, s; None if there was none
     heard_s: float | None = None
-    #: since when no live bridge lists a device that has no status, s
+    #: monotonic time since which no live bridge lists a device without a status, s; None if one does
     unlisted_s: float | None = None
     calibrations: dict[str, Calibration] = field(default_factory=dict)
     notes: deque[Note] = field(default_factory=lambda: deque(maxlen=NOTES))
@@ -90,13 +99,13 @@ class Story:
         self.trail.mark(Mark(calibration.time_ns, "calibrated" if accepted else "refused", calibration.reason))
 
     def take_note(self, note: Note) -> None:
-        """Add a person's note; a repeat changes nothing."""
+        """Add a person's note, and mark it in the trail; a repeat changes nothing."""
         if note not in self.notes:
             self.notes.append(note)
             self.trail.mark(Mark(note.time_ns, "note", f"{note.who}: {note.text}"))
 
     def hears(self, bridge: str) -> bool:
-        """Whether this bridge's word counts: the estimator takes the device's samples from it, or from no bridge."""
+        """Whether infos of this bridge count: the estimator takes the samples from this bridge, or from none yet."""
         return self.status is None or not self.status.boot or self.status.bridge in {"", bridge}
 
     def take_boot(self, boot: Boot) -> None:
@@ -108,11 +117,11 @@ class Story:
 
 
 class Known:
-    """Everything known of a ward."""
+    """Everything known of a ward: devices, live bridges and estimators, alerts, and the connection to a router."""
 
     def __init__(self, ward: str) -> None:
         self.ward = ward
-        #: with the quiet hours
+        #: settings of the alerts, with their quiet hours
         self.alert_settings = DEFAULTS
         self.connected = False
         #: whether a router was connected long enough for live estimators to be visible
@@ -131,9 +140,9 @@ class Known:
         self._glanced: tuple[int, dict[str, list[str]], WardSummary] | None = None
 
     def story(self, device: str, *, status: bool = False) -> Story | None:
-        """Story of a device, created if new; None where there are too many.
+        """Return everything known of a device, created if new; None if there is no room.
 
-        A device with a status replaces one without.
+        status: a status has come of the device; it may replace a device without one.
         """
         if device not in self.stories:
             if len(self.stories) >= DEVICES:
@@ -146,7 +155,10 @@ class Known:
         return self.stories[device]
 
     def tidy(self, now: float) -> None:
-        """Forget devices that ended, those that nobody lists, and uncalibrated ones while only other devices have statuses."""
+        """Forget devices that ended, that no bridge lists, or that are uncalibrated and silent while others are not.
+
+        now: monotonic time in s.
+        """
         over, spoken = {*self._view.ended(now), *self._unlisted(now)}, self._view.silences(now)
         if spoken and min(spoken.values()) <= SILENT_S:
             for device, silent_s in spoken.items():
@@ -174,21 +186,24 @@ class Known:
         self._news += 1
 
     def take_router(self, now: float, *, there: bool) -> None:
-        """Take note whether a router is connected at `now` seconds."""
+        """Note whether a router is connected (`there`) at monotonic time `now`, s."""
         self.connected = there
         if self._alone_at is None or not there:
             self._alone_at = now
         self.looked = now - self._alone_at > LOOKED_S
 
     def take_token(self, kind: str, name: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
-        """Take a change of liveliness, on a thread of the bus; of too many ids, one that is dead leaves, or the oldest."""
+        """Note whether the estimator or bridge `name` is alive, on a thread of the bus; kind: `estimator` or `bridge`.
+
+        Beyond _TOKENS ids, one that is dead is forgotten, or else the oldest.
+        """
         there = self.alive[kind]
         there[name] = alive
         if len(there) > _TOKENS:
             del there[next((name for name, alive in there.items() if not alive), next(iter(there)))]
 
     def take_status(self, status: Status, now: float) -> None:
-        """Take a status of a device, received at `now` seconds."""
+        """Process a device's status, received at monotonic time `now`, s."""
         if (story := self.story(status.device, status=True)) is not None:
             again, story.status = story.status is not None, status
             if again and status.state not in AWAY:  # the first status may come from the bus's cache
@@ -198,7 +213,10 @@ class Known:
             self._news += 1
 
     def take_info(self, info: DeviceInfo) -> None:
-        """Take a bridge's info of a device. Where several bridges list the device, the one that hears it counts."""
+        """Process a bridge's info about a device.
+
+        If several bridges list the device, the bridge that the estimator hears counts.
+        """
         if not self._view.room(info.device, STRANGERS):
             self.left_out.add("devices")
             if len(self.crowding) < _NAMED:
@@ -216,12 +234,18 @@ class Known:
         self._news += 1
 
     def take_owned(self, owned: Owned, now: float) -> None:
-        """Take what an estimator says of itself; its first part has its alerts."""
+        """Process an estimator's message about itself, received at monotonic time `now`, s.
+
+        Its first part has its alerts.
+        """
         if not owned.part and (owned.estimator in self._estimators or len(self._estimators) < _NAMED):
             self._estimators[owned.estimator] = owned.alerts, now
 
     def alerts(self, now: float) -> list[tuple[str, Placement | None, Alert]]:
-        """Standing alerts by device or estimator, those not acknowledged first, then the oldest first."""
+        """Return (subject, placement or None, alert) for each standing alert of a device or an estimator.
+
+        Those not acknowledged come first, then the oldest.
+        """
         statuses = [story.status for story in self.stories.values() if story.status is not None]
         found = [(one.device, one.placement, alert) for one in statuses for alert in one.alerts]
         for name, (alerts, heard) in self._estimators.items():
@@ -229,22 +253,22 @@ class Known:
         return sorted(found, key=lambda one: (bool(one[2].acknowledged_ns), one[2].raised_ns, one[0]))
 
     def take_calibration(self, calibration: Calibration) -> None:
-        """Take a published calibration."""
+        """Add a published calibration to its device."""
         if (story := self.story(calibration.device)) is not None:
             story.take_calibration(calibration)
 
     def take_note(self, note: Note) -> None:
-        """Take a published note."""
+        """Add a published note to its device."""
         if (story := self.story(note.device)) is not None:
             story.take_note(note)
 
     def take_revision(self, revision: BiasRevision) -> None:
-        """Take a revision of the past bias."""
+        """Replace the past bias of a device by the values of a published revision."""
         if (story := self.story(revision.device)) is not None:
             story.trail.revise(revision)
 
     def take_past(self, past: History) -> None:
-        """Take a device's history from the store."""
+        """Add a device's history from the store: calibrations, boots and bias. An unknown device is left out."""
         if (story := self.stories.get(past.device)) is None:
             return
         for calibration in reversed(past.calibrations):  # latest first: those too old come last and leave no marks
@@ -257,12 +281,12 @@ class Known:
         story.biases = next((one for one in past.biases if one.boot == keys.boot_id(story.boot)), None)
 
     def rows(self, now: float) -> list[DeviceRow]:
-        """Rows of all devices, those that need a person first."""
+        """Return the summary rows of all devices, those that need a person first. now: monotonic time in s."""
         rows = self._view.rows(now)
         return rows if self.connected else sorted(map(self._unheard, rows), key=lambda row: row.order)
 
     def row(self, device: str, now: float) -> DeviceRow:
-        """Row of a known device; its state is unknown while no router is connected."""
+        """Return the summary row of a known device; its state is unknown while no router is connected."""
         row = self._view.row(device, now)
         return row if self.connected else self._unheard(row)
 
@@ -274,18 +298,18 @@ class Known:
         return replace(row, state=UNKNOWN, needs_person=True, reason=(Code.ROUTER_GONE(), *last))
 
     def deaf(self, device: str) -> bool:
-        """Whether a fault of the ward prevents hearing a device: router, estimator or its bridge is gone."""
+        """Whether a device cannot be heard by a fault of the ward: router, every estimator, or its bridge is gone."""
         info = self.stories[device].info
         estimators, bridges = self.alive["estimator"].copy(), self.alive["bridge"].copy()
         none = (self.looked or bool(estimators)) and not any(estimators.values())
         return not self.connected or none or (info is not None and bridges.get(info.bridge) is False)
 
     def broken(self, device: str, now: float) -> bool:
-        """Whether `deaf`, or no estimator reports the device any more."""
+        """Whether the ward cannot hear the device (`deaf`), or no estimator reports the device any more."""
         return self.deaf(device) or self.row(device, now).state == SILENT
 
     def troubles(self) -> Sentences:
-        """Troubles of the ward itself; while no router is connected nothing else can be known."""
+        """Return the troubles of the ward itself; while no router is connected, only that."""
         if not self.connected:
             return (Code.WARD_ROUTER_GONE(),)
         seen, left_out = self.glance(), self.left_out.as_dict().get("devices")
@@ -297,7 +321,7 @@ class Known:
         return (*seen.troubles, *seen.law.values(), *more)
 
     def glance(self) -> WardSummary:
-        """Summary of the ward, cached until something changes."""
+        """Return the summary of the ward, cached until something changes."""
         alive = {kind: [name for name, there in found.copy().items() if there] for kind, found in self.alive.items()}
         if self._glanced is not None and self._glanced[:2] == (self._news, alive):
             return self._glanced[2]  # twenty guides ask for it ten times a second

@@ -20,16 +20,16 @@ SPARKS, SPARKS_S = 40, 1200.0
 
 @topics.kind("ward", worded=True)
 class WardTopic(topics.Topic):
-    """All tiles, whole every second, so that a lost frame costs nothing."""
+    """Content of the ward page with all tiles, sent whole every second, so that a lost frame costs nothing."""
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
-        """The present page content."""
+        """Yield the present content of the ward page as one text frame."""
         yield topics.text(self._topic, ward_page(self._known, now, now_ns, self._t))
 
 
 @topics.kind("rates")
 class RatesTopic(topics.Topic):
-    """Rate of each device: minimum and maximum since the last frame, by device number."""
+    """Magnitude of each device's rate: minimum and maximum since the last frame, by device number."""
 
     period_s = RATES_S
 
@@ -39,11 +39,14 @@ class RatesTopic(topics.Topic):
         self._rates: Stream[Rates] | None = sources.client.rates() if sources.client else None
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - starts with the next samples
-        """No frames: the topic starts with the next samples."""
+        """Return no frames: the topic starts with the next samples."""
         return ()
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """float64 server time in s; float32 minimum and maximum of |rate| in °/s by device number, NaN when silent."""
+        """Yield one binary frame with the rates since the last one.
+
+        float64 server time in s; float32 minimum and maximum of |rate| in °/s by device number, NaN when silent.
+        """
         if self._rates is None:
             return
         numbers = {name: story.number for name, story in self._known.stories.items()}
@@ -51,7 +54,7 @@ class RatesTopic(topics.Topic):
         yield topics.binary(self._topic, np.float64(now_ns / 1e9).tobytes() + found.astype("<f4").tobytes())
 
     def close(self) -> None:
-        """Close the subscription."""
+        """Close the subscription to rates."""
         if self._rates is not None:
             self._rates.close()
 
@@ -63,7 +66,10 @@ class BiasTopic(topics.Topic):
     period_s = 5.0
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """float64 span in s; by device number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN where unknown."""
+        """Yield one binary frame with the bias of all devices over the last 20 minutes at most.
+
+        float64 span in s; by device number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN where unknown.
+        """
         trails = [story.trail for story in self._known.stories.values()]
         first_ns = min((int(trail.times_ns[0]) for trail in trails if len(trail)), default=now_ns)
         begin_ns = max(first_ns, now_ns - round(SPARKS_S * 1e9))

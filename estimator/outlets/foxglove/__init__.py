@@ -34,7 +34,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the roles of which one is needed; by default those that may look.
+    """Return the roles of which the certificate needs one; empty if any role that may look will do.
 
     Raises ConfigError for an invalid port, and for --allow-recalibrate on an address that others reach.
     """
@@ -49,7 +49,10 @@ def roles(given: argparse.Namespace) -> tuple[Role, ...]:
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Serve the ward to Foxglove until `stop` is set. Raises ConfigError for a port that cannot be listened on."""
+    """Serve the ward to Foxglove until `stop` is set; returns the exit code 0. devices: ids, None for all.
+
+    Raises ConfigError for a port that cannot be listened on.
+    """
     from estimator.outlets.foxglove.server import FoxgloveOutlet  # noqa: PLC0415 - needs foxglove and rosbags
 
     with FoxgloveOutlet(client, devices, given.host, given.port, recalibrate=given.allow_recalibrate) as outlet:

@@ -48,7 +48,10 @@ _ANSWER = {"type": "object", "properties": {"accepted": {"type": "boolean"}, "me
 
 
 class FoxgloveOutlet:
-    """Server for one ward, from `with` to its end. Raises ConfigError if it cannot listen."""
+    """WebSocket server that shows one ward to Foxglove, as a context: from `with` to its end.
+
+    Raises ConfigError if it cannot listen on host and port.
+    """
 
     def __init__(
         self, client: Client, devices: Sequence[str] | None, host: str, port: int, *, recalibrate: bool = False
@@ -86,7 +89,10 @@ class FoxgloveOutlet:
         self._server.stop()
 
     def round(self, timeout_s: float) -> None:
-        """Wait at most timeout_s for samples, and send what there is to the clients that subscribed to it."""
+        """Wait at most timeout_s for samples, then send what there is to the clients that subscribed.
+
+        Sends samples, poses, statuses and events.
+        """
         poses = dict[str, Pose]()
         for rows in self._feed.samples(timeout_s):
             self._send_samples(rows)

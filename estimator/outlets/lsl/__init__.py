@@ -33,12 +33,18 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Roles that may receive all that is asked for; none for those that may look."""
+    """Return the roles of which the certificate needs one to receive all that is asked for.
+
+    Empty if any role that may look will do.
+    """
     return (Role.COMMANDER, Role.RECORDER) if "raw" in (given.kinds or ()) else ()
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Copy corrected rates, and the streams asked for, to LSL until `stop` is set. Raises ConfigError without liblsl."""
+    """Copy corrected rates, and the streams asked for, to LSL until `stop` is set; returns the exit code 0.
+
+    devices: ids, None for all. Raises ConfigError without liblsl.
+    """
     try:
         from estimator.outlets.lsl.service import LslOutlet  # noqa: PLC0415 - optional extra
     except (RuntimeError, OSError) as error:  # pylsl is there, but its wheel for this platform has no liblsl

@@ -9,8 +9,9 @@ from bridge.transport import host_time
 
 
 class LslClock:
-    """Mapping from host time to LSL's clock. local_clock: the present time of LSL's clock, s.
+    """Mapping from host time (ns since the Unix epoch) to LSL's clock (s).
 
+    local_clock: returns the present time of LSL's clock, s.
     The host's clock may be set while the program runs. Sample times follow it, LSL's clock does not.
     """
 
@@ -20,13 +21,13 @@ class LslClock:
         self._set_ns = host_time.set_ns()
 
     def follow(self) -> None:
-        """Note how far the host's clock has been set by now."""
+        """Measure again how far the host's clock has been set; later stamps allow for it."""
         self._set_ns = host_time.set_ns(self._set_ns)
 
     def stamp(self, time_ns: int) -> float:
-        """LSL time, s, of a host time in nanoseconds since the Unix epoch."""
+        """Convert a host time, in nanoseconds since the Unix epoch, to LSL time in s."""
         return (time_ns - self._set_ns - self._ahead_ns) * 1e-9
 
     def stamps(self, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(n,) LSL times, s, of host times (n,)."""
+        """Convert host times (n,), in nanoseconds since the Unix epoch, to LSL times (n,) in s."""
         return np.asarray((times_ns - (self._set_ns + self._ahead_ns)) * 1e-9, np.float64)

@@ -1,4 +1,4 @@
-"""Moves a ward's messages to LSL."""
+"""Copies a ward's messages to LSL: batches to their device's streams, notes and calibrations as markers."""
 
 import threading
 import time
@@ -45,7 +45,7 @@ class LslOutlet:
         self._markers = MarkerStream(client.ward)
 
     def run(self, stop: threading.Event) -> None:
-        """Move messages until `stop` is set."""
+        """Copy messages from the bus to LSL until `stop` is set."""
         looked_s = 0.0
         while not stop.is_set():
             if time.monotonic() - looked_s >= _LOOK_S:

@@ -26,7 +26,7 @@ _SERIAL: Final = re.compile(r" ([0-9A-F]{4}(?:-?[0-9A-F]{4}){1,3})$")
 
 
 class Channel(NamedTuple):
-    """A channel's label, unit and type."""
+    """Label, unit and type of one channel of an LSL stream, as in its XDF metadata."""
 
     label: str
     unit: str
@@ -38,7 +38,10 @@ def _vector(label: str, unit: str, kind: str) -> list[Channel]:
 
 
 def channels_of(kind: str, info: DeviceInfo) -> list[Channel]:
-    """Channels of one kind of stream: rates, orientation, quality or raw."""
+    """Return the channels of a stream of this kind (rates, orientation, quality or raw).
+
+    Those of raw depend on the sensors.
+    """
     if kind == "rates":
         return _vector("gyro", "rad/s", "AngularVelocity")
     if kind == "orientation":
@@ -80,7 +83,7 @@ def values_of(kind: str, batch: Batch, info: DeviceInfo) -> Columns:
 
 
 class DeviceStream:
-    """One LSL stream of a device; passes each sample on once, in order."""
+    """One LSL stream of a device, of one kind; passes each sample on once, in order."""
 
     def __init__(self, ward: str, kind: str, info: DeviceInfo, status: Status) -> None:
         self._kind, self._info = kind, info
@@ -108,7 +111,7 @@ class DeviceStream:
 
 
 class MarkerStream:
-    """The LSL stream of a ward's markers."""
+    """The LSL stream of a ward's markers: one text channel at irregular times."""
 
     def __init__(self, ward: str) -> None:
         made = pylsl.StreamInfo(

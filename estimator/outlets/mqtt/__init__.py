@@ -38,12 +38,15 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(_: argparse.Namespace) -> tuple[Role, ...]:
-    """Roles that may receive windows."""
+    """Return the roles that may receive windows (means of rates over 0.1 s); the certificate needs one of them."""
     return Role.VIEWER, Role.COMMANDER
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Publish until `stop` is set. Raises ConfigError for wrong arguments, BusError if the broker cannot be used."""
+    """Publish rates and statuses of the ward to an MQTT broker until `stop` is set; returns the exit code 0.
+
+    Raises ConfigError for wrong arguments, BusError if the broker cannot be used.
+    """
     from estimator.outlets.mqtt.broker import Broker, address_of  # noqa: PLC0415 - optional extra
     from estimator.outlets.mqtt.messages import Decimation, status_json, summary  # noqa: PLC0415 - numpy
     from estimator.outlets.places import Places  # noqa: PLC0415

@@ -22,7 +22,10 @@ _log = logging.getLogger(__name__)
 
 
 class Address(NamedTuple):
-    """A broker's address. ca, cert, key: PEM files, empty for the system's authorities and for no certificate."""
+    """Address of an MQTT broker, parsed from its URL.
+
+    ca, cert, key: PEM files; empty for the system's authorities, and for no certificate.
+    """
 
     host: str
     port: int
@@ -37,7 +40,10 @@ class Address(NamedTuple):
 
 
 def address_of(text: str, example: str) -> Address:
-    """Parse a broker's URL. Raises ConfigError."""
+    """Parse a broker's URL, such as mqtts://USER@HOST:PORT?ca=FILE. Raises ConfigError.
+
+    example: a URL that errors show.
+    """
     scheme, mark, rest = text.partition("://")
     if not mark or scheme not in _PORTS:
         raise ConfigError(f"the broker's address is {text!r}: write for example mqtt://127.0.0.1, or {example}")
@@ -59,9 +65,10 @@ def address_of(text: str, example: str) -> Address:
 
 
 class Broker:
-    """A session with a broker. Its topic `presence` holds `online`, or `offline` after the session ended, by MQTT's will.
+    """A session with a broker, as a context. Raises BusError if the first connection fails.
 
-    The first connection must succeed. Later ones are retried for ever; meanwhile messages are left out, and counted.
+    Its topic `presence` holds `online`, or `offline` after the session ended, by MQTT's will.
+    Later connections are retried for ever; meanwhile messages are left out, and counted.
     """
 
     def __init__(self, address: Address, password: str | None, presence: str) -> None:
@@ -115,12 +122,15 @@ class Broker:
         self._client.loop_stop()
 
     def came_back(self) -> bool:
-        """Whether the session began again since the last call: what the broker keeps may be lost."""
+        """Whether the connection was made again since the last call; the broker may then have lost what it kept."""
         back, self._back = self._back, False
         return back
 
     def publish(self, topic: str, payload: bytes, *, keep: bool = False) -> bool:
-        """Send a message; keep: the broker keeps it for later subscribers. False while there is no connection."""
+        """Send a message, and return whether it was sent; False while there is no connection.
+
+        keep: the broker keeps it for later subscribers.
+        """
         if not self._client.is_connected():
             self._left_out += 1
             return False

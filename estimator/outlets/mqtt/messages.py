@@ -10,19 +10,19 @@ from bridge.reasons.catalogue import sentences_as_json
 from bridge.wire.keys import boot_id
 from bridge.wire.messages import Status, WindowBatch, combined_std
 
-#: of a WindowBatch
+#: number of windows a second in a WindowBatch
 _WINDOWS_HZ = 10
 
 
 class Decimation:
-    """Averages the windows of each device down to `hz` messages a second."""
+    """Averages the windows of each device (means of rates over 0.1 s) to `hz` JSON messages a second."""
 
     def __init__(self, hz: int) -> None:
         self._most = _WINDOWS_HZ // hz
         self._held: dict[str, list[tuple[WindowBatch, int]]] = {}
 
     def take(self, batch: WindowBatch) -> list[bytes]:
-        """JSON messages completed by a batch; windows that came before are left out."""
+        """Return the JSON messages that a batch completes; windows received before are left out."""
         found = list[bytes]()
         held = self._held.setdefault(batch.device, [])
         for i in range(len(batch)):
@@ -39,7 +39,7 @@ class Decimation:
         return found
 
     def leave(self, device: str) -> None:
-        """Forget a device."""
+        """Forget the windows held of a device."""
         self._held.pop(device, None)
 
 
@@ -70,12 +70,12 @@ def _rate_json(windows: list[tuple[WindowBatch, int]]) -> bytes:
 
 
 def summary(status: Status) -> tuple[object, ...]:
-    """The parts of a status whose change is worth a message."""
+    """Return the parts of a status whose change is published: boot, state, quality, reason, calibration."""
     return status.boot, status.state, status.quality, status.reason, status.calibration
 
 
 def status_json(status: Status) -> bytes:
-    """A status with its reasons, in words too."""
+    """Encode a status as JSON, with its reasons as codes and in words; bias in rad/s."""
     return msgspec.json.encode(
         {
             "device": status.device,

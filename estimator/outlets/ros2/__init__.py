@@ -32,7 +32,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def roles(given: argparse.Namespace) -> tuple[Role, ...]:
-    """Return the roles of which one is needed: `ros2` to publish at the ward's router, else any that may look.
+    """Return the roles of which the certificate needs one: `ros2` at the ward's router, else any that may look.
 
     Raises ConfigError for an invalid domain or endpoint.
     """
@@ -53,7 +53,10 @@ def _domain(given: argparse.Namespace) -> int:
 
 
 def serve(client: "Client", devices: Sequence[str] | None, given: argparse.Namespace, stop: threading.Event) -> int:
-    """Publish the ward to ROS 2 until `stop` is set. Raises BusError if the ROS 2 router does not answer."""
+    """Publish the ward to ROS 2 until `stop` is set; returns the exit code 0. devices: ids, None for all.
+
+    Raises BusError if the ROS 2 router does not answer.
+    """
     from bridge.bus.zenoh_bus import ZenohBus  # noqa: PLC0415 - zenoh is slow to import
     from estimator.outlets.ros2.node import Ros2Outlet  # noqa: PLC0415 - needs rosbags and xxhash
 

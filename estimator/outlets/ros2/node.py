@@ -49,7 +49,10 @@ class _Publisher:
 
 
 class Ros2Outlet:
-    """Node of one ward on the session `bus`. Call `round` again and again; closing the bus ends the node."""
+    """ROS 2 node of one ward on the session `bus`. Call `round` again and again; closing the bus ends the node.
+
+    domain: ROS domain, 0 to 232.
+    """
 
     def __init__(self, client: Client, devices: Sequence[str] | None, bus: ZenohBus, domain: int) -> None:
         self._ward, self._bus = client.ward, bus
@@ -64,11 +67,11 @@ class Ros2Outlet:
 
     @property
     def name(self) -> str:
-        """Name of the node."""
+        """Name of the ROS 2 node."""
         return self._node.name
 
     def round(self, timeout_s: float) -> None:
-        """Wait at most timeout_s for samples, and publish what there is."""
+        """Wait at most timeout_s for samples, then publish samples, poses and diagnostics that have subscribers."""
         poses = dict[str, Transform]()
         for rows in self._feed.samples(timeout_s):
             self._put_samples(rows)

@@ -12,7 +12,7 @@ from estimator.study.real import WORDS, Real
 
 
 def real(found: Real, stem: Path) -> None:
-    """Figure of a real session through every method: scale factors and closure errors; writes stem.svg, .pdf and .png."""
+    """Draw scale factors and closure errors of a real session by every method; writes stem.svg, .pdf and .png."""
     rows = [row for row in found.rows if row.k is not None]
     figure = Figure(figsize=(12, 4.8))
     figure.suptitle(f"A real session ({found.recording}) through every method that applies", fontsize=13)

@@ -12,7 +12,10 @@ from estimator.study.trials import METHODS, WORDS
 
 
 def sensor(found: Sensors, name: str, stem: Path) -> None:
-    """Draw one column per axis with k, k enlarged, and b: median and 95 % of each method's differences from the truth."""
+    """Draw the differences of k and b from the truth by method, for one sensor; writes stem.svg, .pdf and .png.
+
+    One column per axis with k, k enlarged, and b: median and 95 % of each method's sessions, beside the paper's values.
+    """
     figure = Figure(figsize=(11, 9.2))
     n = max(one.sessions for one in found.sessions)
     figure.suptitle(

@@ -18,7 +18,10 @@ _SYMBOLS = {name: f"${name[0]}_{name[-1]}$" for name in PARAMETERS}
 
 
 def errors(found: Errors, stem: Path) -> None:
-    """Draw one row per noise: all parameters on the scale of the paper's band, and the scale factors enlarged."""
+    """Draw box plots of the errors of k and b, one row per noise; writes stem.svg, .pdf and .png.
+
+    All parameters on the scale of the paper's band, and the scale factors enlarged.
+    """
     noises = [one.noise_dps for one in found.honesty]
     figure = Figure(figsize=(11, 3.6 * len(noises) + 0.9))
     runs = found.rows[0].error.n
@@ -57,7 +60,10 @@ def errors(found: Errors, stem: Path) -> None:
 
 
 def testset(found: Testset, stem: Path) -> None:
-    """Draw one row per noise: mean errors before and after calibration."""
+    """Draw box plots of the test set's mean errors before and after calibration, a row per noise.
+
+    Writes stem.svg, .pdf, .png.
+    """
     noises = list(dict.fromkeys(row.noise_dps for row in found.rows))
     figure = Figure(figsize=(9.5, 3.4 * len(noises) + 0.9))
     runs = found.rows[0].error.n

@@ -15,7 +15,7 @@ _MARKS = {"mean": "o", "point": "^"}
 
 
 def analysis(found: Analysis, stem: Path) -> None:
-    """Draw two rows of panels, one panel per cause."""
+    """Draw the rms error of k over the values of each cause, one panel per cause; writes stem.svg, .pdf and .png."""
     columns = -(-len(found.factors) // 2)
     figure = Figure(figsize=(3.7 * columns, 7.6))
     base = found.base

@@ -18,7 +18,10 @@ _AFTER = {"turn360": (COLOURS[0], "by Algorithm 1"), "closure": (COLOURS[1], "by
 
 
 def typical(found: Typical, stem: Path) -> None:
-    """Draw the readings of the three axes; found turns are shaded, simulated ends dashed."""
+    """Draw the readings of one session over time, °/s; found turns are shaded, simulated ends dashed.
+
+    Writes stem.svg, .pdf, .png.
+    """
     figure = Figure(figsize=(10, 4.6))
     axes = figure.subplots()
     for axis, reading in zip(AXES, found.reading_dps, strict=True):
@@ -47,7 +50,11 @@ def typical(found: Typical, stem: Path) -> None:
 
 
 def magnitude(found: Magnitude, stem: Path) -> None:
-    """Draw one panel per sensor, with its six turns one after the other."""
+    """Draw the magnitude of the rate in six machine turns, before and after calibration.
+
+    Writes stem.svg, .pdf and .png.
+    One panel per sensor, with its turns one after the other.
+    """
     figure = Figure(figsize=(10, 3.5 * len(found.traces) + 0.8))
     figure.suptitle(
         f"Simulated sensors: magnitude of {found.rate_dps:g} °/s before and after calibration by hand (ramps left out)",
@@ -75,7 +82,10 @@ def magnitude(found: Magnitude, stem: Path) -> None:
 
 
 def orientation(found: Orientation, stem: Path) -> None:
-    """Draw one column per sensor: angles from readings, from calibrated rates, and the errors of the latter."""
+    """Draw the angle over machine turns of 360° and back, before and after calibration; writes stem.svg, .pdf and .png.
+
+    One column per sensor: angles from readings, from calibrated rates, and the errors of the latter, degrees.
+    """
     figure = Figure(figsize=(5.6 * len(found.labels), 9.4))
     figure.suptitle(
         "Simulated sensors: orientation while turned 360° clockwise and back about x, y and z in turn", fontsize=13

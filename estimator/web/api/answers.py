@@ -27,7 +27,7 @@ Matrix = Annotated[list[Vector], Meta(min_length=3, max_length=3)]
 
 
 class Said(Struct, frozen=True):
-    """One message: a code and its parameters, as docs/wire.md lists them, and the English text."""
+    """One message: a code and its parameters, as docs/wire.md lists them, and the same as English text."""
 
     code: str
     params: dict[str, str]
@@ -35,12 +35,16 @@ class Said(Struct, frozen=True):
 
 
 def said(sentences: Sentences) -> list[Said]:
-    """Convert sentences into the API's message type."""
+    """Convert sentences of the wire (code and parameters) into the API's messages, with the English text added."""
     return msgspec.convert(sentences_as_json(sentences), list[Said])
 
 
 class Worn(Struct, frozen=True):
-    """Placement of a device. `since` is null for the ward file's; empty segment and wearer: nobody wears the device."""
+    """Placement of a device: body segment, side, wearer, who set it and since when.
+
+    `since` is an ISO 8601 time, null if the ward file sets the placement. Empty segment and
+    wearer: nobody wears the device.
+    """
 
     segment: str
     side: str
@@ -50,9 +54,10 @@ class Worn(Struct, frozen=True):
 
 
 class Accelerometer(Struct, frozen=True):
-    """An accelerometer's calibration by rests: corrected = scale (reading - bias), axis by axis; null if not accepted.
+    """Calibration of an accelerometer by rests: corrected = scale (reading - bias), axis by axis; null if not accepted.
 
-    covariance (6, 6): of bias and scale. cross_std: standard deviation of what an axis takes from each other one, relative.
+    covariance (6, 6): of bias (m/s²) and scale. cross_std: standard deviation of what an axis takes from
+    each other one, relative.
     """
 
     verdict: str
@@ -65,7 +70,12 @@ class Accelerometer(Struct, frozen=True):
 
 
 class Device(Struct, frozen=True):
-    """A device. null means unknown; `gaps` and `missing_samples` count since the estimator first saw the device."""
+    """One device: state, bias, calibration, sample counts, battery and hardware; null means unknown.
+
+    `gaps` and `missing_samples` count since the estimator first saw the device. `rate_hz` is measured, `told_rate_hz`
+    is the configured output data rate. `evidence_age_s` is the time since the last rest, `nis` the mean normalised
+    innovation squared of the bias filter.
+    """
 
     id: str
     state: str
@@ -102,7 +112,11 @@ class Device(Struct, frozen=True):
 
 
 class Standing(Struct, frozen=True):
-    """A standing alert of a device or an estimator; docs/alerts.md lists the kinds."""
+    """A standing alert of a device or an estimator (`subject`); docs/alerts.md lists the kinds.
+
+    Times are ISO 8601: since when the fault lasts, when the alert was raised, and acknowledged
+    (null: not yet), by `who`.
+    """
 
     subject: str
     kind: str
@@ -120,7 +134,10 @@ class Standings(Struct, frozen=True):
 
 
 class Devices(Struct, frozen=True):
-    """All devices of a ward, those that need a person first. `troubles` concern the ward itself."""
+    """All devices of a ward, those that need a person first.
+
+    `tracking` of `of` devices track; `troubles` concern the ward itself.
+    """
 
     ward: str
     connected: bool
@@ -131,7 +148,7 @@ class Devices(Struct, frozen=True):
 
 
 class Turn(Struct, frozen=True):
-    """One turn about an axis."""
+    """One turn by hand about an axis (x, y or z): angle and closure error in degrees, duration in s."""
 
     axis: str
     angle_deg: float
@@ -140,7 +157,11 @@ class Turn(Struct, frozen=True):
 
 
 class OneCalibration(Struct, frozen=True):
-    """A calibration: corrected = matrix (reading - bias). As a file, `truerate correct --calibration` accepts it."""
+    """A calibration of a gyro, accepted or rejected: corrected = matrix (reading - bias).
+
+    As a file, `truerate correct --calibration` accepts it.
+    `covariance` (n, n) is in the order of `parameters`; null where there is no estimate.
+    """
 
     device: str
     boot: str
@@ -179,7 +200,7 @@ class Calibrations(Struct, frozen=True):
 
 
 class Words(Struct, frozen=True, forbid_unknown_fields=True):
-    """Text sent with a command: the reason, or the text of a note; one line."""
+    """Text sent with a command, one line: the reason, the text of a note, or the kind of the alert to acknowledge."""
 
     words: Annotated[str, Meta(max_length=500)] = ""
 
@@ -194,14 +215,17 @@ class Placing(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Reply(Struct, frozen=True):
-    """The estimator's reply to a command."""
+    """The estimator's reply to a command: whether it was accepted, and why or why not."""
 
     accepted: bool
     message: list[Said]
 
 
 class ErrorWords(Struct, frozen=True):
-    """A short error code for programs, and a text for people. reason: the estimator's reply, where it refused."""
+    """A short error code for programs, and a text for people.
+
+    reason: the estimator's reply, if it refused the command.
+    """
 
     code: str
     message: str
@@ -209,13 +233,16 @@ class ErrorWords(Struct, frozen=True):
 
 
 class Error(Struct, frozen=True):
-    """Why a request was refused."""
+    """Body of the response to every refused request (status 400 and above): why it was refused."""
 
     error: ErrorWords
 
 
 def devices(known: Known, rows: list[DeviceRow], only: list[str]) -> Devices:
-    """Response for the chosen devices; head count and troubles concern the whole ward."""
+    """Build the response with the devices that `only` selects by state or id (empty: all).
+
+    The number of tracking devices and the troubles always concern the whole ward.
+    """
     return Devices(
         ward=known.ward,
         connected=known.connected,
@@ -227,7 +254,7 @@ def devices(known: Known, rows: list[DeviceRow], only: list[str]) -> Devices:
 
 
 def alerts(known: Known, now: float) -> Standings:
-    """Response with the ward's standing alerts."""
+    """Build the response with the ward's standing alerts, those not acknowledged first. now: monotonic time in s."""
     return Standings(
         [
             Standing(
@@ -240,7 +267,7 @@ def alerts(known: Known, now: float) -> Standings:
 
 
 def device(row: DeviceRow, story: Story) -> Device:
-    """Response for one device."""
+    """Build the response for one device, from its row in the ward summary and from everything known of it."""
     status, info = story.status, story.info
     return Device(
         id=row.device,
@@ -289,7 +316,7 @@ def _worn(one: Placement | None) -> Worn | None:
 
 
 def calibrations(name: str, story: Story, found: Sequence[Calibration], limit: int) -> Calibrations:
-    """Response with the last `limit` of `found`, which is oldest first; the response is latest first."""
+    """Build one page of a device's calibrations, latest first: the last `limit` of `found`, which is oldest first."""
     in_use = story.status.calibration if story.status else ""
     page = found[-limit:]
     return Calibrations(
@@ -311,7 +338,7 @@ def _calibration(c: Calibration, in_use: str) -> OneCalibration:
 
 
 def iso(time_ns: int) -> str:
-    """ISO 8601 time in UTC, with milliseconds."""
+    """Format nanoseconds since the Unix epoch as an ISO 8601 time in UTC, with milliseconds."""
     return datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat(timespec="milliseconds")
 
 

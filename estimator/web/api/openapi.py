@@ -29,7 +29,7 @@ _COMMANDS = {
 
 @cache
 def document() -> dict[str, Any]:
-    """The complete OpenAPI document, cached."""
+    """Return the complete OpenAPI 3.1 document as JSON-compatible values; built once, then cached."""
     kinds = (Devices, Device, Calibrations, Answer, Reply, Words, Placing, Standings, Error)
     _, schemas = msgspec.json.schema_components(kinds, ref_template=_REF)
     of_one = {400: "no id of a device, or a parameter", 404: "no such device was heard of"}

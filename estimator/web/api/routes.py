@@ -29,7 +29,7 @@ T = TypeVar("T", answers.Words, answers.Placing)
 
 
 def routes() -> list[BaseRoute]:
-    """Routes of the API."""
+    """Return the routes of the HTTP API, all below /api/v1."""
     return [
         Route(f"{ROOT}/openapi.json", document),
         Route(f"{ROOT}/devices", devices),
@@ -42,12 +42,12 @@ def routes() -> list[BaseRoute]:
 
 
 def answer(content: Any, status: HTTPStatus = HTTPStatus.OK, headers: dict[str, str] | None = None) -> Response:
-    """JSON response with `content` encoded by msgspec."""
+    """Make a JSON response: `content` encoded by msgspec, with status and headers."""
     return Response(msgspec.json.encode(content), status, headers, _JSON)
 
 
 def refused(fault: Fault) -> Response:
-    """JSON error response of a fault."""
+    """Make the JSON error response of a fault: its code, message and reason, with its status and headers."""
     return answer(
         answers.Error(answers.ErrorWords(fault.code, fault.message, answers.said(fault.reason))),
         fault.status,
@@ -56,13 +56,16 @@ def refused(fault: Fault) -> Response:
 
 
 async def document(request: Request) -> Response:
-    """Serve the OpenAPI document."""
+    """Serve the OpenAPI document as JSON. Raises Fault for any query parameter."""
     known_parameters(request)
     return answer(openapi.document())
 
 
 async def devices(request: Request) -> Response:
-    """Serve all devices; with ?only= those in a state or with a matching id."""
+    """Serve all devices as JSON; with ?only= those in a state, or with an id that matches (* and ? are wildcards).
+
+    Raises Fault for a word that matches no state and no device.
+    """
     desk = Desk.of(request)
     only = known_parameters(request, "only").getlist("only")
     if len(only) > MOST_WORDS:
@@ -75,14 +78,18 @@ async def devices(request: Request) -> Response:
 
 
 async def device(request: Request) -> Response:
-    """Serve one device."""
+    """Serve one device as JSON. Raises Fault for a malformed or unknown id."""
     known_parameters(request)
     desk, name = Desk.of(request), _named(request)
     return answer(answers.device(desk.known.row(name, time.monotonic()), desk.story(name)))
 
 
 async def calibrations(request: Request) -> Response:
-    """Serve a device's latest calibrations, or with ?before= those older than that id; at most ?limit= of them."""
+    """Serve a device's latest calibrations as JSON, or with ?before=ID those older than that one.
+
+    At most ?limit= of them.
+    Raises Fault for an unknown device or calibration.
+    """
     asked = known_parameters(request, "before", "limit")
     desk, name = Desk.of(request), _named(request)
     found = await desk.calibrations(request, name)
@@ -141,18 +148,21 @@ def _checked(request: Request) -> str:
 
 
 async def standing(request: Request) -> Response:
-    """Serve the standing alerts."""
+    """Serve the ward's standing alerts as JSON."""
     known_parameters(request)
     return answer(answers.alerts(Desk.of(request).known, time.monotonic()))
 
 
 async def acknowledge(request: Request) -> Response:
-    """Acknowledge an alert of a device or an estimator."""
+    """Acknowledge the alerts of a device or an estimator: the kind in `words`, or all without it."""
     return await command(request, "acknowledge")
 
 
 async def command(request: Request, verb: str) -> Response:
-    """Send a command to the estimator; 409 when the estimator refuses."""
+    """Send a command (one of VERBS, or acknowledge) to the estimator, and answer its reply as JSON.
+
+    Raises Fault: 401 or 403 without the right to command, 409 if the estimator refuses, 503 if it does not answer.
+    """
     desk = Desk.of(request)
     known_parameters(request)
     who = await _who(desk, request)

@@ -1,4 +1,4 @@
-"""A reader's place among the kept batches: each sample once and in order, and what the reader missed. Pure."""
+"""A reader's position among the kept batches: delivers each sample once and in order, and reports missed ones. Pure."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -11,7 +11,7 @@ from estimator.samples.mean_rates import MeanRates
 
 
 class Place(NamedTuple):
-    """A device's boot, and the number of the sample that a reader wants next."""
+    """Position of a reader in a device's samples: the boot, and the number of the sample that the reader wants next."""
 
     boot: int
     next: int
@@ -19,7 +19,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Missed:
-    """Samples of a boot that a reader does not get, from `first` on; count is None where nobody knows how many."""
+    """Samples of a boot that a reader does not get: `count` samples from number `first` on; None: an unknown number."""
 
     device: str
     boot: int
@@ -28,20 +28,20 @@ class Missed:
 
 
 class Kept:
-    """The last batches of a subscription, in order; older ones are forgotten."""
+    """The last `most` corrected batches of a subscription, in order of arrival; older ones are forgotten."""
 
     def __init__(self, most: int) -> None:
         self.batches: deque[CorrectedBatch] = deque(maxlen=most)
-        #: how many batches were ever added
+        #: number of batches ever added
         self.end = 0
 
     @property
     def begin(self) -> int:
-        """How many batches are forgotten."""
+        """Number of forgotten batches: the count at which the first kept batch was added."""
         return self.end - len(self.batches)
 
     def add(self, batches: Iterable[CorrectedBatch]) -> None:
-        """Add batches, each sample once and in order."""
+        """Append batches; they must hold each sample once and in order."""
         for batch in batches:
             self.batches.append(batch)
             self.end += 1
@@ -82,11 +82,11 @@ class Cursor:
 
     @property
     def behind(self) -> bool:
-        """Whether kept batches are still to be read."""
+        """Whether there are kept batches that this reader has not read."""
         return self._position < self._kept.end
 
     def read(self, most: int) -> list[CorrectedBatch | Missed]:
-        """Take what follows, from at most `most` batches."""
+        """Return the next batches and reports of missed samples, possibly none, from at most `most` kept batches."""
         if self._position < self._kept.begin:
             self._position = self._kept.begin
             for device in self._devices.values():

@@ -35,7 +35,10 @@ class Samples(Struct, frozen=True, tag="samples", tag_field="type"):
 
 
 class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
-    """Samples that did not come: `count` from number `first` on; null: up to the end of that boot, nobody knows how many."""
+    """Samples that did not come: `count` of them from number `first` on.
+
+    null: all up to the end of that boot, nobody knows how many.
+    """
 
     device: str
     boot: str
@@ -44,14 +47,17 @@ class MissedSamples(Struct, frozen=True, tag="missed", tag_field="type"):
 
 
 class Answer(Struct, frozen=True):
-    """Documents in order, possibly none. `after` is for the next request: give each of its texts as a parameter `after`."""
+    """Answer to a request: documents in order, possibly none, and where to go on.
+
+    `after` is for the next request: give each of its texts as a parameter `after`.
+    """
 
     documents: list[Samples | MissedSamples]
     after: Annotated[list[str], Meta(min_length=1)]
 
 
 def document(one: CorrectedBatch | Missed) -> Samples | MissedSamples:
-    """The JSON document of samples or of a hole."""
+    """Convert corrected samples, or a report of missed ones, into a document of the API."""
     if isinstance(one, Missed):
         return MissedSamples(one.device, boot_id(one.boot), one.first, one.count)
     return Samples(
@@ -72,15 +78,15 @@ def document(one: CorrectedBatch | Missed) -> Samples | MissedSamples:
 
 
 def message(one: CorrectedBatch | Missed, *, protobuf: bool) -> str | bytes:
-    """One message of the WebSocket: JSON as text; with `protobuf`, samples as the bytes of a CorrectedBatch."""
+    """Encode one message of the WebSocket: JSON as text; with `protobuf`, samples as the bytes of a CorrectedBatch."""
     if protobuf and isinstance(one, CorrectedBatch):
         return codec.encode_corrected(one)
     return msgspec.json.encode(document(one)).decode()
 
 
 def said(device: str, place: Place) -> str:
-    """A place as a parameter `after`: device, boot and number of the last sample, as in chest.0000000000000005.1239.
+    """Format a place as a parameter `after`: device, boot and number of the last sample.
 
-    The number is -1 before the first sample of a boot.
+    For example chest.0000000000000005.1239. The number is -1 before the first sample of a boot.
     """
     return f"{device}.{boot_id(place.boot)}.{place.next - 1}"

@@ -35,7 +35,7 @@ BEGIN_S = 15.0
 
 
 class Feed:
-    """One subscription, to a device or to the whole ward, its last batches, and its readers."""
+    """One subscription to corrected rates, of a device or the whole ward, with its last batches and its readers."""
 
     def __init__(self, stream: Corrected, most: int) -> None:
         self.stream, self.kept = stream, Kept(most)
@@ -45,7 +45,7 @@ class Feed:
         self.settled = asyncio.Event()
 
     async def take(self, now: float) -> None:
-        """Take the received messages and wake the readers."""
+        """Keep the received batches and wake the readers. now: monotonic time in s."""
         caught_up, drain = self.stream.caught_up, self.stream.drain
         # The history of a ward takes a second to decode: a thread does it, while pages and other readers go on.
         batches = drain() if self.settled.is_set() else await asyncio.to_thread(drain)
@@ -60,7 +60,7 @@ class Feed:
 
 
 class Reader:
-    """One program that reads: a cursor in each of its feeds."""
+    """One program that reads the stream, with a cursor in each of its feeds."""
 
     def __init__(self, feeds: dict[str, Feed], asked: Asked, address: str, turn: asyncio.Lock) -> None:
         self.address, self.news, self._turn = address, asyncio.Event(), turn
@@ -68,7 +68,10 @@ class Reader:
         self._cursors: list[Cursor] = []
 
     async def begin(self) -> None:
-        """Wait until everything kept is here; the cursors begin there. Raises Fault if it does not come."""
+        """Wait until the batches that publishers kept have arrived, then place the cursors.
+
+        Raises Fault if they do not arrive within BEGIN_S seconds.
+        """
         try:
             async with asyncio.timeout(BEGIN_S):
                 for feed in self._feeds.values():
@@ -84,7 +87,10 @@ class Reader:
     async def read(
         self, make: Callable[[CorrectedBatch | Missed], T], most: int = AT_ONCE, wait_s: float = inf
     ) -> list[T]:
-        """What `make` makes of the next samples, from about `most` batches; empty if none came within wait_s."""
+        """Wait for the next samples and return make(one) of each batch or report, from about `most` batches.
+
+        Empty if none came within wait_s seconds.
+        """
         each = max(1, most // len(self._cursors))
         deadline_s = time.monotonic() + wait_s
         while True:
@@ -103,7 +109,7 @@ class Reader:
 
     @property
     def places(self) -> dict[str, Place]:
-        """Where each device's next document begins."""
+        """Position of each device, by id, from which its next document will begin."""
         places = dict(self._asked.after or {})
         for cursor in self._cursors:
             places |= cursor.places
@@ -111,7 +117,7 @@ class Reader:
 
 
 class Feeds:
-    """The feeds of a dashboard by device, "" for the whole ward; none while nobody reads."""
+    """Subscriptions of a dashboard by device id, "" for the whole ward; each ends LINGER_S after its last reader."""
 
     def __init__(self) -> None:
         #: None until a router is first connected
@@ -122,7 +128,10 @@ class Feeds:
 
     @contextmanager
     def reader(self, asked: Asked, address: str) -> Iterator[Reader]:
-        """A reader of the devices asked for, while in use. Raises Fault when there is no room or no router."""
+        """Context with a reader of the devices asked for. address: the client's, by which readers are limited.
+
+        Raises Fault if there are too many readers, or no router.
+        """
         if self.client is None:
             raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_router", headers={"Retry-After": "1"})
         names = asked.devices or ("",)

@@ -1,4 +1,4 @@
-"""What a program asks of the stream: the parameters of its address, checked. Raises Fault."""
+"""Parameters of a request for the stream, parsed and checked."""
 
 import re
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from estimator.web.stream.cursor import Place
 
 #: most devices named in a request
 DEVICES = 32
-#: limits of `hz`, means a second
+#: least and greatest `hz`: means a second, in place of every sample
 SLOWEST_HZ, FASTEST_HZ = 0.1, 1000.0
 #: longest and usual wait of a request for samples, s
 LONGEST_S, USUAL_S = 20.0, 10.0
@@ -25,7 +25,10 @@ FORMATS = ("json", "protobuf")
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Devices (none: all), places to resume from (None: begin now; empty: all that is kept), hz, format and wait."""
+    """Checked parameters of a request: devices (none: all), places to resume from, rate of means, format, wait in s.
+
+    after: None begins now, empty with all that is kept. hz: means a second, None for every sample.
+    """
 
     devices: tuple[str, ...]
     after: dict[str, Place] | None
@@ -35,7 +38,7 @@ class Asked:
 
 
 def asked_of(query: QueryParams) -> Asked:
-    """Check the parameters of a request."""
+    """Parse and check the parameters of a request for the stream. Raises Fault for an invalid one."""
     devices = tuple(dict.fromkeys(query.getlist("device")))
     if len(devices) > DEVICES:
         raise _bad(f"'device' is given {len(devices)} times: give at most {DEVICES}, or none for the whole ward.")

@@ -28,12 +28,12 @@ MOST = 256
 
 
 def routes() -> list[BaseRoute]:
-    """Routes of the stream."""
+    """Return the two routes of the stream, a long poll and a WebSocket, at the same path."""
     return [Route(PATH, poll), WebSocketRoute(PATH, stream)]
 
 
 async def poll(request: Request) -> Response:
-    """Answer the next samples, at the latest after ?wait_s= seconds; possibly none."""
+    """Answer the next samples as JSON, at the latest after ?wait_s= seconds, possibly none. Raises Fault."""
     asked = _asked(request, "wait_s")
     with Desk.of(request).feeds.reader(asked, _address(request)) as reader:
         await reader.begin()
@@ -43,7 +43,10 @@ async def poll(request: Request) -> Response:
 
 
 async def stream(socket: WebSocket) -> None:
-    """Send samples until the program disconnects."""
+    """Send corrected samples by WebSocket until the program disconnects.
+
+    A refused one is closed with code 4000 + HTTP status, and the reason in words.
+    """
     await socket.accept()
     try:
         asked = _asked(socket, "format")
