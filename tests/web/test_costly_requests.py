@@ -20,6 +20,7 @@ from bridge.wire.messages import Calibration
 from estimator.overview.ward import matches
 from estimator.service.history import Biases, History
 from estimator.service.store import Store
+from estimator.service.store_reader import StoreReader
 from estimator.web import report_pages
 from estimator.web.http_error import Fault
 from estimator.web.shared_work import WAITING, SharedWork
@@ -151,13 +152,13 @@ def test_a_stored_list_is_read_once_for_many_requests(tmp_path: Path, monkeypatc
         store.add_calibration(replace(CALIBRATION, device="chest", boot=5, id=f"c{n:03}", time_ns=10**18 + n))
     store.close()
     read = list[str]()
-    calibrations = Store.calibrations
+    calibrations = StoreReader.calibrations
 
-    def counted(own: Store, name: str) -> list[Calibration]:
+    def counted(own: StoreReader, name: str) -> list[Calibration]:
         read.append(name)
         return calibrations(own, name)
 
-    monkeypatch.setattr(Store, "calibrations", counted)
+    monkeypatch.setattr(StoreReader, "calibrations", counted)
     site = served(store=tmp_path / "ward.sqlite3")
     site.talk(said("chest", boot=5))
     while "chest" not in site.server.desk.known.stories:

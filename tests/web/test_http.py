@@ -229,7 +229,7 @@ def test_a_placement_is_set_by_page_and_program_and_shown_to_both(asking: Asking
     assert client.post("/api/v1/devices/chest/place", headers=BEARER).status_code == 200
     assert asking.talk.placed == [Placement("humerus", "left", "bed-3"), Placement(wearer="P07"), Placement()]
     client.post("/devices/chest/place", data={"csrf": csrf, "segment": "torso", "side": "left"})
-    assert "A side fits arms and legs only" in client.get("/devices/chest").text
+    assert "Only arms and legs have a side" in client.get("/devices/chest").text
     assert len(asking.talk.placed) == 3
     asking.hear(about("arm"), said("arm", boot=5, placement=Placement("humerus", "left", "bed-3", 10**18, "anna")))
     assert "左上臂 · bed-3" in client.get("/?lang=zh").text

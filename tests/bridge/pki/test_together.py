@@ -194,8 +194,6 @@ def test_a_role_that_would_be_denied_silently_says_so_itself(
         (["recalibrate", "d1", "--config", str(files.one)], "needs a certificate for commander"),
         (["note", "d1", "sat up", "--config", str(files.one)], "needs a certificate for commander"),
         (["record", "--config", str(files.one)], "needs a certificate for recorder"),
-        (["bridge", "ximu3", "--config", str(files.one)], "needs a certificate for commander or recorder"),
-        (["bridge", "ximu3", "--raw", "--config", str(files.one)], "needs a certificate for commander or recorder"),
         (
             ["bridge", "replay", str(session), "--device", "d1", "--config", str(files.one)],
             "for bridge:replay-d1",

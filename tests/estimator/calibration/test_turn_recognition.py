@@ -95,7 +95,7 @@ def test_a_rest_that_is_a_slow_movement_spoils_its_turn() -> None:
     of = calibration(TurnPlan(2), spec=ImuSpec(scale=(1.0, 1.0)))
     of.gyro[: of.at(4.0)] += np.radians(0.8)
     assert turns(of, accel=False) == []
-    assert "not at rest" in ignored(of, accel=False)[0]
+    assert "did not rest" in ignored(of, accel=False)[0]
 
 
 @pytest.mark.parametrize("k", [0.71, 0.85, 1.2, 1.39])

@@ -97,7 +97,7 @@ def test_two_bridges_with_one_device_are_found(tmp_path: Path, capsys: pytest.Ca
             said.put(encode_status(status))
             found = look(capsys, str(config))
             assert (found[0], found[1]["bridges of the ward"][0]) == (code, level)
-    assert "samples of b2 are refused" in found[1]["bridges of the ward"][1]
+    assert "Samples of b2 are refused" in found[1]["bridges of the ward"][1]
 
 
 def test_trouble_is_an_exit_code(
