@@ -14,7 +14,10 @@ ENDS = MetricFamily(
 
 
 def certificate(routers: Routers) -> Iterator[MetricFamily]:
-    """Yield the expiry time (s since the Unix epoch), if there is a certificate. Rereads the file: renewal may replace it."""
+    """Yield the metric of the certificate's expiry time (s since the Unix epoch); nothing without a readable certificate.
+
+    Rereads the file at each call, because a renewal may replace it.
+    """
     lasts = routers.lasts()
     if lasts is not None:
         yield replace(ENDS, values={(): lasts.ends.timestamp()})

@@ -81,7 +81,7 @@ def _threads() -> Iterator[None]:
 
 
 def endpoints_of(said: Sequence[str] | dict[str, Sequence[str]]) -> tuple[str, ...]:
-    """Return the router's endpoints from a zenoh setting: one list, or one list for each mode."""
+    """Return a router's endpoints from zenoh's `endpoints` setting, which is one list, or one list for each mode."""
     return tuple(said.get("router", ())) if isinstance(said, dict) else tuple(said)
 
 

@@ -25,7 +25,13 @@ _SHORT = 80  # characters; longer values are not shown
 
 @dataclass(frozen=True, slots=True)
 class RouterFile:
-    """Content of a router's file: endpoints, routers it joins, certificate, members with their wards, and faults found."""
+    """A router's zenoh file as read and checked.
+
+    listen, join: endpoints it listens on, and those of other routers it connects to. identity: certificate, None
+    without TLS.
+    places: (ward, common name) of each member in its access rules. faults: sentences, empty if the file is as it should
+    be.
+    """
 
     path: Path
     listen: tuple[str, ...]
@@ -67,13 +73,13 @@ def read(path: Path) -> RouterFile:
 
 
 def open_to_others(listen: Sequence[str]) -> Iterator[str]:
-    """Yield a fault if other machines reach one of the endpoints without a certificate."""
+    """Yield one fault, in words, if other machines can reach an endpoint without a certificate; else nothing."""
     if reached := [endpoint for endpoint in listen if not secured(endpoint) and not loopback(endpoint)]:
         yield f"{', '.join(reached)}: every machine in reach can read and command the ward; use tls/..., or 127.0.0.1"
 
 
 def loopback(endpoint: str) -> bool:
-    """Whether an endpoint is reachable from the same machine only."""
+    """Whether a zenoh endpoint is reachable from the same machine only."""
     protocol, _, address = endpoint.partition("/")
     host = address.partition("#")[0].partition("?")[0].rpartition(":")[0].strip("[]")
     try:
