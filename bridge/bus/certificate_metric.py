@@ -14,7 +14,7 @@ ENDS = MetricFamily(
 
 
 def certificate(routers: Routers) -> Iterator[MetricFamily]:
-    """Yield the metric of the certificate's expiry time (s since the Unix epoch); nothing without a readable certificate.
+    """Yield the metric of the certificate's expiry time (s since the Unix epoch); nothing without a certificate.
 
     Rereads the file at each call, because a renewal may replace it.
     """

@@ -80,7 +80,7 @@ class Subscription(Protocol):
 
 
 class Declared(Protocol):
-    """Handle of a declaration on the bus (query handler, liveliness token or watcher); closing it ends the declaration."""
+    """Handle of a declaration on the bus: query handler, liveliness token or watcher; closing it undeclares it."""
 
     def close(self) -> None:
         """End the declaration on the bus; a second close does nothing."""
@@ -127,7 +127,7 @@ class Bus(Protocol):
         """
 
     def declare_alive(self, key: str) -> Declared:
-        """Declare a liveliness token: other sessions see the key as alive until the handle or this session is closed."""
+        """Declare a liveliness token: other sessions see the key as alive until the handle or the session closes."""
 
     def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> Declared:
         """Watch liveliness tokens: call on_change(key, alive) for every present token and for every later change.

@@ -131,7 +131,7 @@ class GapRepair:
         )
 
     def run(self, over: Callable[[], bool]) -> None:
-        """Run the worker loop in the calling thread until over() is true: answer queries, deliver messages, repair gaps."""
+        """Run the worker loop in this thread until over() is true: answer queries, deliver messages, repair gaps."""
         while not over():
             time.sleep(_TURN_S if self._questions else _TICK_S)
             try:
