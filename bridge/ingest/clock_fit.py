@@ -46,7 +46,7 @@ class ClockFit:
 
     @property
     def measured(self) -> bool:
-        """Whether `rate` has been measured."""
+        """Whether `rate` has been measured; until then it is assumed to be 1."""
         return self.rate_error < inf
 
     @property
@@ -72,7 +72,7 @@ class ClockFit:
                 self._offset_s = host_s - self.rate * device_s
 
     def host_ns(self, device_s: float) -> int:
-        """The host time of device_s, ns since the Unix epoch; 0 before the first observation."""
+        """Return the host time, ns since the Unix epoch, of device time device_s; 0 before the first observation."""
         if self._zero_ns is None:
             return 0
         return self._zero_ns + round(self._expected(device_s) * 1e9)
