@@ -122,7 +122,7 @@ class SampleClock:
         return was_known
 
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
-        """Return the times of good samples from their unwrapped, rising ticks (n,); the last one was observed before."""
+        """Return the times of good samples from unwrapped, rising ticks (n,); the last one was observed before."""
         rate = self.clock.rate
         device_s = np.asarray(ticks * identity.tick_period_s, np.float64)
         # A sample cannot be received before it was taken, whatever the fit says.

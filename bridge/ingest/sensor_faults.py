@@ -141,7 +141,7 @@ class Repeats:
 
 
 class SelfRepetition:
-    """Estimates, axis by axis, how often a healthy sensor repeats a reading at rest, and how many repeats are a fault."""
+    """Estimates, per axis, how often a healthy sensor repeats a reading at rest, and how many repeats are a fault."""
 
     def __init__(self) -> None:
         # Rms difference of two readings, in quantisation steps: of the quietest second; lowest median of ten seconds.
