@@ -41,7 +41,6 @@ class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
     """
 
     #: id of the system to read, 1 to 255, where one port carries several; 0 takes the first that sends inertial messages
-    #: id of the system to read, 1 to 255, where one port carries several; 0 takes the first that sends inertial messages
     system: int = 0
 
     def __post_init__(self) -> None:

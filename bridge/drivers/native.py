@@ -18,7 +18,6 @@ class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_o
     """Options of a device that speaks truerate's native protocol."""
 
     #: output data rate to set in the device, Hz, 0.1 to 100000, for example 104; 0 leaves the device's rate unchanged
-    #: output data rate to set in the device, Hz, 0.1 to 100000, for example 104; 0 leaves the device's rate unchanged
     rate_hz: float = 0.0
 
     def __post_init__(self) -> None:
