@@ -49,7 +49,10 @@ class CounterUnwrapper:
         return counts.astype(np.int64) + before if rising and all(map(lt, sent, sent[1:])) else None
 
     def follow(self, readings: Readings, identity: Identity) -> "Followed":
-        """Unwrap the counters of readings and tell new samples from repeated and late ones; advances to the last new one."""
+        """Unwrap the counters of readings, and tell new samples from repeated and late ones.
+
+        The last new sample becomes the one that the next readings are compared with.
+        """
         last = self._sequence
         if last is not None and step(readings.sequence, last, identity.sequence_bits) == 1:
             rising = self._rising(readings.ticks, identity.tick_bits)
