@@ -7,7 +7,8 @@ from typing import NamedTuple, Self
 class Sentence(NamedTuple):
     """A reason: a code and its parameters by name, formatted for display. The catalogue makes the text for a reader.
 
-    A parameter's name ends in its unit (`angle_deg`, `duration_s`). A parameter named `label` is a label of the catalogue.
+    A parameter's name ends in its unit (`angle_deg`, `duration_s`). The parameter named `label` is a label of the
+    catalogue.
     """
 
     code: str
