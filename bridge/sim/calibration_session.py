@@ -49,10 +49,10 @@ def simulate_session(
     turn_s: tuple[float, float] = (3.5, 6.0),
     spec: ImuSpec | None = None,
 ) -> Session:
-    """Simulate the session of a seed; the same arguments always give the same session.
+    """Simulate the calibration session of a seed, from motion to readings; the same arguments always give the same session.
 
-    Arguments are as in SessionPlan. noise_dps replaces that of spec (default: ImuSpec(), constant bias, no
-    quantisation).
+    Arguments are as in SessionPlan; rate_hz: output data rate. noise_dps (°/s per sample) replaces that of spec
+    (default: ImuSpec(), constant bias, no quantisation). Raises ValueError if rests do not fit turns.
     The seed alone decides scale, bias and noise draws: changing the motion or the noise level keeps the device.
     """
     script_rng, device_rng = np.random.default_rng(seed).spawn(2)

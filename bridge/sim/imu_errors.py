@@ -79,12 +79,12 @@ class Truth:
     g_sensitivity: Array
 
     def of_part(self, part: "Truth") -> "Truth":
-        """Truth of this boot with the part-specific parameters of `part`."""
+        """Return the truth of this boot with the parameters of `part` that stay the same at every boot of a device."""
         return replace(part, matrix=self.matrix, turn_on_bias=self.turn_on_bias)
 
     @property
     def k(self) -> Array:
-        """Scale factors (3,)."""
+        """Scale factors (3,) of x, y and z, without unit: the diagonal of the matrix."""
         return np.diag(self.matrix).copy()
 
 
@@ -102,7 +102,10 @@ class Readings:
 
 
 class ImuErrorModel:
-    """Sensor of one boot: parameters are drawn from rng unless truth is given; then reads true motion, in order."""
+    """Sensor of one boot, which turns true motion into readings with errors. Its random values come from rng.
+
+    truth: parameters of the sensor; None draws them.
+    """
 
     def __init__(self, spec: ImuSpec, rng: np.random.Generator, truth: Truth | None = None) -> None:
         self.spec = spec
@@ -118,13 +121,13 @@ class ImuErrorModel:
         self._white = 1.0
 
     def pace(self, faster: float) -> None:
-        """Sample `faster` times as fast as usual from the next read on; the white noise density stays the same."""
+        """Sample at `faster` times the usual rate from the next read on; the white noise density stays the same."""
         self._white = float(np.sqrt(faster))
 
     def read(self, motion: TrueMotion, temperature_c: Array | None = None) -> Readings:
-        """Readings of the next stretch of motion; times count from this boot's first sample interval.
+        """Return the readings of the next stretch of motion; its times, in s, count from this boot's first sample interval.
 
-        temperature_c (n,): sensor temperature; by default the sensor warms up as in its spec.
+        temperature_c (n,): sensor temperature, °C; by default the sensor warms up as in its spec.
         """
         spec, rng, n = self.spec, self._rng, len(motion.time_s)
         if temperature_c is None:
@@ -142,7 +145,7 @@ class ImuErrorModel:
         return Readings(gyro, accel, temperature_c, bias)
 
     def temperature_c(self, time_s: Array) -> Array:
-        """Sensor temperature (n,) at times (n,) since its boot, °C."""
+        """Return the sensor temperature (n,), °C, at times (n,) in s since its boot."""
         cold, warm = self.spec.temperature_c
         return np.asarray(warm + (cold - warm) * np.exp(-time_s / self.spec.warm_up_s))
 
@@ -163,7 +166,7 @@ class ImuErrorModel:
 
 
 def draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
-    """Draw the true parameters of a device at its first boot; see Truth.of_part for later boots."""
+    """Draw the true parameters of a device at its first boot from rng; see Truth.of_part for later boots."""
 
     def within(limit: float, shape: int | tuple[int, int] = 3) -> Array:
         return rng.uniform(-limit, limit, shape)
