@@ -6,7 +6,7 @@ from dataclasses import replace
 from bridge.bus.routers import Routers
 from bridge.runtime.health_server import MetricFamily
 
-#: the metric without a value
+#: metric of the certificate's expiry time, still without a value
 ENDS = MetricFamily(
     "certificate_ends_timestamp_seconds",
     "Expiry time of the program's certificate, s since 1970; only with certificates.",

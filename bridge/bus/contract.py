@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol, Self
 
 
 class Message(NamedTuple):
-    """One message received from the bus: key and raw payload, neither parsed nor validated."""
+    """One message received from the bus: key and payload bytes, neither parsed nor validated."""
 
     key: str
     payload: bytes
@@ -47,10 +47,10 @@ class Subscription(Protocol):
     """Bounded queue of received messages: in the order of each publisher, each message exactly once."""
 
     def receive(self, timeout_s: float) -> Message | None:
-        """Return the next message, or None after the timeout or once the subscription is closed."""
+        """Return the next message, or None if none comes within timeout_s or once the subscription is closed."""
 
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """Wait up to timeout_s for a first message, then take up to limit messages without waiting."""
+        """Wait up to timeout_s for a first message, then return up to `limit` messages at once; [] if none came."""
 
     def wake(self) -> None:
         """End the current wait in `drain` or `receive`, or else the next one, to free the reading thread for other work."""
@@ -61,7 +61,7 @@ class Subscription(Protocol):
 
     @property
     def missed_by_key(self) -> dict[str, int]:
-        """Number of lost messages by key, for a bounded number of keys; the key "" counts messages of unknown key."""
+        """Number of lost messages by key, for a bounded number of keys; "" counts messages of other or unknown keys."""
 
     @property
     def overflowed(self) -> int:
@@ -93,7 +93,10 @@ class Bus(Protocol):
     """
 
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
-        """Declare a publisher on a key. With cache > 0, keep the last `cache` messages for late and returning subscribers."""
+        """Declare a publisher on a key without wildcards.
+
+        cache: number of the last messages to keep for late and returning subscribers; 0 for none.
+        """
 
     def subscribe(
         self,
@@ -140,7 +143,7 @@ class Bus(Protocol):
         """Whether a router (or the in-memory broker) is connected now."""
 
     def close(self) -> None:
-        """Close the session and all its declarations; a second close does nothing."""
+        """Close the session on the bus and all its declarations; a second close does nothing."""
 
     def __enter__(self) -> Self: ...
 

@@ -46,7 +46,10 @@ class Router:
 
     @classmethod
     def of_file(cls, path: Path) -> Self:
-        """Start a router from a zenohd configuration file (JSON5). Raises BusError."""
+        """Start a router from a zenohd configuration file (JSON5).
+
+        Raises BusError for an invalid file or an unusable endpoint.
+        """
         settings = read_settings(str(path))
         return cls(endpoints_of(settings["listen"]["endpoints"]), settings=settings)
 

@@ -12,9 +12,9 @@ from bridge.bus.publisher_cache import Source
 
 _T = TypeVar("_T")
 
-#: pause before the next query about a gap; doubles with each try, up to the second value
+#: pause before the next query about a gap, s; doubles with each try, up to the second value
 PAUSE_S, LONGEST_PAUSE_S = 0.05, 4.0
-#: a gap that no cache can fill is given up after this time, about the reach of a bridge's cache
+#: a gap that no cache can fill is given up after this time, s, about the reach of a bridge's cache
 PATIENCE_S = 30.0
 #: largest number of messages waiting behind gaps, over all publishers
 MOST_HELD = 1 << 16

@@ -89,7 +89,7 @@ class GapRepair:
         return cache
 
     def forget(self, cache: Cache) -> None:
-        """Stop answering queries to the cache of a closed publisher."""
+        """Stop answering queries to the cache of a closed publisher, and drop the cache."""
         with self._lock:
             self._cached -= cache.size
             self._caches.discard(cache)

@@ -20,7 +20,7 @@ _NOT_CANONICAL = re.compile(r"(?:^|/)\*\*/\*")
 
 
 def check_key(key: str) -> str:
-    """Return the key if it is valid and without wildcards, else raise BusError."""
+    """Return the bus key if it is valid and without wildcards, else raise BusError."""
     return _check(key, _KEY, "a key has 1 to 400 printable ASCII characters in chunks joined by '/', without * $ ? #")
 
 

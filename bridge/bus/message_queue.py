@@ -68,12 +68,12 @@ class MessageQueue:
         return self._over
 
     def receive(self, timeout_s: float) -> Message | None:
-        """Return the next message, or None after the timeout or once the queue is closed."""
+        """Return the next message, or None if none comes within timeout_s seconds or once the queue is closed."""
         taken = self.drain(1, timeout_s)
         return taken[0] if taken else None
 
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """Wait up to timeout_s for a first message, then take up to limit messages without waiting."""
+        """Wait up to timeout_s for a first message, then return up to `limit` messages at once; [] if none came."""
         with self._ready:
             if timeout_s > 0.0:
                 self._ready.wait_for(lambda: self._messages or self._over or self._woken, timeout_s)
@@ -92,7 +92,7 @@ class MessageQueue:
         self._missed[key if key in self._missed or len(self._missed) < MOST_KEYS else ""] += n
 
     def close(self) -> None:
-        """Discard all messages and wake every reader; a second close does nothing."""
+        """Close the queue: discard all messages and wake every reader; a second close does nothing."""
         with self._ready:
             self._over = True
             self._messages.clear()

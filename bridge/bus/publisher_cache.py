@@ -25,7 +25,7 @@ SESSION_BYTES, IDENTITY_BYTES, STAMP_BYTES = 8, 12, 20
 #: chunk between the key and the session in a cache's key
 HISTORY = "@adv"
 PARAMETERS = ("most", "publisher", "from", "last")
-#: a publisher silent for this time has paused: no next message will soon reveal the loss of the last one
+#: a publisher silent for this time, s, has paused: no next message will soon reveal the loss of the last one
 PAUSED_S = 1.5
 
 #: a cached message: number and payload

@@ -18,7 +18,7 @@ from bridge.wire.refusal import Refusal
 
 #: endpoint options (after `#`) that do not weaken security
 _HARMLESS = ("iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp")
-#: settings that each site chooses itself
+#: paths of the settings that each site chooses itself, which are not compared
 _OWN = (".id", ".listen.endpoints", ".connect.endpoints")
 _SHORT = 80  # characters; longer values are not shown
 
@@ -42,12 +42,15 @@ class RouterFile:
 
     @property
     def members(self) -> frozenset[str]:
-        """Common names of all members in the rules."""
+        """Common names (of certificates) of all members in the access rules."""
         return frozenset(name for _, name in self.places)
 
 
 def read(path: Path) -> RouterFile:
-    """Read and check a router's file. Raises BusError if zenoh cannot read it; all other faults are in the result."""
+    """Read a router's zenoh file and check it against the file truerate would write.
+
+    Raises BusError if zenoh cannot read it; all other faults are in the result.
+    """
     said = read_settings(str(path))
     listen, join = (endpoints_of(said[way]["endpoints"]) for way in ("listen", "connect"))
     tls = said["transport"]["link"]["tls"]

@@ -7,9 +7,9 @@ from bridge.bus.routers import Routers
 
 _HELD_UP_S = 0.5
 _LATELY_S = 5.0
-#: a router away for this long is not just restarting
+#: a router away for this long, s, is not just restarting
 _LONG_S = 10.0
-#: interval of the check whether the certificate expires soon
+#: interval of the check whether the certificate expires soon, s
 _SELDOM_S = 12 * 3600.0
 
 

@@ -183,7 +183,7 @@ class ZenohBus:
         return (one for one in list(self.declared) if isinstance(one, Subscription))
 
     def run(self, work: Callable[[], None], name: str) -> None:
-        """Run work in a thread that close() waits for; work must end when its channel closes."""
+        """Run work() in a named thread that close() waits for; work must end when its channel closes."""
 
         def body() -> None:
             try:

@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 _RETRY_S = 0.1
 #: capacity of a channel, in messages; our thread always drains it, because a full channel stops the session's receiving
 CHANNEL = 65536
-#: poll interval of several empty channels
+#: poll interval of several empty channels, s
 POLL_S = 0.005
 #: format of zenoh's message about an invalid file
 _MESSAGE = re.compile(r'Message \{ msg: "(?P<words>.*)", location: Some\(Location \{ line: (?P<line>\d+)', re.DOTALL)
@@ -103,7 +103,7 @@ class Channel(Protocol[_T_co]):
         """Wait for the next item and return it."""
 
     def try_recv(self) -> _T_co | None:
-        """Return the next item, or None if there is none yet."""
+        """Return the next item, or None if there is none yet; does not wait."""
 
 
 class Joined(Generic[_T]):
@@ -174,7 +174,7 @@ class Declared:
 
 @contextlib.contextmanager
 def as_bus_error(complaint: str) -> Iterator[None]:
-    """Turn every zenoh error inside the block into a BusError that begins with the complaint."""
+    """Turn every zenoh error inside the `with` block into a BusError that begins with the complaint."""
     try:
         yield
     except BaseException as error:
@@ -201,5 +201,8 @@ def said(error: BaseException) -> str:
 
 
 def is_zenohs(error: BaseException) -> bool:
-    """Whether an error comes from zenoh. A Rust panic is no Exception, and its class cannot be imported: compare the name."""
+    """Whether an error comes from zenoh, including a panic of its Rust code.
+
+    A Rust panic is no Exception, and its class cannot be imported: compare the name.
+    """
     return isinstance(error, zenoh.ZError) or type(error).__name__ == "PanicException"

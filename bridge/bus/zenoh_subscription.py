@@ -82,7 +82,7 @@ class Subscription(MessageQueue, Declared):
                 self._sequences.heard(source, max(numbers), time.monotonic())
 
     def poll(self) -> None:
-        """Take received messages without waiting; does nothing for a `prompt` subscription."""
+        """Move received messages from zenoh into the queue without waiting; nothing for a `prompt` subscription."""
         if self._prompt or not self.caught_up:
             return
         try:

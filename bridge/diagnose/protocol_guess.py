@@ -56,7 +56,7 @@ class Guess:
 
     @property
     def share(self) -> float:
-        """Share of the data that was understood, 0 to 1."""
+        """Share of samples among samples and faults, 0 to 1: how much of the data was understood."""
         return self.samples / max(1, self.samples + self.faults)
 
     @property

@@ -71,7 +71,7 @@ class BootDetector:
         self._odd.clear()
 
     def said(self) -> None:
-        """Note that the device reported a boot."""
+        """Note that the device reported a boot: the next sample begins it."""
         self._said = True
 
     def observe(self, tick: int, receive_time_ns: int) -> Time:

@@ -119,7 +119,7 @@ class StreamDriver:
         return list(self._unread)
 
     def close(self) -> None:
-        """Close the transport; this ends a read in another thread."""
+        """Close the driver's transport; this ends a read in another thread."""
         self._transport.close()
 
 

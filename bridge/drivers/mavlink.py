@@ -30,7 +30,7 @@ _MAX_SYSTEMS: Final = 8  # named in a notice
 
 
 def available() -> bool:
-    """Whether pymavlink is installed."""
+    """Whether pymavlink, the package that decodes MAVLink, is installed."""
     return importlib.util.find_spec("pymavlink") is not None
 
 

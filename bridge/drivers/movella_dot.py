@@ -104,7 +104,7 @@ class MovellaDotDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened connection, and start the measurement anew."""
+        """Reset for a newly opened connection, and send the commands that start the measurement."""
         self._values = GattValues(self.faults)
         self._assembly.opened()
         self._heard_ns = 0

@@ -30,7 +30,7 @@ class Settings:
 
     @property
     def settled(self) -> bool:
-        """Whether no answer is pending, or the queries were given up."""
+        """Whether all queries and settings are answered, or were given up."""
         return self._given_up or self._requests.key is None
 
     def begin(self, *, woken: bool = False) -> None:

@@ -77,7 +77,10 @@ class Playback:
         return self._at >= len(self._takes)
 
     def wait_s(self, elapsed_s: float) -> float:
-        """Host seconds until the next sample is due; 0 if a sample is due, or at the end."""
+        """Return the host seconds until the next sample is due; 0 if a sample is due, or at the end.
+
+        elapsed_s: host seconds since the start.
+        """
         if self.over:
             return 0.0
         return max(0.0, float(self._takes[self._at].due_s[self._next]) / self._speed - elapsed_s)
@@ -189,7 +192,7 @@ class ReplayedDriver:
         return playback.due(time.monotonic() - self._start_s, host_time.now_ns())
 
     def close(self) -> None:
-        """Stop playing; this ends a read in another thread."""
+        """Stop playing the recording; this ends a read in another thread."""
         self._closed.set()
         self._playback = None
 

@@ -24,7 +24,7 @@ class RequestQueue:
         self.clear()
 
     def clear(self) -> None:
-        """Discard all requests and commands."""
+        """Discard all requests and all commands that wait to be sent."""
         self._open: deque[_Request] = deque()
         self._commands: deque[bytes] = deque()
         self._sent = self._asked_ns = 0

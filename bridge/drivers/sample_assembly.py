@@ -87,7 +87,7 @@ class SampleAssembler:
         self._boots.said()
 
     def paced(self, rate_hz: float) -> None:
-        """Set a new sample rate, which the device uses from the next sample on."""
+        """Set a new sample rate, Hz, which the device uses from the next sample on."""
         if self._rate_hz:
             self._flush()
             self._rate_hz = rate_hz
@@ -104,9 +104,10 @@ class SampleAssembler:
         missing: int = 0,
         clipped: bool = False,
     ) -> None:
-        """Add one sample as the device sent it.
+        """Add one sample as the device sent it; `events` returns it later as part of readings.
 
         tick: of the device's clock (ignored without a clock). gyro in rad/s, accel in m/s², temperature_c in °C.
+        receive_time_ns: host time of its arrival.
         missing: samples known to be lost before this sample; the clock tells by itself where there is one.
         clipped: the device reports this sample as clipped.
         """

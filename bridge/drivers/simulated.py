@@ -24,7 +24,7 @@ _BATTERY_S = 12 * 3600.0
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Options of a virtual device.
 
-    seed: decides the device's properties and motion. speed: multiple of real time. rate_hz: output data rate.
+    seed: decides the device's properties and motion. speed: multiple of real time. rate_hz: output data rate, Hz.
     life: the motion after the calibration. `lively`: movements, each followed by a rest of some seconds. `ward`: lying,
     asleep, sitting, walking, in a bed that turns.
     """

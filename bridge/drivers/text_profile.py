@@ -214,7 +214,7 @@ def _amount(text: str) -> float:
 
 
 class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a text device.
+    """Options of a device that prints lines of text, described by a profile.
 
     profile: name or path. rate_hz (Hz), gyro_range_dps (°/s): only where they differ from the profile's.
     """

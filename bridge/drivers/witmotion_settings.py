@@ -60,7 +60,7 @@ class Settings:
 
     @property
     def settled(self) -> bool:
-        """Whether no answer about settings, and no command, is pending."""
+        """Whether all queries but that of the battery are answered, and no command waits to be sent."""
         return self._requests.key in (None, BATTERY) and not self._requests.sending
 
     def command(self) -> bytes:

@@ -29,7 +29,7 @@ class Lines:
         self.opened()
 
     def opened(self) -> None:
-        """Drop an unfinished line: the port was opened (again)."""
+        """Drop an unfinished line, because the port was opened (again)."""
         self._partial = bytearray()
         self._too_long = False
         self._begun = True

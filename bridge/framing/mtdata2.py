@@ -38,9 +38,10 @@ class Message(NamedTuple):
 
 
 class Data(NamedTuple):
-    """The useful contents of an MTData2 message; None where missing.
+    """Useful content of an MTData2 message; None where missing.
 
-    gyro rad/s, accel m/s², celsius °C, counter of messages (16 bits), time in 0.1 ms (32 bits).
+    gyro (3) rad/s, accel (3) m/s², celsius °C, counter of messages (16 bits), time in 0.1 ms (32 bits).
+    gyro_clipped: the device reports an axis beyond its range.
     turned: rotation vector of Δq, rad. sped: Δv, m/s. Both are since the previous message.
     raw: the message carries the gyro as counts.
     """

@@ -65,7 +65,7 @@ class ShimmerFrames:
         self.opened()
 
     def opened(self) -> None:
-        """Forget any unfinished frame; a new connection begins without CRC."""
+        """Drop an unfinished frame, because the port was opened (again); a new connection begins without CRC."""
         self.checked = self.awaiting_ack = False
         self._bytes = bytearray()
         self._dropped = 0

@@ -55,7 +55,7 @@ class ClockFit:
         return self.rate_error < _SURE * self.rate
 
     def observe(self, device_s: float, receive_time_ns: int) -> None:
-        """Add a batch: its last sample was taken at device_s and received at receive_time_ns; device_s never goes back."""
+        """Add a batch to the fit, by its last sample: device time device_s (s, never falling) and receive_time_ns."""
         number = int(device_s // 1)
         if self._zero_ns is None:
             self._zero_ns, self._number = receive_time_ns, number

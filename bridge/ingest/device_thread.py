@@ -95,7 +95,7 @@ class DeviceThread:
                 self._intake.overflowed(batch)
 
     def stop(self, timeout_s: float = 2.0, reason: Sentences = ()) -> None:
-        """Stop the thread and close the device; batches already read can still be taken.
+        """Stop the thread and close the device, waiting up to timeout_s; batches already read can still be taken.
 
         reason: why no more will come, for the last DeviceInfo; empty where the device is to come back.
         """

@@ -55,7 +55,7 @@ class DuplicateBridges:
                 self._take(decode_status(*message))
 
     def close(self) -> None:
-        """Unsubscribe from the statuses."""
+        """Unsubscribe from the estimators' statuses."""
         self._statuses.close()
 
     def _take(self, status: Status) -> None:

@@ -8,7 +8,7 @@ from bridge.bus.routers import Routers
 from bridge.runtime.health_server import HealthSource, MetricFamily
 from bridge.wire.messages import DeviceInfo
 
-#: seconds without a turn after which the pump counts as stuck
+#: seconds without publishing after which the pump counts as stuck
 STUCK_S = 5.0
 
 

@@ -19,7 +19,7 @@ from bridge.wire import keys
 from bridge.wire.codec import encode_info, encode_samples
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
-#: seconds of outage covered by the publisher's cache; over lossy lines, recovery takes as long again as the outage
+#: seconds of an outage covered by the publisher's cache; over lossy lines, recovery takes as long again as the outage
 _CACHE_S = 30.0
 #: messages per device; with very short batches the cache covers less time
 _CACHE_MOST = 3000
@@ -137,7 +137,7 @@ class Pump:
         self._add(config.devices)
         self._stop = threading.Event()
         self._complaint = ""
-        #: monotonic time of the pump's last turn, s
+        #: monotonic time at which the pump last published, s
         self.turned_s = time.monotonic()
         self._pump = threading.Thread(target=self._run, name="pump", daemon=True)
 

@@ -56,8 +56,9 @@ class SampleTimes(NamedTuple):
 
 
 class SampleClock:
-    """Sample clock and rate of one boot, fed in the order of arrival. Pure.
+    """Times of the samples and sample rate of one boot, fed with readings in the order of arrival. Pure.
 
+    clock: fit of the device's clock to the host's. rate: measured sample rate.
     changed: a sentence on the last change of the rate; None if it did not change.
     """
 

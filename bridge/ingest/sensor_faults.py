@@ -32,7 +32,7 @@ Flags = NDArray[np.uint32]
 
 
 class SensorFaults:
-    """Flags the readings of one boot, in order and in any batching; `events` counts the flagged samples."""
+    """Flags readings of a faulty sensor in one boot, in order and in any batching. events: counts flagged samples."""
 
     def __init__(self, events: Tally) -> None:
         self._events = events
@@ -150,7 +150,7 @@ class SelfRepetition:
         self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
 
     def learn(self, gyro: Floats) -> None:
-        """Learn from one second of readings (n, 3) at rest."""
+        """Learn the sensor's noise and repeats from one second of readings (n, 3), rad/s, at rest."""
         change = np.abs(np.diff(gyro, axis=0))
         step = np.where(change > 0, change, inf).min(axis=0)
         self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)

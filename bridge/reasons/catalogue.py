@@ -8,7 +8,7 @@ from typing import Any
 
 from bridge.reasons.codes import Sentence, Sentences
 
-#: the first is the language of logs and command lines
+#: languages with a file of texts; the first is that of logs and command lines
 LANGUAGES = ("en", "zh")
 _FOLDER = Path(__file__).parent
 
@@ -51,7 +51,7 @@ class Catalogue:
 
 @cache
 def catalogue(language: str) -> Catalogue:
-    """Return the catalogue of a language, one of LANGUAGES; loaded once."""
+    """Return the texts of a language, one of LANGUAGES; each language is loaded once."""
     return Catalogue(language)
 
 
@@ -71,5 +71,5 @@ def in_words(label: str) -> str:
 
 
 def sentences_as_json(sentences: Sentences) -> list[dict[str, Any]]:
-    """Return sentences as JSON objects with `code`, `params` and the English `text`."""
+    """Return sentences as JSON objects (dicts) with code, params and the English text."""
     return [{"code": str(one.code), "params": one.params, "text": english(one)} for one in sentences]

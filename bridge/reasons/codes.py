@@ -15,7 +15,7 @@ class Sentence(NamedTuple):
     params: dict[str, str]
 
 
-#: reasons in display order
+#: reasons of one result or state, in display order
 Sentences = tuple[Sentence, ...]
 
 

@@ -39,7 +39,7 @@ def said(error: Exception) -> str:
 
 
 def unreadable(path: Path) -> str:
-    """Return why a file cannot be read; empty if it can be. Does not open the file."""
+    """Return in plain words why a file cannot be read; empty if it can be. Does not open the file."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

@@ -21,7 +21,7 @@ from bridge.sim.quaternion import Array, conjugate, from_rotvec, multiply, rotat
 _NOTHING = np.zeros(3)
 _UP = np.array([0.0, 0.0, 1.0])
 _NO_GOES = np.zeros((0, 4))
-#: frequency and decay time of a knock's ringing, as of a floor under a footfall
+#: frequency (Hz) and decay time (s) of a knock's ringing, as of a floor under a footfall
 _RING_HZ, _RING_S = 14.0, 0.05
 
 

@@ -15,7 +15,7 @@ TICK_S = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """n samples of one simulated session, with the truth about them.
+    """Simulated calibration session: n samples of readings, with the truth about them.
 
     ticks (n,) int64 of TICK_S, not wrapped; time_s (n,) the same in s. Sample i covers (time_s[i-1], time_s[i]], the
     first from 0.

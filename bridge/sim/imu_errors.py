@@ -21,15 +21,15 @@ from bridge.sim.quaternion import Array
 class ImuSpec:
     """Error limits of an IMU; values drawn per boot or part are uniform within their limits.
 
-    k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ±. misalignment_deg: each element of E, ±.
-    noise_dps, accel_noise: white noise, standard deviation per sample (°/s, m/s²) at the usual rate. accel_bias: ±
-    m/s².
-    accel_scale: ± deviation of the accelerometer scale factors from 1. g_sensitivity_dps_per_g: each element of G, ±.
-    rrw_dps_per_sqrt_s: rate random walk. bias_instability_dps: B of the flicker noise, whose Allan deviation is 0.664
-    B.
-    bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ and b₂, ±, per axis.
-    temperature_c: at power-up and when warm, °C; warm_up_s: time constant of the warming.
-    range_dps: full scale of the reading, ±. step_dps: quantisation step of the reading, 0 for none.
+    k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ± °/s. misalignment_deg: each element of E, ± °.
+    noise_dps, accel_noise: white noise, standard deviation per sample (°/s, m/s²) at the usual rate.
+    accel_bias: ± m/s². accel_scale: ± deviation of the accelerometer scale factors from 1.
+    g_sensitivity_dps_per_g: each element of G, ± °/s per g.
+    rrw_dps_per_sqrt_s: rate random walk, °/s/√s.
+    bias_instability_dps: B of the flicker noise, °/s, whose Allan deviation is 0.664 B.
+    bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ (°/s/K) and b₂ (°/s/K²), ±, per axis.
+    temperature_c: at power-up and when warm, °C; warm_up_s: time constant of the warming, s.
+    range_dps: full scale of the reading, ± °/s. step_dps: quantisation step of the reading, °/s, 0 for none.
     """
 
     scale: tuple[float, float] = (0.8, 1.2)
@@ -64,10 +64,10 @@ DEMO_SPEC = ImuSpec(
 class Truth:
     """True sensor parameters of one boot: rate = matrix (reading − bias). The bias of each sample is in Readings.bias.
 
-    matrix (3, 3), with diagonal k (3,).
+    matrix (3, 3), with diagonal k (3,), without unit.
     turn_on_bias (3,) rad/s: the bias at T₀, which is the bias at power-up if the device is then at T₀.
     bias_per_kelvin (3,) rad/s/K, bias_per_kelvin2 (3,) rad/s/K²; g_sensitivity (3, 3) rad/s per m/s².
-    accel_bias (3,) m/s², accel_scale (3,).
+    accel_bias (3,) m/s², accel_scale (3,), without unit.
     """
 
     matrix: Array

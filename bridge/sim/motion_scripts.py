@@ -17,7 +17,7 @@ _SWING_HARMONICS = 3
 
 @dataclass(frozen=True, slots=True)
 class TurnPlan:
-    """One hand-made turn about a sensor axis (0, 1, 2); a negative angle is the other direction.
+    """Plan of one hand-made turn about a sensor axis (0 x, 1 y, 2 z); a negative angle is the other direction.
 
     duration_s: None draws the duration. goes: number of pushes.
     swing: instead of turning, pick the device up and put it down in another pose; angle_deg then sets the speed.

@@ -54,9 +54,10 @@ class PaperGyro:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperSessions:
-    """s sessions of a gyro, in rad/s: readings of the rests (s, 4, m, 3) and turns (s, 3, n, 3), true rates of the turns.
+    """Simulated sessions: s of one gyro. Readings in rad/s of the rests (s, 4, m, 3) and of the turns (s, 3, n, 3).
 
-    rates (s, 3, n, 3). dt (s, 3, n): duration in s of each turn sample; 0 after the turn's end.
+    rates (s, 3, n, 3): true rates of the turns, rad/s. dt (s, 3, n): duration of each turn sample, s; 0 after the
+    turn's end.
     """
 
     gyro: PaperGyro

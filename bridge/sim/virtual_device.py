@@ -107,12 +107,12 @@ class VirtualDevice:
 
     @property
     def boot(self) -> int | None:
-        """Number of the current boot; None while off."""
+        """Number (64 bits) of the current boot; None while the device is off."""
         return None if self._now is None else self._now.number
 
     @property
     def finished(self) -> bool:
-        """Whether all samples of a recording have been sent."""
+        """Whether the device's source has ended and all its samples have been sent."""
         return self._now is not None and self._now.ended and not self._now.ready
 
     def reboot(self) -> None:
@@ -150,7 +150,7 @@ class VirtualDevice:
 
     @property
     def all_sent(self) -> dict[int, int]:
-        """Number of samples sent, by boot."""
+        """Number of samples sent, by boot number."""
         return dict(self._sent)
 
     def receive(self, data: bytes) -> None:

@@ -57,7 +57,7 @@ def state(port: str) -> str:
 
 
 def check(port: str, baud: int) -> None:
-    """Raise ValueError with what is expected if an address or a baud rate is invalid."""
+    """Check a device's address and a baud rate (300 to 4000000); raises ValueError with what is expected if invalid."""
     if not port:
         raise ValueError("port is empty: name one; `truerate bridge scan` lists the connected devices")
     if not 300 <= baud <= 4_000_000:

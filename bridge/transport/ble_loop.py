@@ -11,7 +11,7 @@ T = TypeVar("T")
 NAME = "ble"
 _begun = threading.Lock()
 _loop: asyncio.AbstractEventLoop | None = None
-#: BlueZ makes one connection at a time and refuses others
+#: held while a connection is made: BlueZ makes one at a time and refuses others
 connecting = asyncio.Lock()
 
 

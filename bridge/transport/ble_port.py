@@ -25,7 +25,7 @@ _ADDRESS = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}")
 _UUID = re.compile(r"[0-9a-f]{4}|[0-9a-f]{8}|[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 _BASE = "-0000-1000-8000-00805f9b34fb"  # the rest of Bluetooth's own short identifiers
 
-#: makes connections; tests replace it
+#: makes the object through which BLE connections are opened; tests replace it
 radio: Callable[[], Radio] = BleakRadio
 
 
@@ -114,7 +114,7 @@ class BleLink:
             raise DeviceLost(Code.NOT_TAKEN(place=self.place)) from None
 
     def close(self) -> None:
-        """Disconnect; this ends an open or a read in another thread."""
+        """Disconnect from the device; this ends an open or a read in another thread."""
         with self._lock:
             opening, self._opening = self._opening, None
             inbox, self._inbox = self._inbox, None
@@ -176,7 +176,7 @@ class Inbox:
             self._news.notify()
 
     def end(self) -> None:
-        """Mark the end: no more notifications will come."""
+        """Mark the end: no more notifications will come. Wakes a waiting `take`."""
         with self._news:
             self.over = True
             self._news.notify()

@@ -34,8 +34,9 @@ class _Open(NamedTuple):
 
 
 class SerialPort:
-    """One serial port, locked for this process. Use a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not.
+    """Serial port transport of one device; the port is locked for this process.
 
+    Use a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not. baud: bits per second.
     Many boards boot when DTR falls or rises. Opening a port always raises DTR and RTS. They are never lowered
     afterwards, neither here nor by the system on close, so only the first opening after plugging in may boot the board.
     (Lowering them would silence boards with USB of their own, and reset an ESP32.)
@@ -49,7 +50,7 @@ class SerialPort:
         self._open: _Open | None = None
 
     def open(self) -> None:
-        """Open and lock the port; raises DeviceUnavailable with the cause and what to do."""
+        """Open and lock the serial port; raises DeviceUnavailable with the cause and what to do."""
         self.close()
         if not os.path.exists(self.place):  # noqa: PTH110 - called often for many missing ports: half the cost of Path
             raise DeviceUnavailable(Code.PORT_MISSING(place=self.place), soon=True)

@@ -13,7 +13,7 @@ class Chunk(NamedTuple):
 
 
 class Transport(Protocol):
-    """One byte connection to one device. It can be reopened after a close or a loss.
+    """Connection that carries the bytes of one device. It can be reopened after a close or a loss.
 
     place: the address, for people. faults: counts dropped data by label; a driver replaces it with its own tally.
     Call read and write from one thread, close from any.

@@ -89,7 +89,7 @@ class Listener:
         self._socket.sendto(data, to)
 
     def add(self, channel: Channel) -> None:
-        """Add a channel for its hosts, or for all hosts without a channel of their own; raises Taken."""
+        """Add a device's channel for its hosts, or for all hosts without a channel of their own; raises Taken."""
         taken = self._channels.keys() & channel.hosts
         if taken or (not channel.hosts and self._anyone is not None):
             raise Taken(", ".join(sorted(taken)) or "anyone")

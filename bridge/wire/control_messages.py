@@ -223,7 +223,10 @@ def decode_calibration(key: str, payload: bytes) -> Calibration:
 
 
 def calibration_in(raw: pb.Calibration) -> Calibration:
-    """Validate a protobuf calibration and convert it to a Calibration. Raises Refusal."""
+    """Validate a protobuf calibration, alone or inside a checkpoint, and convert it to a Calibration.
+
+    Raises Refusal.
+    """
     n = len(raw.parameters)
     if n > _MAX_PARAMETERS or len(raw.turns) > _MAX_TURNS:
         raise Refusal(Reason.LENGTH, f"{n} parameters and {len(raw.turns)} turns; at most 32 of each are allowed")

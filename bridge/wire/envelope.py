@@ -44,7 +44,10 @@ def read(kind: type[M], payload: bytes) -> M:
 
 
 def same_id(said: str, place: Key, name: str) -> None:
-    """Raise Refusal if the payload and its key have different ids. name: the kind of id, for example `device`."""
+    """Check that payload and key have the same id; raises Refusal if not.
+
+    said: the payload's id. place: the key. name: the kind of id, for example `device`.
+    """
     if said != place.ids[name]:
         raise Refusal(Reason.FOREIGN_ID, f"the payload says {name} {said[:64]!r}, the key {place.ids[name]!r}")
 

@@ -49,7 +49,7 @@ class Key:
 
     @property
     def device(self) -> str:
-        """Device id. Raises KeyError for a kind without one: owned, alive/bridge, alive/estimator, alive/probe and config."""
+        """Device id in the key. Raises KeyError for a kind without one, such as `owned` or `alive/bridge`."""
         return self.ids["device"]
 
 

@@ -198,7 +198,7 @@ class Alert:
     who: str = ""
 
 
-#: evidence_age_s of a device without a known rest
+#: evidence_age_s of a device without a known rest, s
 NO_REST_S = 1e12
 
 

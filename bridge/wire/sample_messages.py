@@ -86,12 +86,12 @@ class SampleBatch:
 
     @property
     def device_time(self) -> Floats:
-        """(n,) device seconds of each sample, since the device's own zero."""
+        """Device time (n,) of each sample in s, by the device's own clock and zero."""
         return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
 
     @property
     def sample_time_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
+        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
         return _host_ns(self)
 
     def after(self, n: int) -> "SampleBatch":
@@ -138,12 +138,12 @@ class OrientationBatch:
 
     @property
     def sample_time_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
+        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
         return _host_ns(self)
 
     @property
     def tilt_std(self) -> float:
-        """Rms angle between the true and the estimated vertical, rad."""
+        """Standard deviation of the tilt: rms angle between the true and the estimated vertical, rad."""
         return math.sqrt(float(self.covariance[0, 0]) + float(self.covariance[1, 1]))
 
     @property
@@ -153,7 +153,7 @@ class OrientationBatch:
 
     @property
     def heading(self) -> NDArray[np.float64]:
-        """(n,) heading since its zero, rad, -π to π: the rotation about the vertical that is left when the tilt is undone."""
+        """Heading (n,) since its zero, rad, -π to π: the rotation about the vertical that is left without the tilt."""
         w, z = self.quat_wxyz[:, 0].astype(float), self.quat_wxyz[:, 3].astype(float)
         return np.asarray(np.arctan2(2 * w * z, w * w - z * z))
 
@@ -191,12 +191,12 @@ class CorrectedBatch:
 
     @property
     def device_time(self) -> Floats:
-        """(n,) device seconds of each sample, since the device's own zero."""
+        """Device time (n,) of each sample in s, by the device's own clock and zero."""
         return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
 
     @property
     def sample_time_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
+        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
         return _host_ns(self)
 
     def after(self, n: int) -> "CorrectedBatch":
@@ -212,7 +212,10 @@ class CorrectedBatch:
 
     @property
     def rate_std(self) -> Floats:
-        """(n, 3) standard deviation of each corrected rate, rad/s: noise, bias, flicker, scale and misalignment combined."""
+        """Standard deviation (n, 3) of each corrected rate, rad/s.
+
+        Combines noise, bias, flicker, scale and misalignment.
+        """
         return combined_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
@@ -305,6 +308,9 @@ class WindowBatch:
 
     @property
     def rate_mean_std(self) -> Floats:
-        """(m, 3) standard deviation of each mean corrected rate, rad/s: averaging reduces noise, but not the other errors."""
+        """Standard deviation (m, 3) of each window's mean corrected rate, rad/s.
+
+        Averaging reduces noise, but not the other errors.
+        """
         noise = self.noise_std / np.sqrt(self.samples.astype(float))[:, None]
         return combined_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
