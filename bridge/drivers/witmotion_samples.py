@@ -21,10 +21,10 @@ _FOUR, _SIX = struct.Struct("<4h"), struct.Struct("<6h")
 
 
 class Sample(NamedTuple):
-    """One sample of a WitMotion device: gyro in rad/s, accel in m/s².
+    """One sample of a WitMotion device: gyro in rad/s, accel in m/s² or None.
 
-    time_ms: ms of the device's calendar since 1999-12-31, None without. accel_word, gyro_word: fourth word of each
-    frame, 0.01 °C.
+    time_ms: ms of the device's calendar since 1999-12-31, None without. accel_word, gyro_word: fourth word of the
+    acceleration and rate frames, 0.01 °C where it is a temperature.
     """
 
     time_ms: int | None

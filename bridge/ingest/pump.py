@@ -199,12 +199,12 @@ class Pump:
         return added
 
     def _list(self) -> None:
-        """List the devices for the pump, which reads the list anew at each turn."""
+        """List the devices for the publishing thread, which reads the list again before each group of devices."""
         self._all = list(self._devices.values())
         self._duplicates.devices = frozenset(device.id for device in self._devices)
 
     def _run(self) -> None:
-        """Publish one share after the other; its devices are woken to read half a step earlier."""
+        """Publish one group of devices (share) after the other; its devices are woken to read half a step earlier."""
         due_s = time.monotonic()
         for turn in itertools.count():
             parts = shares(len(self._all))

@@ -20,7 +20,10 @@ Sentences = tuple[Sentence, ...]
 
 
 class Code(StrEnum):
-    """Reason codes; calling a code makes its sentence: `Code.TURN_TAKEN(axis="x")`. The catalogue has the texts."""
+    """Reason codes of bridge and estimator, each with the names of its parameters (`params`).
+
+    Calling a code makes its sentence: `Code.TURN_TAKEN(axis="x")`. The catalogue has the texts.
+    """
 
     params: tuple[str, ...]
 

@@ -128,11 +128,11 @@ class BleLink:
                 ble_loop.run(connection.close()).result(_ACT_S)
 
     def _listeners(self, inbox: "Inbox") -> Mapping[str, Callable[[bytes], None]]:
-        """What to do with the notifications of each characteristic."""
+        """Return the function that takes the notifications of each characteristic, by the characteristic's identifier."""
         raise NotImplementedError
 
     def _send(self, connection: Connection, inbox: "Inbox", data: bytes) -> Coroutine[None, None, None] | None:
-        """Send data; None if they have nowhere to go."""
+        """Return a coroutine that sends data to the device; None if the address names no characteristic to write to."""
         raise NotImplementedError
 
 
