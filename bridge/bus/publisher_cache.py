@@ -77,7 +77,7 @@ class Cache:
         self._put_s = time.monotonic()
 
     def found(self, asked: Mapping[str, str]) -> Iterable[Kept]:
-        """Return the cached messages (number, payload) that the query parameters select, as listed at the top of this file.
+        """Return the cached messages (number, payload) that the query parameters select (see the top of this file).
 
         Raises ValueError for a parameter that is not a number.
         """

@@ -9,7 +9,7 @@ _OVER_TCP = ("tcp", "tls", "ws")
 
 
 def why_unreachable(endpoint: str) -> str:
-    """Test a router endpoint such as `tcp/10.0.0.1:7447` by a TCP connection; return in a few words why it is unreachable.
+    """Test a router endpoint (`tcp/10.0.0.1:7447`) by a TCP connection; return in words why it is unreachable.
 
     Waits 1 s at most. Empty if a TCP connection opens (the router then refuses zenoh's), or if the protocol does not
     run over TCP.

@@ -52,7 +52,7 @@ def claim_id(
     another: Callable[[str], object] = lambda _: None,
     meanwhile: Callable[[], None] = lambda: None,
 ) -> Declared:
-    """Claim an id in a ward, and refuse it if another program of the same kind (`bridge` or `estimator`) is alive with it.
+    """Claim an id in a ward, unless another program of the same kind (`bridge` or `estimator`) is alive with it.
 
     own: the id to claim. another: called with the id of each other program that comes alive. meanwhile: work to do
     during the wait for others. Returns the watch on the others' liveliness tokens, which the caller closes.

@@ -62,7 +62,7 @@ class ZenohBus:
         atexit.register(self.close)
 
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
-        """Declare a publisher on a key without wildcards. cache: number of messages to keep for late subscribers; 0 for none.
+        """Declare a publisher on a key without wildcards. cache: number of messages kept for late subscribers, or 0.
 
         Raises BusError for an invalid key. See contract.Bus.
         """

@@ -39,7 +39,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Result of decoding the bytes of a port by one candidate: numbers of samples and faults, and identity of the device.
+    """Result of decoding the bytes of a port by one candidate: numbers of samples and faults, and identity.
 
     rate_hz: measured by the host, else as the device reports; 0 if unknown.
     young_s: the device's clock at its first sample, in s; None without a clock.

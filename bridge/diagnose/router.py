@@ -25,7 +25,7 @@ def renewal(path: Path | None, ward: str) -> str:
 
 
 def certificate(routers: Routers, renew: str = _RENEW) -> Iterator[Finding]:
-    """Check whether this program's certificate is valid, or expires soon; yields one finding, none without certificates.
+    """Check whether this program's certificate is valid, or expires soon; no finding without certificates.
 
     renew: what to do if it expires soon.
     """
@@ -60,7 +60,7 @@ def page_certificate(file: str, renew: str) -> Finding:
 
 
 def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = ZenohBus) -> list[Finding]:
-    """Check whether each router endpoint answers: connect to it and disconnect again; the spare router has to answer too.
+    """Check whether each router endpoint answers: connect and disconnect again; the spare router has to answer too.
 
     A silent endpoint is a warning if another answers, else a trouble.
     """

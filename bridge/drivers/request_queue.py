@@ -54,7 +54,7 @@ class RequestQueue:
         self._sent = 0
 
     def passed(self, now_ns: int) -> bool:
-        """Queue the commands to be sent at now_ns; return True if the open request was sent `times` times without an answer.
+        """Queue the commands to be sent at now_ns; return True if the open request was sent `times` times unanswered.
 
         The caller then gives it up, by `clear` or `answered`.
         """

@@ -128,7 +128,7 @@ class Shimmer3Decoder:
         return isinstance(key, str) and (key != _CRC or self._frames.checked)
 
     def _unanswered(self) -> list[Notice]:
-        """Handle an unanswered request: skip that of the battery, and of the CRC over a serial port; else start all anew."""
+        """Handle an unanswered request: skip that of battery, or of CRC over a serial port; else start all anew."""
         key = self._requests.key
         if key == framing.BATTERY or (key == _CRC and not self._needs_crc):
             self._requests.answered()

@@ -45,7 +45,7 @@ class WitFrames:
         self.opened()
 
     def opened(self) -> None:
-        """Drop an unfinished frame and forget the form of frames: the port was opened (again), perhaps to another device."""
+        """Drop an unfinished frame and forget the form of frames: the port was opened, perhaps to another device."""
         self.checked: bool | None = None
         self._motion_size = _UNCHECKED
         self._bytes = bytearray()

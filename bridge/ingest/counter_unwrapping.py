@@ -22,7 +22,7 @@ class CounterUnwrapper:
         self._missed: dict[int, bool] = {}  # skipped sequence numbers, oldest first
 
     def unwrapped(self, readings: Readings, identity: Identity) -> tuple[Counts, Counts]:
-        """Return unwrapped sequence numbers and ticks, (n,) int64 each, as if the counters never wrapped; changes no state.
+        """Return unwrapped sequence numbers and ticks, (n,) int64 each, as if the counters never wrapped.
 
         identity: gives the widths of the counters. The numbers may repeat or go back, as sent.
         """

@@ -11,7 +11,7 @@ from bridge.transport.transport import Chunk
 
 
 def no_data_reason(driver: Driver, name: str) -> Sentences:
-    """Return sentences why an open device sends no samples, and what to do: no bytes come, or bytes of another protocol.
+    """Return sentences why an open device sends no samples (no bytes, or of another protocol), and what to do.
 
     The same while nothing changes. name: the driver's name in the configuration.
     """

@@ -37,7 +37,7 @@ def fault(readings: Readings) -> Reason | None:
 
 
 def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools] | None:
-    """Return masks (n,) of the samples with finite values, and of those with plausible values; None if all are plausible.
+    """Return masks (n,) of the samples with finite and with plausible values; None if all are plausible.
 
     gyro_range: full scale in rad/s, 0 if unknown. Plausible: rates up to twice the full scale, accelerations to
     MAX_ACCEL.

@@ -75,7 +75,7 @@ class SampleClock:
         return self._silences.missing
 
     def hold(self, readings: Readings, last_tick: int, identity: Identity) -> list[Readings]:
-        """Return the readings, held and new, that may be taken now; after a silence of a device without a clock, readings wait.
+        """Return the readings, held and new, that may be taken now; some wait after a silence without a device clock.
 
         last_tick: unwrapped tick of the last new sample.
         """

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 @contextlib.contextmanager
 def supervised(sick: Callable[[], Sequence[str]] = list) -> Iterator[None]:
-    """Tell systemd that the service is ready, then feed the unit's watchdog while `sick()` is empty, during a `with` block.
+    """Tell systemd that the service is ready, then feed its watchdog while `sick()` is empty, in a `with` block.
 
     Without systemd, does nothing. `sick` returns reasons why the process is not alive, and is called on a thread of its
     own.

@@ -147,7 +147,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lived(TrueMotion):
-    """True motion of a wearer's device, with the activity (n,) int8 and the sensor's velocity (n, 3) m/s, earth axes."""
+    """True motion of a wearer's device, with activity (n,) int8 and the sensor's velocity (n, 3) m/s, earth axes."""
 
     activity: NDArray[np.int8]
     velocity: Array

@@ -49,7 +49,7 @@ def simulate_session(
     turn_s: tuple[float, float] = (3.5, 6.0),
     spec: ImuSpec | None = None,
 ) -> Session:
-    """Simulate the calibration session of a seed, from motion to readings; the same arguments always give the same session.
+    """Simulate a calibration session, from motion to readings; the same arguments always give the same session.
 
     Arguments are as in SessionPlan; rate_hz: output data rate. noise_dps (°/s per sample) replaces that of spec
     (default: ImuSpec(), constant bias, no quantisation). Raises ValueError if rests do not fit turns.

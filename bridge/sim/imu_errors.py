@@ -125,7 +125,7 @@ class ImuErrorModel:
         self._white = float(np.sqrt(faster))
 
     def read(self, motion: TrueMotion, temperature_c: Array | None = None) -> Readings:
-        """Return the readings of the next stretch of motion; its times, in s, count from this boot's first sample interval.
+        """Return the readings of the next stretch of motion; times (s) count from this boot's first sample interval.
 
         temperature_c (n,): sensor temperature, °C; by default the sensor warms up as in its spec.
         """

@@ -12,7 +12,7 @@ _BOOTS_KEPT = 64
 
 
 class TruthLog:
-    """Keeps the truth of the last `limit` samples that a device sent, by boot and sequence number, to judge estimates by.
+    """Keeps the truth of the last `limit` samples of a device, by boot and sequence number, to judge estimates.
 
     May be used from any thread.
     """

@@ -138,7 +138,7 @@ class VirtualDevice:
         return self._truth.sensor(boot)
 
     def truth_between(self, boot: int, first: int, last: int) -> TrueSamples:
-        """Return the truth of samples first to last of a boot, both included; raises LookupError if not held (any more).
+        """Return the truth of samples first to last of a boot, both included; raises LookupError if not held.
 
         first, last: sequence numbers since boot, not wrapped.
         """

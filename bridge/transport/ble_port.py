@@ -128,7 +128,7 @@ class BleLink:
                 ble_loop.run(connection.close()).result(_ACT_S)
 
     def _listeners(self, inbox: "Inbox") -> Mapping[str, Callable[[bytes], None]]:
-        """Return the function that takes the notifications of each characteristic, by the characteristic's identifier."""
+        """Return the functions that take the notifications, by the identifier of their characteristic."""
         raise NotImplementedError
 
     def _send(self, connection: Connection, inbox: "Inbox", data: bytes) -> Coroutine[None, None, None] | None:

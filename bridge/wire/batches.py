@@ -86,7 +86,7 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
 
 
 class CorrectedEncoder:
-    """Encoder for the many corrected batches of one device; sets fields common to several messages only when they change.
+    """Encoder for the many corrected batches of one device; sets common fields only when they change.
 
     epoch: number of the estimator's ownership of the device.
     """

@@ -43,7 +43,7 @@ def encode_columns(
     zero: tuple[int, str],
     quality: Quality,
 ) -> bytes:
-    """Encode an orientation batch from packed columns (bytes as of `column_of`); the fields are those of OrientationBatch.
+    """Encode an orientation batch from packed columns (bytes as of `column_of`); fields as in OrientationBatch.
 
     header: boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks. zero: zero_sequence and zero.
     covariance: xx, xy, xz, yy, yz, zz.
