@@ -17,7 +17,7 @@ class BadSampleRatio:
         self._past: deque[tuple[int, int, dict[str, int]]] = deque()  # time_ns, samples, counts
 
     def notable(self, time_ns: int, samples: int, counts: Mapping[str, int]) -> Sentences:
-        """Return a sentence for each kind of bad sample above 1 % of the last minute's samples, largest first; () if none.
+        """Return a sentence for each kind of bad sample above 1 % of the last minute, largest first; () if none.
 
         time_ns: of the call. samples: number of samples since boot. counts: number of bad samples since boot, by label.
         """

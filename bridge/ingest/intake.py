@@ -101,7 +101,7 @@ class Intake:
         self.events.add("overflows")
 
     def info(self, time_ns: int, faults: dict[str, int], trouble: Sentences = ()) -> DeviceInfo:
-        """Return the DeviceInfo at time_ns (ns since the Unix epoch), with boot 0 until the device has identified itself.
+        """Return the DeviceInfo at time_ns (since the Unix epoch), with boot 0 until the device has identified itself.
 
         faults: counts of the driver by label, added to the events. trouble: why the device cannot be read; () if it
         can.
