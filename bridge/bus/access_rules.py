@@ -25,7 +25,11 @@ _ASKING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_qu
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """Key patterns of one member: publish (says), subscribe (hears), send commands (asks), obey commands (answers)."""
+    """Bus keys that one member (program with a certificate) may use; each field is a tuple of key patterns.
+
+    says: keys it may publish. hears: keys it may subscribe to. asks: keys it may send queries (commands) to.
+    answers: keys on which it may answer queries.
+    """
 
     says: tuple[str, ...] = ()
     hears: tuple[str, ...] = ()
@@ -34,9 +38,9 @@ class Rights:
 
 
 def rights(ward: str, member: Member) -> Rights:
-    """Return the rights of a member in a ward.
+    """Return the bus keys that a member of a ward may use, by the member's role.
 
-    Each member may also declare its own probe token, for the self-test, and tell of its ward file what is in force.
+    Each member may also declare its own probe token, for the self-test, and answer queries about the settings in force.
     """
     given = _rights(ward, member)
     probe, file = (
@@ -95,7 +99,7 @@ def _rights(ward: str, member: Member) -> Rights:
 
 
 def access_control(places: Sequence[tuple[str, Member]]) -> dict[str, Any]:
-    """Build the `access_control` section of a router file from pairs of (ward, member)."""
+    """Build the `access_control` section of a zenoh router file from pairs of (ward, member); all else is denied."""
     rules: dict[str, list[dict[str, Any]]] = {}
     for ward, member in places:
         rules.setdefault(member.common_name, []).extend(_rules(ward, member))

@@ -16,10 +16,12 @@ _NOBODY = "nobody"
 def self_test(
     bus: Bus, routers: Routers, ward: str, open_bus: Callable[[Sequence[str]], Bus] = ZenohBus, wait_s: float = WAIT_S
 ) -> list[str]:
-    """Return the faults found, as sentences; an empty list without certificates.
+    """Test on a running router whether its access rules are in force; return the faults as sentences, [] if none.
 
-    A second session declares two tokens: first a forbidden one, then the token of this member. `bus` must see only the
-    second. wait_s: seconds to wait for the allowed token.
+    Without certificates there are no rules, and nothing is tested. Otherwise a second session, opened with open_bus,
+    declares two liveliness tokens: first a forbidden one, then the token of this member. `bus` must see only the
+    second.
+    wait_s: seconds to wait for the allowed token.
     """
     if routers.identity is None:
         return []

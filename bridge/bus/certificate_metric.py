@@ -6,7 +6,7 @@ from dataclasses import replace
 from bridge.bus.routers import Routers
 from bridge.runtime.health_server import MetricFamily
 
-#: the metric without a value
+#: metric of the certificate's expiry time, still without a value
 ENDS = MetricFamily(
     "certificate_ends_timestamp_seconds",
     "Expiry time of the program's certificate, s since 1970; only with certificates.",
@@ -14,7 +14,10 @@ ENDS = MetricFamily(
 
 
 def certificate(routers: Routers) -> Iterator[MetricFamily]:
-    """Yield the expiry time (s since the Unix epoch), if there is a certificate. Rereads the file: renewal may replace it."""
+    """Yield the metric of the certificate's expiry time (s since the Unix epoch); nothing without a certificate.
+
+    Rereads the file at each call, because a renewal may replace it.
+    """
     lasts = routers.lasts()
     if lasts is not None:
         yield replace(ENDS, values={(): lasts.ends.timestamp()})

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol, Self
 
 
 class Message(NamedTuple):
-    """One message received from the bus: key and raw payload, neither parsed nor validated."""
+    """One message received from the bus: key and payload bytes, neither parsed nor validated."""
 
     key: str
     payload: bytes
@@ -27,27 +27,30 @@ class BusError(Exception):
 
 
 class Publisher(Protocol):
-    """Publisher on one key, without wildcards."""
+    """Sends messages on one key of the bus; the key has no wildcards."""
 
     def put(self, payload: bytes) -> None:
         """Send a payload; a slow reader never blocks the call. Raises BusError after close."""
 
     @property
     def wanted(self) -> bool:
-        """Whether a subscriber exists now. Always true with a cache, because late subscribers read the cache."""
+        """Whether a subscriber exists now, so that sending is worth the work.
+
+        Always true with a cache, because late subscribers read the cache.
+        """
 
     def close(self) -> None:
-        """Undeclare the publisher; a second close does nothing."""
+        """End the publisher: it sends no more and its cache is no longer answered for; a second close does nothing."""
 
 
 class Subscription(Protocol):
-    """Bounded queue of received messages: in order per publisher, each exactly once."""
+    """Bounded queue of received messages: in the order of each publisher, each message exactly once."""
 
     def receive(self, timeout_s: float) -> Message | None:
-        """Return the next message, or None after the timeout or once the subscription is closed."""
+        """Return the next message, or None if none comes within timeout_s or once the subscription is closed."""
 
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """Wait up to timeout_s for a first message, then take up to limit messages without waiting."""
+        """Wait up to timeout_s for a first message, then return up to `limit` messages at once; [] if none came."""
 
     def wake(self) -> None:
         """End the current wait in `drain` or `receive`, or else the next one, to free the reading thread for other work."""
@@ -58,7 +61,7 @@ class Subscription(Protocol):
 
     @property
     def missed_by_key(self) -> dict[str, int]:
-        """Number of lost messages by key, for a bounded number of keys; the key "" counts messages of unknown key."""
+        """Number of lost messages by key, for a bounded number of keys; "" counts messages of other or unknown keys."""
 
     @property
     def overflowed(self) -> int:
@@ -66,7 +69,7 @@ class Subscription(Protocol):
 
     @property
     def caught_up(self) -> bool:
-        """Whether the history from publishers' caches has arrived, or its query has timed out."""
+        """Whether the history from publishers' caches has arrived, or its query has timed out; live messages follow."""
 
     @property
     def closed(self) -> bool:
@@ -77,17 +80,23 @@ class Subscription(Protocol):
 
 
 class Declared(Protocol):
-    """Handle of a declaration on the bus (queryable, token or watcher); closing the handle undeclares it."""
+    """Handle of a declaration on the bus: query handler, liveliness token or watcher; closing it undeclares it."""
 
     def close(self) -> None:
-        """Undeclare; a second close does nothing."""
+        """End the declaration on the bus; a second close does nothing."""
 
 
 class Bus(Protocol):
-    """Session on the bus: a context manager that opens publishers, subscriptions, queries and liveliness tokens."""
+    """Session on the bus: publishes, subscribes, asks and answers queries, and declares liveliness tokens.
+
+    A context manager, which closes the session at the end of the `with` block.
+    """
 
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
-        """Declare a publisher on a key. With cache > 0, keep the last `cache` messages for late and returning subscribers."""
+        """Declare a publisher on a key without wildcards.
+
+        cache: number of the last messages to keep for late and returning subscribers; 0 for none.
+        """
 
     def subscribe(
         self,
@@ -108,30 +117,33 @@ class Bus(Protocol):
         """
 
     def answer(self, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> Declared:
-        """Answer queries on matching keys: handler(key, payload, reply) calls reply at once or later.
+        """Answer queries on matching keys by handler(key, payload, reply), which calls reply(bytes) at once or later.
 
-        An exception of the handler is sent to the asker as an error.
+        An exception of the handler is sent to the asker as an error. Closing the returned handle ends the answering.
         """
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
-        """Send a query and return the first answer that is not empty.
+        """Send a query (key and payload) and return the payload of the first answer that is not empty.
 
         Several programs may answer. An empty answer means that the query is for another program.
-        Raises BusError when no such answer comes within timeout_s.
+        Raises BusError when no such answer comes within timeout_s seconds.
         """
 
     def declare_alive(self, key: str) -> Declared:
-        """Declare a liveliness token, visible to other sessions for as long as this session lives."""
+        """Declare a liveliness token: other sessions see the key as alive until the handle or the session closes."""
 
     def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> Declared:
-        """Watch liveliness tokens: call on_change(key, alive) for every present token and for every later change."""
+        """Watch liveliness tokens: call on_change(key, alive) for every present token and for every later change.
+
+        alive is true when a token appears, false when it goes. Closing the returned handle ends the watch.
+        """
 
     @property
     def connected(self) -> bool:
         """Whether a router (or the in-memory broker) is connected now."""
 
     def close(self) -> None:
-        """Close the session and all its declarations; a second close does nothing."""
+        """Close the session on the bus and all its declarations; a second close does nothing."""
 
     def __enter__(self) -> Self: ...
 

@@ -46,7 +46,10 @@ class Router:
 
     @classmethod
     def of_file(cls, path: Path) -> Self:
-        """Start a router from a zenohd configuration file (JSON5). Raises BusError."""
+        """Start a router from a zenohd configuration file (JSON5).
+
+        Raises BusError for an invalid file or an unusable endpoint.
+        """
         settings = read_settings(str(path))
         return cls(endpoints_of(settings["listen"]["endpoints"]), settings=settings)
 
@@ -81,7 +84,7 @@ def _threads() -> Iterator[None]:
 
 
 def endpoints_of(said: Sequence[str] | dict[str, Sequence[str]]) -> tuple[str, ...]:
-    """Return the router's endpoints from a zenoh setting: one list, or one list for each mode."""
+    """Return a router's endpoints from zenoh's `endpoints` setting, which is one list, or one list for each mode."""
     return tuple(said.get("router", ())) if isinstance(said, dict) else tuple(said)
 
 

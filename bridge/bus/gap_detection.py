@@ -1,4 +1,4 @@
-"""Gap detection in message sequences: delivers each publisher's messages in order, exactly once. Pure.
+"""Gap detection by message numbers: delivers each publisher's messages in order, exactly once. Pure.
 
 Reports the gaps to fetch from publishers' caches. Times are seconds of a monotonic clock.
 """
@@ -12,9 +12,9 @@ from bridge.bus.publisher_cache import Source
 
 _T = TypeVar("_T")
 
-#: pause before the next query about a gap; doubles with each try, up to the second value
+#: pause before the next query about a gap, s; doubles with each try, up to the second value
 PAUSE_S, LONGEST_PAUSE_S = 0.05, 4.0
-#: a gap that no cache can fill is given up after this time, about the reach of a bridge's cache
+#: a gap that no cache can fill is given up after this time, s, about the reach of a bridge's cache
 PATIENCE_S = 30.0
 #: largest number of messages waiting behind gaps, over all publishers
 MOST_HELD = 1 << 16
@@ -45,7 +45,11 @@ class _State(Generic[_T]):
 
 
 class GapDetector(Generic[_T]):
-    """Sequence state of every publisher. Methods return the messages to deliver now, in order."""
+    """Orders numbered messages of many publishers, and keeps track of the numbers missing from each.
+
+    A publisher numbers its messages from 0. `now_s` is the time of the call, in seconds of a monotonic clock.
+    Methods that return a sequence return the messages that may be delivered now, in the order of their numbers.
+    """
 
     def __init__(self) -> None:
         self._states: dict[Source, _State[_T]] = {}
@@ -55,7 +59,10 @@ class GapDetector(Generic[_T]):
         self.missed: Counter[str] = Counter()
 
     def take(self, source: Source, number: int, message: _T, now_s: float) -> Sequence[_T]:
-        """Take a live message."""
+        """Take one live message with its number; return the messages to deliver now.
+
+        The message is dropped if it repeats, and waits while earlier numbers are missing.
+        """
         state = self._state(source)
         if number < state.next:
             return ()
@@ -70,20 +77,20 @@ class GapDetector(Generic[_T]):
         return ready
 
     def heard(self, source: Source, number: int, now_s: float) -> None:
-        """Take the number of a publisher's newest message, as reported by its cache."""
+        """Take the number of a publisher's newest message, as its cache reports it, to notice a lost last message."""
         state = self._state(source)
         state.newest = max(state.newest, number)
         self._review(source, state, now_s)
 
     def history(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
-        """Take the messages that a publisher's cache held when the subscription began."""
+        """Take a publisher's cached messages (by number) from before the subscription; return those to deliver now."""
         state = self._state(source)
         ready = self._fill(source, state, found)
         self._review(source, state, now_s)
         return ready
 
     def due(self, now_s: float, most: int = 64) -> list[Gap]:
-        """Return up to `most` gaps to query now; each needs a call of `answered`."""
+        """Return up to `most` gaps to query publishers' caches for now; each needs a call of `answered`."""
         gaps = list[Gap]()
         for source, state in self._lacking.items():
             if not state.asked and state.due_s <= now_s and len(gaps) < most:
@@ -92,7 +99,11 @@ class GapDetector(Generic[_T]):
         return gaps
 
     def answered(self, source: Source, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
-        """Take the answer of a publisher's cache. An empty answer means that the publisher was unreachable: query again later."""
+        """Take the answer of a publisher's cache about a gap (number to message); return the messages to deliver now.
+
+        An empty answer means that the publisher was unreachable: the gap is queried again later, and given up after
+        PATIENCE_S.
+        """
         state, before = self._state(source), self._state(source).next
         ready = self._fill(source, state, found)
         state.asked = False

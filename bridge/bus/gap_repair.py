@@ -58,7 +58,10 @@ class _Question:
 
 
 class GapRepair:
-    """Caches, cache queries and liveliness watchers of one session. Any thread may call every method but `run`."""
+    """Repairs gaps of one session, in one worker thread that also answers queries and calls handlers.
+
+    subscriptions: returns the session's open subscriptions. Any thread may call every method but `run`.
+    """
 
     def __init__(self, session: zenoh.Session, subscriptions: Callable[[], Iterator[Subscription]]) -> None:
         self._session, self._subscriptions = session, subscriptions
@@ -86,17 +89,20 @@ class GapRepair:
         return cache
 
     def forget(self, cache: Cache) -> None:
-        """Stop answering queries to the cache of a closed publisher."""
+        """Stop answering queries to the cache of a closed publisher, and drop the cache."""
         with self._lock:
             self._cached -= cache.size
             self._caches.discard(cache)
 
     def watch(self, channel: Channel[_T], handle: Callable[[_T], None]) -> None:
-        """Call handle for each token or query in the channel, on the session's thread, until the channel is closed."""
+        """Call handle(item) for each token or query in the channel, on the worker thread, until the channel closes."""
         self._watched = [*self._watched, (channel, handle)]
 
     def begin(self, subscription: Subscription, most: int | None) -> None:
-        """Fetch the history of a new subscription: the last `most` messages of each publisher; None for all."""
+        """Fetch the history of a new subscription and deliver it there.
+
+        most: number of the newest messages to fetch from each publisher; None for all.
+        """
         what = "" if most is None else f"most={most}"
         left, past = [len(subscription.patterns)], Found()
 
@@ -110,7 +116,11 @@ class GapRepair:
             self._ask(f"{pattern}/{HISTORY}/*", what, came)
 
     def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
-        """Query caches; the returned channel receives the replies. what: parameters, as in `publisher_cache`."""
+        """Query publishers' caches; return the channel that receives the replies.
+
+        place: key or pattern with `/@adv/SESSION`. what: query parameters, as in `publisher_cache`; empty for all
+        messages.
+        """
         return self._session.get(
             f"{place}?{what}",
             handlers.FifoChannel(CHANNEL + self._cached),  # room for every answer of this thread's own caches
@@ -121,7 +131,7 @@ class GapRepair:
         )
 
     def run(self, over: Callable[[], bool]) -> None:
-        """Run the worker loop until over() is true."""
+        """Run the worker loop in this thread until over() is true: answer queries, deliver messages, repair gaps."""
         while not over():
             time.sleep(_TURN_S if self._questions else _TICK_S)
             try:

@@ -10,11 +10,15 @@ _log = logging.getLogger(__name__)
 
 
 class HandlerError(Exception):
-    """A handler raised an exception; the message may be sent to the asker."""
+    """A handler given to the bus raised an exception; the message names it and may be sent to the asker."""
 
 
 class Guarded(Generic[_P, _R]):
-    """Wraps a handler: logs its first failure as an error, repeats at debug level, and its recovery once."""
+    """Wraps a handler so that its exceptions are logged and counted, and raised as HandlerError.
+
+    The first failure is logged as an error, repeats at debug level, and the recovery once. where: name of the handler
+    in the log. failures: number of failures so far.
+    """
 
     def __init__(self, handler: Callable[_P, _R], where: str) -> None:
         self._handler = handler

@@ -20,12 +20,15 @@ _NOT_CANONICAL = re.compile(r"(?:^|/)\*\*/\*")
 
 
 def check_key(key: str) -> str:
-    """Return the key if it is valid and without wildcards, else raise BusError."""
+    """Return the bus key if it is valid and without wildcards, else raise BusError."""
     return _check(key, _KEY, "a key has 1 to 400 printable ASCII characters in chunks joined by '/', without * $ ? #")
 
 
 def check_pattern(pattern: str) -> str:
-    """Return the pattern if valid, else raise BusError. A whole chunk may be `*` (one chunk) or `**` (any number)."""
+    """Return the key pattern if it is valid, else raise BusError.
+
+    A whole chunk may be `*` (one chunk) or `**` (any number).
+    """
     _check(pattern, _PATTERN, "a pattern is a key in which a whole chunk may be * or **, without $ ? #")
     if _NOT_CANONICAL.search(pattern):
         raise BusError(f"pattern {pattern!r} is not in its shortest form: write '**' for '**/**' and '*/**' for '**/*'")
@@ -33,7 +36,10 @@ def check_pattern(pattern: str) -> str:
 
 
 def check_patterns(patterns: str | Sequence[str]) -> tuple[str, ...]:
-    """Return a tuple of one or several patterns, without duplicates; raise BusError for an invalid one, or for none."""
+    """Return one or several key patterns as a tuple without duplicates.
+
+    Raises BusError for an invalid one, or for none.
+    """
     if not patterns:
         raise BusError("no pattern to subscribe to: give at least one")
     return tuple(map(check_pattern, (patterns,) if isinstance(patterns, str) else dict.fromkeys(patterns)))
@@ -46,7 +52,7 @@ def _check(text: str, shape: re.Pattern[str], rule: str) -> str:
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Whether the pattern matches the key. No wildcard matches a chunk that begins with `@`."""
+    """Whether the key pattern matches the key. No wildcard matches a chunk that begins with `@`."""
     return _shape(pattern).fullmatch(f"/{key}") is not None
 
 

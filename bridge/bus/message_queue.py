@@ -10,10 +10,10 @@ MOST_KEYS = 1024
 
 
 class MessageQueue:
-    """First-in-first-out queue; a full queue drops its oldest messages and counts them as missed.
+    """First-in-first-out queue of bus messages; a full queue drops its oldest messages and counts them as missed.
 
-    History from publishers' caches does not count towards `capacity` until it is read: the history of a large ward can
-    exceed a short queue. Raises ValueError for a capacity below 1.
+    capacity: number of messages. History from publishers' caches does not count towards `capacity` until it is read:
+    the history of a large ward can exceed a short queue. Raises ValueError for a capacity below 1.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -28,7 +28,7 @@ class MessageQueue:
         self._over = self._woken = False
 
     def put(self, messages: Iterable[Message], *, past: bool = False) -> None:
-        """Append messages, live ones or history (past); never waits. A closed queue discards them."""
+        """Append messages, live ones or (past=True) history from caches; never waits. A closed queue discards them."""
         with self._ready:
             if self._over:
                 return
@@ -42,13 +42,13 @@ class MessageQueue:
             self._ready.notify_all()
 
     def add_missed(self, count: int, key: str = "") -> None:
-        """Count messages lost before this queue, under their key if known."""
+        """Count `count` messages lost before they reached this queue, under their key; "" if the key is unknown."""
         with self._ready:
             self._count(key, count)
 
     @property
     def missed(self) -> int:
-        """Number of messages known to be lost."""
+        """Number of messages known to be lost, over all keys."""
         return self._missed.total()
 
     @property
@@ -64,16 +64,16 @@ class MessageQueue:
 
     @property
     def closed(self) -> bool:
-        """Whether the queue is closed."""
+        """Whether the queue is closed: it discards new messages, and readers get none."""
         return self._over
 
     def receive(self, timeout_s: float) -> Message | None:
-        """Return the next message, or None after the timeout or once the queue is closed."""
+        """Return the next message, or None if none comes within timeout_s seconds or once the queue is closed."""
         taken = self.drain(1, timeout_s)
         return taken[0] if taken else None
 
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """Wait up to timeout_s for a first message, then take up to limit messages without waiting."""
+        """Wait up to timeout_s for a first message, then return up to `limit` messages at once; [] if none came."""
         with self._ready:
             if timeout_s > 0.0:
                 self._ready.wait_for(lambda: self._messages or self._over or self._woken, timeout_s)
@@ -92,7 +92,7 @@ class MessageQueue:
         self._missed[key if key in self._missed or len(self._missed) < MOST_KEYS else ""] += n
 
     def close(self) -> None:
-        """Discard all messages and wake every reader; a second close does nothing."""
+        """Close the queue: discard all messages and wake every reader; a second close does nothing."""
         with self._ready:
             self._over = True
             self._messages.clear()
@@ -100,7 +100,7 @@ class MessageQueue:
 
 
 def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
-    """Merge messages of several keys: each key keeps its order, and the newest messages of all keys come last."""
+    """Merge lists of messages, each list of one key: each key keeps its order, and the newest of all keys come last."""
     by_key: dict[str, list[Message]] = {}
     for past in pasts:
         by_key.setdefault(past[0].key, []).extend(past)

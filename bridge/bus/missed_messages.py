@@ -10,7 +10,7 @@ _NAMED = 3
 
 
 def describe_missed(by_key: Mapping[str, int]) -> str:
-    """Describe missed messages by stream; an empty text if there are none.
+    """Describe missed messages (number by key) in one English text, by stream; empty if there are none.
 
     Example: '17 messages missed on the bus: 9 status of chest, 5 raw of wrist, 3 of 2 other streams'.
     """

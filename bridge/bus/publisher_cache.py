@@ -25,7 +25,7 @@ SESSION_BYTES, IDENTITY_BYTES, STAMP_BYTES = 8, 12, 20
 #: chunk between the key and the session in a cache's key
 HISTORY = "@adv"
 PARAMETERS = ("most", "publisher", "from", "last")
-#: a publisher silent for this time has paused: no next message will soon reveal the loss of the last one
+#: a publisher silent for this time, s, has paused: no next message will soon reveal the loss of the last one
 PAUSED_S = 1.5
 
 #: a cached message: number and payload
@@ -33,24 +33,31 @@ Kept = tuple[int, bytes]
 
 
 class Source(NamedTuple):
-    """A publisher: key and 12-byte identity. The key guards against a publisher that claims the identity of another key's."""
+    """A publisher: its key and 12-byte identity (8 bytes session, 4 bytes publisher number).
+
+    The key guards against a publisher that claims the identity of another key's.
+    """
 
     key: str
     identity: bytes
 
     @property
     def place(self) -> str:
-        """Key on which this publisher's cache answers queries."""
+        """Key `KEY/@adv/SESSION` on which this publisher's cache answers queries."""
         return f"{self.key}/{HISTORY}/{self.identity[:SESSION_BYTES].hex()}"
 
     @property
     def publisher(self) -> int:
-        """Number of the publisher within its session."""
+        """Number of the publisher within its session, from 0."""
         return int.from_bytes(self.identity[SESSION_BYTES:], "big")
 
 
 class Cache:
-    """Cache of the last `size` messages of one publisher."""
+    """Cache of the last `size` messages of one publisher, and the counter of its message numbers.
+
+    session: 8 random bytes of the session. publisher: number of the publisher in the session. next: number of the next
+    message.
+    """
 
     def __init__(self, key: str, size: int, session: bytes, publisher: int) -> None:
         self.key, self.size, self._publisher = key, size, publisher
@@ -60,17 +67,20 @@ class Cache:
         self._put_s = 0.0
 
     def stamp(self, number: int) -> bytes:
-        """Return the 20-byte attachment of the message with this number."""
+        """Return the 20-byte attachment (publisher identity and message number) of the message with this number."""
         return self._identity + number.to_bytes(STAMP_BYTES - IDENTITY_BYTES, "big")
 
     def keep(self, payload: bytes) -> None:
-        """Store the message just sent, under the next number."""
+        """Store the payload of the message just sent, under the number `next`, and advance `next`."""
         self._kept.append((self.next, payload))
         self.next += 1
         self._put_s = time.monotonic()
 
     def found(self, asked: Mapping[str, str]) -> Iterable[Kept]:
-        """Return the messages selected by the query parameters. Raises ValueError for a parameter that is not a number."""
+        """Return the cached messages (number, payload) that the query parameters select (see the top of this file).
+
+        Raises ValueError for a parameter that is not a number.
+        """
         kept = list(self._kept)
         if "last" in asked:
             paused_s = time.monotonic() - self._put_s
@@ -88,7 +98,7 @@ class Caches:
         self._by_key: dict[str, dict[str, list[Cache]]] = defaultdict(lambda: defaultdict(list))
 
     def add(self, cache: Cache) -> str | None:
-        """Add a cache. Return its place if this is the first cache there, else None."""
+        """Add a cache. Return its place (key without the last chunk) if this is the first cache there, else None."""
         place = place_of(cache.key)
         new = place not in self._by_key
         self._by_key[place][cache.key].append(cache)
@@ -102,7 +112,11 @@ class Caches:
             del keys[cache.key]
 
     def found(self, place: str, pattern: str, asked: Mapping[str, str]) -> Iterator[tuple[Cache, Kept]]:
-        """Yield the messages that a query on a key or pattern selects. Raises ValueError for a parameter that is not a number."""
+        """Yield (cache, message) for each cached message that a query selects; a message is (number, payload).
+
+        place: key without its last chunk. pattern: key or pattern of the query. asked: query parameters, by name.
+        Raises ValueError for a parameter that is not a number.
+        """
         keys = self._by_key[place]
         for key in list(keys) if "*" in pattern else [pattern]:
             if matches(pattern, key):
@@ -112,5 +126,5 @@ class Caches:
 
 
 def place_of(key: str) -> str:
-    """Return the key without its last chunk; empty for a key of one chunk."""
+    """Return the place of a cache: its key without the last chunk; empty for a key of one chunk."""
     return key.rpartition("/")[0]

@@ -9,9 +9,10 @@ _OVER_TCP = ("tcp", "tls", "ws")
 
 
 def why_unreachable(endpoint: str) -> str:
-    """Return in a few words why an endpoint is unreachable.
+    """Test a router endpoint (`tcp/10.0.0.1:7447`) by a TCP connection; return in words why it is unreachable.
 
-    Empty if a TCP connection opens (the router then refuses zenoh's), or if the protocol does not run over TCP.
+    Waits 1 s at most. Empty if a TCP connection opens (the router then refuses zenoh's), or if the protocol does not
+    run over TCP.
     """
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("#")[0].partition("?")[0].rpartition(":")

@@ -18,14 +18,20 @@ from bridge.wire.refusal import Refusal
 
 #: endpoint options (after `#`) that do not weaken security
 _HARMLESS = ("iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp")
-#: settings that each site chooses itself
+#: paths of the settings that each site chooses itself, which are not compared
 _OWN = (".id", ".listen.endpoints", ".connect.endpoints")
 _SHORT = 80  # characters; longer values are not shown
 
 
 @dataclass(frozen=True, slots=True)
 class RouterFile:
-    """Content of a router's file: endpoints, routers it joins, certificate, members with their wards, and faults found."""
+    """A router's zenoh file as read and checked.
+
+    listen, join: endpoints it listens on, and those of other routers it connects to. identity: certificate, None
+    without TLS.
+    places: (ward, common name) of each member in its access rules. faults: sentences, empty if the file is as it should
+    be.
+    """
 
     path: Path
     listen: tuple[str, ...]
@@ -36,12 +42,15 @@ class RouterFile:
 
     @property
     def members(self) -> frozenset[str]:
-        """Common names of all members in the rules."""
+        """Common names (of certificates) of all members in the access rules."""
         return frozenset(name for _, name in self.places)
 
 
 def read(path: Path) -> RouterFile:
-    """Read and check a router's file. Raises BusError if zenoh cannot read it; all other faults are in the result."""
+    """Read a router's zenoh file and check it against the file truerate would write.
+
+    Raises BusError if zenoh cannot read it; all other faults are in the result.
+    """
     said = read_settings(str(path))
     listen, join = (endpoints_of(said[way]["endpoints"]) for way in ("listen", "connect"))
     tls = said["transport"]["link"]["tls"]
@@ -67,13 +76,13 @@ def read(path: Path) -> RouterFile:
 
 
 def open_to_others(listen: Sequence[str]) -> Iterator[str]:
-    """Yield a fault if other machines reach one of the endpoints without a certificate."""
+    """Yield one fault, in words, if other machines can reach an endpoint without a certificate; else nothing."""
     if reached := [endpoint for endpoint in listen if not secured(endpoint) and not loopback(endpoint)]:
         yield f"{', '.join(reached)}: every machine in reach can read and command the ward; use tls/..., or 127.0.0.1"
 
 
 def loopback(endpoint: str) -> bool:
-    """Whether an endpoint is reachable from the same machine only."""
+    """Whether a zenoh endpoint is reachable from the same machine only."""
     protocol, _, address = endpoint.partition("/")
     host = address.partition("#")[0].partition("?")[0].rpartition(":")[0].strip("[]")
     try:

@@ -25,7 +25,10 @@ _WHY = {
 
 
 def rendered(settings: zenoh_settings.Settings, title: str) -> str:
-    """Render settings as JSON5, with a comment above each part. title: lines of the head comment."""
+    """Render zenoh settings as the JSON5 text of a router file, with a comment above each part.
+
+    title: lines of the comment at the top of the file.
+    """
     parts = []
     for part, value in settings.items():
         why = f"  // {_WHY[part]}\n" if part in _WHY else ""
@@ -36,7 +39,10 @@ def rendered(settings: zenoh_settings.Settings, title: str) -> str:
 
 
 def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Settings:
-    """Return the settings of a router without certificates, for one machine. join: endpoints of routers to connect to."""
+    """Return zenoh settings of a router without certificates, for one machine.
+
+    listen: endpoints to listen on. join: endpoints of other routers to connect to.
+    """
     settings = zenoh_settings.router(listen, keys.VIEWED)
     return zenoh_settings.joined(settings, join) if join else settings
 
@@ -44,7 +50,10 @@ def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Set
 def guarded(
     listen: Sequence[str], identity: Identity, places: Sequence[tuple[str, Member]], join: Sequence[str] = ()
 ) -> zenoh_settings.Settings:
-    """Return the settings of a router for other machines: mutual TLS, and access rules for each (ward, member)."""
+    """Return zenoh settings of a router for other machines: mutual TLS, and access rules for each (ward, member).
+
+    listen: endpoints to listen on. identity: the router's certificate. join: endpoints of other routers to connect to.
+    """
     return zenoh_settings.secured_router(listen, keys.VIEWED, identity, access_control(places), join)
 
 

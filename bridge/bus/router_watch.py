@@ -7,16 +7,16 @@ from bridge.bus.routers import Routers
 
 _HELD_UP_S = 0.5
 _LATELY_S = 5.0
-#: a router away for this long is not just restarting
+#: a router away for this long, s, is not just restarting
 _LONG_S = 10.0
-#: interval of the check whether the certificate expires soon
+#: interval of the check whether the certificate expires soon, s
 _SELDOM_S = 12 * 3600.0
 
 
 class RouterWatch:
-    """Watches the connection to the router; call `look` every every_s seconds of a monotonic clock.
+    """Logs the loss and the return of the router, and a certificate that expires soon.
 
-    routers: endpoints and this program's certificate.
+    Call `look` every every_s seconds of a monotonic clock. routers: endpoints and this program's certificate.
     """
 
     def __init__(self, log: logging.Logger, every_s: float, routers: Routers | None = None) -> None:
@@ -28,7 +28,10 @@ class RouterWatch:
         self._ask_s, self._explain_s = float("-inf"), float("inf")
 
     def look(self, now: float, *, connected: bool) -> bool:
-        """Log a change of the connection. Return whether the router has been away since the last look. now: seconds."""
+        """Log a change of the connection. Return whether the router is away, or was away at the last call.
+
+        now: seconds of a monotonic clock. connected: whether a router is connected now.
+        """
         if self._looked_s is not None and (held_s := now - self._looked_s - self._every_s) > _HELD_UP_S:
             self._held_s, self._held_at_s = held_s, now
         self._looked_s = now

@@ -22,9 +22,9 @@ def wait_for_router(
     patient: bool,
     open_bus: Callable[[Sequence[str]], Bus] = ZenohBus,
 ) -> Bus | None:
-    """Open a session; None if stopped first.
+    """Open a bus session at the router endpoints, with open_bus; None if `stop` is set first.
 
-    patient: wait for the router for as long as it takes; else raise BusError if no router answers.
+    patient: retry until a router answers; else raise BusError if none does.
     """
     complained = False
     while not stop.is_set():
@@ -52,9 +52,10 @@ def claim_id(
     another: Callable[[str], object] = lambda _: None,
     meanwhile: Callable[[], None] = lambda: None,
 ) -> Declared:
-    """Claim an id among the programs of a kind, `bridge` or `estimator`, in a ward, and watch the others.
+    """Claim an id in a ward, unless another program of the same kind (`bridge` or `estimator`) is alive with it.
 
-    another: called with the id of each other program that comes alive. meanwhile: work to do during the wait for others.
+    own: the id to claim. another: called with the id of each other program that comes alive. meanwhile: work to do
+    during the wait for others. Returns the watch on the others' liveliness tokens, which the caller closes.
     Raises BusError if a program with the same id stays alive for longer than a killed one would seem alive.
     """
     there: dict[str, bool] = {}

@@ -1,4 +1,4 @@
-"""Implementation of contract.Bus on a zenoh session."""
+"""ZenohBus, the session on the bus over zenoh: publish, subscribe, query and liveliness, as defined by contract.Bus."""
 
 import atexit
 import contextlib
@@ -34,7 +34,7 @@ _JOIN_S = 1.0
 
 
 class ZenohBus:
-    """Client of one or more zenoh routers; see contract.Bus. Reconnects by itself until closed.
+    """Session on the bus (contract.Bus) as a client of one or more zenoh routers. Reconnects by itself until closed.
 
     endpoints: router endpoints, for example `tcp/127.0.0.1:7447`. The first that answers is used; the others take over
     when it is lost. Pass `Routers` to authenticate with a certificate. Raises BusError when no router answers within
@@ -62,7 +62,10 @@ class ZenohBus:
         atexit.register(self.close)
 
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
-        """See contract.Bus."""
+        """Declare a publisher on a key without wildcards. cache: number of messages kept for late subscribers, or 0.
+
+        Raises BusError for an invalid key. See contract.Bus.
+        """
         with self._doing(f"publish on {check_key(key)}"):
             # BLOCK: DROP silently loses two thirds at saturation, and bursts of a few thousand. The router cuts off a
             # frozen reader after CUT_OFF_S, which bounds the wait of a put.
@@ -70,7 +73,7 @@ class ZenohBus:
             return Publisher(self, made, key, self._repair.keep(key, cache) if cache > 0 else None)
 
     def forget(self, declared: Declared) -> None:
-        """Release a closed declaration."""
+        """Drop the reference to a closed declaration and stop answering for its cache."""
         self.declared.discard(declared)
         if isinstance(declared, Publisher) and declared.cache is not None:
             self._repair.forget(declared.cache)
@@ -84,8 +87,9 @@ class ZenohBus:
         most_past: int | None = None,
         prompt: bool = True,
     ) -> Subscription:
-        """See contract.Bus. Ask for history only where publishers have a cache.
+        """Subscribe to one or several key patterns, with one queue; the parameters are explained in contract.Bus.
 
+        Ask for history only where publishers have a cache. Raises BusError for an invalid pattern.
         A message sent within about 5 ms of this call by a publisher with a still empty cache may be lost.
         """
         patterns = check_patterns(patterns)
@@ -100,7 +104,7 @@ class ZenohBus:
             return subscription
 
     def answer(self, pattern: str, handler: Callable[[str, bytes, Reply], None]) -> "Declared":
-        """See contract.Bus."""
+        """Answer queries on matching keys by handler(key, payload, reply), on a thread of the bus. See contract.Bus."""
         guarded = Guarded(handler, f"queries on {pattern}")
         with self._doing(f"answer {check_pattern(pattern)}"):
             # Ring: with more pending queries than this, the oldest ends without an answer.
@@ -109,7 +113,11 @@ class ZenohBus:
         return Declared(self, queryable)
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
-        """See contract.Bus."""
+        """Send a query and return the payload of the first answer that is not empty; timeout_s in seconds.
+
+        See contract.Bus.
+        Raises BusError if no program answers in time, or only with errors.
+        """
         with self._doing(f"ask {check_key(key)}"):
             replies = self._session.get(
                 key,
@@ -129,15 +137,17 @@ class ZenohBus:
         raise BusError(f"{key!r} was answered with an error: {'; '.join(errors)}")
 
     def declare_alive(self, key: str) -> "Declared":
-        """See contract.Bus."""
+        """Declare a liveliness token: other sessions see the key as alive until the handle or the session is closed."""
         with self._doing(f"declare {check_key(key)} alive"):
             return Declared(self, self._session.liveliness().declare_token(key))
 
     def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> "Declared":
-        """See contract.Bus. A lost router takes all tokens with it: check `connected` before treating a token as dead.
+        """Watch liveliness tokens: call on_change(key, alive) for every present token and for every later change.
 
-        zenoh 1.10.2 may miss the death of a token in the same millisecond in which a watcher joins (3 of 1800 under load,
-        timed to hit). The token then stays until the session reconnects. A token is a hint; arriving data is the proof.
+        A lost router takes all tokens with it: check `connected` before treating a token as dead.
+        zenoh 1.10.2 may miss the death of a token in the same millisecond in which a watcher joins (3 of 1800 under
+        load, timed to hit). The token then stays until the session reconnects. A token is a hint; arriving data is the
+        proof.
         """
         guarded = Guarded(on_change, f"liveliness of {pattern}")
         with self._doing(f"watch {check_pattern(pattern)}"):
@@ -162,18 +172,18 @@ class ZenohBus:
 
     @property
     def connected(self) -> bool:
-        """See contract.Bus."""
+        """Whether a router is connected now."""
         return not self._closed and bool(self._session.info.routers_zid())
 
     def past(self, pattern: str) -> handlers.Handler[zenoh.Reply]:
-        """Query the current content of publishers' caches; replies arrive in the returned channel."""
+        """Query the caches of publishers that match a key pattern; their messages arrive in the returned channel."""
         return self._repair.past(f"{pattern}/{HISTORY}/*")
 
     def _subscriptions(self) -> Iterator[Subscription]:
         return (one for one in list(self.declared) if isinstance(one, Subscription))
 
     def run(self, work: Callable[[], None], name: str) -> None:
-        """Run work in a thread that close() waits for; work must end when its channel closes."""
+        """Run work() in a named thread that close() waits for; work must end when its channel closes."""
 
         def body() -> None:
             try:
@@ -186,7 +196,10 @@ class ZenohBus:
         thread.start()
 
     def close(self) -> None:
-        """See contract.Bus."""
+        """Close the session and all its subscriptions; a second close does nothing.
+
+        Waits up to 1 s for each of the session's threads.
+        """
         if self._closed:
             return
         self._closed = True

@@ -8,14 +8,17 @@ from bridge.bus.zenoh_session import Declared, Home, is_zenohs, said
 
 
 class Publisher(Declared):
-    """See contract.Publisher."""
+    """Sends messages on one key over zenoh (contract.Publisher); with a cache, messages are numbered and kept."""
 
     def __init__(self, bus: Home, publisher: zenoh.Publisher, key: str, cache: Cache | None) -> None:
         super().__init__(bus, publisher)
         self._publisher, self._key, self.cache = publisher, key, cache
 
     def put(self, payload: bytes, attachment: bytes = b"") -> None:
-        """See contract.Publisher. attachment: bytes beside the payload, for another protocol; only without a cache."""
+        """Send a payload. Raises BusError after close, or if zenoh fails.
+
+        attachment: bytes beside the payload, for another protocol; only without a cache.
+        """
         with self._lock:  # send in the order of the numbers
             if self._closed:
                 raise BusError(f"the publisher of {self._key!r} is closed")
@@ -32,7 +35,7 @@ class Publisher(Declared):
 
     @property
     def wanted(self) -> bool:
-        """See contract.Publisher."""
+        """Whether a subscriber exists now; always true with a cache, because late subscribers read the cache."""
         if self.cache is not None:
             return True
         try:

@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 _RETRY_S = 0.1
 #: capacity of a channel, in messages; our thread always drains it, because a full channel stops the session's receiving
 CHANNEL = 65536
-#: poll interval of several empty channels
+#: poll interval of several empty channels, s
 POLL_S = 0.005
 #: format of zenoh's message about an invalid file
 _MESSAGE = re.compile(r'Message \{ msg: "(?P<words>.*)", location: Some\(Location \{ line: (?P<line>\d+)', re.DOTALL)
@@ -51,7 +51,10 @@ _PARTS = (
 
 
 def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: float = 0.0) -> zenoh.Session:
-    """Open a session, retrying for timeout_s. Raises BusError with a message that begins with complaint."""
+    """Open a zenoh session with these settings, retrying for timeout_s seconds.
+
+    Raises BusError with a message that begins with `complaint`.
+    """
     with as_bus_error(complaint):
         config = zenoh.Config.from_json5(json.dumps(settings))
         deadline = time.monotonic() + timeout_s
@@ -65,7 +68,10 @@ def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: f
 
 
 def read_settings(path: str) -> zenoh_settings.Settings:
-    """Read a zenoh settings file (JSON5), with all defaults filled in. Raises BusError for an invalid file."""
+    """Read a zenoh settings file (JSON5) into a dict, with all defaults filled in.
+
+    Raises BusError for an invalid file.
+    """
     if words := os_errors.unreadable(Path(path)):
         raise BusError(f"{path}: {words}")
     with as_bus_error(f"{path}: zenoh cannot read it"):
@@ -73,7 +79,7 @@ def read_settings(path: str) -> zenoh_settings.Settings:
 
 
 def with_defaults(settings: zenoh_settings.Settings) -> zenoh_settings.Settings:
-    """Fill in zenoh's defaults, as `read_settings` does for a file."""
+    """Return zenoh settings with zenoh's defaults filled in, as `read_settings` does for a file."""
     return _whole(zenoh.Config.from_json5(json.dumps(settings)))
 
 
@@ -85,7 +91,7 @@ def _whole(config: zenoh.Config) -> zenoh_settings.Settings:
 
 
 def close_session(session: zenoh.Session) -> None:
-    """Close a session, even a broken one. Raises BusError if zenoh fails."""
+    """Close a zenoh session, even a broken one. Raises BusError if zenoh fails."""
     with as_bus_error("could not close the session"):
         session.close()  # type: ignore[no-untyped-call]
 
@@ -94,20 +100,20 @@ class Channel(Protocol[_T_co]):
     """zenoh's receive channel; both methods raise ZError once the channel is closed."""
 
     def recv(self) -> _T_co:
-        """Wait for the next item."""
+        """Wait for the next item and return it."""
 
     def try_recv(self) -> _T_co | None:
-        """Return the next item, or None if there is none yet."""
+        """Return the next item, or None if there is none yet; does not wait."""
 
 
 class Joined(Generic[_T]):
-    """Several channels read as one, in rotation. A closed channel closes all."""
+    """Several zenoh channels read as one, in rotation; raises ZError once one of them is closed."""
 
     def __init__(self, channels: Sequence[Channel[_T]]) -> None:
         self._channels = deque(channels)
 
     def try_recv(self) -> _T | None:
-        """See Channel."""
+        """Return the next item of any channel, or None if there is none yet."""
         for _ in range(len(self._channels)):
             item = self._channels[0].try_recv()
             self._channels.rotate(-1)
@@ -116,7 +122,7 @@ class Joined(Generic[_T]):
         return None
 
     def recv(self) -> _T:
-        """See Channel. Polls every POLL_S, because zenoh cannot wait for several channels."""
+        """Wait for the next item of any channel. Polls every POLL_S, because zenoh cannot wait for several channels."""
         if len(self._channels) == 1:
             return self._channels[0].recv()
         while (item := self.try_recv()) is None:
@@ -125,26 +131,26 @@ class Joined(Generic[_T]):
 
 
 class Undeclared(Protocol):
-    """zenoh's handle of a declaration."""
+    """zenoh's handle of a declaration: a subscriber, publisher, queryable or token."""
 
     def undeclare(self) -> object:
-        """Undeclare."""
+        """Remove the declaration from zenoh; it receives and sends no more."""
 
 
 class Home(Protocol):
-    """The bus that owns declarations."""
+    """The bus session as its declarations see it: it holds them, runs their threads and releases them."""
 
     declared: set["Declared"]
 
     def run(self, work: Callable[[], None], name: str) -> None:
-        """Run work in a thread that closing waits for; work must end when its channel closes."""
+        """Run work() in a named thread that closing the bus waits for; work must end when its channel closes."""
 
     def forget(self, declared: "Declared") -> None:
-        """Release a closed declaration."""
+        """Drop the reference to a closed declaration."""
 
 
 class Declared:
-    """A declaration in a bus; see contract.Declared."""
+    """A declaration in a bus session (contract.Declared): one or several zenoh handles, closed together."""
 
     def __init__(self, bus: Home, *declared: Undeclared) -> None:
         self._bus, self._declared = bus, declared
@@ -153,7 +159,7 @@ class Declared:
         bus.declared.add(self)
 
     def close(self) -> None:
-        """See contract.Declared."""
+        """Undeclare all handles and release the declaration; a second close does nothing."""
         with self._lock:
             if self._closed:
                 return
@@ -168,7 +174,7 @@ class Declared:
 
 @contextlib.contextmanager
 def as_bus_error(complaint: str) -> Iterator[None]:
-    """Turn every zenoh error inside the block into a BusError that begins with the complaint."""
+    """Turn every zenoh error inside the `with` block into a BusError that begins with the complaint."""
     try:
         yield
     except BaseException as error:
@@ -190,10 +196,13 @@ def _complaint(complaint: str, words: str) -> str:
 
 
 def said(error: BaseException) -> str:
-    """Return zenoh's error message without its source file and line."""
+    """Return the text of a zenoh error without its source file and line."""
     return re.sub(r"\s*\bat /\S+\.rs:\d+\.?", "", str(error)).strip()
 
 
 def is_zenohs(error: BaseException) -> bool:
-    """Whether an error comes from zenoh. A Rust panic is no Exception, and its class cannot be imported: compare the name."""
+    """Whether an error comes from zenoh, including a panic of its Rust code.
+
+    A Rust panic is no Exception, and its class cannot be imported: compare the name.
+    """
     return isinstance(error, zenoh.ZError) or type(error).__name__ == "PanicException"

@@ -32,7 +32,10 @@ Settings = dict[str, Any]
 
 
 def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settings:
-    """Settings of a client: connects to the first router that answers, and reconnects without limit after a loss."""
+    """Return zenoh settings of a client: connects to the first router that answers, and reconnects after any loss.
+
+    endpoints: of the routers, in order of preference. identity: certificate for TLS; None without.
+    """
     waits = (CLIENT_CUT_OFF_S, CLIENT_LEASE_S) if identity is None else (NETWORK_LEASE_S, NETWORK_LEASE_S)
     settings = _common(*waits) | {
         "mode": "client",
@@ -51,7 +54,7 @@ def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settin
 
 
 def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
-    """Settings of a router: drops idle connections (SECURITY.md, T7).
+    """Return zenoh settings of a router that listens on endpoints and drops idle connections (SECURITY.md, T7).
 
     shed: patterns on which a slow reader loses messages instead of slowing others.
     """
@@ -71,7 +74,10 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
 def secured_router(
     listen: Sequence[str], shed: Sequence[str], identity: Identity, access_control: Settings, join: Sequence[str] = ()
 ) -> Settings:
-    """Settings of a router that accepts only TLS with a client certificate, and applies `access_control`."""
+    """Return zenoh settings of a router that accepts only TLS with a client certificate, and applies `access_control`.
+
+    listen, shed: as in `router`. identity: the router's certificate. join: endpoints of other routers to connect to.
+    """
     settings = router(listen, shed)
     link = settings["transport"]["link"]
     link["tx"]["lease"] = round(NETWORK_LEASE_S * 1000)
@@ -83,7 +89,7 @@ def secured_router(
 
 
 def shedding(shed: Sequence[str]) -> Settings:
-    """Router rule: on these patterns a slow reader loses messages instead of delaying others."""
+    """Return zenoh's router rule by which a slow reader loses messages on these patterns instead of delaying others."""
     return {
         # Heartbeats of a publisher with a cache would block as well.
         "key_exprs": [key for pattern in shed for key in (pattern, f"{pattern}/@adv/**")],
@@ -94,7 +100,7 @@ def shedding(shed: Sequence[str]) -> Settings:
 
 
 def size_limit() -> Settings:
-    """Router filter: rejects every message larger than MAX_PAYLOAD."""
+    """Return zenoh's filter for a router that rejects every message larger than MAX_PAYLOAD bytes."""
     return {
         "id": "size",
         "flows": ["ingress"],
@@ -106,7 +112,10 @@ def size_limit() -> Settings:
 
 
 def joined(settings: Settings, join: Sequence[str]) -> Settings:
-    """Add connections to other routers, which may start later or be away for hours."""
+    """Return router settings with connections to other routers.
+
+    join: endpoints of these routers, which may start later or be away for hours.
+    """
     retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
     return settings | {"connect": {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}}
 

@@ -23,10 +23,12 @@ Found = dict[Source, dict[int, Message]]
 
 
 class Subscription(MessageQueue, Declared):
-    """Queue of the messages of several patterns.
+    """Queue of the messages of several key patterns, over zenoh; see contract.Subscription.
 
-    repaired: live messages wait for the history (`begin`), and the session's GapRepair fetches gaps (`due`, `answered`).
+    repaired: live messages wait for the history (`begin`), and the session's GapRepair fetches gaps (`due`,
+    `answered`).
     prompt: a dedicated thread takes messages from zenoh at once; otherwise the session's thread does (`poll`).
+    capacity: number of live messages that the queue holds.
     """
 
     def __init__(
@@ -53,11 +55,11 @@ class Subscription(MessageQueue, Declared):
 
     @property
     def caught_up(self) -> bool:
-        """See contract.Subscription."""
+        """Whether the history has been delivered, or was not asked for."""
         return self._begun.is_set()
 
     def begin(self, past: Found) -> None:
-        """Deliver the history; live messages follow."""
+        """Deliver the history (messages by publisher and number) to the queue; live messages follow."""
         now_s = time.monotonic()
         self._hand_on(lambda: newest_last(filter(None, (self._sequences.history(*one, now_s) for one in past.items()))))
         self._begun.set()
@@ -70,17 +72,17 @@ class Subscription(MessageQueue, Declared):
             return self._sequences.due(time.monotonic())
 
     def answered(self, source: Source, found: Found) -> None:
-        """Deliver the answer of a publisher's cache; empty if the publisher was unreachable."""
+        """Deliver a cache's answer about a gap of the publisher `source`; empty if the publisher was unreachable."""
         self._hand_on(lambda: self._sequences.answered(source, found.get(source, {}), time.monotonic()))
 
     def heard(self, newest: Found) -> None:
-        """Take the numbers of publishers' newest messages."""
+        """Take the numbers of publishers' newest messages, by publisher, to detect a lost last message."""
         with self._order:
             for source, numbers in newest.items():
                 self._sequences.heard(source, max(numbers), time.monotonic())
 
     def poll(self) -> None:
-        """Take received messages without waiting; does nothing for a `prompt` subscription."""
+        """Move received messages from zenoh into the queue without waiting; nothing for a `prompt` subscription."""
         if self._prompt or not self.caught_up:
             return
         try:
@@ -91,7 +93,7 @@ class Subscription(MessageQueue, Declared):
             MessageQueue.close(self)
 
     def close(self) -> None:
-        """See contract.Subscription."""
+        """Unsubscribe and close the queue: readers get no more messages. A second close does nothing."""
         MessageQueue.close(self)
         self._begun.set()
         Declared.close(self)
@@ -136,7 +138,7 @@ class Subscription(MessageQueue, Declared):
 
 
 def by_source(samples: Iterable[zenoh.Sample]) -> Found:
-    """Group messages by publisher and number; messages without a number are left out."""
+    """Group zenoh samples as messages by publisher and message number; samples without a number are left out."""
     found: Found = {}
     for sample in samples:
         if (stamp := _stamp(sample)) is not None:

@@ -5,7 +5,7 @@ from enum import Enum
 
 
 class Level(Enum):
-    """Severity of a finding: with `warning` it works today, with `trouble` it does not."""
+    """Severity of a finding: OK; WARNING, it works today; TROUBLE, it does not work."""
 
     OK = "ok"
     WARNING = "warning"
@@ -14,7 +14,7 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Result of one check: what was checked, its state, and what to do if it is not ok."""
+    """Result of one check: name of the check, level, what was found (said), and what to do if it is not ok (do)."""
 
     check: str
     level: Level
@@ -23,15 +23,15 @@ class Finding:
 
 
 def ok(check: str, said: str) -> Finding:
-    """A finding that all is well."""
+    """Return a finding that all is well. said: what was found."""
     return Finding(check, Level.OK, said)
 
 
 def warning(check: str, said: str, do: str) -> Finding:
-    """A finding of something that works, but not always or not well."""
+    """Return a finding of something that works, but not always or not well. do: what to do."""
     return Finding(check, Level.WARNING, said, do)
 
 
 def trouble(check: str, said: str, do: str) -> Finding:
-    """A finding of something that does not work."""
+    """Return a finding of something that does not work. do: what to do."""
     return Finding(check, Level.TROUBLE, said, do)

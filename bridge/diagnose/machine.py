@@ -36,7 +36,7 @@ class _Timex(ctypes.Structure):
 
 
 def clock_status() -> int | None:
-    """The kernel's clock status, STA_* of adjtimex(2); None if not available."""
+    """Return the kernel's clock status, bits STA_* of adjtimex(2); None if not available."""
     timex = _Timex()
     try:
         told = ctypes.CDLL(None).adjtimex(ctypes.byref(timex))
@@ -46,7 +46,10 @@ def clock_status() -> int | None:
 
 
 def clock(status: int | None) -> list[Finding]:
-    """Whether the clock is synchronised: recordings and machines are aligned by it."""
+    """Check whether the machine's clock is synchronised: recordings and machines are aligned by it.
+
+    status: as of `clock_status`.
+    """
     if status is None:
         return [warning("clock", "its synchronisation is unknown", "see `timedatectl`")]
     if status & _UNSYNCHRONISED:
@@ -59,19 +62,25 @@ def clock(status: int | None) -> list[Finding]:
 def disk(
     places: dict[str, Path], free: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
 ) -> list[Finding]:
-    """Whether each folder, given by its use, is writable and has free space."""
+    """Check whether each folder is writable and has free space; one finding per folder.
+
+    places: folders by their use, in words. free: returns the free bytes at a path.
+    """
     return [_room(what, folder.absolute(), free) for what, folder in places.items()]
 
 
 def recordings(folder: Path) -> list[Finding]:
-    """Whether the recorder's folder exists, which the recorder does not make; a relative one depends on where it is started."""
+    """Check whether the recorder's folder exists, which the recorder does not make; [] if it does.
+
+    A relative folder is not checked, because it depends on where the recorder is started.
+    """
     if not folder.is_absolute() or os.path.exists(folder):  # noqa: PTH110
         return []
     return [warning("recordings", f"{folder} does not exist, and the recorder does not make it", f"mkdir -p {folder}")]
 
 
 def bridges(proc: Path = PROC) -> list[Finding]:
-    """Whether two bridges run with the same ward's file: they would compete for its ports."""
+    """Check whether two bridges run with the same ward file: they would compete for its ports. proc: folder /proc."""
     files: dict[str, list[int]] = defaultdict(list)
     for entry in proc.glob("[0-9]*"):
         pid = int(entry.name)
@@ -93,7 +102,10 @@ def packages(
     installed: Callable[[str], str] = version,
     python: tuple[int, ...] = sys.version_info[:3],
 ) -> list[Finding]:
-    """Whether the installed packages meet truerate's requirements."""
+    """Check whether Python and the installed packages meet truerate's requirements.
+
+    Findings that are ok are returned only for a few packages. wanted: requirements; None for truerate's own.
+    """
     findings = []
     if python < _OLDEST:
         findings.append(trouble("Python", ".".join(map(str, python)), "install Python 3.11 or newer"))

@@ -19,19 +19,19 @@ _IGNORED = "ID_MM_DEVICE_IGNORE"
 
 @dataclass(frozen=True, slots=True)
 class Me:
-    """The asking user: user id and group ids of this login."""
+    """The asking user: user id, and group ids of this login."""
 
     uid: int
     gids: frozenset[int]
 
 
 def me() -> Me:
-    """The user who runs this process."""
+    """Return user id and group ids of the user who runs this process."""
     return Me(os.geteuid(), frozenset({os.getegid(), *os.getgroups()}))
 
 
 def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
-    """Whether each existing port may be opened."""
+    """Check whether the user may open each serial port that exists. ports: paths."""
     there = [(port, os.stat(port)) for port in ports if os.path.exists(port)]  # noqa: PTH110, PTH116 - names, as everywhere
     closed = [(port, status) for port, status in there if not _may(status, who)]
     if not there:
@@ -49,7 +49,10 @@ def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
 
 
 def modem_manager(proc: Path = PROC, rules: Collection[Path] = _RULE_FOLDERS) -> list[Finding]:
-    """Whether ModemManager, which writes to every new port to look for modems, leaves serial devices alone."""
+    """Check whether ModemManager, which writes to every new port to look for modems, leaves serial devices alone.
+
+    proc: the /proc folder. rules: folders of udev rules.
+    """
     if not any(_read(path).strip() == "ModemManager" for path in proc.glob("[0-9]*/comm")):
         return [ok("ModemManager", "does not run")]
     if any(_IGNORED in _read(rule) for folder in rules for rule in folder.glob("*.rules")):
@@ -72,7 +75,10 @@ def _read(path: Path) -> str:
 
 
 def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
-    """Whether every port has at most one reader, which is a bridge. Only root sees other users' programs."""
+    """Check whether each serial port has at most one reader, which is a bridge.
+
+    Only root sees other users' programs.
+    """
     findings = []
     for port in ports:
         having = holders(port, proc)
@@ -91,7 +97,7 @@ def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
 
 
 def present(devices: dict[str, str]) -> list[Finding]:
-    """Whether the serial ports of the configured devices, {id: port}, exist."""
+    """Check whether the serial ports of the configured devices, {id: port}, exist; [] if all do."""
     missing = {device: port for device, port in devices.items() if "://" not in port and not os.path.exists(port)}  # noqa: PTH110
     wrong = {device: port for device, port in devices.items() if "://" not in port and serial_errors.no_port(port)}
     advice = "find its name with `truerate bridge scan` and put it into the ward's file"
@@ -102,7 +108,7 @@ def present(devices: dict[str, str]) -> list[Finding]:
 
 
 def doubled(devices: dict[str, str]) -> list[Finding]:
-    """Whether two configured devices, {id: port}, are on one port under two names."""
+    """Check whether two configured devices, {id: port}, are on one serial port under two names."""
     real: dict[str, list[str]] = {}
     for device, port in devices.items():
         if "://" not in port:

@@ -29,9 +29,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result of probing a port: a guess and its speed (0 for ports without one), or None.
+    """Result of probing a port: the best guess and its baud rate (0 for ports without one), or None.
 
-    words: why there is no guess, and what to do.
+    words: why there is no guess, or what else to know, and what to do.
     """
 
     found: Found
@@ -41,12 +41,15 @@ class Verdict:
 
 
 def bauds(tried: Iterable[Candidate]) -> list[int]:
-    """Baud rates to try, those of the drivers first."""
+    """Return the baud rates to try: the usual ones of the candidates first, then COMMON_BAUDS."""
     return list(dict.fromkeys([*(candidate.baud for candidate in tried if candidate.baud), *COMMON_BAUDS]))
 
 
 def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], seconds: float, say: Say) -> Verdict:
-    """Listen at a port for `seconds` at each speed until a driver fits; `say` gets progress messages. Sends nothing."""
+    """Listen at a port at one baud rate after another, until a candidate driver understands the bytes. Sends nothing.
+
+    speeds: baud rates. seconds: to listen at each of them. say: gets progress messages.
+    """
     is_serial = "://" not in found.port
     if is_serial and serial_errors.no_port(found.port):
         return Verdict(found, None, 0, english(Code.NOT_A_SERIAL_PORT(place=found.port)))

@@ -21,10 +21,10 @@ _SHOWN_WIDTH = 100
 
 @dataclass(slots=True)
 class Trial:
-    """Result of a trial.
+    """Result of decoding captured text with a profile: counts, refused lines, and what to show to the operator.
 
-    rate_known: the output data rate was given. first: some samples, as lines of text.
-    lines: by fault, the first refused lines, as lines of text.
+    rate_known: the output data rate was given. samples: number understood. faults: counts by label.
+    first: some samples, as lines of text. lines: by fault, the first refused lines, as lines of text.
     """
 
     rate_known: bool
@@ -36,7 +36,7 @@ class Trial:
     lines: dict[str, list[str]] = field(default_factory=dict)
 
     def take(self, event: Event) -> None:
-        """Add an event to the result."""
+        """Add an event of the decoder (identity, notice or readings) to the result."""
         if isinstance(event, Identity):
             self.identities.append(event)
         elif isinstance(event, Notice):
@@ -48,7 +48,7 @@ class Trial:
 
 
 def attempt(profile: Profile, data: bytes, rate_hz: float = 0.0) -> Trial:
-    """Decode bytes as the output of a device with this profile."""
+    """Decode captured bytes as the output of a device with this profile. rate_hz: output data rate, 0 if unknown."""
     trial = Trial(rate_known=bool(rate_hz or profile.device.rate_hz))
     number = 0
 
@@ -68,7 +68,7 @@ def attempt(profile: Profile, data: bytes, rate_hz: float = 0.0) -> Trial:
 
 
 def report(trial: Trial, seconds: float = 0.0) -> list[str]:
-    """The result as lines of text; seconds: duration of the capture, 0 if unknown."""
+    """Return the result of a trial as lines of text. seconds: duration of the capture, 0 if unknown."""
     lines = [
         f"understood: {count(trial.samples, 'sample')} in {count(len({who.boot for who in trial.identities}), 'boot')}"
     ]

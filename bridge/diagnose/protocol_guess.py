@@ -23,8 +23,9 @@ _PORT = "scan"
 class Candidate:
     """A driver with options, tried on the bytes of a port.
 
-    table: the options as the ward file would have them, without port and baud. chosen: the same as the driver takes them.
-    baud: the usual speed of such devices, 0 if they have none.
+    table: the options as the ward file would have them, without port and baud. chosen: the same as the driver takes
+    them.
+    baud: the usual bits per second of such devices, 0 if they have none.
     """
 
     kind: DriverKind
@@ -38,7 +39,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Result of one candidate's decoder on the bytes.
+    """Result of decoding the bytes of a port by one candidate: numbers of samples and faults, and identity.
 
     rate_hz: measured by the host, else as the device reports; 0 if unknown.
     young_s: the device's clock at its first sample, in s; None without a clock.
@@ -55,17 +56,17 @@ class Guess:
 
     @property
     def share(self) -> float:
-        """Share of the data that was understood, 0 to 1."""
+        """Share of samples among samples and faults, 0 to 1: how much of the data was understood."""
         return self.samples / max(1, self.samples + self.faults)
 
     @property
     def understood(self) -> bool:
-        """Whether enough was understood to accept this candidate."""
+        """Whether enough was understood to accept this candidate: 5 samples, and half of the data."""
         return self.samples >= _FEWEST and self.share >= _SHARE
 
 
 def candidates(kinds: Iterable[DriverKind]) -> list[Candidate]:
-    """All candidates for unknown bytes."""
+    """Return the candidates for unknown bytes: every driver that can decode them, once per table of its options."""
     return [
         Candidate(kind, table, None if not table else chosen, getattr(chosen, "baud", 0))
         for kind in kinds
@@ -76,13 +77,16 @@ def candidates(kinds: Iterable[DriverKind]) -> list[Candidate]:
 
 
 def guesses(tried: Iterable[Candidate], chunks: Sequence[Chunk]) -> list[Guess]:
-    """Results of all candidates, best first."""
+    """Decode the received chunks by every candidate; return the results, best first."""
     made = [guess for candidate in tried if (guess := _try(candidate, chunks)) is not None]
     return sorted(made, key=lambda guess: (guess.understood, round(guess.share, 2), guess.samples), reverse=True)
 
 
 def booted_by(guess: Guess, opened_ns: int, first_ns: int) -> bool:
-    """Whether the device seems to have booted because its port was opened: its clock is no older than the opening."""
+    """Whether the device seems to have booted because its port was opened: its clock is no older than the opening.
+
+    opened_ns, first_ns: host times of the opening and of the first bytes, ns.
+    """
     return guess.young_s is not None and guess.young_s <= (first_ns - opened_ns) * 1e-9 + _BOOT_S
 
 

@@ -14,7 +14,10 @@ _RENEW = "on the authority's machine: truerate pki renew --soon; then copy the .
 
 
 def renewal(path: Path | None, ward: str) -> str:
-    """Return how to renew a certificate of a ward. path: the ward file, beside which `truerate init` keeps the authority."""
+    """Return in words how to renew a certificate of a ward. path: the ward file; None if unknown.
+
+    `truerate init` keeps the authority, which issues certificates, beside the ward file.
+    """
     if path is None or not (path.parent / "authority").is_dir():
         return _RENEW
     folder = "" if path.parent == Path("/etc/truerate") else f" --folder {path.parent}"
@@ -22,7 +25,10 @@ def renewal(path: Path | None, ward: str) -> str:
 
 
 def certificate(routers: Routers, renew: str = _RENEW) -> Iterator[Finding]:
-    """Whether the certificate is valid, or expires soon. renew: what to do then."""
+    """Check whether this program's certificate is valid, or expires soon; no finding without certificates.
+
+    renew: what to do if it expires soon.
+    """
     lasts = routers.lasts()
     if wrong := routers.faults():
         yield trouble(
@@ -37,7 +43,10 @@ def certificate(routers: Routers, renew: str = _RENEW) -> Iterator[Finding]:
 
 
 def page_certificate(file: str, renew: str) -> Finding:
-    """Whether the certificate that browsers see is valid, or expires soon. renew: what to do then."""
+    """Check whether the certificate that browsers see is valid, or expires soon. renew: what to do then.
+
+    file: path of the certificate.
+    """
     try:
         lasts = lasts_of(certificates(file)[0])
     except ValueError as error:
@@ -51,7 +60,10 @@ def page_certificate(file: str, renew: str) -> Finding:
 
 
 def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = ZenohBus) -> list[Finding]:
-    """Connect to each router and disconnect again; the spare router has to answer too."""
+    """Check whether each router endpoint answers: connect and disconnect again; the spare router has to answer too.
+
+    A silent endpoint is a warning if another answers, else a trouble.
+    """
     routers = Routers.of(endpoints)
     reached, silent = list[str](), dict[str, str]()
     for endpoint in routers:
@@ -67,5 +79,5 @@ def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = 
 
 
 def answers(findings: Sequence[Finding]) -> bool:
-    """Whether one of the routers answered."""
+    """Whether one of the routers answered, by the findings of `router`."""
     return any(finding.level is Level.OK for finding in findings)

@@ -17,7 +17,7 @@ _COLUMNS = (
 
 
 def table(verdicts: Iterable[Verdict]) -> Columns:
-    """A table with one row per port."""
+    """Build the terminal table of a scan, with one row per port: port, USB device, protocol, model, rate."""
     made = Columns(_COLUMNS)
     for verdict in verdicts:
         guess = verdict.guess
@@ -30,7 +30,10 @@ def table(verdicts: Iterable[Verdict]) -> Columns:
 
 
 def snippet(verdicts: Sequence[Verdict], taken: Container[str] = ()) -> str:
-    """The [[bridge.devices]] tables of the recognised devices; empty if there are none. taken: ids that others have."""
+    """Return the [[bridge.devices]] tables (TOML) of the recognised devices; empty if there are none.
+
+    taken: device ids already in use.
+    """
     blocks = []
     free = (name for name in (f"device-{number}" for number in itertools.count(1)) if name not in taken)
     for verdict in verdicts:

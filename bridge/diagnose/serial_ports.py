@@ -9,14 +9,14 @@ _KINDS = ("ttyUSB*", "ttyACM*", "rfcomm*")
 
 
 class Found(NamedTuple):
-    """A port: the name to use, and its USB device in words, empty if there is none."""
+    """A serial port: the name to use, and its USB device in words, empty if there is none."""
 
     port: str
     usb: str = ""
 
 
 def find(dev: Path = DEV, sys: Path = SYS) -> list[Found]:
-    """Every port once, by its most stable name.
+    """Return every serial port of this machine once, by its most stable name. dev, sys: the folders /dev and /sys.
 
     by-id names stay with the device, by-path names with the USB socket, ttyUSB0 with neither.
     """

@@ -19,12 +19,12 @@ _SILENT, _CHANCE = 0.1, 0.005
 
 
 def draw_boot() -> int:
-    """Random 64-bit boot number."""
+    """Return a random 64-bit boot number."""
     return secrets.randbits(64)
 
 
 class Time(Enum):
-    """How a sample's time relates to the current boot."""
+    """Verdict on a sample's time: it continues the current boot, is odd, or begins a new boot."""
 
     GOES_ON = auto()
     ODD = auto()  # ignored, unless the next samples agree with each other
@@ -40,13 +40,15 @@ class _Heard(NamedTuple):
 
 
 class BootDetector:
-    """Assigns samples to boots and unwraps their ticks. Pure: all times are arguments.
+    """Assigns samples to boots and unwraps their ticks, for devices that send no boot number.
 
+    Pure: times are arguments.
     Taking two boots for one is dangerous, because a calibration would continue. Taking one boot for two costs a
     calibration. So anything that a clock restarted at power-up could explain is a new boot, once three samples agree.
     Exception: a boot that lasted under two seconds looks like datagrams overtaking each other.
     A device whose clock continued while its port was closed is still in the same boot.
-    tick_period_s: seconds per tick, None without a clock. The clock wraps at 2**tick_bits.
+
+    tick_period_s: seconds per tick, None without a clock. The clock wraps at 2**tick_bits. draw: makes boot numbers.
     number: the boot number, 0 before the first sample. cause: how the boot was detected.
     tick: of the latest sample, unwrapped since the boot began.
     """
@@ -69,11 +71,14 @@ class BootDetector:
         self._odd.clear()
 
     def said(self) -> None:
-        """Note that the device reported a boot."""
+        """Note that the device reported a boot: the next sample begins it."""
         self._said = True
 
     def observe(self, tick: int, receive_time_ns: int) -> Time:
-        """Classify a sample by its tick as sent; a device without a clock may pass any tick."""
+        """Classify a sample by its tick as sent and its receive time (ns); update number, cause and tick.
+
+        A device without a clock may pass any tick.
+        """
         if self._said or self.number == 0:
             return self._begin(BootCause.POWER_UP if self._said else BootCause.PORT_OPENED, tick, receive_time_ns)
         if self._period_s is None:

@@ -18,8 +18,9 @@ _UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # limits of the undecoded bytes kept:
 
 
 class Decoder(Protocol):
-    """Decoder of one device's protocol: bytes in any chunking in, events out. Without I/O or clock; lives as long as the driver.
+    """Decoder of one device's protocol: bytes in any chunking in, events out.
 
+    Without I/O or clock; lives as long as the driver.
     faults: counts data that could not be decoded, by label.
     """
 
@@ -29,22 +30,25 @@ class Decoder(Protocol):
         """Note that the port was opened (again): drop unfinished frames; the device may have rebooted."""
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events completed by these bytes, in order. Also called with no bytes, so that the decoder sees time pass."""
+        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte.
+
+        Also called with no bytes, so that the decoder sees time pass.
+        """
 
     def to_send(self) -> bytes:
-        """Bytes to send to the device now; each is returned once."""
+        """Return the bytes to send to the device now, b"" if none; each is returned once."""
 
 
 @runtime_checkable
 class Holds(Protocol):
-    """A decoder that holds samples back until it knows more about the device."""
+    """A decoder that holds samples back until it knows more about the device, such as its rate."""
 
     def finish(self) -> list[Event]:
-        """Events of the held samples, at the final end of the stream."""
+        """Return the events of the held samples; call it at the final end of the stream."""
 
 
 class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a byte device: port, and baud of a serial port (ignored by USB devices)."""
+    """Options common to devices that send bytes: port, and baud of a serial port (ignored by USB devices)."""
 
     #: where the device is: `/dev/serial/by-id/usb-...`, `tcp://10.0.0.5:8000`, `udp://:8000?from=10.0.0.5`, `ble://...`
     port: str
@@ -56,9 +60,9 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """A driver made of a decoder and a transport, by default that of the options' port.
+    """Driver of one device, made of a protocol decoder and a transport, by default that of the options' port.
 
-    bytes_in, samples_in: bytes received and samples decoded since the port was opened.
+    bytes_in, samples_in: numbers of bytes received and samples decoded since the port was opened.
     """
 
     def __init__(self, options: StreamOptions, decoder: Decoder, transport: Transport | None = None) -> None:
@@ -71,14 +75,17 @@ class StreamDriver:
         self.bytes_in = self.samples_in = 0
 
     def open(self) -> None:
-        """Open the transport; raises DeviceUnavailable."""
+        """Open the transport and reset the decoder. Raises DeviceUnavailable."""
         self._transport.open()
         self._unread.clear()
         self.bytes_in = self.samples_in = 0
         self._decoder.opened()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Events decoded from the bytes that arrived; raises DeviceLost."""
+        """Send what the decoder wants sent, then return the events of the bytes that arrived. Raises DeviceLost.
+
+        timeout_s: seconds to wait at most for the first byte.
+        """
         if data := self._decoder.to_send():
             self._transport.write(data)
         try:
@@ -105,11 +112,14 @@ class StreamDriver:
         return events
 
     def unread(self) -> list[Chunk]:
-        """The latest chunks since the last event: bytes that the decoder cannot decode. For the reading thread only."""
+        """Return the latest chunks since the last event: bytes that the decoder cannot decode.
+
+        For the reading thread only.
+        """
         return list(self._unread)
 
     def close(self) -> None:
-        """Close the transport; this ends a read in another thread."""
+        """Close the driver's transport; this ends a read in another thread."""
         self._transport.close()
 
 
@@ -122,9 +132,10 @@ def stream_kind(
     auto: bool = True,
     variants: Callable[[], Sequence[dict[str, Any]]] = lambda: ({},),
 ) -> DriverKind:
-    """Build the DriverKind of a decoder on a transport.
+    """Build the DriverKind of a driver that puts a decoder on a transport; name, summary and options are its fields.
 
-    auto: `bridge scan` tries the decoder on unknown bytes, once per option table in `variants` ({} for none).
+    decoder: makes the decoder from the options. auto: `bridge scan` tries the decoder on unknown bytes, once per option
+    table in `variants` ({} for none).
     """
     return DriverKind(
         name=name,

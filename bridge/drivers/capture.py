@@ -22,8 +22,9 @@ _NS_A_BYTE, _ROUNDS, _SETTLED_NS = 100_000, 8, 1_000_000_000_000
 
 
 def load_capture(path: Path, driver: str, profile: str, reading: Reading) -> Recording:
-    """Decode a capture by a driver, or by a text profile.
+    """Decode a capture (file of a device's raw bytes) by a driver, or by a text profile, into a recording of one boot.
 
+    driver, profile: names; one is empty. reading: properties missing in the file, such as rate and boot.
     Raises RecordingError, and ConfigError for an unknown driver or profile.
     """
     check_file(path)

@@ -18,12 +18,12 @@ from bridge.wire.refusal import Tally
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """A device's identity, sent at boot; the same boot may be announced again at any time.
+    """Identity of a device: boot, model, rate, range. A driver sends it at each boot, and may repeat it at any time.
 
+    rate_hz: nominal sample rate. gyro_range: full-scale range in rad/s, 0 if unknown. tick_period_s: seconds per tick.
     tick_bits, sequence_bits: widths of the device's tick counter and sequence number, for unwrapping.
     has_clock: False for a device without a clock. Its ticks then count samples, rate_hz is only nominal, and the intake
     derives the sample times.
-    gyro_range: full-scale range in rad/s, 0 if unknown.
     """
 
     boot: int
@@ -42,10 +42,10 @@ class Identity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """n consecutive samples as the device sent them, not yet validated.
+    """Readings: n consecutive samples as the device sent them, not yet validated.
 
     gyro (n, 3) in rad/s, accel (n, 3) in m/s², temperature_c (n,) in °C.
-    ticks (n,) and sequence are as sent; they wrap at the widths in Identity.
+    ticks (n,) and sequence (of the first sample) are as sent; they wrap at the widths in Identity.
     clipped (n,): samples that the device itself reports as beyond its range; None if it reports none.
     receive_time_ns is from `host_time.now_ns`, a clock that is never set.
     """
@@ -62,7 +62,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """The charge of the device's battery, 0 to 100 %."""
+    """Charge of a device's battery, 0 to 100 %, and whether it charges."""
 
     percent: float
     charging: bool = False
@@ -70,7 +70,7 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """A message about the device for people: the device's own messages, or settings that disturb the measurement.
+    """Message about a device for people: the device's own words, or a setting that disturbs the measurement.
 
     A later notice of the same name replaces this notice; said=None withdraws it.
     """
@@ -83,7 +83,7 @@ Event = Identity | Readings | Battery | Notice | DeviceCalibration
 
 
 class Driver(Protocol):
-    """The interface of a driver for one device.
+    """Interface of a driver, which opens, reads and closes one device.
 
     faults: counts the data the driver could not decode, by label, over the driver's life.
     place: where the device is, for people: a port or a file.
@@ -93,10 +93,13 @@ class Driver(Protocol):
     place: str
 
     def open(self) -> None:
-        """Open the device; raises DeviceUnavailable."""
+        """Open the device. Raises DeviceUnavailable; opening may be tried again."""
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Events that arrived, waiting at most timeout_s for the first; raises DeviceLost. Called from one thread."""
+        """Return the events that arrived, waiting at most timeout_s for the first; [] if none. Called from one thread.
+
+        Raises DeviceLost if the device has gone.
+        """
 
     def close(self) -> None:
         """Close the device; never raises, and may be repeated. Another thread may call close to end a read."""
@@ -104,7 +107,7 @@ class Driver(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DriverKind:
-    """A kind of driver, under its name in the configuration.
+    """A kind of driver, under its name in the configuration: how to make one, and its options.
 
     summary: one line for people.
     options: the Struct of the settings besides `id` and `driver`; `make` and `state` take an instance.

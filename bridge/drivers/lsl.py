@@ -35,12 +35,12 @@ _STEPS, _UNEVEN = 500, 0.1
 
 
 def available() -> bool:
-    """Whether pylsl is installed."""
+    """Whether pylsl, the package that receives LSL streams, is installed."""
     return importlib.util.find_spec("pylsl") is not None
 
 
 class LslOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of an LSL stream: which one, and what its metadata leave out."""
+    """Options of a Lab Streaming Layer stream: how to find it, and the units and channels its metadata leave out."""
 
     #: name of the stream, for example `Shimmer 5F2A`; at least one of name, type and source_id is needed
     name: str = ""
@@ -80,13 +80,13 @@ class LslOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def chosen(self) -> dict[str, str]:
-        """The properties that choose the stream."""
+        """Properties that choose the stream: name, type and source_id, those that are given."""
         given = {"name": self.name, "type": self.type, "source_id": self.source_id}
         return {label: text for label, text in given.items() if text}
 
 
 class LslDriver:
-    """Driver of one LSL stream."""
+    """Driver of one Lab Streaming Layer stream that carries a gyro; see Driver."""
 
     def __init__(self, options: LslOptions) -> None:
         self.faults = Tally()
@@ -103,7 +103,7 @@ class LslDriver:
         self._uneven = False
 
     def open(self) -> None:
-        """Find the stream, read its metadata and subscribe; raises DeviceUnavailable."""
+        """Find the stream, read its metadata and subscribe. Raises DeviceUnavailable, also if several streams match."""
         self._closed.clear()
         lsl = _pylsl(self.place)
         found = _resolved(lsl, self._options)
@@ -155,7 +155,7 @@ class LslDriver:
         self._steps, self._last_s, self._uneven = [], 0.0, False
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Events of the samples that arrived; raises DeviceLost."""
+        """Return the events of the samples that arrived, waiting at most timeout_s for the first. Raises DeviceLost."""
         inlet, channels = self._inlet, self._channels
         if inlet is None or channels is None or self._closed.is_set():
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -193,7 +193,7 @@ class LslDriver:
         return [Notice("stamps", Code.LSL_UNEVEN() if self._uneven else None)]
 
     def close(self) -> None:
-        """Unsubscribe; a read in another thread ends within its timeout."""
+        """Unsubscribe from the stream; a read in another thread ends within its timeout."""
         self._closed.set()
         self._inlet = None
 

@@ -17,11 +17,11 @@ Row = NDArray[np.floating]
 
 
 class NoChannels(LookupError):
-    """The stream lacks these channels: labels that were given, or `gyro`."""
+    """An LSL stream lacks the needed channels; the message has the missing labels, or `gyro`."""
 
 
 class NoUnit(LookupError):
-    """Channels whose unit is missing or unknown. option: the option that gives it."""
+    """The unit of LSL channels is missing or unknown. option: the driver option that gives it."""
 
     def __init__(self, channels: str, unit: str, option: str) -> None:
         super().__init__(channels)
@@ -29,19 +29,22 @@ class NoUnit(LookupError):
 
 
 class Triple(NamedTuple):
-    """Indices of the x, y, z channels, and the factor from their numbers to SI."""
+    """Indices of a sensor's x, y, z channels, and the factor from their numbers to rad/s or m/s²."""
 
     at: tuple[int, int, int]
     factor: float
 
     def vector(self, row: Row) -> Vector:
-        """The vector of one sample, in SI."""
+        """Return the sensor's vector (x, y, z) of one sample, in rad/s or m/s². row: all channels of the sample."""
         x, y, z = self.at
         return float(row[x]) * self.factor, float(row[y]) * self.factor, float(row[z]) * self.factor
 
 
 class Channels(NamedTuple):
-    """Channels of a stream that make a reading; temperature in °C."""
+    """Channels of an LSL stream that make a reading: gyro, accelerometer and the index of the temperature in °C.
+
+    accel, temperature: None if the stream has none.
+    """
 
     gyro: Triple
     accel: Triple | None
@@ -58,7 +61,11 @@ class _Channel(NamedTuple):
 def find(
     about: "pylsl.StreamInfo", gyro: Sequence[str], accel: Sequence[str], gyro_unit: str, accel_unit: str
 ) -> Channels:
-    """Find the channels with these labels; without labels, by label, type and unit. Raises NoChannels, NoUnit."""
+    """Find the gyro, accelerometer and temperature channels in a stream's metadata. Raises NoChannels, NoUnit.
+
+    gyro, accel: labels of the x, y, z channels; if empty, channels are found by label, type and unit.
+    gyro_unit, accel_unit: used instead of the stated unit, unless empty.
+    """
     channels = _channels(about)
     rates = _axes(channels, "gyro", gyro)
     if rates is None:

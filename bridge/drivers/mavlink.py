@@ -30,7 +30,7 @@ _MAX_SYSTEMS: Final = 8  # named in a notice
 
 
 def available() -> bool:
-    """Whether pymavlink is installed."""
+    """Whether pymavlink, the package that decodes MAVLink, is installed."""
     return importlib.util.find_spec("pymavlink") is not None
 
 
@@ -40,7 +40,6 @@ class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
     system: id of the system to read where one port carries several; 0 takes the first that sends inertial messages.
     """
 
-    #: id of the system to read, 1 to 255, where one port carries several; 0 takes the first that sends inertial messages
     #: id of the system to read, 1 to 255, where one port carries several; 0 takes the first that sends inertial messages
     system: int = 0
 
@@ -53,9 +52,10 @@ class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class MavlinkDecoder:
-    """Decoder of one system's inertial messages. A boot is detected by a clock that went back.
+    """Decoder of one MAVLink system's inertial messages. A boot is detected by a clock that went back.
 
-    The first message settles the system, so that another device on the line cannot be mistaken for this one.
+    system: id of the system, 1 to 255; 0 takes the first heard. Then the system is fixed, so that another device on the
+    line cannot be mistaken for this one.
     """
 
     def __init__(self, system: int = 0) -> None:
@@ -83,7 +83,7 @@ class MavlinkDecoder:
         self._assembly.opened()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events completed by these bytes, in order."""
+        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
         parser = self._parser
         for message in parser.parse_buffer(data) or ():
             self._take(message, receive_time_ns)
@@ -96,12 +96,12 @@ class MavlinkDecoder:
         return events and [*self._notices(), *events]
 
     def finish(self) -> list[Event]:
-        """The remaining events at the end."""
+        """Return the events of the samples still held, at the end of the stream."""
         events = self._assembly.finish()
         return events and [*self._notices(), *events]
 
     def to_send(self) -> bytes:
-        """Nothing: this driver sends no commands."""
+        """Return b"": this driver sends no commands."""
         return b""
 
     def _new_parser(self) -> Any:

@@ -36,7 +36,10 @@ _CODEC = Codec(gatt_values.encode, gatt_values.decode)
 
 
 class Payload(NamedTuple):
-    """A payload with rates: its mode and characteristic, and where rate (°/s) and acceleration (m/s²) begin."""
+    """A DOT payload that carries rates: measurement mode and BLE characteristic.
+
+    gyro, accel: byte offsets of rate (3 float32, °/s) and acceleration (3 float32, m/s²); None if it carries none.
+    """
 
     mode: int
     characteristic: int
@@ -59,7 +62,7 @@ _NOT_READ: Final = {
 
 
 class MovellaDotOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a Movella DOT."""
+    """Options of a Movella DOT sensor: Bluetooth address, output data rate and payload."""
 
     #: Bluetooth address of the sensor, for example `ble://D4:22:CD:00:12:34`
     port: str
@@ -85,7 +88,10 @@ class MovellaDotOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, 
 
 
 class MovellaDotDecoder:
-    """Decoder of a DOT's values, in frames of `bridge.framing.gatt_values`; without options, and on a file, it only listens."""
+    """Decoder of a Movella DOT's values, in frames of `bridge.framing.gatt_values`.
+
+    It also sets the rate and starts the measurement; without options, and on a file, it only listens.
+    """
 
     def __init__(self, options: MovellaDotOptions | None = None) -> None:
         self.faults = Tally()
@@ -98,14 +104,17 @@ class MovellaDotDecoder:
         self.opened()
 
     def opened(self) -> None:
-        """Reset for a newly opened connection, and start the measurement anew."""
+        """Reset for a newly opened connection, and send the commands that start the measurement."""
         self._values = GattValues(self.faults)
         self._assembly.opened()
         self._heard_ns = 0
         self._begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events completed by these bytes, in order."""
+        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte.
+
+        After 3 s of silence the measurement is started again.
+        """
         events: list[Event] = []
         for characteristic, value in self._values.feed(data):
             events += self._took(characteristic, value, receive_time_ns)
@@ -118,11 +127,11 @@ class MovellaDotDecoder:
         return events + self._assembly.events()
 
     def finish(self) -> list[Event]:
-        """The remaining events at the end."""
+        """Return the events of the samples still held, at the end of the stream."""
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """The next command."""
+        """Return the next command to the sensor; b"" if none."""
         return self._requests.command()
 
     def _begin(self) -> None:

@@ -52,7 +52,7 @@ class MtData2Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class MtData2Decoder:
-    """Decoder of MTData2; without options it only listens.
+    """Decoder of MTData2, the messages of Xsens motion trackers; without options it only listens.
 
     Samples are dropped and counted until it is clear whether the device sends its time.
     """
@@ -82,7 +82,7 @@ class MtData2Decoder:
             self._settings.begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events completed by these bytes, in order."""
+        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
         events: list[Event] = []
         for message in self._messages.feed(data):
             events += self._took(message, receive_time_ns)
@@ -90,11 +90,11 @@ class MtData2Decoder:
         return events + ([] if self._assembly is None else self._assembly.events())
 
     def finish(self) -> list[Event]:
-        """The remaining events at the end."""
+        """Return the events of the samples still held, at the end of the stream."""
         return [] if self._assembly is None else self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """The next command."""
+        """Return the next command to the device; b"" if none."""
         return self._settings.command()
 
     def _took(self, message: Message, receive_time_ns: int) -> list[Notice]:

@@ -16,10 +16,10 @@ _WARMTH_HZ = 10
 
 
 class Settings:
-    """State of one device's queries and settings.
+    """Queries and settings of one Xsens motion tracker, and how far they have come.
 
     rate_hz: output data rate to set, 0 to leave it.
-    model, firmware, sends_hz: empty and 0 until answered.
+    model, firmware: empty until answered. sends_hz: reported output data rate, Hz; 0 until answered.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -30,11 +30,11 @@ class Settings:
 
     @property
     def settled(self) -> bool:
-        """Whether no answer is pending, or the queries were given up."""
+        """Whether all queries and settings are answered, or were given up."""
         return self._given_up or self._requests.key is None
 
     def begin(self, *, woken: bool = False) -> None:
-        """Query and set everything: the device was opened, or reported a boot (woken)."""
+        """Start all queries and settings anew: the device was opened, or reported a boot (woken)."""
         self._given_up = False
         self._requests.clear()
         if woken:
@@ -46,15 +46,18 @@ class Settings:
         self._back()
 
     def command(self) -> bytes:
-        """The next command to send; empty if none."""
+        """Return the next command to send; empty if none."""
         return self._requests.command()
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Send or repeat the open query; unanswered queries are given up, but never the return to measurement."""
+        """Let time pass, to send or repeat the open query; return a notice when it is given up. now_ns: host time.
+
+        After an unanswered query all are given up, but never the return to measurement.
+        """
         return self._failed(Code.REQUEST_UNANSWERED) if self._requests.passed(now_ns) else []
 
     def answered(self, message: Message) -> list[Notice]:
-        """Handle a message that is not data."""
+        """Handle a message that is not data, such as a query's answer; return a notice if the device refused it."""
         kind = self._requests.key
         if kind is not None and message.kind == mtdata2.ERROR:
             return self._failed(Code.REQUEST_REFUSED, error=message.data.hex())

@@ -18,7 +18,6 @@ class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_o
     """Options of a device that speaks truerate's native protocol."""
 
     #: output data rate to set in the device, Hz, 0.1 to 100000, for example 104; 0 leaves the device's rate unchanged
-    #: output data rate to set in the device, Hz, 0.1 to 100000, for example 104; 0 leaves the device's rate unchanged
     rate_hz: float = 0.0
 
     def __post_init__(self) -> None:
@@ -51,13 +50,13 @@ class NativeDecoder:
         self._tell = False  # the rate is to be sent
 
     def finish(self) -> list[Event]:
-        """Count the held packets as lost: no identity can follow."""
+        """Count the held packets as lost, because no identity can follow; return []."""
         held, self._held = self._held, deque()
         self._forget(sum(len(data.ticks) for data, _ in held))
         return []
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events completed by these bytes, in order."""
+        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
         events: list[Event] = []
         for payload in self._deframer.feed(data):
             try:
@@ -76,7 +75,7 @@ class NativeDecoder:
         return events
 
     def to_send(self) -> bytes:
-        """The identify request and the rate command, when due; each is returned once."""
+        """Return the identify request and the rate command, if needed now, else b""; each is returned once."""
         ask, self._ask = self._ask, False
         tell, self._tell = self._tell, False
         return (ASK if ask else b"") + (frame(packets.encode_rate(self._wanted_hz)) if tell else b"")

@@ -42,7 +42,7 @@ _KINDS = _Kinds()
 
 
 def kinds() -> Mapping[str, DriverKind]:
-    """All drivers by name, built-in drivers first."""
+    """Return all drivers by name, built-in drivers first."""
     return _KINDS
 
 
@@ -53,7 +53,7 @@ def _ours(name: str) -> DriverKind:
 
 @functools.cache
 def foreign() -> dict[str, DriverKind]:
-    """Drivers of other packages, by name.
+    """Return the drivers that other packages register, by name.
 
     A driver that cannot be loaded, or whose name is taken, is left out with a warning.
     """

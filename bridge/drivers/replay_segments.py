@@ -17,9 +17,11 @@ _ODD = 0x9E3779B97F4A7C15  # makes different boot numbers for the stretches of o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplaySegment:
-    """n samples of one boot to replay.
+    """Replay segment: n samples of one boot to replay, with the device's identity.
 
-    due_s (n,): seconds since the playback began, never falling. The other columns are as in driver.Readings.
+    due_s (n,): seconds since the playback began at which each sample is played, never falling. The other columns are as
+    in
+    driver.Readings: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C.
     """
 
     identity: Identity
@@ -35,7 +37,10 @@ class ReplaySegment:
 
     @classmethod
     def of_recording(cls, recording: Recording, boot: int, gyro_range: float = 0.0) -> Self:
-        """Segment of a recording without boots: its boot begins as the recording is opened."""
+        """Build the segment of a recording that has no boots: its boot begins as the recording is opened.
+
+        boot: boot number to use. gyro_range: full scale in rad/s; 0 takes the recording's.
+        """
         identity = Identity(
             boot=boot,
             boot_cause=BootCause.PORT_OPENED,
@@ -54,10 +59,11 @@ class ReplaySegment:
 
     @classmethod
     def of_stretch(cls, stretch: Stretch, begin_ns: int, salt: int, gyro_range: float = 0.0) -> Self:
-        """Segment of one boot of a ward's recording.
+        """Build the segment of one boot (stretch) of a ward's recording.
 
-        begin_ns: host time at which the recording began. salt: makes the boot number differ in every playback;
-        otherwise subscribers would take the samples for repeats.
+        begin_ns: host time at which the recording began, ns. salt: makes the boot number differ in every playback;
+        otherwise subscribers would take the samples for repeats. gyro_range: full scale in rad/s; 0 takes the recorded
+        one.
         """
         info = stretch.info
         identity = Identity(

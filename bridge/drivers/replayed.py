@@ -60,7 +60,10 @@ class ReplayedOptions(Reading, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class Playback:
-    """The due samples of replay segments. Pure: host seconds since the start are an argument."""
+    """Hands out the samples of replay segments when they are due. Pure: host seconds since the start are an argument.
+
+    speed: multiple of the recorded pace.
+    """
 
     def __init__(self, takes: Sequence[ReplaySegment], speed: float) -> None:
         self._takes = [take for take in takes if len(take)]
@@ -70,17 +73,24 @@ class Playback:
 
     @property
     def over(self) -> bool:
-        """Whether everything has been played."""
+        """Whether all segments have been played to their end."""
         return self._at >= len(self._takes)
 
     def wait_s(self, elapsed_s: float) -> float:
-        """Host seconds until the next sample is due; 0 if a sample is due, or at the end."""
+        """Return the host seconds until the next sample is due; 0 if a sample is due, or at the end.
+
+        elapsed_s: host seconds since the start.
+        """
         if self.over:
             return 0.0
         return max(0.0, float(self._takes[self._at].due_s[self._next]) / self._speed - elapsed_s)
 
     def due(self, elapsed_s: float, receive_time_ns: int) -> list[Event]:
-        """Events of one boot due by elapsed_s, in runs of consecutive samples; the identity precedes the first run."""
+        """Return the events of one boot due by elapsed_s: runs of consecutive samples, the first after the identity.
+
+        Empty if none is due. elapsed_s: host seconds since the start. receive_time_ns: receive time to give to the
+        readings.
+        """
         if self.over or self.wait_s(elapsed_s):
             return []
         take, first = self._takes[self._at], self._next
@@ -108,7 +118,7 @@ def _run(take: ReplaySegment, part: slice, receive_time_ns: int) -> Readings:
 
 
 def devices(path: Path) -> list[str]:
-    """Device ids in a ward's recording; raises RecordingError if it cannot be played."""
+    """Return the device ids in a ward's recording (.mcap). Raises RecordingError if it cannot be played."""
     found = list(_recorded(path).stretches)
     if not found:
         raise RecordingError(f"{path}: the recording has no samples")
@@ -151,7 +161,7 @@ def _takes(options: ReplayedOptions) -> list[ReplaySegment]:
 
 
 class ReplayedDriver:
-    """Driver that plays a recording by the host's clock."""
+    """Driver that plays a recording as a device, by the host's clock."""
 
     def __init__(self, options: ReplayedOptions) -> None:
         self.faults = Tally()
@@ -162,7 +172,7 @@ class ReplayedDriver:
         self._start_s = 0.0
 
     def open(self) -> None:
-        """Load the recording; raises DeviceUnavailable."""
+        """Load the recording and start it from its beginning. Raises DeviceUnavailable."""
         try:
             takes = _takes(self._options)
         except RecordingError as error:
@@ -172,7 +182,7 @@ class ReplayedDriver:
         self._closed.clear()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Events that are due; raises DeviceLost for good at the end."""
+        """Return the events that are due, waiting at most timeout_s for them; raises DeviceLost for good at the end."""
         playback = self._playback
         if playback is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -182,7 +192,7 @@ class ReplayedDriver:
         return playback.due(time.monotonic() - self._start_s, host_time.now_ns())
 
     def close(self) -> None:
-        """Stop playing; this ends a read in another thread."""
+        """Stop playing the recording; this ends a read in another thread."""
         self._closed.set()
         self._playback = None
 

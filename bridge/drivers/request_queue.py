@@ -24,7 +24,7 @@ class RequestQueue:
         self.clear()
 
     def clear(self) -> None:
-        """Discard all requests and commands."""
+        """Discard all requests and all commands that wait to be sent."""
         self._open: deque[_Request] = deque()
         self._commands: deque[bytes] = deque()
         self._sent = self._asked_ns = 0
@@ -36,25 +36,28 @@ class RequestQueue:
 
     @property
     def sending(self) -> bool:
-        """Whether commands wait to be sent."""
+        """Whether commands wait to be fetched by `command`."""
         return bool(self._commands)
 
     def add(self, key: int | str, *commands: bytes) -> None:
-        """Queue a request of one or more commands, unless a request of the same key already waits."""
+        """Queue a request of one or more commands under a key, unless a request of the same key already waits."""
         if all(request.key != key for request in list(self._open)[1 if self._sent else 0 :]):
             self._open.append(_Request(key, commands))
 
     def tell(self, *commands: bytes) -> None:
-        """Queue commands that are not answered."""
+        """Queue commands for which no answer is awaited."""
         self._commands += commands
 
     def answered(self) -> None:
-        """Close the open request: its answer came."""
+        """Close the open request, because its answer came; the next one follows."""
         self._open.popleft()
         self._sent = 0
 
     def passed(self, now_ns: int) -> bool:
-        """Queue the commands due at now_ns; True if the open request was sent `times` times and is to be given up."""
+        """Queue the commands to be sent at now_ns; return True if the open request was sent `times` times unanswered.
+
+        The caller then gives it up, by `clear` or `answered`.
+        """
         self._now_ns = now_ns
         if not self._open or self._commands or (self._sent and 0 <= now_ns - self._asked_ns < self._again_ns):
             return False
@@ -66,7 +69,7 @@ class RequestQueue:
         return False
 
     def command(self) -> bytes:
-        """The next command to send; empty if there is none, or if spacing_s since the last command has not passed."""
+        """Return the next command to send; empty if none, or if spacing_s since the last command has not passed."""
         if not self._commands or (self._sent_ns and self._now_ns - self._sent_ns < self._spacing_ns):
             return b""
         self._sent_ns = self._now_ns

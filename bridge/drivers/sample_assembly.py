@@ -23,7 +23,7 @@ _LARGEST = 1 << 64
 
 @dataclass(frozen=True, slots=True)
 class DeviceDescription:
-    """A device's properties that are not in its samples.
+    """Properties of a device that are not in its samples.
 
     rate_hz: 0 if to be measured by the device's clock; guessed_rate_hz is used where the device has no clock.
     gyro_range: full-scale range in rad/s, 0 when unknown.
@@ -54,12 +54,12 @@ class _Sample(NamedTuple):
 
 
 class SampleAssembler:
-    """Turns single samples into identities and readings; `events` returns each event once.
+    """Turns single samples into identities and readings, for devices that number neither boots nor samples.
 
-    `about` may be replaced at any time; the identity is then announced again.
+    `about` describes the device and may be replaced at any time; the identity is then announced again.
     tick_period_s: seconds per tick of the device's clock, None without a clock. The clock wraps at 2**tick_bits.
     With a clock, a missing sample is detected and takes up a sequence number; without a clock it goes unseen.
-    Samples are held until the rate is known.
+    Samples are held until the rate is known. faults: counts dropped samples by label. draw: makes boot numbers.
     """
 
     def __init__(
@@ -79,15 +79,15 @@ class SampleAssembler:
         self._begin()
 
     def opened(self) -> None:
-        """Note that the port was opened (again)."""
+        """Note that the port was opened (again): the next sample may belong to another boot."""
         self._boots.opened()
 
     def rebooted(self) -> None:
-        """Note that the device reported a boot."""
+        """Note that the device reported a boot: the next sample begins it."""
         self._boots.said()
 
     def paced(self, rate_hz: float) -> None:
-        """Set a new sample rate, which the device uses from the next sample on."""
+        """Set a new sample rate, Hz, which the device uses from the next sample on."""
         if self._rate_hz:
             self._flush()
             self._rate_hz = rate_hz
@@ -104,9 +104,10 @@ class SampleAssembler:
         missing: int = 0,
         clipped: bool = False,
     ) -> None:
-        """Add one sample as the device sent it.
+        """Add one sample as the device sent it; `events` returns it later as part of readings.
 
         tick: of the device's clock (ignored without a clock). gyro in rad/s, accel in m/s², temperature_c in °C.
+        receive_time_ns: host time of its arrival.
         missing: samples known to be lost before this sample; the clock tells by itself where there is one.
         clipped: the device reports this sample as clipped.
         """
@@ -129,13 +130,13 @@ class SampleAssembler:
             self._steps.clear()
 
     def events(self) -> list[Event]:
-        """The complete events, each returned once."""
+        """Return the identities and readings completed since the last call."""
         self._flush()
         events, self._events = self._events, []
         return events
 
     def finish(self) -> list[Event]:
-        """The remaining events at the end of a stream, even if the rate is still unknown."""
+        """Return the remaining events at the end of a stream; without a measured rate, the guessed one is used."""
         self._finish()
         return self.events()
 

@@ -36,7 +36,7 @@ Reading = Callable[[bytes], tuple[int, int, int]]
 
 
 class Shimmer3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a Shimmer3."""
+    """Options of a Shimmer3 sensor: port and output data rate."""
 
     #: `/dev/rfcomm0`, or `ble://address/49535343-1e4d-4bd9-ba61-23c647249616?write=49535343-8841-43f4-a8d4-ecbe34729bb3`
     port: str
@@ -51,7 +51,10 @@ class Shimmer3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw
 
 
 class Shimmer3Decoder:
-    """Decoder of a Shimmer3; without options, and on a file, it only listens: samples follow the answers that it hears."""
+    """Decoder of a Shimmer3, which it also queries and starts.
+
+    Without options, and on a file, it only listens: samples are decoded after the answers that it hears.
+    """
 
     def __init__(self, options: Shimmer3Options | None = None) -> None:
         self.faults = Tally()
@@ -75,7 +78,10 @@ class Shimmer3Decoder:
         self._begin()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events completed by these bytes, in order."""
+        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte.
+
+        After 3 s of silence the stream is started again.
+        """
         events: list[Event] = []
         self._frames.awaiting_ack = self._awaits_ack()
         for frame in self._frames.feed(data):
@@ -92,11 +98,11 @@ class Shimmer3Decoder:
         return events + self._assembly.events()
 
     def finish(self) -> list[Event]:
-        """The remaining events at the end."""
+        """Return the events of the samples still held, at the end of the stream."""
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """The next command."""
+        """Return the next command to the sensor; b"" if none."""
         return self._requests.command()
 
     def _begin(self) -> None:
@@ -122,7 +128,7 @@ class Shimmer3Decoder:
         return isinstance(key, str) and (key != _CRC or self._frames.checked)
 
     def _unanswered(self) -> list[Notice]:
-        """Go on without battery, and without CRC where the connection loses nothing; begin anew without anything else."""
+        """Handle an unanswered request: skip that of battery, or of CRC over a serial port; else start all anew."""
         key = self._requests.key
         if key == framing.BATTERY or (key == _CRC and not self._needs_crc):
             self._requests.answered()

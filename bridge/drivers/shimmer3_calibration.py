@@ -24,15 +24,19 @@ _CHARGING = 0x80
 
 
 class Calibration(NamedTuple):
-    """value = matrix (counts − offset), in rad/s or m/s²."""
+    """Calibration of one sensor of a Shimmer3: value = matrix (counts − offset), in rad/s or m/s².
+
+    offset (3,): counts. matrix (3, 3): rows of three, rad/s or m/s² per count.
+    """
 
     offset: Vector
     matrix: tuple[Vector, Vector, Vector]
 
     @classmethod
     def stored(cls, block: bytes, *, gyro: bool) -> Self | None:
-        """Decode a stored calibration; None if there is none, or if it cannot be inverted.
+        """Decode a stored calibration of 21 bytes; None if there is none, or if it cannot be inverted.
 
+        gyro: of the gyro, in °/s, else of an accelerometer, in m/s².
         Source: value = R⁻¹ K⁻¹ (counts − b), with sensitivity K in counts for 1 °/s or 1 m/s², and alignment R.
         """
         numbers = _BLOCK.unpack(block)
@@ -44,7 +48,7 @@ class Calibration(NamedTuple):
 
     @classmethod
     def nominal(cls, gyro_range: int) -> Self:
-        """The data sheet's calibration of the gyro, for an index into RANGES_DPS."""
+        """Return the data sheet's calibration of the gyro. gyro_range: index into RANGES_DPS."""
         return cls._of((0, 0, 0), np.full(3, _NOMINAL[gyro_range]), _AXES, radians(1))
 
     @classmethod
@@ -59,14 +63,14 @@ class Calibration(NamedTuple):
         return cls((offset[0], offset[1], offset[2]), (tuple(x), tuple(y), tuple(z)))
 
     def of(self, counts: tuple[int, int, int]) -> Vector:
-        """Value of a sample."""
+        """Return the calibrated vector (x, y, z), rad/s or m/s², of a sample's three counts."""
         a, b, c = counts[0] - self.offset[0], counts[1] - self.offset[1], counts[2] - self.offset[2]
         (xa, xb, xc), (ya, yb, yc), (za, zb, zc) = self.matrix
         return xa * a + xb * b + xc * c, ya * a + yb * b + yc * c, za * a + zb * b + zc * c
 
 
 def battery(data: bytes) -> Battery:
-    """The state of the battery, from the answer's three bytes: the ADC of VSenseBatt, and the charger's state."""
+    """Return the state of the battery from the answer's three bytes: ADC value of the voltage, state of the charger."""
     volts = min(max(int.from_bytes(data[:2], "little") * _ADC_V * _DIVIDER, _EMPTY_V), _FULL_V)
     percent = 0.0
     for factor in _PERCENT:

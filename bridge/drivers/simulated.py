@@ -24,7 +24,7 @@ _BATTERY_S = 12 * 3600.0
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Options of a virtual device.
 
-    seed: decides the device's properties and motion. speed: multiple of real time. rate_hz: output data rate.
+    seed: decides the device's properties and motion. speed: multiple of real time. rate_hz: output data rate, Hz.
     life: the motion after the calibration. `lively`: movements, each followed by a rest of some seconds. `ward`: lying,
     asleep, sitting, walking, in a bed that turns.
     """
@@ -48,7 +48,10 @@ class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class SimulatedDriver:
-    """Driver of a virtual device, timed by the host's clock. The first open makes `device`, which survives close and open."""
+    """Driver of a virtual device, timed by the host's clock.
+
+    device: made by the first open; it survives close and open.
+    """
 
     def __init__(self, options: SimulatedOptions) -> None:
         self.place = f"simulated, seed {options.seed}"
@@ -60,7 +63,7 @@ class SimulatedDriver:
         self._born_s = 0.0
 
     def open(self) -> None:
-        """Open the device; the first open powers it up."""
+        """Open the virtual device; the first open makes it and powers it up."""
         if self.device is None:
             self.device = _made(self._options)
             self._born_s = time.monotonic()
@@ -68,7 +71,7 @@ class SimulatedDriver:
         self._closed.clear()
 
     def read(self, timeout_s: float) -> list[Event]:
-        """Events since the last read; raises DeviceLost after close."""
+        """Return the events since the last read, after a pause of up to 20 ms; raises DeviceLost after close."""
         if self.device is None or self._closed.wait(min(timeout_s, _TURN_S)):
             raise DeviceLost(Code.CLOSED(place=self.place))
         if ask := self._decoder.to_send():
@@ -77,7 +80,7 @@ class SimulatedDriver:
         return self._decoder.feed(data, host_time.now_ns())
 
     def close(self) -> None:
-        """Stop reading; this ends a read in another thread."""
+        """Stop reading; this ends a read in another thread. The device keeps its state."""
         self._closed.set()
 
 

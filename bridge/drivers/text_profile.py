@@ -75,12 +75,12 @@ class TextDecoder:
         self._percent = math.nan  # charge of the battery
 
     def opened(self) -> None:
-        """Note that the port was opened (again)."""
+        """Drop an unfinished line, because the port was opened (again)."""
         self._lines.opened()
         self._assembly.opened()
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events completed by these bytes, in order."""
+        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
         events: list[Event] = []
         for line in self._lines.feed(data):
             events += self._take(line, receive_time_ns)
@@ -88,12 +88,12 @@ class TextDecoder:
         return [*self._notices(), *events] if events else []
 
     def finish(self) -> list[Event]:
-        """The remaining events at the end, even if the rate is unknown."""
+        """Return the events of the samples still held, at the end of the stream, even if the rate is unknown."""
         events = self._assembly.finish()
         return [*self._notices(), *events] if events else []
 
     def to_send(self) -> bytes:
-        """Nothing: text devices get no commands."""
+        """Return b"": text devices get no commands."""
         return b""
 
     def _take(self, line: Line, receive_time_ns: int) -> list[Event]:
@@ -214,7 +214,7 @@ def _amount(text: str) -> float:
 
 
 class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options of a text device.
+    """Options of a device that prints lines of text, described by a profile.
 
     profile: name or path. rate_hz (Hz), gyro_range_dps (°/s): only where they differ from the profile's.
     """

@@ -4,9 +4,10 @@ _SURE, _CHANGED = 2, 32  # consecutive samples: to decide first, to change the d
 
 
 class TimePresence:
-    """Whether samples carry a time.
+    """Decides whether a device's samples carry a time.
 
-    tells: the decision, None until it is clear. in_a_row: the latest consecutive samples that agree with each other.
+    tells: the decision, None until it is clear. in_a_row: number of the latest consecutive samples that agree with each
+    other.
     """
 
     def __init__(self) -> None:
@@ -15,13 +16,16 @@ class TimePresence:
         self._leaning = False
 
     def fits(self, *, timed: bool) -> bool:
-        """Add the next sample's; whether it agrees with the decision."""
+        """Add the next sample; return whether it agrees with the decision. timed: whether it carries a time."""
         self.in_a_row = self.in_a_row + 1 if timed == self._leaning else 1
         self._leaning = timed
         return timed == self.tells
 
     def settle(self) -> bool:
-        """Decide by the latest samples, if there are enough; whether the decision was made."""
+        """Decide by the latest samples, if enough agree: 2 at first, 32 to change the decision.
+
+        Return whether it was made.
+        """
         if self.in_a_row < (_SURE if self.tells is None else _CHANGED):
             return False
         self.tells = self._leaning

@@ -24,7 +24,7 @@ _FASTEST_HZ = 200.0
 
 
 class Word(StrEnum):
-    """The frame whose fourth word is the temperature on this device."""
+    """Frame whose fourth word is the temperature on this WitMotion model; NONE if no frame has it."""
 
     ACCEL = "accel"
     GYRO = "gyro"
@@ -87,7 +87,7 @@ class WitMotionDecoder:
         self._without_rate = 0  # frames since the last sample
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events completed by these bytes, in order."""
+        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
         events: list[Event] = []
         for frame in self._frames.feed(data):
             if frame.kind in (REGISTERS, MOTION_REGISTERS):
@@ -107,11 +107,11 @@ class WitMotionDecoder:
         return events + self._assembled()
 
     def finish(self) -> list[Event]:
-        """The remaining events at the end."""
+        """Return the events of the samples still held, at the end of the stream."""
         return [] if self._assembly is None else self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """The next command."""
+        """Return the next command to the sensor; b"" if none."""
         return self._settings.command()
 
     def _ask(self) -> None:

@@ -21,9 +21,10 @@ _FOUR, _SIX = struct.Struct("<4h"), struct.Struct("<6h")
 
 
 class Sample(NamedTuple):
-    """One sample: gyro in rad/s, accel in m/s².
+    """One sample of a WitMotion device: gyro in rad/s, accel in m/s² or None.
 
-    time_ms: ms of the device's calendar since 1999-12-31. accel_word, gyro_word: fourth word of each frame, 0.01 °C.
+    time_ms: ms of the device's calendar since 1999-12-31, None without. accel_word, gyro_word: fourth word of the
+    acceleration and rate frames, 0.01 °C where it is a temperature.
     """
 
     time_ms: int | None
@@ -34,21 +35,24 @@ class Sample(NamedTuple):
 
 
 class Cycles:
-    """Frames in, samples out. A half without the other half of its cycle is dropped and counted."""
+    """Assembles WitMotion frames into samples: time, acceleration and rate of one measuring cycle.
+
+    A half without the other half of its cycle is dropped and counted in `faults`.
+    """
 
     def __init__(self, faults: Tally) -> None:
         self.faults = faults
         self.opened()
 
     def opened(self) -> None:
-        """Drop an unfinished cycle."""
+        """Drop an unfinished cycle, because the port was opened (again)."""
         self._last_kind = 0
         self._time_ms: int | None = None
         self._accel: tuple[int, ...] | None = None
         self._alone = 0
 
     def take(self, frame: Frame) -> Sample | None:
-        """The sample that a frame completes, or None."""
+        """Take the next frame; return the sample that it completes, or None."""
         if frame.kind == witmotion.MOTION:
             x, y, z, *gyro = _SIX.unpack_from(frame.data)
             time_ms = self._time(frame.data[_ANGLES_END:]) if len(frame.data) > _ANGLES_END else None

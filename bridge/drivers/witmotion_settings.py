@@ -33,10 +33,10 @@ _CALIBRATES = "gyro auto-calibration"
 
 
 class Settings:
-    """State of one device's queries and settings.
+    """Queries and settings of one WitMotion device, and how far they have come.
 
     rate_hz: output data rate to set, 0 to leave it. writes: whether settings may be changed.
-    firmware, sends_hz: empty and 0 until answered.
+    firmware: empty until answered. sends_hz: reported output data rate, Hz; 0 until answered.
     """
 
     def __init__(self, rate_hz: float, *, writes: bool) -> None:
@@ -48,7 +48,10 @@ class Settings:
         self._requests = RequestQueue(_AGAIN_S, _TIMES, _SPACING_S)
 
     def begin(self, *, checked: bool) -> None:
-        """Query everything: the device was opened, or has booted. checked: the device speaks the serial form with checksums."""
+        """Start all queries anew: the device was opened, or has booted.
+
+        checked: the device speaks the serial form with checksums.
+        """
         self._checked, self._has_battery = checked, not checked
         self._told = {CONTENT: 0, STILL_TIME: 0}
         self._requests.clear()
@@ -57,17 +60,17 @@ class Settings:
 
     @property
     def settled(self) -> bool:
-        """Whether no answer about settings, and no command, is pending."""
+        """Whether all queries but that of the battery are answered, and no command waits to be sent."""
         return self._requests.key in (None, BATTERY) and not self._requests.sending
 
     def command(self) -> bytes:
-        """The next command to send; empty if none, or if 0.1 s since the last command have not passed."""
+        """Return the next command to send; empty if none, or if 0.1 s since the last command have not passed."""
         return self._requests.command()
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Send or repeat the open query; after a query without an answer, give up all of them, with a notice.
+        """Let time pass, to send or repeat the open query; return a notice when all are given up. now_ns: host time.
 
-        Once a minute the battery is queried.
+        Queries are given up after one without an answer. Once a minute the battery is queried.
         """
         if self._has_battery and self._requests.key is None and now_ns - self._battery_ns >= _BATTERY_NS:
             self._battery_ns = now_ns
@@ -79,7 +82,10 @@ class Settings:
         return [] if about_battery else self._notice(Code.MAY_CALIBRATE_ITSELF())
 
     def answered(self, data: bytes) -> Sequence[Notice | Battery]:
-        """Handle a register answer: of the open query, or of the register named in the answer where the form names it."""
+        """Handle the data of a register answer; return the notices and battery states that follow from it.
+
+        The answer is that of the open query, or of the register named in the answer where the form names it.
+        """
         register, values = self._requests.key, struct.unpack(f"<{len(data) // 2}H", data)
         if register is None or self._requests.sending:
             return []

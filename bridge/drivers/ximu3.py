@@ -78,7 +78,7 @@ class Ximu3Decoder:
         self._fresh = True
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
-        """The events completed by these bytes, in order."""
+        """Return the events that these bytes complete, in order. receive_time_ns: host time of the last byte."""
         events: list[Event] = []
         for line in self._lines.feed(data):
             try:
@@ -94,12 +94,12 @@ class Ximu3Decoder:
         return events + self._assembled()
 
     def finish(self) -> list[Event]:
-        """The remaining events at the end, even if identity or rate are unknown."""
+        """Return the events of the samples still held, at the end of the stream, even if the rate is unknown."""
         self._release()
         return self._assembly.finish()
 
     def to_send(self) -> bytes:
-        """The next command; one at a time, so that each fits a datagram."""
+        """Return the next command, b"" if none; one at a time, so that each fits a datagram."""
         return self._settings.command()
 
     def _took(self, message: Message, receive_time_ns: int) -> list[Event]:

@@ -23,11 +23,11 @@ _MAX_TEXT = 31
 
 
 class Settings:
-    """State of one device's queries and settings.
+    """Queries and settings of one x-IMU3, and how far they have come.
 
     chosen_hz: output data rate to set, None to leave it. writes: whether settings may be changed.
     name, serial, firmware, hardware: empty until answered.
-    coming_us: sample period that was set but not yet seen in the samples; None otherwise.
+    coming_us: sample period, µs, that was set but not yet seen in the samples; None otherwise.
     """
 
     def __init__(self, chosen_hz: float | None, *, writes: bool) -> None:
@@ -39,7 +39,7 @@ class Settings:
         self.ask()
 
     def ask(self) -> None:
-        """Query everything: the device was opened, or has booted."""
+        """Start all queries anew: the device was opened, or has booted."""
         self._requests.clear()
         for key in _ASKED:
             self._requests.add(plain(key), _command(key, None))
@@ -48,22 +48,22 @@ class Settings:
 
     @property
     def answered(self) -> bool:
-        """Whether no answer is pending."""
+        """Whether no answer to a query is pending."""
         return self._requests.key is None
 
     def command(self) -> bytes:
-        """The next command to send; empty if none."""
+        """Return the next command to send; empty if none."""
         return self._requests.command()
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Repeat unanswered queries for a while; then give up, with a notice."""
+        """Let time pass, to repeat unanswered queries; return a notice when they are given up. now_ns: host time."""
         if not self._requests.passed(now_ns):
             return []
         self._requests.clear()
         return self._notice(Code.MAY_CORRECT_ITSELF())
 
     def took(self, reply: Reply) -> list[Notice]:
-        """Handle an answer."""
+        """Handle the device's answer to a query or setting; return the notices that follow from it."""
         asked = reply.key == self._requests.key
         if asked:
             self._requests.answered()
@@ -113,7 +113,7 @@ class Settings:
 
 
 def divisor_of(rate_hz: float) -> int:
-    """The rate divisor that gives the nearest rate."""
+    """Return the rate divisor, 1 to 4000, whose output data rate is nearest to rate_hz: 400 Hz / divisor."""
     return min(max(1, round(SAMPLES_HZ / rate_hz)), _MAX_DIVISOR)
 
 

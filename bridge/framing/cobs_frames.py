@@ -19,7 +19,10 @@ _MAX_FRAME = MAX_PAYLOAD + _CRC_BYTES + 2 + (MAX_PAYLOAD + _CRC_BYTES) // 254
 
 
 def frame(payload: bytes) -> bytes:
-    """Encode a payload of 1 to MAX_PAYLOAD bytes as a frame; raises ValueError for other lengths."""
+    """Encode a payload of 1 to MAX_PAYLOAD bytes as a COBS frame with CRC-32 and final zero byte.
+
+    Raises ValueError for other lengths.
+    """
     if not 1 <= len(payload) <= MAX_PAYLOAD:
         raise ValueError(f"a payload has 1 to {MAX_PAYLOAD} bytes, not {len(payload)}")
     crc = zlib.crc32(payload).to_bytes(_CRC_BYTES, "little")
@@ -34,7 +37,7 @@ class Deframer:
         self._partial = b""  # of an overlong frame, one byte more than allowed is kept, to recognise it
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Add received bytes; the payloads they complete, in order."""
+        """Add received bytes; return the payloads of the frames that they complete, in order."""
         *ended, rest = data.split(b"\0")
         payloads = []
         for piece in ended:

@@ -13,19 +13,19 @@ _NUMBER_BYTES = 2
 
 
 def encode(number: int, value: bytes = b"") -> bytes:
-    """Encode a value; without a value, the request to read the characteristic."""
+    """Encode a BLE characteristic's 16-bit number and value as a COBS frame; no value: the request to read it."""
     return frame(number.to_bytes(_NUMBER_BYTES, "little") + value)
 
 
 class GattValues:
-    """Decoder of values: any chunking of bytes in, numbers and values out; counts faults, with bounded memory."""
+    """Decoder of BLE characteristics' values in a byte stream of COBS frames; counts faults, with bounded memory."""
 
     def __init__(self, faults: Tally) -> None:
         self._deframer = Deframer()
         self._deframer.faults = faults
 
     def feed(self, data: bytes) -> list[tuple[int, bytes]]:
-        """Numbers and values completed by these bytes, in order."""
+        """Add received bytes; return (characteristic number, value) of each frame that they complete, in order."""
         return [
             (int.from_bytes(payload[:_NUMBER_BYTES], "little"), payload[_NUMBER_BYTES:])
             for payload in self._deframer.feed(data)
@@ -33,5 +33,5 @@ class GattValues:
 
 
 def decode(data: bytes) -> list[tuple[int, bytes]]:
-    """Numbers and values of whole frames."""
+    """Return (characteristic number, value) of each frame in these bytes, which hold whole frames only."""
     return GattValues(Tally()).feed(data)

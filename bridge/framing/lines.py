@@ -7,7 +7,7 @@ LINE_FEED, ANY_END = b"\n", b"\r\n"
 
 
 class Line(NamedTuple):
-    """One line without its end.
+    """One line of a byte stream, without its end.
 
     begun: the first line after opening, perhaps only the end of a line. too_long: the line was cut.
     """
@@ -18,7 +18,10 @@ class Line(NamedTuple):
 
 
 class Lines:
-    """Splits a byte stream at any byte of `ends`; skips empty lines, and cuts lines longer than `longest`."""
+    """Splits a byte stream into lines at any byte of `ends`; skips empty lines.
+
+    longest: number of bytes at which a line is cut.
+    """
 
     def __init__(self, longest: int, ends: bytes = LINE_FEED) -> None:
         self._longest = longest
@@ -26,13 +29,13 @@ class Lines:
         self.opened()
 
     def opened(self) -> None:
-        """Drop an unfinished line: the port was opened (again)."""
+        """Drop an unfinished line, because the port was opened (again)."""
         self._partial = bytearray()
         self._too_long = False
         self._begun = True
 
     def feed(self, data: bytes) -> list[Line]:
-        """The lines completed by these bytes, in order."""
+        """Add received bytes; return the lines that they complete, in order."""
         *ended, rest = self._end.split(data)
         lines = []
         for piece in ended:

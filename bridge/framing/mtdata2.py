@@ -31,16 +31,17 @@ _FP_12_20, _FP_16_32 = 1, 2
 
 
 class Message(NamedTuple):
-    """A message from or to the device: kind and data."""
+    """Message from or to an Xsens device: number of its kind, and data."""
 
     kind: int
     data: bytes
 
 
 class Data(NamedTuple):
-    """The useful contents of an MTData2 message; None where missing.
+    """Useful content of an MTData2 message; None where missing.
 
-    gyro rad/s, accel m/s², celsius °C, counter of messages (16 bits), time in 0.1 ms (32 bits).
+    gyro (3) rad/s, accel (3) m/s², celsius °C, counter of messages (16 bits), time in 0.1 ms (32 bits).
+    gyro_clipped: the device reports an axis beyond its range.
     turned: rotation vector of Δq, rad. sped: Δv, m/s. Both are since the previous message.
     raw: the message carries the gyro as counts.
     """
@@ -57,25 +58,25 @@ class Data(NamedTuple):
 
 
 def encode(kind: int, data: bytes = b"") -> bytes:
-    """Encode a message to the device."""
+    """Encode a message to the device, with preamble, length and checksum; data has less than 255 bytes."""
     body = bytes((0xFF, kind, len(data))) + data
     return b"\xfa" + body + bytes((-sum(body) & 0xFF,))
 
 
 class Messages:
-    """Decoder of messages: any chunking of bytes in, messages out; counts faults, with bounded memory."""
+    """Decoder of Xsens messages: any chunking of bytes in, messages out; counts faults, with bounded memory."""
 
     def __init__(self, faults: Tally) -> None:
         self.faults = faults
         self.opened()
 
     def opened(self) -> None:
-        """Drop an unfinished message."""
+        """Drop an unfinished message, because the port was opened (again)."""
         self._bytes = bytearray()
         self._dropped = 0  # bytes dropped since the last message
 
     def feed(self, data: bytes) -> list[Message]:
-        """The messages completed by these bytes, in order."""
+        """Add received bytes; return the messages that they complete, in order."""
         self._bytes += data
         held, at, messages = self._bytes, 0, []
         while (span := self._span(held, at)) is not None:
@@ -115,7 +116,10 @@ class Messages:
 
 
 def decode(data: bytes) -> Data:
-    """Decode the known items of an MTData2 message; raises BadPacket if the items do not fill it exactly."""
+    """Decode the known items in the data of an MTData2 message; items of other kinds are ignored.
+
+    Raises BadPacket if the items do not fill the data exactly, or an item has a wrong length.
+    """
     items: dict[int, tuple[int, bytes]] = {}
     at = 0
     while at < len(data):

@@ -48,7 +48,11 @@ class BadPacket(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """A device's identity and boot. gyro_range: full scale in rad/s, 0 if unknown."""
+    """Content of a HELLO packet: a device's identity and boot number.
+
+    tick_period_s: seconds per tick of its clock. rate_hz: output data rate. gyro_range: full scale in rad/s, 0 if
+    unknown.
+    """
 
     boot: int
     tick_period_s: float
@@ -61,7 +65,10 @@ class Hello:
 
 
 class Data(NamedTuple):
-    """n consecutive samples: ticks (n,) uint32; gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C, all float32."""
+    """Content of a DATA packet: n consecutive samples. sequence: number of the first since boot, 32 bits.
+
+    ticks (n,) uint32; gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C, all float32.
+    """
 
     boot: int
     sequence: int
@@ -72,21 +79,21 @@ class Data(NamedTuple):
 
 
 class Charge(NamedTuple):
-    """Charge of a device's battery, 0 to 100 %."""
+    """Content of a BATTERY packet: charge of a device's battery, 0 to 100 %, and whether it charges."""
 
     percent: float
     charging: bool
 
 
 def encode_hello(hello: Hello) -> bytes:
-    """Encode the payload of a HELLO packet."""
+    """Encode the payload of a HELLO packet (identity of a device)."""
     has = HAS_ACCEL * hello.has_accel | HAS_TEMPERATURE * hello.has_temperature
     head = _HELLO.pack(HELLO, VERSION, hello.boot, hello.tick_period_s, hello.rate_hz, hello.gyro_range, has)
     return head + hello.model.encode() + b"\0" + hello.firmware.encode()
 
 
 def encode_data(data: Data) -> bytes:
-    """Encode the payload of a DATA packet; raises ValueError unless it has 1 to MAX_SAMPLES samples."""
+    """Encode the payload of a DATA packet (samples); raises ValueError unless it has 1 to MAX_SAMPLES samples."""
     n = len(data.ticks)
     if not 1 <= n <= MAX_SAMPLES:
         raise ValueError(f"a DATA packet has 1 to {MAX_SAMPLES} samples, not {n}")
@@ -97,27 +104,27 @@ def encode_data(data: Data) -> bytes:
 
 
 def encode_own(own: DeviceCalibration) -> bytes:
-    """Encode the payload of an OWN packet."""
+    """Encode the payload of an OWN packet (calibration that the device made itself)."""
     return _OWN.pack(OWN, own.boot, own.sequence, *own.scale, *own.bias)
 
 
 def encode_battery(charge: Charge) -> bytes:
-    """Encode the payload of a BATTERY packet."""
+    """Encode the payload of a BATTERY packet (charge)."""
     return _BATTERY.pack(BATTERY, charge.percent, charge.charging)
 
 
 def encode_identify() -> bytes:
-    """Encode the payload that asks a device for HELLO."""
+    """Encode the payload of an IDENTIFY packet, which asks a device for its HELLO."""
     return bytes([IDENTIFY])
 
 
 def encode_rate(rate_hz: float) -> bytes:
-    """Encode the payload that sets a device's output data rate."""
+    """Encode the payload of a RATE packet, which sets a device's output data rate, Hz."""
     return _RATE.pack(RATE, rate_hz)
 
 
 def decode_rate(payload: bytes) -> float | None:
-    """Rate in a payload to the device, Hz; None if it is not a RATE packet or the rate is out of range."""
+    """Return the rate, Hz, in a payload to the device; None if it is no RATE packet, or beyond 0.1 to 100000 Hz."""
     if payload[0] != RATE or len(payload) != _RATE.size:
         return None
     _, rate_hz = _RATE.unpack(payload)
@@ -125,7 +132,10 @@ def decode_rate(payload: bytes) -> float | None:
 
 
 def decode(payload: bytes) -> Hello | Data | DeviceCalibration | Charge:
-    """Decode a packet from a device; raises BadPacket with the label to count."""
+    """Decode the payload of a packet from a device: HELLO, DATA, OWN or BATTERY.
+
+    Raises BadPacket, with the label to count, for any other or invalid packet.
+    """
     if payload[0] == HELLO:
         return _decode_hello(payload)
     if payload[0] == DATA:

@@ -31,7 +31,7 @@ _JITTER = 8  # part of a period
 
 
 def crc(frame: bytes) -> bytes:
-    """CRC-16/CCITT of a frame, little-endian; an odd frame counts with a zero byte at its end."""
+    """Return a frame's CRC-16/CCITT as two bytes, little-endian; an odd frame counts with a zero byte at its end."""
     return binascii.crc_hqx(frame + bytes(len(frame) % 2), _SEED).to_bytes(2, "little")
 
 
@@ -39,7 +39,7 @@ _ACK_AND_CRC = bytes((ACK,)) + crc(bytes((ACK,)))
 
 
 class Frame(NamedTuple):
-    """ACK, NACK, DATA or the kind of an answer; and the data behind it."""
+    """A frame from a Shimmer3: kind (ACK, NACK, DATA or the kind of an answer), and the data that follows it."""
 
     kind: int
     data: bytes
@@ -65,13 +65,16 @@ class ShimmerFrames:
         self.opened()
 
     def opened(self) -> None:
-        """Forget any unfinished frame; a new connection begins without CRC."""
+        """Drop an unfinished frame, because the port was opened (again); a new connection begins without CRC."""
         self.checked = self.awaiting_ack = False
         self._bytes = bytearray()
         self._dropped = 0
 
     def feed(self, data: bytes) -> Iterator[Frame]:
-        """The frames completed by these bytes, in order; packet, period and awaiting_ack may be set between two of them."""
+        """Add received bytes; yield the frames that they complete, in order.
+
+        packet, period and awaiting_ack may be set between two of them.
+        """
         self._bytes += data
         while self._bytes and (found := self._next()) is not None:
             frame, size = found

@@ -24,7 +24,10 @@ _UNCHECKED_KINDS = frozenset((MOTION, MOTION_REGISTERS))
 
 
 class Frame(NamedTuple):
-    """A frame's kind, and data of 8, 18 or 26 bytes. after_fault: bytes were dropped before the frame."""
+    """A WitMotion frame: number of its kind, and data of 8, 18 or 26 bytes.
+
+    after_fault: bytes were dropped before the frame.
+    """
 
     kind: int
     data: bytes
@@ -42,14 +45,14 @@ class WitFrames:
         self.opened()
 
     def opened(self) -> None:
-        """Forget the form and any unfinished frame: the device may be another."""
+        """Drop an unfinished frame and forget the form of frames: the port was opened, perhaps to another device."""
         self.checked: bool | None = None
         self._motion_size = _UNCHECKED
         self._bytes = bytearray()
         self._dropped = 0  # bytes dropped since the last frame
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames completed by these bytes, in order."""
+        """Add received bytes; return the frames that they complete, in order."""
         self._bytes += data
         held, at, frames = self._bytes, 0, []
         while (size := self._size(held, at)) >= 0:

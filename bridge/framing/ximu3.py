@@ -38,7 +38,7 @@ _MAX_TEXT = 127
 
 
 class Inertial(NamedTuple):
-    """An inertial sample: time in µs, rate in °/s, acceleration in g."""
+    """An x-IMU3's inertial sample: device time in µs, rate (x, y, z) in °/s, acceleration (x, y, z) in g."""
 
     time_us: int
     gyro_dps: Vector
@@ -46,27 +46,27 @@ class Inertial(NamedTuple):
 
 
 class Temperature(NamedTuple):
-    """The sensor's temperature in °C."""
+    """An x-IMU3's temperature message: sensor temperature in °C."""
 
     celsius: float
 
 
 class Charge(NamedTuple):
-    """The battery's charge, 0 to 100 %."""
+    """An x-IMU3's battery message: charge, 0 to 100 %, and whether it charges."""
 
     percent: float
     charging: bool
 
 
 class Said(NamedTuple):
-    """A notification or an error for people."""
+    """An x-IMU3's text for people: a notification, or an error."""
 
     error: bool
     text: str
 
 
 class Reply(NamedTuple):
-    """The answer to a command: normalised key (see `plain`) and JSON value."""
+    """An x-IMU3's answer to a command: normalised key (see `plain`) and JSON value."""
 
     key: str
     value: Any
@@ -76,12 +76,15 @@ Message = Inertial | Temperature | Charge | Said | Reply
 
 
 def plain(key: str) -> str:
-    """Normalise a key as devices compare it: lower case, letters and digits only."""
+    """Normalise a setting's key as x-IMU3 devices compare it: lower case, letters and digits only."""
     return re.sub("[^a-z0-9]", "", key.lower())
 
 
 def decode(line: bytes) -> Message | None:
-    """Decode a line's message, None if it is of an ignored kind; raises BadPacket with the label to count."""
+    """Decode one line (without its end) as an x-IMU3 message; None if it is of an ignored kind.
+
+    Raises BadPacket with the label to count.
+    """
     if line[0] == ord("{"):
         return _reply(line)
     line = line.removesuffix(b"\r") if line[0] < 0x80 else _unstuffed(line)

@@ -19,13 +19,16 @@ _LONGEST_DOUBT_S = 5.0
 
 
 class ArrivalClock:
-    """Derives ticks of TICK_S from the sample count and the latest sample period."""
+    """Derives sample times, in ticks of TICK_S, for a device without a clock: from sample counts and sample period."""
 
     def __init__(self) -> None:
         self._at: tuple[int, float] | None = None  # latest count, and its ticks
 
     def ticks(self, counts: Counts, period_s: float) -> Counts:
-        """Ticks (n,) of rising counts (n,); rising across calls too."""
+        """Return ticks (n,) int64 of TICK_S for rising sample counts (n,); they rise across calls too.
+
+        period_s: latest sample period, host seconds.
+        """
         step = period_s / TICK_S
         count, ticks = self._at or (int(counts[0]), int(counts[0]) * step)
         rising = ticks + (counts - count) * step
@@ -34,9 +37,9 @@ class ArrivalClock:
 
 
 class SilenceDetector:
-    """Holds the readings after a silence until it is known whether samples are missing. Pure: times are arguments.
+    """Detects samples missing after a silence of a device without a clock; holds the readings until this is known.
 
-    missing: samples counted as missing so far, before the readings returned last.
+    Pure: times are arguments. missing: number of samples counted as missing so far, before the readings returned last.
     """
 
     def __init__(self) -> None:
@@ -46,9 +49,9 @@ class SilenceDetector:
         self._least_s, self._period_s = inf, 0.0
 
     def take(self, readings: Readings, late_s: float, period_s: float) -> list[Readings]:
-        """Readings that may be published, in order.
+        """Take new readings; return the readings, new and held, that may be published now, in order.
 
-        late_s: how late the last sample arrived, by the clock fit. period_s: sample period, host seconds.
+        late_s: how late the last sample arrived, by the clock fit, s. period_s: sample period, host seconds.
         """
         silent_s, self._heard_ns = (readings.receive_time_ns - self._heard_ns) * 1e-9, readings.receive_time_ns
         limit_s, self._period_s = max(_LEAST_S, _FEW * period_s), period_s
@@ -68,7 +71,10 @@ class SilenceDetector:
         return self.release() if gained_s >= _DOUBT_S or since_s >= _LONGEST_DOUBT_S else []
 
     def release(self) -> list[Readings]:
-        """Return the held readings, counting the samples missing before them: the delay was never caught up."""
+        """Return the held readings, [] if none, and add the samples missing before them to `missing`.
+
+        For a delay that was never caught up, and at the end of the data.
+        """
         held, self._held = self._held, []
         if held:
             self.missing += round(self._least_s / self._period_s)

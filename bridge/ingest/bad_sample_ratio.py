@@ -11,13 +11,16 @@ _LEAST_SAMPLES = 200
 
 
 class BadSampleRatio:
-    """Compares the counts of one boot, which only grow, with those of a minute ago."""
+    """Ratio of bad samples of one boot over the last minute: compares growing counts with those a minute ago."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[int, int, dict[str, int]]] = deque()  # time_ns, samples, counts
 
     def notable(self, time_ns: int, samples: int, counts: Mapping[str, int]) -> Sentences:
-        """Reasons that concern more than 1 % of the samples of the last minute, largest first; empty if none."""
+        """Return a sentence for each kind of bad sample above 1 % of the last minute, largest first; () if none.
+
+        time_ns: of the call. samples: number of samples since boot. counts: number of bad samples since boot, by label.
+        """
         while len(self._past) > 1 and self._past[1][0] <= time_ns - _WINDOW_NS:
             self._past.popleft()
         self._past.append((time_ns, samples, dict(counts)))

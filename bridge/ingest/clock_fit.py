@@ -46,7 +46,7 @@ class ClockFit:
 
     @property
     def measured(self) -> bool:
-        """Whether `rate` has been measured."""
+        """Whether `rate` has been measured; until then it is assumed to be 1."""
         return self.rate_error < inf
 
     @property
@@ -55,7 +55,7 @@ class ClockFit:
         return self.rate_error < _SURE * self.rate
 
     def observe(self, device_s: float, receive_time_ns: int) -> None:
-        """Add a batch: its last sample was taken at device_s and received at receive_time_ns; device_s never goes back."""
+        """Add a batch to the fit, by its last sample: device time device_s (s, never falling) and receive_time_ns."""
         number = int(device_s // 1)
         if self._zero_ns is None:
             self._zero_ns, self._number = receive_time_ns, number
@@ -72,7 +72,7 @@ class ClockFit:
                 self._offset_s = host_s - self.rate * device_s
 
     def host_ns(self, device_s: float) -> int:
-        """The host time of device_s, ns since the Unix epoch; 0 before the first observation."""
+        """Return the host time, ns since the Unix epoch, of device time device_s; 0 before the first observation."""
         if self._zero_ns is None:
             return 0
         return self._zero_ns + round(self._expected(device_s) * 1e9)

@@ -14,7 +14,7 @@ _FAR = 2**62  # ticks; beyond, adding a turn could overflow int64
 
 
 class CounterUnwrapper:
-    """Unwraps the sequence numbers and ticks of one boot, and finds missing, duplicate and late samples."""
+    """Unwraps the sequence numbers and ticks of one boot, and tells new samples from repeated and late ones."""
 
     def __init__(self) -> None:
         self._sequence: int | None = None
@@ -22,7 +22,10 @@ class CounterUnwrapper:
         self._missed: dict[int, bool] = {}  # skipped sequence numbers, oldest first
 
     def unwrapped(self, readings: Readings, identity: Identity) -> tuple[Counts, Counts]:
-        """Unwrapped sequence numbers and ticks, (n,) each; they may repeat or go back, as sent."""
+        """Return unwrapped sequence numbers and ticks, (n,) int64 each, as if the counters never wrapped.
+
+        identity: gives the widths of the counters. The numbers may repeat or go back, as sent.
+        """
         if self._sequence is None:
             first = readings.sequence % 2**identity.sequence_bits
             origin = int(readings.ticks[0]) % 2**identity.tick_bits
@@ -46,7 +49,10 @@ class CounterUnwrapper:
         return counts.astype(np.int64) + before if rising and all(map(lt, sent, sent[1:])) else None
 
     def follow(self, readings: Readings, identity: Identity) -> "Followed":
-        """Unwrap readings, classify their samples, and advance to the last new sample."""
+        """Unwrap the counters of readings, and tell new samples from repeated and late ones.
+
+        The last new sample becomes the one that the next readings are compared with.
+        """
         last = self._sequence
         if last is not None and step(readings.sequence, last, identity.sequence_bits) == 1:
             rising = self._rising(readings.ticks, identity.tick_bits)
@@ -76,11 +82,12 @@ class CounterUnwrapper:
 
 
 class Followed(NamedTuple):
-    """Consecutive unwrapped samples of a boot: sequence number of the first, and ticks (n,).
+    """Unwrapped readings: sequence number of the first sample, ticks (n,), and which samples are new.
 
-    new (n,): which samples are new; None if all are. missing: sequence numbers skipped before the first sample.
-    repeated: samples received before. overtaken: samples that arrive after newer ones. backward: samples with a new
-    number but an earlier time.
+    new (n,): mask of the new samples; None if all are. missing: number of sequence numbers skipped before the first
+    sample.
+    repeated: number of samples received before. overtaken: number that arrived after newer ones. backward: number with
+    a new sequence number but an earlier time.
     """
 
     first: int
@@ -93,7 +100,10 @@ class Followed(NamedTuple):
 
 
 def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts:
-    """Signed steps (n,) between consecutive counts, the first from `before`; each is the shortest way round 2**bits."""
+    """Return the signed steps (n,) int64 between consecutive counts (n,) of a counter of `bits` bits.
+
+    The first step is from `before`. Each step is the shortest way round 2**bits.
+    """
     all_counts = np.concatenate([np.array([before % 2**bits], np.uint64), counts.astype(np.uint64)])
     spare = np.uint64(64 - bits)
     # Left-aligned in 64 bits, so that the difference wraps at the counter's width and its top bit is the sign.
@@ -102,11 +112,11 @@ def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts
 
 
 def step(count: int, before: int, bits: int) -> int:
-    """Signed step of one count; see `steps`."""
+    """Return the signed step from `before` to `count` of a counter of `bits` bits, the shortest way round."""
     half = 1 << (bits - 1)
     return (count - before + half) % (1 << bits) - half
 
 
 def whole_turns(step_: int, expected: float, bits: int) -> int:
-    """A step plus the whole turns of the counter that bring it nearest to the expected step."""
+    """Add whole turns (2**bits) of a counter to a step, so that it comes nearest to the expected step."""
     return step_ + (1 << bits) * round((expected - step_) / (1 << bits))

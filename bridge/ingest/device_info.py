@@ -51,8 +51,11 @@ class DeviceInfoBuilder:
         events: dict[str, int],
         trouble: Sentences,
     ) -> DeviceInfo:
-        """Build the complete message.
+        """Build the DeviceInfo message of one device at time_ns (ns since the Unix epoch).
 
+        boot: published boot number. timeline: measured rate and notices about time. samples: number published in this
+        boot.
+        dropped, events: counts by label. trouble: why the device cannot be read; () if it can.
         Before the device has identified itself (identity None), boot is 0 and a trouble says so.
         """
         device, bridge, driver, place = self._names

@@ -27,9 +27,9 @@ _log = logging.getLogger(__name__)
 
 
 class Taken(NamedTuple):
-    """Result of `DeviceThread.take`: batches in order, the boot after them, whether the device is connected.
+    """Result of `DeviceThread.take`: batches in order, boot number after them, whether the device sends (`there`).
 
-    boot: 0 while the device has not identified itself. info: DeviceInfo, if asked for and at a new boot.
+    boot: 0 while the device has not identified itself. info: DeviceInfo, if asked for and at a new boot; else None.
     """
 
     batches: list[SampleBatch]
@@ -66,15 +66,18 @@ class DeviceThread:
         self._thread = threading.Thread(target=self._run, name=f"device {device}", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread that opens and reads the device."""
         self._thread.start()
 
     def read_soon(self) -> None:
-        """Wake the thread to read; `take` follows shortly."""
+        """Wake the thread to read now, so that a `take` shortly after finds fresh data."""
         self._due.set()
 
     def take(self, *, informed: bool = True) -> Taken:
-        """Batches queued since the last take. informed: with a DeviceInfo; a new boot always comes with one."""
+        """Return the batches queued since the last call, and the device's state; never waits.
+
+        informed: return a DeviceInfo as well; a new boot always comes with one.
+        """
         with self._lock:
             batches = list(self._queue)
             self._queue.clear()
@@ -86,13 +89,13 @@ class DeviceThread:
             return Taken(batches, boot, self._there, info)
 
     def lose(self, batches: Iterable[SampleBatch]) -> None:
-        """Count batches that were taken but could not be published."""
+        """Count batches that `take` returned, but that could not be published, as dropped."""
         with self._lock:
             for batch in batches:
                 self._intake.overflowed(batch)
 
     def stop(self, timeout_s: float = 2.0, reason: Sentences = ()) -> None:
-        """Stop the thread and close the device; batches already read can still be taken.
+        """Stop the thread and close the device, waiting up to timeout_s; batches already read can still be taken.
 
         reason: why no more will come, for the last DeviceInfo; empty where the device is to come back.
         """

@@ -18,7 +18,10 @@ _log = logging.getLogger(__name__)
 
 
 def said(devices: Sequence[str], owner: str, refused: Sequence[str]) -> Sentence:
-    """A sentence naming the first devices, the bridge whose samples are taken, the refused bridges, and what to do."""
+    """Return a sentence about devices that two bridges send, and what to do.
+
+    owner: the bridge whose samples are taken. refused: the other bridges. The sentence names the first few devices.
+    """
     params = {"devices": ", ".join(devices[:_MOST]), "owner": owner, "refused": ", ".join(refused)}
     if (left := len(devices) - _MOST) > 0:
         return Code.TWO_BRIDGES_AND_MORE(more=left, **params)
@@ -26,7 +29,7 @@ def said(devices: Sequence[str], owner: str, refused: Sequence[str]) -> Sentence
 
 
 def found(statuses: Iterable[Status]) -> list[Sentence]:
-    """One sentence for each set of bridges that send the same devices now."""
+    """Return one sentence for each set of bridges that send the same devices now, from the devices' latest statuses."""
     sets: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for status in statuses:
         if status.refused_bridges:
@@ -35,7 +38,7 @@ def found(statuses: Iterable[Status]) -> list[Sentence]:
 
 
 class DuplicateBridges:
-    """Tracks which of a bridge's devices estimators refuse; the first refusal of each device is logged."""
+    """Tracks which devices of a bridge the estimators take from another bridge; logs the first time of each device."""
 
     def __init__(self, bus: Bus, ward: str, bridge: str) -> None:
         self._bridge, self._told = bridge, set[str]()
@@ -46,13 +49,13 @@ class DuplicateBridges:
         self._statuses = bus.subscribe(keys.pattern(ward, "status"), history=True, capacity=2 * _AT_ONCE)
 
     def hear(self) -> None:
-        """Handle the statuses that estimators have published since the last call."""
+        """Read the statuses that estimators have published since the last call, and update `refused`."""
         for message in self._statuses.drain(_AT_ONCE, 0.0):
             with contextlib.suppress(Refusal):  # others report invalid statuses
                 self._take(decode_status(*message))
 
     def close(self) -> None:
-        """Unsubscribe from the statuses."""
+        """Unsubscribe from the estimators' statuses."""
         self._statuses.close()
 
     def _take(self, status: Status) -> None:

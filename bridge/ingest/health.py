@@ -8,15 +8,15 @@ from bridge.bus.routers import Routers
 from bridge.runtime.health_server import HealthSource, MetricFamily
 from bridge.wire.messages import DeviceInfo
 
-#: seconds without a turn after which the pump counts as stuck
+#: seconds without publishing after which the pump counts as stuck
 STUCK_S = 5.0
 
 
 class BridgeHealth:
-    """Health and metrics of a bridge.
+    """Health and metrics of a bridge, for its HTTP server.
 
-    infos: the last DeviceInfo of each device. turned_s: monotonic time of the pump's last turn. connected: whether one
-    of the routers is connected.
+    infos: returns the last DeviceInfo of each device. turned_s: returns the monotonic time, s, at which the bridge last
+    published. connected: returns whether a router is connected. routers: endpoints and certificate.
     """
 
     def __init__(
@@ -31,16 +31,16 @@ class BridgeHealth:
 
     @property
     def asked(self) -> HealthSource:
-        """What the health server asks for: metrics, liveness and readiness."""
+        """Callbacks of the health server: metrics, liveness (`sick`) and readiness (`unready`)."""
         return HealthSource(self.families, self.sick, self.unready)
 
     def sick(self) -> list[str]:
-        """Reasons why the bridge is not alive; empty if it is."""
+        """Return the reasons, in words, why the bridge is not alive; [] if it is."""
         age = time.monotonic() - self._turned_s()
         return [f"nothing published for {age:.0f} s"] if age > STUCK_S else []
 
     def unready(self) -> list[str]:
-        """Reasons why the bridge cannot do its work now; empty if it can."""
+        """Return the reasons, in words, why the bridge cannot do its work now; [] if it can."""
         why = self.sick()
         if not self._connected():
             why += ["the router is gone", *self._routers.faults()]
@@ -50,7 +50,7 @@ class BridgeHealth:
         return why
 
     def families(self) -> Iterator[MetricFamily]:
-        """All metrics; the labels are devices of the configuration, and reasons of drops."""
+        """Yield all metrics of the bridge for Prometheus, labelled by device and by reason of drops."""
         infos = self._infos()
         yield from certificate(self._routers)
         yield MetricFamily(

@@ -35,7 +35,10 @@ Bools = NDArray[np.bool_]
 
 
 class Intake:
-    """Turns the events of one device into batches. Pass events to `take` in the order of arrival; `info` has the counts."""
+    """Turns the events of one device into valid batches, and counts all other samples by reason.
+
+    Pass events to `take` in the order of arrival; `info` has the counts.
+    """
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self.events = Tally()  # reboots, gaps, missing samples, reconnections, over the bridge's life
@@ -64,7 +67,7 @@ class Intake:
 
     @property
     def boot(self) -> int | None:
-        """The published boot number, never 0; None before the first identity."""
+        """Published 64-bit boot number, never 0; None before the device has identified itself."""
         if self._identity is None:
             return None
         return (self._identity.boot + self._unsaid * _ODD) % 2**64 or _INSTEAD_OF_0
@@ -75,7 +78,7 @@ class Intake:
         return self._identity is not None and self._identity.has_clock
 
     def take(self, event: Event) -> list[SampleBatch]:
-        """Batches completed by an event, in order."""
+        """Take one event of the driver; return the batches that it completes, in order."""
         if isinstance(event, Identity):
             return self._greet(event)
         if isinstance(event, Readings):
@@ -87,18 +90,22 @@ class Intake:
         return []
 
     def release(self) -> list[SampleBatch]:
-        """Batches of the readings held for a possible gap: no more readings are expected."""
+        """Return batches of the readings held for a possible gap; call it when no more readings are expected."""
         return [batch for readings in self.timeline.release() for batch in self._read(readings)]
 
     def overflowed(self, batch: SampleBatch) -> None:
-        """Count a batch that was dropped before it could be published."""
+        """Count the samples of a batch that was dropped before it could be published."""
         if batch.boot == self.boot:
             self.samples -= len(batch)
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
     def info(self, time_ns: int, faults: dict[str, int], trouble: Sentences = ()) -> DeviceInfo:
-        """DeviceInfo at time_ns, boot 0 before the first identity. The driver's faults are added to the events."""
+        """Return the DeviceInfo at time_ns (since the Unix epoch), with boot 0 until the device has identified itself.
+
+        faults: counts of the driver by label, added to the events. trouble: why the device cannot be read; () if it
+        can.
+        """
         events, dropped = self.events.as_dict(), self.dropped.as_dict()
         # The driver may have counted the same change.
         events |= {label: max(n, events.get(label, 0)) for label, n in faults.items()}

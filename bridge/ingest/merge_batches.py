@@ -13,7 +13,10 @@ T = TypeVar("T", bound="np.generic[Any]")
 
 
 def merged(batches: Sequence[SampleBatch]) -> list[SampleBatch]:
-    """The same samples in as few batches as possible; a gap, a new boot or other columns start a new batch."""
+    """Return the samples of consecutive batches in as few batches as possible, of at most MAX_SAMPLES each.
+
+    A gap, a new boot, another tick period or other columns start a new batch.
+    """
     groups: list[list[SampleBatch]] = []
     size = 0
     for batch in batches:
@@ -58,6 +61,6 @@ def _one(group: list[SampleBatch]) -> SampleBatch:
 
 
 def column(parts: Sequence[NDArray[T] | None]) -> NDArray[T] | None:
-    """Concatenate a column's parts; None if no part has the column."""
+    """Concatenate the parts of a column along the samples; None if no part has the column."""
     present = [part for part in parts if part is not None]
     return np.concatenate(present) if present else None

@@ -12,7 +12,10 @@ _LONGEST_NS = 100_000_000  # the clock fit needs several receive times a second
 
 
 def joined(events: Iterable[Event]) -> list[Event]:
-    """The same events in the same order, with as few Readings as possible; the receive time is the last part's."""
+    """Return the events in the same order, with consecutive Readings of up to 100 ms merged into one.
+
+    The receive time of merged readings is that of the last part.
+    """
     groups: list[list[Event]] = []
     for event in events:
         if groups and _goes_on(groups[-1], event):

@@ -11,7 +11,10 @@ from bridge.transport.transport import Chunk
 
 
 def no_data_reason(driver: Driver, name: str) -> Sentences:
-    """Reason and advice for a silent device, the same while nothing changes. name: the driver's, as in the configuration."""
+    """Return sentences why an open device sends no samples (no bytes, or of another protocol), and what to do.
+
+    The same while nothing changes. name: the driver's name in the configuration.
+    """
     if not isinstance(driver, StreamDriver):
         return (Code.NOTHING_UNDERSTOOD(place=driver.place),)
     chunks = driver.unread()
@@ -21,7 +24,10 @@ def no_data_reason(driver: Driver, name: str) -> Sentences:
 
 
 def ended(driver: Driver, name: str) -> Sentences:
-    """Reason why a capture ended without a sample; empty if it gave samples."""
+    """Return sentences why a capture ended without a sample, and what to do; () if it gave samples.
+
+    name: the driver's name in the configuration.
+    """
     if not isinstance(driver, StreamDriver) or driver.samples_in:
         return ()
     if not driver.bytes_in:

@@ -17,7 +17,10 @@ Bools = NDArray[np.bool_]
 
 
 def fault(readings: Readings) -> Reason | None:
-    """Why readings must be refused: columns of different lengths, or impossible counters; None if acceptable."""
+    """Return why readings must be refused as a whole; None if acceptable.
+
+    LENGTH: columns of different lengths, or no sample. RANGE: sequence number or ticks too large.
+    """
     n, accel, temperature_c = len(readings.ticks), readings.accel, readings.temperature_c
     whole = (
         n > 0
@@ -34,7 +37,11 @@ def fault(readings: Readings) -> Reason | None:
 
 
 def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools] | None:
-    """Masks (n,) of the finite and of the plausible samples; None if all are plausible. gyro_range 0 means unknown."""
+    """Return masks (n,) of the samples with finite and with plausible values; None if all are plausible.
+
+    gyro_range: full scale in rad/s, 0 if unknown. Plausible: rates up to twice the full scale, accelerations to
+    MAX_ACCEL.
+    """
     limit = _limit(gyro_range)
     # Almost always all pass; NaN fails the comparison.
     if within(readings.gyro, limit) and (readings.accel is None or within(readings.accel, MAX_ACCEL)):
@@ -49,7 +56,7 @@ def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools] | None:
 
 
 def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
-    """The temperature column, or None if one of its values is unusable; the rates are still published."""
+    """Return the temperatures (n,) float32 °C of the samples `run`; None if there are none or one value is unusable."""
     if readings.temperature_c is None:
         return None
     column = readings.temperature_c[run]
@@ -61,7 +68,7 @@ def _limit(gyro_range: float) -> float:
 
 
 def within(column: NDArray[np.floating], limit: float) -> bool:
-    """Whether all magnitudes are ≤ limit; NaN is not."""
+    """Whether all magnitudes in a column are at most `limit`; false for NaN."""
     # A sum of squares below the squared limit proves it: the usual case, at a third of the cost.
     if column.size <= _FEW and np.vdot(column, column) <= _SURELY * limit * limit:
         return True
@@ -69,7 +76,10 @@ def within(column: NDArray[np.floating], limit: float) -> bool:
 
 
 def runs(n: int, good: Bools | None) -> list[slice]:
-    """Unbroken runs of good samples as slices of n samples, each at most MAX_SAMPLES long; good (n,), None for all."""
+    """Return the unbroken runs of good samples, as slices into n samples, each at most MAX_SAMPLES long.
+
+    good: mask (n,); None if all are good.
+    """
     edges = [0, n]
     if good is not None:
         edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0)).tolist()

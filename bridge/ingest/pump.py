@@ -19,7 +19,7 @@ from bridge.wire import keys
 from bridge.wire.codec import encode_info, encode_samples
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
-#: seconds of outage covered by the publisher's cache; over lossy lines, recovery takes as long again as the outage
+#: seconds of an outage covered by the publisher's cache; over lossy lines, recovery takes as long again as the outage
 _CACHE_S = 30.0
 #: messages per device; with very short batches the cache covers less time
 _CACHE_MOST = 3000
@@ -33,17 +33,23 @@ _log = logging.getLogger(__name__)
 
 
 def cached(batch_s: float) -> int:
-    """Messages per device that the publisher keeps for subscribers that missed them, at one message each batch_s."""
+    """Return the number of messages per device that the publisher keeps for subscribers that missed them.
+
+    batch_s: seconds between two messages.
+    """
     return min(max(1, round(_CACHE_S / batch_s)), _CACHE_MOST)
 
 
 def shares(devices: int) -> int:
-    """Number of shares in which this many devices are published, one after the other within batch_ms."""
+    """Return the number of groups into which this many devices are split; groups are published one after the other."""
     return _SHARES if devices <= _SPREAD else 1
 
 
 class DevicePublisher:
-    """Publishes one device on the bus: its publishers, and a liveliness token for its current boot."""
+    """Publishes one device on the bus: samples, DeviceInfo, and a liveliness token for its current boot.
+
+    cache: number of sample messages kept for subscribers that missed them.
+    """
 
     def __init__(self, bus: Bus, ward: str, bridge: str, device: str, cache: int) -> None:
         self._bus = bus
@@ -58,7 +64,10 @@ class DevicePublisher:
         self._said_at_s = self._looked_at_s = float("-inf")
 
     def looks(self, now_s: float) -> bool:
-        """Whether it is time to check for a changed DeviceInfo."""
+        """Whether it is time again, every 0.2 s, to check for a changed DeviceInfo. now_s: monotonic time.
+
+        A true answer starts the next 0.2 s.
+        """
         due = now_s - self._looked_at_s >= _CHANGES_EVERY_S
         if due:
             self._looked_at_s = now_s
@@ -67,8 +76,8 @@ class DevicePublisher:
     def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
         """Publish batches, with the DeviceInfo of a new boot before its first batch, and with last=True after the last.
 
-        Raises BusError; `unsent` then holds the batches that were not put. The DeviceInfo has boot 0 while the device
-        has not identified itself; taken.info None publishes none.
+        now_s: monotonic time. Raises BusError; `unsent` then holds the batches that were not put. The DeviceInfo has
+        boot 0 while the device has not identified itself; without taken.info none is published.
         """
         self.unsent = deque(merged(taken.batches))
         self._tell_alive(taken.boot if taken.boot and taken.there else None)
@@ -80,7 +89,7 @@ class DevicePublisher:
         self._tell(taken.info, now_s, at_once=last)
 
     def close(self) -> None:
-        """Undeclare the publishers and the token."""
+        """End the publishers and withdraw the liveliness token."""
         self.closed = True
         self._tell_alive(None)
         self._raw.close()
@@ -111,7 +120,10 @@ _Running = tuple[DeviceThread, DevicePublisher]
 
 
 class Pump:
-    """The device threads and the publishing thread, for the length of a `with`; the bus belongs to the caller."""
+    """Runs a bridge: one thread per device, and one that publishes them all, for the length of a `with` block.
+
+    config: the bridge's devices and batch time. The bus belongs to the caller.
+    """
 
     def __init__(self, ward: str, config: Bridge, bus: Bus) -> None:
         self._bus, self._ward, self._bridge = bus, ward, config.id
@@ -125,23 +137,23 @@ class Pump:
         self._add(config.devices)
         self._stop = threading.Event()
         self._complaint = ""
-        #: monotonic time of the pump's last turn, s
+        #: monotonic time at which the pump last published, s
         self.turned_s = time.monotonic()
         self._pump = threading.Thread(target=self._run, name="pump", daemon=True)
 
     @property
     def infos(self) -> list[DeviceInfo]:
-        """The last DeviceInfo of each device."""
+        """Last published DeviceInfo of each device."""
         return [publisher.said for _, publisher in self._all if publisher.said is not None]
 
     @property
     def over(self) -> bool:
-        """Whether every device has ended for good, as recordings do."""
+        """Whether every device has ended for good, as played recordings do."""
         return all(thread.over for thread, _ in self._all)
 
     @property
     def refused(self) -> frozenset[str]:
-        """Devices whose samples the estimator takes from another bridge."""
+        """Ids of the devices whose samples the estimator takes from another bridge."""
         return frozenset(self._duplicates.refused)
 
     def __enter__(self) -> Self:
@@ -163,7 +175,10 @@ class Pump:
         self._alive.close()
 
     def change(self, devices: Sequence[Device]) -> None:
-        """Stop the devices that are not listed as they were, then start those that are new. The others go on untouched."""
+        """Run these devices from now on: stop those not listed unchanged, and start the new ones.
+
+        The others go on untouched. The stopped devices' last samples are published.
+        """
         gone = [self._devices.pop(device) for device in self._devices.keys() - set(devices)]
         self._list()
         for thread, publisher in gone:
@@ -184,12 +199,12 @@ class Pump:
         return added
 
     def _list(self) -> None:
-        """List the devices for the pump, which reads the list anew at each turn."""
+        """List the devices for the publishing thread, which reads the list again before each group of devices."""
         self._all = list(self._devices.values())
         self._duplicates.devices = frozenset(device.id for device in self._devices)
 
     def _run(self) -> None:
-        """Publish one share after the other; its devices are woken to read half a step earlier."""
+        """Publish one group of devices (share) after the other; its devices are woken to read half a step earlier."""
         due_s = time.monotonic()
         for turn in itertools.count():
             parts = shares(len(self._all))

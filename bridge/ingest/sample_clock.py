@@ -24,8 +24,9 @@ _OTHER = 0.02  # relative change of the rate
 class SampleTimes(NamedTuple):
     """Times of n samples received at once.
 
-    ticks (n,): rising, of tick_period_s each. device_s (n,): times by the device's clock.
-    last_ns: host time of the last sample. ns_per_s: host ns per device second. judged: whether lateness can be judged.
+    ticks (n,): rising, of tick_period_s each. clock_rate: host seconds per second of ticks.
+    device_s (n,): times by the device's clock, s. last_ns: host time of the last sample, ns since the Unix epoch.
+    ns_per_s: host ns per device second. judged: whether lateness can be judged.
     """
 
     ticks: Counts
@@ -39,15 +40,15 @@ class SampleTimes(NamedTuple):
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """Device times (n,) in s."""
+        """Device times (n,) of the samples in s: ticks times their period."""
         return np.asarray(self.ticks * self.tick_period_s, np.float64)
 
     def host_ns(self, at: int) -> int:
-        """Host time at which sample `at` was taken, ns."""
+        """Return the host time, ns since the Unix epoch, at which the sample with index `at` was taken."""
         return max(0, self.last_ns - round(float(self.device_s[-1] - self.device_s[at]) * self.ns_per_s))
 
     def late(self) -> NDArray[np.bool_] | None:
-        """Mask (n,) of samples received over 1 s after they were taken; None if none were."""
+        """Return a mask (n,) of samples received over 1 s after they were taken; None if none were."""
         if not self.judged or self.receive_time_ns - self.host_ns(0) <= _LATE_NS:  # if any sample is late, the first is
             return None
         before_ns = np.rint((self.device_s[-1] - self.device_s) * self.ns_per_s).astype(np.int64)
@@ -55,8 +56,9 @@ class SampleTimes(NamedTuple):
 
 
 class SampleClock:
-    """Sample clock and rate of one boot, fed in the order of arrival. Pure.
+    """Times of the samples and sample rate of one boot, fed with readings in the order of arrival. Pure.
 
+    clock: fit of the device's clock to the host's. rate: measured sample rate.
     changed: a sentence on the last change of the rate; None if it did not change.
     """
 
@@ -69,27 +71,36 @@ class SampleClock:
 
     @property
     def missing(self) -> int:
-        """Samples missing so far by the silences of a device without a clock."""
+        """Number of samples missing so far, by the silences of a device without a clock."""
         return self._silences.missing
 
     def hold(self, readings: Readings, last_tick: int, identity: Identity) -> list[Readings]:
-        """Readings that may be taken now; after a silence of a device without a clock, readings wait."""
+        """Return the readings, held and new, that may be taken now; some wait after a silence without a device clock.
+
+        last_tick: unwrapped tick of the last new sample.
+        """
         device_s = (last_tick + self.missing) * identity.tick_period_s
         late_s = (readings.receive_time_ns - self.clock.host_ns(device_s)) * 1e-9 if self.clock.sure else 0.0
         return self._silences.take(readings, late_s, identity.tick_period_s * self.clock.rate)
 
     def release(self) -> list[Readings]:
-        """The held readings, when no more are expected."""
+        """Return the readings held after a silence; call it when no more are expected."""
         return self._silences.release()
 
     def observe(self, sequence: int, tick: int, receive_time_ns: int, identity: Identity) -> bool:
-        """Add the last good sample of readings; whether its rate begins to differ from the nominal one."""
+        """Add the last good sample of readings to the clock fit and the rate measurement.
+
+        sequence, tick: unwrapped. Returns whether the measured rate begins to differ from the nominal one.
+        """
         device_s = tick * identity.tick_period_s
         self.clock.observe(device_s, receive_time_ns)
         return self.rate.observe(sequence, device_s, self.clock.rate, identity.rate_hz)
 
     def told(self, before_hz: float, rate_hz: float) -> Sentence:
-        """Handle a rate announced within a boot: measurement restarts. A return to the first rate withdraws `changed`."""
+        """Handle a sample rate that the device announced within a boot; return a sentence on the change. Rates in Hz.
+
+        The rate measurement restarts. A return to the first rate withdraws `changed`.
+        """
         self.rate, self._sent_hz = SampleRateMeter(), 0.0
         self._first_hz = self._first_hz or before_hz
         said = _changed(before_hz, rate_hz)
@@ -97,7 +108,10 @@ class SampleClock:
         return said
 
     def changes(self, identity: Identity) -> bool:
-        """Whether a device with a clock is found to have changed its rate without announcing it."""
+        """Whether a device with a clock has just been found to have changed its rate without announcing it.
+
+        `changed` then says so.
+        """
         hz, before_hz = self.rate.steady_hz, self._sent_hz or identity.rate_hz
         if not (identity.has_clock and hz and before_hz) or abs(hz / before_hz - 1) <= _OTHER:
             self._sent_hz = self._sent_hz or hz
@@ -109,7 +123,7 @@ class SampleClock:
         return was_known
 
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
-        """Times of good samples (n,), rising, up to the sample observed last."""
+        """Return the times of good samples from unwrapped, rising ticks (n,); the last one was observed before."""
         rate = self.clock.rate
         device_s = np.asarray(ticks * identity.tick_period_s, np.float64)
         # A sample cannot be received before it was taken, whatever the fit says.
@@ -120,7 +134,7 @@ class SampleClock:
         return SampleTimes(*shown, device_s, last_ns, rate * 1e9, receive_time_ns, self.clock.sure)
 
     def notices(self, identity: Identity) -> Sentences:
-        """Notices about the device's time and rate, for people."""
+        """Return sentences for people about the device's time and sample rate; () if all is as stated."""
         notices = [] if self.changed is None else [self.changed]
         clock, told, measured = self.clock, f"{identity.rate_hz:.4g}", f"{self.rate.hz:.4g}"
         if not identity.has_clock and clock.measured:

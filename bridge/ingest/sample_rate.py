@@ -5,10 +5,11 @@ _DIFFERS, _AGREES = 0.02, 0.01  # of the nominal rate
 
 
 class SampleRateMeter:
-    """Sample rate of one boot.
+    """Measures the sample rate of one boot, and compares it with the nominal rate.
 
     hz: samples per host second over about the last ten seconds, missing samples included; 0 until known.
     steady_hz: rate on which two consecutive windows of ten seconds last agreed; 0 until they do.
+    differs: whether hz is more than 2 % off the nominal rate.
     """
 
     def __init__(self) -> None:
@@ -18,7 +19,10 @@ class SampleRateMeter:
         self._since: tuple[int, float] | None = None  # sequence and device time at the start of the window
 
     def observe(self, sequence: int, device_s: float, clock_rate: float, nominal_hz: float) -> bool:
-        """Add a sample; whether the rate begins to differ from the nominal one. clock_rate: host seconds per device second."""
+        """Add a sample by its number and device time; return whether the rate begins to differ from the nominal one.
+
+        clock_rate: host seconds per device second. nominal_hz: 0 if unknown.
+        """
         if self._since is None:
             self._since = (sequence, device_s)
         since, since_s = self._since

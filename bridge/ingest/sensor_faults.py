@@ -32,7 +32,7 @@ Flags = NDArray[np.uint32]
 
 
 class SensorFaults:
-    """Flags the readings of one boot, in order and in any batching; `events` counts the flagged samples."""
+    """Flags readings of a faulty sensor in one boot, in order and in any batching. events: counts flagged samples."""
 
     def __init__(self, events: Tally) -> None:
         self._events = events
@@ -47,9 +47,10 @@ class SensorFaults:
         gyro_range: float,
         clipped: Bools | None = None,
     ) -> Flags:
-        """SampleFlags (n,) of n ≥ 1 good readings at time_s (n,): gyro (n, 3) rad/s, temperature_c (n,); gyro_range 0: unknown.
+        """Return SampleFlag bits (n,) uint32 of n ≥ 1 good readings: clipped, stuck, temperature step.
 
-        clipped (n,): samples that the device itself reports as clipped.
+        time_s (n,): device time, s. gyro (n, 3) rad/s. temperature_c (n,) °C, or None. gyro_range: full scale in rad/s,
+        0 if unknown. clipped (n,): samples that the device itself reports as clipped.
         """
         flags = np.zeros(len(gyro), np.uint32)
         if gyro_range and not within(gyro, _NEARLY * CLIPPED_AT * gyro_range):
@@ -69,7 +70,7 @@ class SensorFaults:
 
 
 class Repeats:
-    """Finds readings that repeat the previous reading on all axes too often."""
+    """Finds stuck readings: those that repeat the previous reading on all axes too many times in a row."""
 
     def __init__(self) -> None:
         self._last = np.full((1, 3), np.nan)
@@ -84,13 +85,16 @@ class Repeats:
 
     @property
     def needed(self) -> float:
-        """Repeats in a row that mean stuck; infinite until the noise is known."""
+        """Number of repeats in a row that mean a stuck sensor; infinite until the sensor's noise is known."""
         if self._needed is None:
             self._needed = self._noise.repeats(self._rate_hz)
         return self._needed
 
     def seen(self, time_s: Floats, gyro: Floats) -> Bools:
-        """Mask (n,) of stuck samples in the next readings (n, 3). Seconds are cut by time, so batching changes nothing."""
+        """Return a mask (n,) of stuck samples in the next readings (n, 3), taken at time_s (n,), s.
+
+        Seconds are cut by time, so batching changes nothing.
+        """
         stuck = np.zeros(len(gyro), bool)
         begin = 0
         while begin < len(gyro):
@@ -137,7 +141,7 @@ class Repeats:
 
 
 class SelfRepetition:
-    """Estimates, axis by axis, how often a healthy sensor repeats a reading at rest."""
+    """Estimates, per axis, how often a healthy sensor repeats a reading at rest, and how many repeats are a fault."""
 
     def __init__(self) -> None:
         # Rms difference of two readings, in quantisation steps: of the quietest second; lowest median of ten seconds.
@@ -146,7 +150,7 @@ class SelfRepetition:
         self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
 
     def learn(self, gyro: Floats) -> None:
-        """Learn from one second of readings (n, 3) at rest."""
+        """Learn the sensor's noise and repeats from one second of readings (n, 3), rad/s, at rest."""
         change = np.abs(np.diff(gyro, axis=0))
         step = np.where(change > 0, change, inf).min(axis=0)
         self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)
@@ -161,8 +165,9 @@ class SelfRepetition:
         self._again += (equal[:-1] & equal[1:]).sum(axis=0)
 
     def repeats(self, rate_hz: float) -> float:
-        """Repeats of all axes in a row that chance does not explain, by the false-alarm budget; infinite where it may.
+        """Return the number of repeats of all axes in a row that chance does not explain; infinite where it may.
 
+        Chance: 1e-5 false alarms in a hundred device years, at rate_hz samples per second.
         The probability comes from the Gaussian difference of two readings, or from counted repeats where those are
         surely more. Filtered noise, and sensors read more often than they measure, repeat more often than white noise;
         a second repeat is then likelier still.
@@ -186,13 +191,16 @@ def _at_least(happened: Floats, tried: Floats) -> Floats:
 
 
 class Warmth:
-    """Finds implausible temperature steps, from the last accepted temperature and the time since."""
+    """Finds implausible temperature steps: over 2 K plus 1 K for each second since the last accepted temperature."""
 
     def __init__(self) -> None:
         self._believed: tuple[float, float] | None = None  # time s, °C
 
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
-        """Mask (n,) of temperatures not to be believed; a new level is accepted once enough time has passed to reach it."""
+        """Return a mask (n,) of temperatures (n,) °C not to be believed, at time_s (n,), s.
+
+        A new level is accepted once enough time has passed to reach it.
+        """
         at_s, believed_c = self._believed or (float(time_s[0]), float(temperature_c[0]))
         leaps = np.zeros(len(temperature_c), bool)
         # Almost always all pass, and the loop is not needed.

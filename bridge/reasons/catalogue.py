@@ -8,13 +8,16 @@ from typing import Any
 
 from bridge.reasons.codes import Sentence, Sentences
 
-#: the first is the language of logs and command lines
+#: languages with a file of texts; the first is that of logs and command lines
 LANGUAGES = ("en", "zh")
 _FOLDER = Path(__file__).parent
 
 
 class Catalogue:
-    """Texts of one language. language: one of LANGUAGES."""
+    """Texts of one language: for reason codes (`sentences`) and for counted labels (`labels`).
+
+    language: one of LANGUAGES.
+    """
 
     def __init__(self, language: str) -> None:
         with (_FOLDER / f"{language}.toml").open("rb") as file:
@@ -25,11 +28,14 @@ class Catalogue:
         self._unknown: str = texts["unknown"]
 
     def text(self, sentences: Iterable[Sentence]) -> str:
-        """Return the text of all sentences, in order; an unknown code is shown with its parameters."""
+        """Return the text of all sentences, in order and joined; an unknown code is shown with its parameters."""
         return self._join.join(map(self._sentence, sentences))
 
     def label(self, label: str) -> str:
-        """Return the words for a counted label, to follow a number. A label `kind: reason` is two labels."""
+        """Return the words for a counted label, such as `gaps`, to follow a number.
+
+        A label `kind: reason` is two labels.
+        """
         return ": ".join(self.labels.get(part, part.replace("_", " ")) for part in label.split(": "))
 
     def _sentence(self, sentence: Sentence) -> str:
@@ -45,25 +51,25 @@ class Catalogue:
 
 @cache
 def catalogue(language: str) -> Catalogue:
-    """Return the catalogue of a language, one of LANGUAGES; loaded once."""
+    """Return the texts of a language, one of LANGUAGES; each language is loaded once."""
     return Catalogue(language)
 
 
 def explain(reason: Iterable[Sentence], language: str = LANGUAGES[0]) -> str:
-    """The text of a reason, such as that of a result, a status or a revision; language: "en" or "zh"."""
+    """Return the text of a reason, such as that of a result, a status or a revision. language: "en" or "zh"."""
     return catalogue(language).text(reason)
 
 
 def english(*sentences: Sentence) -> str:
-    """Return the English text of sentences, for logs and command lines."""
+    """Return the English text of sentences (reason codes with parameters), for logs and command lines."""
     return catalogue(LANGUAGES[0]).text(sentences)
 
 
 def in_words(label: str) -> str:
-    """Return the English words for a counted label."""
+    """Return the English words for a counted label, such as `gaps`, to follow a number."""
     return catalogue(LANGUAGES[0]).label(label)
 
 
 def sentences_as_json(sentences: Sentences) -> list[dict[str, Any]]:
-    """Return sentences as JSON objects with `code`, `params` and the English `text`."""
+    """Return sentences as JSON objects (dicts) with code, params and the English text."""
     return [{"code": str(one.code), "params": one.params, "text": english(one)} for one in sentences]

@@ -7,19 +7,23 @@ from typing import NamedTuple, Self
 class Sentence(NamedTuple):
     """A reason: a code and its parameters by name, formatted for display. The catalogue makes the text for a reader.
 
-    A parameter's name ends in its unit (`angle_deg`, `duration_s`). A parameter named `label` is a label of the catalogue.
+    A parameter's name ends in its unit (`angle_deg`, `duration_s`). The parameter named `label` is a label of the
+    catalogue.
     """
 
     code: str
     params: dict[str, str]
 
 
-#: reasons in display order
+#: reasons of one result or state, in display order
 Sentences = tuple[Sentence, ...]
 
 
 class Code(StrEnum):
-    """Reason codes; calling a code makes its sentence: `Code.TURN_TAKEN(axis="x")`. The catalogue has the texts."""
+    """Reason codes of bridge and estimator, each with the names of its parameters (`params`).
+
+    Calling a code makes its sentence: `Code.TURN_TAKEN(axis="x")`. The catalogue has the texts.
+    """
 
     params: tuple[str, ...]
 

@@ -7,9 +7,9 @@ if sys.platform != "win32":
 
 
 def lock(descriptor: int, *, shared: bool = False) -> bool:
-    """Lock an open file without waiting; return False if another process holds it, and True on Windows.
+    """Lock an open file, by its descriptor, without waiting; return False if another process holds it.
 
-    Raises OSError where the file system has no locks.
+    shared: allow other shared locks. Windows has no locks: always True. Raises OSError where the file system has none.
     """
     if sys.platform != "win32":
         try:

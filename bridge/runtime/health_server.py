@@ -26,7 +26,10 @@ _NAMES = {"localhost", socket.gethostname().lower(), socket.gethostname().partit
 
 @dataclass(frozen=True, slots=True)
 class MetricFamily:
-    """One metric: its name without `truerate_`, and a value for each tuple of label values. counter: only ever grows."""
+    """One Prometheus metric: name without `truerate_`, help text, and a value for each tuple of label values.
+
+    labels: names of the labels. counter: the values only ever grow.
+    """
 
     name: str
     help: str
@@ -37,9 +40,10 @@ class MetricFamily:
 
 @dataclass(frozen=True, slots=True)
 class HealthSource:
-    """Callbacks of the health server, called on its threads.
+    """Callbacks that answer the health server's requests; called on its threads.
 
-    `families` returns the metrics. `sick` and `unready` return reasons; empty when all is well.
+    families: returns the metrics. sick: reasons, in words, why the process is not alive; [] if it is.
+    unready: reasons why it cannot do its work; [] if it can.
     """
 
     families: Callable[[], Iterable[MetricFamily]]
@@ -48,7 +52,10 @@ class HealthSource:
 
 
 class HealthServer:
-    """Health server on (host, port), a context manager. Raises OSError if the address is unusable."""
+    """HTTP server of metrics and health on (host, port), for the length of a `with` block. port: the number in use.
+
+    Raises OSError if the address is unusable.
+    """
 
     def __init__(self, address: tuple[str, int], asked: HealthSource) -> None:
         try:
@@ -70,7 +77,7 @@ class HealthServer:
 
 
 def own_host(host: str, names: Container[str]) -> bool:
-    """Whether a Host header names this machine: by any address, or by one of `names`, in lower case.
+    """Whether an HTTP Host header names this machine: by any address, or by one of `names`, in lower case.
 
     Any other name may belong to a foreign page directed to this machine's address (DNS rebinding).
     """

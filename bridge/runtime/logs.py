@@ -23,7 +23,10 @@ _SECRETS = re.compile(
 
 
 def configure_logging(form: str = TEXT) -> None:
-    """Configure logging to standard error as text or JSON. JSON also covers uncaught exceptions."""
+    """Configure logging to standard error, as text or JSON (form: one of FORMATS).
+
+    JSON also covers uncaught exceptions.
+    """
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonFormatter() if form == JSON else TextFormatter())
     logging.basicConfig(level=logging.INFO, handlers=[handler])
@@ -34,32 +37,32 @@ def configure_logging(form: str = TEXT) -> None:
 
 
 def printable(text: str) -> str:
-    """Return the text on one line: secrets hidden, cut at LONGEST characters, unprintable characters escaped."""
+    """Return a text fit for one line: secrets hidden, cut at LONGEST characters, unprintable characters escaped."""
     hidden = _SECRETS.sub(HIDDEN, text)
     cut = hidden if len(hidden) <= LONGEST else f"{hidden[:LONGEST]}…"
     return cut if cut.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in cut)
 
 
 def printable_lines(text: str) -> str:
-    """Return the text with each line made printable; a secret of several lines is hidden as a whole."""
+    """Return a text with each of its lines made printable; a secret of several lines is hidden as a whole."""
     return "\n".join(map(printable, _SECRETS.sub(HIDDEN, text).split("\n")))
 
 
 class TextFormatter(logging.Formatter):
-    """Formats records as `LEVEL logger: message`; traceback lines begin with a bar."""
+    """Formats log records as `LEVEL logger: message`; traceback lines begin with a bar."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Format a record as one line, plus one line for each line of its traceback."""
+        """Format a log record as one line, plus one line for each line of its traceback."""
         lines = [f"{record.levelname} {record.name}: {printable(record.getMessage())}"]
         lines += [f"  | {printable(line)}" for line in _trace(self, record).splitlines()]
         return "\n".join(lines)
 
 
 class JsonFormatter(logging.Formatter):
-    """Formats records as one JSON object per line: time, level, logger, message, and trace if any."""
+    """Formats log records as one JSON object per line: time, level, logger, message, and trace if any."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Format a record as one line of JSON."""
+        """Format a log record as one line of JSON."""
         said = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),

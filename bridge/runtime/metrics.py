@@ -13,7 +13,7 @@ __all__ = ["KIND", "rendered"]
 
 
 def rendered(asked: HealthSource) -> bytes:
-    """Render all current metrics, including those of the process."""
+    """Return all current metrics, with those of the process, in Prometheus' text format."""
     registry = CollectorRegistry()
     registry.register(_Collector(asked))
     ProcessCollector(registry=registry)

@@ -10,7 +10,10 @@ log = logging.getLogger(__name__)
 
 
 def make_room(wanted: int) -> int:
-    """Raise the limit of open files to `wanted`, if needed and possible; return how many of them may be open."""
+    """Raise the limit of open files and connections to `wanted`, if needed and possible; return how many may be open.
+
+    The result is at most `wanted`. Logs a warning if it is less.
+    """
     most = wanted
     if sys.platform != "win32":
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

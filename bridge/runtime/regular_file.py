@@ -10,7 +10,10 @@ MAX_BYTES = 1 << 20
 
 
 def content(path: Path | str) -> bytes:
-    """Return the bytes of a regular file. Raises OSError for a folder, a pipe, a device, and more than MAX_BYTES."""
+    """Return the bytes of a regular file, at most MAX_BYTES; never waits.
+
+    Raises OSError for a folder, a pipe, a device, and a larger file.
+    """
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
         mode = os.fstat(descriptor).st_mode

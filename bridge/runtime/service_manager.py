@@ -9,9 +9,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 @contextlib.contextmanager
 def supervised(sick: Callable[[], Sequence[str]] = list) -> Iterator[None]:
-    """Report readiness at once, then feed the unit's watchdog while `sick()` is empty. Without systemd, do nothing.
+    """Tell systemd that the service is ready, then feed its watchdog while `sick()` is empty, in a `with` block.
 
-    `sick` is called on a thread of its own. Protocol: sd_notify(3).
+    Without systemd, does nothing. `sick` returns reasons why the process is not alive, and is called on a thread of its
+    own.
+    Protocol: sd_notify(3).
     """
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address:

@@ -21,9 +21,9 @@ def asked_by() -> list[signal.Signals]:
 
 @contextlib.contextmanager
 def stopped_by_signal() -> Iterator[threading.Event]:
-    """Provide an event that SIGTERM, SIGINT and SIGHUP set. A second signal kills the program. Main thread only.
+    """Provide an event that SIGTERM, SIGINT and SIGHUP set, during a `with` block. A second signal kills the program.
 
-    Under nohup, SIGHUP stays ignored.
+    For the main thread only. Under nohup, SIGHUP stays ignored.
     """
     stop = threading.Event()
 

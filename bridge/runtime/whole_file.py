@@ -10,7 +10,10 @@ _PRIVATE = 0o600
 
 
 def write(path: Path, content: bytes, mode: int, owner: tuple[int, int] | None = None) -> None:
-    """Write a file with this mode. owner: ids of its user and group, which only root may give."""
+    """Write a file whole: a crash leaves the complete new content or the old. mode: permission bits, such as 0o600.
+
+    owner: ids of its user and group, which only root may give. Raises OSError.
+    """
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
@@ -26,7 +29,10 @@ def write(path: Path, content: bytes, mode: int, owner: tuple[int, int] | None =
 
 
 def rewrite(path: Path, content: bytes) -> None:
-    """Write a file with the owner and mode that it has. A new file is its folder's owner's, who alone may read it."""
+    """Write a file whole, with the owner and mode that it has.
+
+    A new file belongs to the owner of its folder, who alone may read it. Raises OSError.
+    """
     path = path.resolve()
     there = path.stat() if path.exists() else None
     like, mode = there or path.parent.stat(), stat.S_IMODE(there.st_mode) if there else _PRIVATE

@@ -21,12 +21,12 @@ from bridge.sim.quaternion import Array, conjugate, from_rotvec, multiply, rotat
 _NOTHING = np.zeros(3)
 _UP = np.array([0.0, 0.0, 1.0])
 _NO_GOES = np.zeros((0, 4))
-#: frequency and decay time of a knock's ringing, as of a floor under a footfall
+#: frequency (Hz) and decay time (s) of a knock's ringing, as of a floor under a footfall
 _RING_HZ, _RING_S = 14.0, 0.05
 
 
 class Activity(IntEnum):
-    """Activity of a wearer, or of a device that is not worn."""
+    """Activity of a wearer, or of a device that is not worn (TABLE, HANDLED)."""
 
     TABLE = 0
     HANDLED = 1
@@ -41,14 +41,15 @@ class Activity(IntEnum):
 
     @property
     def worn(self) -> bool:
-        """Whether the device is on skin."""
+        """Whether the device is on skin during this activity."""
         return self not in (Activity.TABLE, Activity.HANDLED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waves:
-    """A sum of k oscillations along fixed directions: size (k, 3), frequency_hz (k,), phase (k,) rad.
+    """A sum of k oscillations along fixed directions.
 
+    size (k, 3): amplitudes, in the unit of the sum. frequency_hz (k,). phase (k,) rad.
     stray (k,): amplitude in rad of a slow phase modulation, with a period of some seven cycles, because living motion
     is not periodic.
     """
@@ -59,7 +60,7 @@ class Waves:
     stray: Array
 
     def at(self, time_s: Array) -> Array:
-        """Value of the sum at times (n,), shape (n, 3)."""
+        """Return the sum of the oscillations, (n, 3) in the unit of `size`, at times (n,) in s."""
         cycles = 2 * np.pi * time_s[:, None] * self.frequency_hz
         wave: Array = np.sin(cycles + self.phase + self.stray * np.sin(0.137 * cycles + 2 * self.phase)) @ self.size
         return wave
@@ -67,14 +68,17 @@ class Waves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ticks:
-    """Short knocks from outside at time_s (m,), rising: each tilts by up to tilt (m, 3) rad and pushes with speed (m, 3) m/s."""
+    """Short knocks from outside, such as footfalls, at rising times time_s (m,).
+
+    Each knock tilts by up to tilt (m, 3) rad and pushes with speed (m, 3) m/s; both ring and decay.
+    """
 
     time_s: Array
     tilt: Array
     speed: Array
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
-        """Tilt (n, 3) rad and velocity (n, 3) m/s of the latest knock, at times (n,)."""
+        """Return tilt (n, 3) rad and velocity (n, 3) m/s by the latest knock before each time of time_s (n,)."""
         last = np.searchsorted(self.time_s, time_s, side="right") - 1
         since = np.where(last >= 0, time_s - self.time_s[last], np.inf)
         ring = (np.exp(-since / _RING_S) * np.sin(2 * np.pi * _RING_HZ * np.minimum(since, 1.0)))[:, None]
@@ -83,8 +87,9 @@ class Ticks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """One activity of a wearer; sway and bounce fade in and out, so that both are zero at its ends.
+    """One activity of a wearer, for duration_s.
 
+    Sway and bounce fade in and out within fade_s, so that both are zero at the ends.
     pose (3,) rad: a limb movement, as a rotation vector in sensor axes, along a minimum-jerk curve.
     axis (3,), goes (m, 4): the platform (bed, chair, floor) turns about this unit vector in earth axes. A go is begin
     s, end s, angle rad, and seconds to reach the constant rate.
@@ -103,12 +108,18 @@ class Stretch:
     ticks: Ticks | None = None
 
     def rotvec(self, time_s: Array) -> Array:
-        """Rotation vector (n, 3) of pose and sway, rad, without knocks."""
+        """Return the rotation vector (n, 3), rad, of pose and sway at times (n,) s since the start.
+
+        In sensor axes, and without knocks.
+        """
         done = minimum_jerk(time_s / self.duration_s)[:, None] * self.pose
         return np.asarray(done + self._fade(time_s) * sum(wave.at(time_s) for wave in self.sway))
 
     def angle(self, time_s: Array) -> Array:
-        """Platform angle (n,), rad: at a constant rate except for the ramps at the start and end of each go."""
+        """Return the angle (n,), rad, by which the platform has turned at times (n,) s since the start.
+
+        Its rate is constant, except for the ramps at the start and end of each go.
+        """
         begin, end, angle, ramp = self.goes.T
         u = np.clip(time_s[:, None], begin, end)
         up, down = np.minimum(u - begin, ramp), np.maximum(u - (end - ramp), 0.0)
@@ -117,12 +128,12 @@ class Stretch:
         return total
 
     def velocity(self, time_s: Array) -> Array:
-        """Velocity (n, 3) ahead, left and up, m/s, without knocks."""
+        """Return the velocity (n, 3) ahead, left and up, m/s, at times (n,) s since the start, without knocks."""
         ahead = self.speed * np.array([1.0, 0.0, 0.0])
         return np.asarray(self._fade(time_s) * (ahead + sum(wave.at(time_s) for wave in self.bounce)))
 
     def knocked(self, time_s: Array) -> tuple[Array, Array]:
-        """Tilt (n, 3) rad and velocity (n, 3) m/s of knocks from outside."""
+        """Return tilt (n, 3) rad and velocity (n, 3) m/s by knocks from outside, at times (n,) s since the start."""
         nothing = np.zeros((len(time_s), 3))
         if self.ticks is None or not len(self.ticks.time_s):
             return nothing, nothing
@@ -136,14 +147,14 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lived(TrueMotion):
-    """True motion with activity (n,) int8 and velocity (n, 3) m/s of the sensor, earth axes."""
+    """True motion of a wearer's device, with activity (n,) int8 and the sensor's velocity (n, 3) m/s, earth axes."""
 
     activity: NDArray[np.int8]
     velocity: Array
 
 
 class Body:
-    """Plays stretches in order; after the last one the device lies on a table forever.
+    """A wearer's body with a device: plays stretches in order; after the last one the device lies on a table forever.
 
     lever (3,): from the joint the limb turns about to the sensor, sensor axes, m. attitude: the first attitude, wxyz.
     """
@@ -162,7 +173,10 @@ class Body:
         self._reach = rotate(self._start, self._lever)
 
     def advance(self, time_s: Array) -> Lived:
-        """Truth at times (n,), n ≥ 1, rising and later than all before. The first call's first interval begins at 0."""
+        """Return the true motion at times (n,) in s, n ≥ 1, rising and later than all before.
+
+        The first call's first interval begins at 0.
+        """
         attitude, velocity, activity = self._curves(time_s)
         dt = np.diff(time_s, prepend=self._time_s)[:, None]
         before = np.concatenate([self._attitude, attitude[:-1]])

@@ -15,7 +15,7 @@ TICK_S = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """n samples of one simulated session, with the truth about them.
+    """Simulated calibration session: n samples of readings, with the truth about them.
 
     ticks (n,) int64 of TICK_S, not wrapped; time_s (n,) the same in s. Sample i covers (time_s[i-1], time_s[i]], the
     first from 0.
@@ -49,10 +49,10 @@ def simulate_session(
     turn_s: tuple[float, float] = (3.5, 6.0),
     spec: ImuSpec | None = None,
 ) -> Session:
-    """Simulate the session of a seed; the same arguments always give the same session.
+    """Simulate a calibration session, from motion to readings; the same arguments always give the same session.
 
-    Arguments are as in SessionPlan. noise_dps replaces that of spec (default: ImuSpec(), constant bias, no
-    quantisation).
+    Arguments are as in SessionPlan; rate_hz: output data rate. noise_dps (°/s per sample) replaces that of spec
+    (default: ImuSpec(), constant bias, no quantisation). Raises ValueError if rests do not fit turns.
     The seed alone decides scale, bias and noise draws: changing the motion or the noise level keeps the device.
     """
     script_rng, device_rng = np.random.default_rng(seed).spawn(2)

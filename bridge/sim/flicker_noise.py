@@ -14,7 +14,10 @@ _STRETCH_S = 5.0  # within which the shortest process does not decay below float
 
 
 class Flicker:
-    """Flicker noise of instability B (one number) on three axes, drawn from rng; call `at` in order, in any batches."""
+    """Flicker noise on three axes, with bias instability B (`instability`, whose unit the noise has), drawn from rng.
+
+    Call `at` in order, in any batches.
+    """
 
     def __init__(self, instability: float, rng: np.random.Generator) -> None:
         n = round(np.log10(_LONGEST_S / _SHORTEST_S) * _PER_DECADE) + 1
@@ -26,7 +29,7 @@ class Flicker:
         self._time_s = 0.0
 
     def at(self, time_s: Array) -> Array:
-        """Noise (n, 3) at times (n,), rising and later than all before; all times are > 0."""
+        """Return noise (n, 3) at times (n,) in s, rising and later than all before; all times are > 0."""
         parts, begin = [], 0
         while begin < len(time_s):
             end = int(np.searchsorted(time_s, max(self._time_s, time_s[begin]) + _STRETCH_S, side="right"))

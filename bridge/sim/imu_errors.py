@@ -21,15 +21,15 @@ from bridge.sim.quaternion import Array
 class ImuSpec:
     """Error limits of an IMU; values drawn per boot or part are uniform within their limits.
 
-    k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ±. misalignment_deg: each element of E, ±.
-    noise_dps, accel_noise: white noise, standard deviation per sample (°/s, m/s²) at the usual rate. accel_bias: ±
-    m/s².
-    accel_scale: ± deviation of the accelerometer scale factors from 1. g_sensitivity_dps_per_g: each element of G, ±.
-    rrw_dps_per_sqrt_s: rate random walk. bias_instability_dps: B of the flicker noise, whose Allan deviation is 0.664
-    B.
-    bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ and b₂, ±, per axis.
-    temperature_c: at power-up and when warm, °C; warm_up_s: time constant of the warming.
-    range_dps: full scale of the reading, ±. step_dps: quantisation step of the reading, 0 for none.
+    k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ± °/s. misalignment_deg: each element of E, ± °.
+    noise_dps, accel_noise: white noise, standard deviation per sample (°/s, m/s²) at the usual rate.
+    accel_bias: ± m/s². accel_scale: ± deviation of the accelerometer scale factors from 1.
+    g_sensitivity_dps_per_g: each element of G, ± °/s per g.
+    rrw_dps_per_sqrt_s: rate random walk, °/s/√s.
+    bias_instability_dps: B of the flicker noise, °/s, whose Allan deviation is 0.664 B.
+    bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ (°/s/K) and b₂ (°/s/K²), ±, per axis.
+    temperature_c: at power-up and when warm, °C; warm_up_s: time constant of the warming, s.
+    range_dps: full scale of the reading, ± °/s. step_dps: quantisation step of the reading, °/s, 0 for none.
     """
 
     scale: tuple[float, float] = (0.8, 1.2)
@@ -64,10 +64,10 @@ DEMO_SPEC = ImuSpec(
 class Truth:
     """True sensor parameters of one boot: rate = matrix (reading − bias). The bias of each sample is in Readings.bias.
 
-    matrix (3, 3), with diagonal k (3,).
+    matrix (3, 3), with diagonal k (3,), without unit.
     turn_on_bias (3,) rad/s: the bias at T₀, which is the bias at power-up if the device is then at T₀.
     bias_per_kelvin (3,) rad/s/K, bias_per_kelvin2 (3,) rad/s/K²; g_sensitivity (3, 3) rad/s per m/s².
-    accel_bias (3,) m/s², accel_scale (3,).
+    accel_bias (3,) m/s², accel_scale (3,), without unit.
     """
 
     matrix: Array
@@ -79,12 +79,12 @@ class Truth:
     g_sensitivity: Array
 
     def of_part(self, part: "Truth") -> "Truth":
-        """Truth of this boot with the part-specific parameters of `part`."""
+        """Return the truth of this boot with the parameters of `part` that stay the same at every boot of a device."""
         return replace(part, matrix=self.matrix, turn_on_bias=self.turn_on_bias)
 
     @property
     def k(self) -> Array:
-        """Scale factors (3,)."""
+        """Scale factors (3,) of x, y and z, without unit: the diagonal of the matrix."""
         return np.diag(self.matrix).copy()
 
 
@@ -102,7 +102,10 @@ class Readings:
 
 
 class ImuErrorModel:
-    """Sensor of one boot: parameters are drawn from rng unless truth is given; then reads true motion, in order."""
+    """Sensor of one boot, which turns true motion into readings with errors. Its random values come from rng.
+
+    truth: parameters of the sensor; None draws them.
+    """
 
     def __init__(self, spec: ImuSpec, rng: np.random.Generator, truth: Truth | None = None) -> None:
         self.spec = spec
@@ -118,13 +121,13 @@ class ImuErrorModel:
         self._white = 1.0
 
     def pace(self, faster: float) -> None:
-        """Sample `faster` times as fast as usual from the next read on; the white noise density stays the same."""
+        """Sample at `faster` times the usual rate from the next read on; the white noise density stays the same."""
         self._white = float(np.sqrt(faster))
 
     def read(self, motion: TrueMotion, temperature_c: Array | None = None) -> Readings:
-        """Readings of the next stretch of motion; times count from this boot's first sample interval.
+        """Return the readings of the next stretch of motion; times (s) count from this boot's first sample interval.
 
-        temperature_c (n,): sensor temperature; by default the sensor warms up as in its spec.
+        temperature_c (n,): sensor temperature, °C; by default the sensor warms up as in its spec.
         """
         spec, rng, n = self.spec, self._rng, len(motion.time_s)
         if temperature_c is None:
@@ -142,7 +145,7 @@ class ImuErrorModel:
         return Readings(gyro, accel, temperature_c, bias)
 
     def temperature_c(self, time_s: Array) -> Array:
-        """Sensor temperature (n,) at times (n,) since its boot, °C."""
+        """Return the sensor temperature (n,), °C, at times (n,) in s since its boot."""
         cold, warm = self.spec.temperature_c
         return np.asarray(warm + (cold - warm) * np.exp(-time_s / self.spec.warm_up_s))
 
@@ -163,7 +166,7 @@ class ImuErrorModel:
 
 
 def draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
-    """Draw the true parameters of a device at its first boot; see Truth.of_part for later boots."""
+    """Draw the true parameters of a device at its first boot from rng; see Truth.of_part for later boots."""
 
     def within(limit: float, shape: int | tuple[int, int] = 3) -> Array:
         return rng.uniform(-limit, limit, shape)

@@ -20,32 +20,32 @@ _IDENTITY = np.array([[1.0, 0.0, 0.0, 0.0]])
 
 
 class Piece(Protocol):
-    """A piece of motion that begins and ends at rest.
+    """A piece of motion that begins and ends at rest; its attitude is an exact curve of time.
 
     lever: from the centre of rotation to the sensor, sensor axes, m.
     """
 
     @property
     def duration_s(self) -> float:
-        """Duration in s."""
+        """Duration of the piece in s."""
 
     @property
     def lever(self) -> tuple[float, float, float]:
         """Lever arm from the centre of rotation to the sensor, sensor axes, m."""
 
     def attitude(self, time_s: Array) -> Array:
-        """Attitude (n, 4) wxyz at times (n,) in 0 to duration_s, relative to the piece's own start."""
+        """Return the attitude (n, 4) wxyz at times (n,) in 0 to duration_s, relative to the piece's own start."""
 
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """A piece without motion."""
+    """A piece of motion at rest, for duration_s."""
 
     duration_s: float
     lever: tuple[float, float, float] = NO_LEVER
 
     def attitude(self, time_s: Array) -> Array:
-        """See Piece."""
+        """Return the unchanged attitude (n, 4) wxyz, the identity, at times (n,) in s since the piece's start."""
         return np.repeat(_IDENTITY, len(time_s), axis=0)
 
 
@@ -68,7 +68,7 @@ class Turn:
     lever: tuple[float, float, float] = NO_LEVER
 
     def attitude(self, time_s: Array) -> Array:
-        """See Piece."""
+        """Return the attitude (n, 4) wxyz at times (n,) in s since the piece's start, relative to that start."""
         begin, end, share = self.goes.T
         done = minimum_jerk((time_s[:, None] - begin) / (end - begin)) @ share
         spin = from_rotvec(self.angle * done[:, None] * self.axis)
@@ -89,7 +89,7 @@ class Spin:
     lever: tuple[float, float, float] = NO_LEVER
 
     def attitude(self, time_s: Array) -> Array:
-        """See Piece."""
+        """Return the attitude (n, 4) wxyz at times (n,) in s since the piece's start, relative to that start."""
         up = np.clip(time_s, 0.0, self.ramp_s)
         down = np.clip(time_s - (self.duration_s - self.ramp_s), 0.0, self.ramp_s)
         steady = np.clip(time_s, 0.0, self.duration_s) - self.ramp_s
@@ -111,7 +111,10 @@ class Swing:
     lever: tuple[float, float, float] = NO_LEVER
 
     def rotvec(self, time_s: Array) -> Array:
-        """Rotation vector (n, 3), rad, relative to the start; its slope is an upper bound of the body rate."""
+        """Return the rotation vector (n, 3), rad, at times (n,) in s, relative to the start of the piece.
+
+        Its slope is an upper bound of the body rate.
+        """
         u = time_s / self.duration_s
         phase = 2 * np.pi * u[:, None] * np.arange(1, len(self.sine) + 1)
         envelope = np.sin(np.pi * u)[:, None] ** 2
@@ -119,16 +122,16 @@ class Swing:
         return np.asarray(minimum_jerk(u)[:, None] * self.pose + waves)
 
     def attitude(self, time_s: Array) -> Array:
-        """Attitude (n, 4) wxyz at times (n,) s since the piece's start, relative to its first attitude."""
+        """Return the attitude (n, 4) wxyz at times (n,) in s since the piece's start, relative to that start."""
         return from_rotvec(self.rotvec(time_s))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueMotion:
-    """Truth at n samples: time_s (n,), rate (n, 3) rad/s body, attitude (n, 4) wxyz sensor -> earth, force (n, 3) m/s².
+    """True motion at n samples: time_s (n,), rate (n, 3) rad/s in body axes, attitude (n, 4) wxyz sensor -> earth.
 
-    force is the specific force a perfect accelerometer reads: gravity (9.80665 up at rest) plus the acceleration of the
-    lever arm.
+    force (n, 3) m/s², sensor axes: the specific force a perfect accelerometer reads: gravity (9.80665 up at rest) plus
+    the acceleration of the lever arm.
     """
 
     time_s: Array
@@ -138,7 +141,7 @@ class TrueMotion:
 
 
 class Motion:
-    """Plays pieces in order and on demand; after the last piece the device stays still forever.
+    """Plays pieces of motion in order and on demand; after the last piece the device stays still forever.
 
     pieces may be endless. attitude: the first attitude, wxyz.
     """
@@ -153,9 +156,9 @@ class Motion:
         self._rate = np.zeros((1, 3))
 
     def advance(self, time_s: Array) -> TrueMotion:
-        """Truth at times (n,), n ≥ 1, rising and later than all before. The first call's first interval begins at 0.
+        """Return the true motion at times (n,) in s, n ≥ 1, rising and later than all before.
 
-        Raises ValueError if the times do not rise.
+        The first call's first interval begins at 0. Raises ValueError if the times do not rise.
         """
         attitude, lever = self._attitudes(time_s)
         dt = np.diff(time_s, prepend=self._time_s)[:, None]
@@ -192,6 +195,9 @@ class Motion:
 
 
 def minimum_jerk(u: Array) -> Array:
-    """Minimum-jerk curve of a hand from 0 to 1: zero velocity and acceleration at both ends, constant outside 0 to 1."""
+    """Return the minimum-jerk curve of a hand's movement, from 0 to 1, at u (any shape); constant outside 0 ≤ u ≤ 1.
+
+    Velocity and acceleration are zero at both ends.
+    """
     u = np.clip(u, 0.0, 1.0)
     return np.asarray(u**3 * (10 - 15 * u + 6 * u * u))

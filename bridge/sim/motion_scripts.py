@@ -17,7 +17,7 @@ _SWING_HARMONICS = 3
 
 @dataclass(frozen=True, slots=True)
 class TurnPlan:
-    """One hand-made turn about a sensor axis (0, 1, 2); a negative angle is the other direction.
+    """Plan of one hand-made turn about a sensor axis (0 x, 1 y, 2 z); a negative angle is the other direction.
 
     duration_s: None draws the duration. goes: number of pushes.
     swing: instead of turning, pick the device up and put it down in another pose; angle_deg then sets the speed.
@@ -32,10 +32,11 @@ class TurnPlan:
 
 @dataclass(frozen=True, slots=True)
 class SessionPlan:
-    """A calibration session: still, turn, still, turn … still.
+    """Plan of a calibration session: still, turn, still, turn … still.
 
-    rests_s: one duration for all rests, or one for each (turns + 1).
-    turns: None for all three axes, in any order and direction. turn_s: range from which the turn durations are drawn.
+    rests_s: seconds, one for all rests, or one for each (turns + 1).
+    turns: None for all three axes, in any order and direction. turn_s: range from which the turn durations are drawn,
+    s.
     wobble_deg: greatest tilt across the path of a turn, which still closes exactly.
     tilt_deg: greatest angle between a turn's axis and the sensor axis.
     replacement_deg: closure error of a turn, standard deviation per axis.
@@ -50,7 +51,10 @@ class SessionPlan:
 
 
 def session(rng: np.random.Generator, plan: SessionPlan | None = None) -> list[Piece]:
-    """Pieces of a session, rests at even positions, turns at odd ones. Raises ValueError if rests do not fit turns."""
+    """Draw the pieces of motion of a calibration session: rests at even positions, turns at odd ones.
+
+    plan: None for SessionPlan(). Raises ValueError if rests do not fit turns.
+    """
     plan = plan or SessionPlan()
     turns = any_three_turns(rng) if plan.turns is None else plan.turns
     rests = plan.rests_s if isinstance(plan.rests_s, tuple) else (plan.rests_s,) * (len(turns) + 1)
@@ -63,7 +67,10 @@ def session(rng: np.random.Generator, plan: SessionPlan | None = None) -> list[P
 
 
 def poses(rng: np.random.Generator, movements: int, *, rest_s: float = 3.0, turn_s: float = 2.0) -> list[Piece]:
-    """A device laid down in one pose after another, by turns of 60 to 170 degrees about any axis with a wobbling hand."""
+    """Draw the motion of a device laid down in one pose after another, resting rest_s in each.
+
+    movements: number of turns between poses, of 60 to 170 degrees within turn_s, about any axis with a wobbling hand.
+    """
     pieces: list[Piece] = [Still(rest_s)]
     for _ in range(movements):
         axis = rng.normal(size=3)
@@ -78,10 +85,10 @@ def poses(rng: np.random.Generator, movements: int, *, rest_s: float = 3.0, turn
 def machine(
     mounts: Array, rates_dps: tuple[float, ...], *, rest_s: float = 3.0, spin_s: float = 5.0, up: Array | None = None
 ) -> list[Piece]:
-    """A turntable or servo with a vertical axis: every rate, in each mounting of the sensor.
+    """Return the motion on a turntable or servo with a vertical axis: every rate, in each mounting of the sensor.
 
     mounts (m, 3): per mounting, the unit vector in sensor axes that points up. up (3,): the vector that points up at
-    the start.
+    the start; None for z.
     In one mounting: rest, spin, rest, spin …; a new mounting is reached by a movement of 1 s.
     """
     up = np.array([0.0, 0.0, 1.0]) if up is None else up
@@ -100,7 +107,7 @@ def machine(
 
 
 def any_three_turns(rng: np.random.Generator) -> tuple[TurnPlan, ...]:
-    """A full turn about each axis, in any order and direction."""
+    """Draw the plans of a full turn about each axis, in any order and direction."""
     return tuple(TurnPlan(int(axis), 360.0 * rng.choice([-1, 1])) for axis in rng.permutation(3))
 
 
@@ -111,14 +118,17 @@ def worn(
     burst_s: tuple[float, float] = (1.0, 5.0),
     peak_dps: tuple[float, float] = (30.0, 150.0),
 ) -> Iterator[Piece]:
-    """Endless everyday motion: a burst of movement, a rest in the new pose, and so on."""
+    """Yield endless everyday motion: a burst of movement, a rest in the new pose, and so on.
+
+    rest_s, burst_s: ranges of the durations, s. peak_dps: range of the highest rate of a burst, °/s.
+    """
     while True:
         yield swing(rng, rng.uniform(*burst_s), np.radians(rng.uniform(*peak_dps)))
         yield Still(rng.uniform(*rest_s))
 
 
 def swing(rng: np.random.Generator, duration_s: float, peak_rate: float) -> Swing:
-    """A smooth movement about all axes to another pose, never faster than peak_rate rad/s."""
+    """Draw a smooth movement about all axes to another pose, never faster than peak_rate rad/s."""
     fade = 1 / np.arange(1, _SWING_HARMONICS + 1)[:, None]
     pose, sine, cosine = rng.normal(size=3), *(fade * rng.normal(size=(2, _SWING_HARMONICS, 3)))
     shape = Swing(duration_s, pose, sine, cosine)
@@ -129,7 +139,7 @@ def swing(rng: np.random.Generator, duration_s: float, peak_rate: float) -> Swin
 
 
 def demo_script(rng: np.random.Generator, warm_up_s: float = 2.0) -> Motion:
-    """Motion of the demonstration device: put down, calibrated within 30 s, then worn forever."""
+    """Draw the motion of the demonstration device: put down (warm_up_s), calibrated within 30 s, worn forever."""
 
     def pieces() -> Iterator[Piece]:
         yield Still(warm_up_s)
@@ -140,7 +150,7 @@ def demo_script(rng: np.random.Generator, warm_up_s: float = 2.0) -> Motion:
 
 
 def flat(rng: np.random.Generator) -> Array:
-    """Attitude (4,) wxyz of a device lying on a table, z up, with any heading."""
+    """Draw the attitude (4,) wxyz, sensor -> earth, of a device lying on a table, z up, with any heading."""
     half = rng.uniform(-np.pi, np.pi) / 2
     return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
 

@@ -24,7 +24,7 @@ _POINT = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class PaperPlan:
-    """Parameters of a study's sessions. noise_dps: white noise, °/s; times in s.
+    """Parameters of the simulated sessions of a study. noise_dps: white noise per sample, °/s; times in s.
 
     wobble_deg: amplitude by which a turn's axis swings in space, in both directions across it; the turn still closes.
     replacement_deg: closure error of a turn, standard deviation per axis.
@@ -42,7 +42,10 @@ class PaperPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperGyro:
-    """One of the paper's parameter sets: rate = k (reading - bias); k (3,), bias (3,) rad/s, turning axes (3, 3) in rows."""
+    """A gyro with one of the paper's parameter sets: rate = k (reading - bias).
+
+    k (3,), without unit; bias (3,) rad/s; axes (3, 3): unit vectors of the turning axes, in rows.
+    """
 
     k: Array
     bias: Array
@@ -51,9 +54,10 @@ class PaperGyro:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperSessions:
-    """s sessions of a gyro, in rad/s: readings of the rests (s, 4, m, 3) and turns (s, 3, n, 3), true rates of the turns.
+    """Simulated sessions: s of one gyro. Readings in rad/s of the rests (s, 4, m, 3) and of the turns (s, 3, n, 3).
 
-    rates (s, 3, n, 3). dt (s, 3, n): duration in s of each turn sample; 0 after the turn's end.
+    rates (s, 3, n, 3): true rates of the turns, rad/s. dt (s, 3, n): duration of each turn sample, s; 0 after the
+    turn's end.
     """
 
     gyro: PaperGyro
@@ -64,14 +68,14 @@ class PaperSessions:
 
 
 def draw_gyro(rng: np.random.Generator) -> PaperGyro:
-    """Draw one of the paper's parameter sets."""
+    """Draw one of the paper's parameter sets: scale, bias, and turning axes slightly off the sensor's."""
     axes = np.eye(3) + rng.uniform(-0.1, 0.1, (3, 3)) * (1 - np.eye(3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     return PaperGyro(rng.uniform(0.8, 1.2, 3), np.radians(rng.uniform(-5, 5, 3)), axes)
 
 
 def simulate(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generator) -> PaperSessions:
-    """Simulate sessions of one gyro, each with its own turns and noise."""
+    """Simulate `sessions` calibration sessions of one gyro, each with its own turns and noise, drawn from rng."""
     counts = np.round(rng.uniform(*plan.turn_s, (sessions, 3)) * plan.rate_hz).astype(int)
     n = int(counts.max())
     dt = (np.arange(n) < counts[..., None]) / plan.rate_hz

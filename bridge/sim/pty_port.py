@@ -23,8 +23,9 @@ _LONGEST_TURN_S = 0.25
 
 
 class PtyPort:
-    """Runs a device at `speed` times real time in a thread of its own, behind a pseudo-terminal; plugged in from the start.
+    """Runs a virtual device behind a pseudo-terminal, in a thread of its own; plugged in from the start.
 
+    speed: multiple of real time. link: path of the symbolic link that names the port.
     Bytes for which the reader leaves no room, or sent while unplugged, are lost and counted in dropped_bytes.
     lossless: the device's time stands still instead, for replays.
     byte_fault: damages the bytes on their way to the host; may be set and cleared at any time.
@@ -62,11 +63,11 @@ class PtyPort:
 
     @property
     def device_time_s(self) -> float:
-        """How long the device has been running, in its own time, s."""
+        """Seconds for which the device has been running, in its own time."""
         return self._time_s
 
     def plug(self) -> None:
-        """Connect: a new terminal behind the same name; does nothing if plugged in."""
+        """Plug the port in: a new terminal behind the same name; does nothing if plugged in."""
         with self._lock:
             if self._master >= 0:
                 return
@@ -81,7 +82,10 @@ class PtyPort:
             fresh.replace(self.link)
 
     def unplug(self) -> None:
-        """Disconnect: the name vanishes and a reader gets an error; the device keeps running. Does nothing if unplugged."""
+        """Unplug the port: its name vanishes and a reader gets an error; does nothing if unplugged.
+
+        The device keeps running.
+        """
         with self._lock:
             if self._master < 0:
                 return
@@ -93,7 +97,7 @@ class PtyPort:
                 self._drop(self._waiting)
 
     def close(self) -> None:
-        """Unplug and end the thread; a second close does nothing."""
+        """Unplug the port and end the device's thread; a second close does nothing."""
         self._stop.set()
         self._thread.join()
         self.unplug()

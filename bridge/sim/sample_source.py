@@ -16,7 +16,7 @@ _TICKS_PER_S = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueSamples:
-    """Truth of n samples: rate (n, 3) rad/s body, attitude (n, 4) wxyz sensor -> earth, bias (n, 3) rad/s."""
+    """Truth of n samples: rate (n, 3) rad/s in body axes, attitude (n, 4) wxyz sensor -> earth, bias (n, 3) rad/s."""
 
     rate: Array
     attitude: Array
@@ -29,7 +29,10 @@ class TrueSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Readings at clock_s (n,) since streaming began: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C."""
+    """Readings of n samples at clock_s (n,), s since streaming began on the device's clock, with their truth or None.
+
+    gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,) °C.
+    """
 
     clock_s: Array
     gyro: Array
@@ -46,7 +49,7 @@ class Samples:
         return Samples(self.clock_s[part], self.gyro[part], self.accel[part], self.temperature_c[part], truth)
 
     def joined(self, later: "Samples") -> "Samples":
-        """These samples followed by `later`, without truth."""
+        """Return these samples followed by `later`, without truth."""
         return Samples(
             clock_s=np.concatenate([self.clock_s, later.clock_s]),
             gyro=np.concatenate([self.gyro, later.gyro]),
@@ -57,7 +60,7 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """Sensor properties that a device reports: nominal rate_hz, gyro_range rad/s, which other sensors it has."""
+    """Sensor properties that a device reports: nominal rate_hz, full scale gyro_range in rad/s, other sensors."""
 
     rate_hz: float
     gyro_range: float
@@ -66,22 +69,31 @@ class Sensor:
 
 
 class Source(Protocol):
-    """A source of samples, in order from power-up on."""
+    """Source of a virtual device's samples, in order from power-up on. sensor: what the device reports."""
 
     sensor: Sensor
 
     def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth | None:
-        """Begin a boot, drawing its random values from rng; the sensor's truth, or None if unknown."""
+        """Begin a boot, drawing its random values from rng; return the sensor's true parameters, or None if unknown.
+
+        true_s_per_clock_s: true seconds per second of the device's clock.
+        """
 
     def pace(self, rate_hz: float) -> None:
-        """Set the rate from the next read until the next power-up, if the source supports it; `sensor` has the actual rate."""
+        """Set the sample rate from the next read until the next power-up, if the source supports it.
+
+        `sensor` then has the actual rate.
+        """
 
     def read(self) -> Samples | None:
-        """The next samples, about a second of them; None after the last."""
+        """Return the next samples, about a second of them; None after the last."""
 
 
 class SimulatedSource:
-    """A moving body with an erroneous sensor. script makes the motion of a boot from rng."""
+    """Source of samples from a simulated moving body and an erroneous sensor; it never ends.
+
+    script: makes the motion of a boot from rng. spec: of the sensor; None for ImuSpec().
+    """
 
     def __init__(
         self, script: Callable[[np.random.Generator], Life], spec: ImuSpec | None = None, rate_hz: float = 104.0
@@ -93,7 +105,11 @@ class SimulatedSource:
         self._part: Truth | None = None
 
     def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth:
-        """See Source."""
+        """Begin a boot: draw motion and sensor errors from rng; return the sensor's true parameters.
+
+        Errors that belong to the part stay those of the first boot. true_s_per_clock_s: true seconds per second of the
+        device's clock.
+        """
         self.sensor = self._usual
         self._motion = self._script(rng)
         drawn = draw(self.spec, rng)
@@ -104,13 +120,13 @@ class SimulatedSource:
         return self._imperfection.truth
 
     def pace(self, rate_hz: float) -> None:
-        """See Source."""
+        """Set the sample rate, Hz, from the next read until the next power-up."""
         self._ticks, self._sent = self._ticks + self._sent * (_TICKS_PER_S / self.sensor.rate_hz), 0
         self.sensor = replace(self.sensor, rate_hz=rate_hz)
         self._imperfection.pace(rate_hz / self._usual.rate_hz)
 
     def read(self) -> Samples:
-        """See Source; never ends."""
+        """Return the next second of samples, with their truth."""
         block = max(1, round(self.sensor.rate_hz * _BLOCK_S))
         number = np.arange(self._sent + 1, self._sent + block + 1)
         self._sent += block

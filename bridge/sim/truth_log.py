@@ -12,7 +12,10 @@ _BOOTS_KEPT = 64
 
 
 class TruthLog:
-    """Truth written by a device and read by the judge of an estimate, from any thread. Keeps the last `limit` samples."""
+    """Keeps the truth of the last `limit` samples of a device, by boot and sequence number, to judge estimates.
+
+    May be used from any thread.
+    """
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
@@ -22,7 +25,7 @@ class TruthLog:
         self._boots: dict[int, Truth] = {}
 
     def begin(self, boot: int, truth: Truth | None) -> None:
-        """Store the sensor truth of a new boot."""
+        """Store the true sensor parameters of a new boot; None if unknown."""
         with self._lock:
             if truth is not None:
                 self._boots[boot] = truth
@@ -30,7 +33,7 @@ class TruthLog:
                 del self._boots[next(iter(self._boots))]
 
     def add(self, boot: int, sequence: int, truth: TrueSamples) -> None:
-        """Store the truth of the samples from `sequence` on; sequence is not wrapped."""
+        """Store the truth of consecutive samples, the first numbered `sequence` since boot (not wrapped)."""
         with self._lock:
             self._blocks.append((boot, sequence, truth))
             self._held += len(truth.rate)
@@ -38,12 +41,15 @@ class TruthLog:
                 self._held -= len(self._blocks.popleft()[2].rate)
 
     def sensor(self, boot: int) -> Truth:
-        """Sensor truth of a boot; raises LookupError for an unknown boot."""
+        """Return the true sensor parameters of a boot; raises LookupError for an unknown boot."""
         with self._lock:
             return self._boots[boot]
 
     def between(self, boot: int, first: int, last: int) -> TrueSamples:
-        """Truth of samples first to last, both included; raises LookupError if any is not held (any more)."""
+        """Return the truth of samples first to last of a boot, both included.
+
+        Raises LookupError if any of them is not held (any more).
+        """
         with self._lock:
             blocks = [
                 (begin, truth)

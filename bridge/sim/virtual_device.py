@@ -40,8 +40,9 @@ _PACKET_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class DeviceSpec:
-    """Properties of a device, apart from its sensor.
+    """Properties of a virtual device, apart from its sensor.
 
+    silence_s: seconds from power-up to the first HELLO.
     skew_ppm: how fast its oscillator runs, which times both samples and ticks.
     first_tick: tick counter at power-up.
     wait_for_host: send HELLO but no DATA until the first IDENTIFY ever, so that a replay loses nothing.
@@ -75,8 +76,9 @@ class _Boot:
 
 
 class VirtualDevice:
-    """A virtual device. Call advance and receive from one thread; power switches and truth may be used from any thread.
+    """A virtual device that speaks the native serial protocol: bytes in, and by `advance` bytes out.
 
+    Call advance and receive from one thread; power switches and truth may be used from any thread.
     The seed and the name decide everything, including boot numbers unless draw_boot draws them.
     """
 
@@ -105,51 +107,54 @@ class VirtualDevice:
 
     @property
     def boot(self) -> int | None:
-        """Number of the current boot; None while off."""
+        """Number (64 bits) of the current boot; None while the device is off."""
         return None if self._now is None else self._now.number
 
     @property
     def finished(self) -> bool:
-        """Whether all samples of a recording have been sent."""
+        """Whether the device's source has ended and all its samples have been sent."""
         return self._now is not None and self._now.ended and not self._now.ready
 
     def reboot(self) -> None:
-        """Lose power and get it back, at the next advance."""
+        """Switch the device off and on again, at the next advance."""
         self._switches.extend([False, True])
 
     def power_off(self) -> None:
-        """Fall silent at the next advance."""
+        """Switch the device off, at the next advance: it falls silent."""
         self._switches.append(False)
 
     def power_on(self) -> None:
-        """Boot at the next advance; does nothing if on."""
+        """Switch the device on, at the next advance: it boots; does nothing if on."""
         self._switches.append(True)
 
     def calibrates_itself(self, scale: Array, bias: Array) -> None:
-        """Send a calibration of the device's own with each HELLO of this boot: scale (3,), bias (3,) rad/s."""
+        """Let the device send a calibration of its own with each HELLO of this boot: scale (3,), bias (3,) rad/s."""
         if self._now is not None:
             now = self._now
             now.own = DeviceCalibration(now.number, now.sent & _MASK_32, tuple(scale.tolist()), tuple(bias.tolist()))
 
     def truth_of(self, boot: int) -> Truth:
-        """Sensor truth of a boot; raises LookupError for an unknown boot."""
+        """Return the true sensor parameters of a boot; raises LookupError for an unknown boot."""
         return self._truth.sensor(boot)
 
     def truth_between(self, boot: int, first: int, last: int) -> TrueSamples:
-        """Truth of samples first to last, both included (not wrapped); raises LookupError if not held (any more)."""
+        """Return the truth of samples first to last of a boot, both included; raises LookupError if not held.
+
+        first, last: sequence numbers since boot, not wrapped.
+        """
         return self._truth.between(boot, first, last)
 
     def sent(self, boot: int) -> int:
-        """Number of samples sent in a boot; raises LookupError for an unknown boot."""
+        """Return the number of samples sent in a boot; raises LookupError for an unknown boot."""
         return self._sent[boot]
 
     @property
     def all_sent(self) -> dict[int, int]:
-        """Number of samples sent, by boot."""
+        """Number of samples sent, by boot number."""
         return dict(self._sent)
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the host; answers follow at the next advance."""
+        """Take bytes from the host, such as identify and rate commands; answers follow at the next advance."""
         for payload in self._deframer.feed(data):
             if payload == encode_identify():
                 self._asked = self._host_seen = True
@@ -157,7 +162,7 @@ class VirtualDevice:
                 self._rate_hz = rate_hz
 
     def advance(self, time_s: float) -> bytes:
-        """Run until time_s, and return the bytes sent meanwhile.
+        """Run the device until time_s, and return the bytes it sent meanwhile.
 
         time_s: true seconds since the device was made; never less than before.
         """
@@ -280,5 +285,8 @@ def demo_device(
     draw_boot: Callable[[], int] | None = None,
     script: Callable[[np.random.Generator], Life] = demo_script,
 ) -> VirtualDevice:
-    """A device that rests 2 s at every boot, is calibrated by hand within 30 s, and is then worn forever."""
+    """Make a virtual device that rests 2 s at every boot, is calibrated by hand within 30 s, and is then worn forever.
+
+    imu: errors of its sensor. rate_hz: output data rate. script: makes the motion of a boot instead of demo_script.
+    """
     return VirtualDevice(name, SimulatedSource(script, imu, rate_hz), seed, spec, draw_boot)

@@ -13,16 +13,19 @@ from bridge.sim.wearer import Wearer
 
 
 class Life(Protocol):
-    """Motion on demand, in order; see Motion.advance."""
+    """Motion on demand: gives the truth at any times, in order, as Motion.advance does."""
 
     def advance(self, time_s: Array) -> TrueMotion:
-        """Truth at times (n,), n ≥ 1, rising and later than all before. The first call's first interval begins at 0."""
+        """Return the true motion at times (n,) in s, n ≥ 1, rising and later than all before.
+
+        The first call's first interval begins at 0.
+        """
 
 
 class Then:
-    """Plays one motion until end_s, at rest there, and then another.
+    """Motion that plays one motion until end_s, at rest there, and then another.
 
-    make: makes the second motion from the attitude (4,) at the last sample of the first.
+    make: makes the second motion from the attitude (4,) wxyz at the last sample of the first.
     """
 
     def __init__(self, first: Life, end_s: float, make: Callable[[Array], Life]) -> None:
@@ -31,7 +34,7 @@ class Then:
         self._attitude: Array = np.array([1.0, 0.0, 0.0, 0.0])
 
     def advance(self, time_s: Array) -> TrueMotion:
-        """See Life."""
+        """Return the true motion at times (n,) in s, n ≥ 1, rising and later than all before."""
         upto = int(np.searchsorted(time_s, self._end_s, side="right"))
         parts = [self._lived(time_s[:upto])] if upto else []
         if upto < len(time_s):
@@ -48,7 +51,7 @@ class Then:
 
 
 def ward_script(rng: np.random.Generator, rest_s: float = 2.0) -> Life:
-    """Motion on a ward: put down, calibrated within 30 s, then a wearer's activities, without end."""
+    """Draw the motion of a device on a ward: put down for rest_s, calibrated within 30 s, then worn, without end."""
     plan = SessionPlan(turn_s=(3.5, 5.0), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.2)
     pieces = [Still(rest_s), *session(rng, plan)]
     first = Motion(pieces, flat(rng))

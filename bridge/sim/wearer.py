@@ -16,7 +16,7 @@ _BLOCKS = {"lie": 0.28, "sleep": 0.14, "sit": 0.26, "walk": 0.22, "pushed": 0.05
 
 
 class Wearer:
-    """One wearer with one device, at one place of the body; draws from rng only."""
+    """One wearer with one device at one place of the body; makes stretches of activity, drawn from rng."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -34,18 +34,22 @@ class Wearer:
         }
 
     def life(self) -> Iterator[Stretch]:
-        """Activities without end: a minute on the table, then worn."""
+        """Yield activities without end: a minute on the table, then worn."""
         yield self.table(_MINUTE)
         yield self._handled()
         while True:
             yield from self._blocks[str(self._rng.choice(list(_BLOCKS), p=list(_BLOCKS.values())))]()
 
     def table(self, duration_s: float) -> Stretch:
-        """Not worn; still except for vibrations of the building."""
+        """Draw a stretch of lying on a table, not worn: still except for vibrations of the building."""
         return Stretch(Activity.TABLE, duration_s, ticks=self._passers_by(duration_s, 0.3))
 
     def turned(self, rate_dps: float, duration_s: float, *, breath: float = 1.0, ramp_s: float = 1.0) -> Stretch:
-        """The bed or chair is turned evenly about the vertical, with the rattle of its wheels."""
+        """Draw a stretch in a bed or chair that is turned evenly about the vertical, with the rattle of its wheels.
+
+        rate_dps: °/s, signed. breath: depth of breathing, 1 as when awake, 0 for none. ramp_s: seconds to reach the
+        rate.
+        """
         goes = np.array([[0.0, duration_s, np.radians(rate_dps) * (duration_s - ramp_s), ramp_s]])
         sway = [self._rattle(np.radians(0.2)), *([self._breathing(breath)] if breath else [])]
         shaken = (self._rattle(0.04),)
@@ -53,7 +57,10 @@ class Wearer:
         return Stretch(Activity.SLOW_TURN, duration_s, goes=goes, sway=tuple(sway), bounce=shaken, ticks=ticks)
 
     def quiet(self, activity: Activity, duration_s: float, *, breath: float, restless_deg: float = 0.0) -> Stretch:
-        """Still except for breathing (1: as deep as when awake) and an unsteady hand of amplitude restless_deg."""
+        """Draw a stretch of keeping still, except for breathing and an unsteady hand.
+
+        breath: depth of breathing, 1 as when awake. restless_deg: amplitude of the hand's unsteadiness, °.
+        """
         sway = [self._breathing(breath * self._rng.uniform(0.6, 1.4))]
         if restless_deg:
             f = self._rng.uniform(0.1, 0.7, 4)
@@ -62,7 +69,7 @@ class Wearer:
         return Stretch(activity, duration_s, sway=tuple(sway), fade_s=3.0, ticks=self._passers_by(duration_s, 1.0))
 
     def moved(self, duration_s: float, size_deg: float, activity: Activity = Activity.MOVING) -> Stretch:
-        """Free movement about all axes to another pose; slower if longer."""
+        """Draw a stretch of free movement about all axes to another pose, some size_deg away; slower if longer."""
         pose = np.radians(size_deg) * self._rng.normal(size=3) / 2
         f = self._rng.uniform(0.3, 1.2, 3)
         sway = Waves(0.1 * np.radians(size_deg) * self._rng.normal(size=(3, 3)) / f[:, None], f, self._phases(3), f)
@@ -107,12 +114,12 @@ class Wearer:
             yield from self.leg_and_pause()
 
     def leg_and_pause(self) -> Iterator[Stretch]:
-        """Ten seconds to two minutes of walking, then some seconds of standing."""
+        """Yield a stretch of walking, of ten seconds to two minutes, then one of standing for some seconds."""
         yield self.leg(self._rng.uniform(10, 120))
         yield self.quiet(Activity.SITTING, self._rng.uniform(2, 15), breath=0.4, restless_deg=0.4)
 
     def leg(self, duration_s: float) -> Stretch:
-        """Walking at an even speed, with corners."""
+        """Draw a stretch of walking at an even speed, with corners."""
         f, rng = self._stride_hz * self._rng.uniform(0.9, 1.1), self._rng
         times = np.array([1.0, 2.0, 1.0, 3.0])
         share = np.array([1.0, 0.3, 0.35, 0.15])[:, None]

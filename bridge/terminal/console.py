@@ -17,7 +17,10 @@ class _Plain(Console):
 
 
 def plain_console(*, stderr: bool = False) -> Console:
-    """Create a console that prints `[/x]` and `:x:` literally; without a terminal, at least 160 columns wide."""
+    """Create a console that prints `[/x]` and `:x:` literally, and control characters escaped.
+
+    stderr: print to standard error. Without a terminal the console is at least 160 columns wide.
+    """
     made = _Plain(markup=False, emoji=False, stderr=stderr)
     if not made.is_terminal:
         made.width = max(made.width, _WIDE)

@@ -13,7 +13,10 @@ _COLUMNS = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.perc
 
 
 class Bar:
-    """Progress bar on standard error; shown only on a terminal and only for work longer than 2 s."""
+    """Progress bar on standard error, for the length of a `with` block.
+
+    Shown only on a terminal, and only for work longer than 2 s.
+    """
 
     def __init__(self) -> None:
         self._console = plain_console(stderr=True)
@@ -21,7 +24,7 @@ class Bar:
         self._shown: Progress | None = None
 
     def on(self, what: str) -> Callable[[int, int], None]:
-        """Return a callback (done, of) that reports the progress of the task `what`."""
+        """Return a callback(done, of) that reports how many of `of` steps of the task `what` are done."""
         return lambda done, of: self._tell(what, done, of)
 
     def _tell(self, what: str, done: int, of: int) -> None:

@@ -15,9 +15,9 @@ _GAP = 2
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Column of a table.
+    """Column of a terminal table.
 
-    number: aligned right and never folded. least: smallest width to which text may be folded.
+    number: aligned right and never folded. least: smallest width, in characters, to which text may be folded.
     spare: columns are left out for lack of room, the highest `spare` first; 0: never.
     """
 
@@ -28,7 +28,7 @@ class Column:
 
 
 class Columns:
-    """Table for a rich console: rows of cells, with or without headings.
+    """Terminal table for a rich console, as wide as the terminal at most: rows of cells, with or without headings.
 
     If even the columns with `spare` 0 do not fit, each row is printed as a line of text.
     """
@@ -38,7 +38,7 @@ class Columns:
         self._rows: list[tuple[Text, ...]] = []
 
     def add(self, *cells: str | Text) -> None:
-        """Add a row; missing cells at its end stay empty."""
+        """Add a row of cells, one per column; missing cells at its end stay empty."""
         given = [cell if isinstance(cell, Text) else Text(printable(cell)) for cell in cells]
         self._rows.append((*given, *(Text() for _ in self._columns[len(given) :])))
 

@@ -14,10 +14,10 @@ from bridge.transport.udp_port import UdpPort
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """One kind of transport.
+    """One kind of transport, chosen by the scheme of a device's address, such as `tcp`.
 
     example: an address for people. make(address, baud): the transport. state(address): its state in a few words,
-    without opening.
+    without opening. address: the part behind `scheme://`.
     make and state raise ValueError with what is expected if the address is invalid.
     """
 
@@ -42,19 +42,22 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def transport(port: str, baud: int) -> Transport:
-    """The transport of an address, not yet open; raises ValueError for an invalid address."""
+    """Make the transport of a device's address, not yet open. Raises ValueError for an invalid address.
+
+    port: path of a serial port, or `scheme://...`. baud: bits per second of a serial port.
+    """
     scheme, address = _split(port)
     return scheme.make(address, baud)
 
 
 def state(port: str) -> str:
-    """Whether an address could be opened now, in a few words, without opening it."""
+    """Say in a few words whether a device's address could be opened now (`present` if so), without opening it."""
     scheme, address = _split(port)
     return scheme.state(address)
 
 
 def check(port: str, baud: int) -> None:
-    """Raise ValueError with what is expected if an address or a baud rate is invalid."""
+    """Check a device's address and a baud rate (300 to 4000000); raises ValueError with what is expected if invalid."""
     if not port:
         raise ValueError("port is empty: name one; `truerate bridge scan` lists the connected devices")
     if not 300 <= baud <= 4_000_000:

@@ -9,14 +9,23 @@ from bridge.transport.ble_radio import Connection
 
 
 class Codec(NamedTuple):
-    """encode: frame of a characteristic's number and value. decode: numbers and values of frames; an empty value is a read."""
+    """Functions that turn values of BLE characteristics into frames of a byte stream, and back.
+
+    encode: frame of a characteristic's number and value. decode: numbers and values of frames; an empty value is a
+    read.
+    """
 
     encode: Callable[[int, bytes], bytes]
     decode: Callable[[bytes], Sequence[tuple[int, bytes]]]
 
 
 class GattPort(BleLink):
-    """A device's characteristics. port: `ble://address`. uuid: full identifier of a number. notify: numbers to listen to."""
+    """BLE transport of several characteristics of one device; the bytes read and written are frames of the codec.
+
+    port: `ble://address`. example: a port for error texts. uuid: returns the full identifier of a characteristic's
+    number.
+    notify: numbers of the characteristics to listen to.
+    """
 
     def __init__(
         self, port: str, example: str, uuid: Callable[[int], str], notify: Sequence[int], codec: Codec

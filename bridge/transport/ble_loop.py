@@ -11,12 +11,15 @@ T = TypeVar("T")
 NAME = "ble"
 _begun = threading.Lock()
 _loop: asyncio.AbstractEventLoop | None = None
-#: BlueZ makes one connection at a time and refuses others
+#: held while a connection is made: BlueZ makes one at a time and refuses others
 connecting = asyncio.Lock()
 
 
 def run(work: Coroutine[Any, Any, T]) -> Future[T]:
-    """Run a coroutine in the loop, from any other thread. Cancel the future to end it."""
+    """Run a coroutine in the thread for BLE, called from any other thread; return its future.
+
+    Cancelling the future ends it.
+    """
     global _loop  # noqa: PLW0603 - one loop per process
     with _begun:
         if _loop is None:

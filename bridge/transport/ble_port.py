@@ -25,12 +25,15 @@ _ADDRESS = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}")
 _UUID = re.compile(r"[0-9a-f]{4}|[0-9a-f]{8}|[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 _BASE = "-0000-1000-8000-00805f9b34fb"  # the rest of Bluetooth's own short identifiers
 
-#: makes connections; tests replace it
+#: makes the object through which BLE connections are opened; tests replace it
 radio: Callable[[], Radio] = BleakRadio
 
 
 class Place(NamedTuple):
-    """A parsed address; `write` is empty if the device is not written to."""
+    """A parsed `ble://` address: Bluetooth address, identifiers of the characteristics to listen to and to write to.
+
+    write: empty if the device is not written to.
+    """
 
     address: str
     notify: str
@@ -38,9 +41,12 @@ class Place(NamedTuple):
 
 
 class BleLink:
-    """One BLE connection. Notifications wait in a bounded inbox; on overflow the oldest are dropped and counted.
+    """Transport over one BLE connection.
 
-    address: the device's. A subclass says what to listen to, and how to send.
+    Notifications wait in a bounded inbox; on overflow the oldest are dropped and counted.
+    place: address for people. address: the device's Bluetooth address. A subclass says what to listen to, and how to
+    send.
+    Raises ValueError without the packages of the extra `ble`.
     """
 
     def __init__(self, place: str, address: str) -> None:
@@ -55,7 +61,7 @@ class BleLink:
         self._connection: Connection | None = None
 
     def open(self) -> None:
-        """Connect, after other devices' connection attempts; raises DeviceUnavailable."""
+        """Connect, after other devices' connection attempts. Raises DeviceUnavailable."""
         self.close()
         inbox = Inbox()
         with self._lock:
@@ -75,7 +81,10 @@ class BleLink:
         raise DeviceUnavailable(Code.CLOSED(place=self.place))
 
     def read(self, timeout_s: float) -> Chunk:
-        """The received notifications in one piece; raises DeviceLost once all have been read."""
+        """Return the received notifications as one chunk, waiting at most timeout_s for the first; empty if none.
+
+        Raises DeviceLost once the connection has ended and all has been read.
+        """
         inbox = self._inbox
         if inbox is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -87,7 +96,7 @@ class BleLink:
         return chunk or Chunk(b"", host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send data; raises DeviceLost, also if sending takes over a second."""
+        """Send data to the device. Raises DeviceLost, also if sending takes over a second."""
         connection, inbox = self._connection, self._inbox
         if connection is None or inbox is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
@@ -105,7 +114,7 @@ class BleLink:
             raise DeviceLost(Code.NOT_TAKEN(place=self.place)) from None
 
     def close(self) -> None:
-        """Disconnect; this ends an open or a read in another thread."""
+        """Disconnect from the device; this ends an open or a read in another thread."""
         with self._lock:
             opening, self._opening = self._opening, None
             inbox, self._inbox = self._inbox, None
@@ -119,16 +128,20 @@ class BleLink:
                 ble_loop.run(connection.close()).result(_ACT_S)
 
     def _listeners(self, inbox: "Inbox") -> Mapping[str, Callable[[bytes], None]]:
-        """What to do with the notifications of each characteristic."""
+        """Return the functions that take the notifications, by the identifier of their characteristic."""
         raise NotImplementedError
 
     def _send(self, connection: Connection, inbox: "Inbox", data: bytes) -> Coroutine[None, None, None] | None:
-        """Send data; None if they have nowhere to go."""
+        """Return a coroutine that sends data to the device; None if the address names no characteristic to write to."""
         raise NotImplementedError
 
 
 class BlePort(BleLink):
-    """The notifications of one characteristic; data are sent if the address names a characteristic for them."""
+    """BLE transport of one characteristic: its notifications are the bytes read.
+
+    address: the part behind `ble://`. Data are sent if the address names a characteristic for them, else counted as not
+    sent.
+    """
 
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - BLE has no baud rate
         self._at = parsed(address)
@@ -142,7 +155,7 @@ class BlePort(BleLink):
 
 
 class Inbox:
-    """Notifications on their way from the BLE thread to the device's thread. over: no more will come."""
+    """Notifications from the BLE thread to the device's thread, at most 64 KiB. over: no more will come."""
 
     def __init__(self) -> None:
         self.over = False
@@ -151,7 +164,7 @@ class Inbox:
         self._bytes = self._lost = 0
 
     def put(self, data: bytes) -> None:
-        """Add a notification."""
+        """Add a notification with its receive time; if the inbox is full, the oldest are dropped."""
         receive_time_ns = host_time.now_ns()
         with self._news:
             self._chunks.append(Chunk(data, receive_time_ns))
@@ -163,13 +176,16 @@ class Inbox:
             self._news.notify()
 
     def end(self) -> None:
-        """Mark the end: no more notifications will come."""
+        """Mark the end: no more notifications will come. Wakes a waiting `take`."""
         with self._news:
             self.over = True
             self._news.notify()
 
     def take(self, timeout_s: float) -> Chunk | None:
-        """All waiting notifications, or None; waits at most timeout_s for the first, unless the connection is over."""
+        """Return all waiting notifications as one chunk; None if there are none.
+
+        Waits at most timeout_s for the first, unless the connection is over.
+        """
         with self._news:
             self._news.wait_for(lambda: self._chunks or self.over, timeout_s)
             if not self._chunks:
@@ -180,14 +196,14 @@ class Inbox:
             return chunk
 
     def lost_bytes(self) -> int:
-        """Bytes dropped for lack of room since the last call."""
+        """Return the number of bytes dropped for lack of room since the last call."""
         with self._news:
             lost, self._lost = self._lost, 0
             return lost
 
 
 def parsed(address: str) -> Place:
-    """Parse an address behind `ble://`; raises ValueError with an example."""
+    """Parse the part of an address behind `ble://`. Raises ValueError with an example."""
     where, chosen = url.options(address, ("write",), EXAMPLE)
     device, _, characteristic = where.partition("/")
     return Place(
@@ -196,20 +212,26 @@ def parsed(address: str) -> Place:
 
 
 def device_address(text: str, example: str) -> str:
-    """Parse a Bluetooth address; raises ValueError with an example of a port."""
+    """Return a Bluetooth address, such as `C4:64:E3:12:34:56`, in upper case.
+
+    Raises ValueError with `example`, a port, if it is not one.
+    """
     if not _ADDRESS.fullmatch(text.upper()):
         raise ValueError(f"{text!r} is not a Bluetooth address: write a port such as {example!r}")
     return text.upper()
 
 
 def state(address: str) -> str:
-    """State in a few words; whether the device is within reach is unknown before opening."""
+    """Return a BLE address's state in a few words, without opening it; raises ValueError for an invalid address.
+
+    Whether the device is within reach is unknown before opening.
+    """
     parsed(address)
     return reach()
 
 
 def reach() -> str:
-    """State of any BLE device before it is opened."""
+    """Return the state of any BLE device before it is opened, in words: searched for later, or packages missing."""
     return "searched for only when opened" if ble_radio.available() else ble_radio.NEEDS
 
 

@@ -19,52 +19,55 @@ _PACKAGES: Final = ("bleak", "bleak_retry_connector")
 
 
 class RadioFault(Exception):
-    """A failed BLE operation, with the code of its reason."""
+    """A BLE operation failed; holds the code of the reason and its parameters."""
 
     def __init__(self, code: Code, **params: object) -> None:
         super().__init__(code)
         self.code, self.params = code, params
 
     def at(self, place: str) -> Sentence:
-        """The reason as a sentence about the device at this place."""
+        """Return the reason as a sentence about the device at this place (its address, for people)."""
         return self.code(place=place, **self.params)
 
 
 class Connection(Protocol):
-    """A connected BLE device."""
+    """Connection to one BLE device."""
 
     async def listen(self, characteristic: str, heard: Callable[[bytes], None]) -> None:
         """Call `heard` with each notification of a characteristic, in order; raises RadioFault."""
 
     async def write(self, characteristic: str, data: bytes) -> None:
-        """Send data; raises RadioFault."""
+        """Write data to a characteristic of the device; raises RadioFault."""
 
     async def read(self, characteristic: str) -> bytes:
-        """Read a characteristic's value; raises RadioFault."""
+        """Read and return a characteristic's value; raises RadioFault."""
 
     async def close(self) -> None:
-        """Disconnect; never raises."""
+        """Disconnect from the device; never raises."""
 
 
 class Radio(Protocol):
-    """Maker of BLE connections."""
+    """Makes BLE connections."""
 
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
-        """Connect; `lost` is called when the connection ends for any reason. Raises RadioFault."""
+        """Connect to the device with this Bluetooth address; `lost` is called when the connection ends for any reason.
+
+        Raises RadioFault.
+        """
 
 
 def available() -> bool:
-    """Whether the packages of the extra are installed."""
+    """Whether the packages of the extra `ble` are installed."""
     return all(importlib.util.find_spec(name) is not None for name in _PACKAGES)
 
 
 class BleakRadio:
-    """The machine's own Bluetooth, through BlueZ."""
+    """Makes BLE connections through the machine's own Bluetooth and BlueZ."""
 
     async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
-        """Connect, after ending a connection that an earlier run left open; raises RadioFault.
+        """Connect to a Bluetooth address, after ending a connection that an earlier run left open. Raises RadioFault.
 
-        Failures that BlueZ reports as transient are tried again.
+        lost: called when the connection ends. Failures that BlueZ reports as transient are tried again.
         """
         import bleak_retry_connector as retrying  # noqa: PLC0415 - optional extra
         from bleak import BleakScanner  # noqa: PLC0415
@@ -126,13 +129,16 @@ def _told() -> Iterator[None]:
 
 
 def no_characteristic(wanted: str, there: Mapping[str, Sequence[str]]) -> RadioFault:
-    """Fault for a device without the configured characteristic, listing those it has."""
+    """Return the fault for a device that lacks the wanted characteristic; it lists those of the device.
+
+    there: properties by identifier of each characteristic.
+    """
     listed = ", ".join(f"{uuid} ({' '.join(properties)})" for uuid, properties in there.items())
     return RadioFault(Code.BLE_NO_CHARACTERISTIC, wanted=wanted, listed=listed or "none")
 
 
 def fault(error: Exception) -> RadioFault:
-    """RadioFault for an error of bleak or the operating system."""
+    """Translate an error of bleak or the operating system into a RadioFault with a code for people."""
     from bleak.exc import (  # noqa: PLC0415
         BleakBluetoothNotAvailableError,
         BleakBluetoothNotAvailableReason,

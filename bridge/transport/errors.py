@@ -7,7 +7,7 @@ from bridge.reasons.codes import Sentence
 class DeviceUnavailable(Exception):
     """The device cannot be opened now; the reason says what was tried and what to do. Opening is retried.
 
-    soon: retrying is cheap and disturbs nobody, so it is done often.
+    reason: sentences. soon: retrying is cheap and disturbs nobody, so it is done often.
     """
 
     def __init__(self, *reason: Sentence, soon: bool = False) -> None:
@@ -16,7 +16,10 @@ class DeviceUnavailable(Exception):
 
 
 class DeviceLost(Exception):
-    """An open device went away: unplugged, powered off, end of a file. over: it will not come back."""
+    """An open device went away: unplugged, powered off, end of a file. over: it will not come back.
+
+    reason: sentences for people.
+    """
 
     def __init__(self, *reason: Sentence, over: bool = False) -> None:
         super().__init__(english(*reason))

@@ -20,9 +20,9 @@ _BITS_A_BYTE = 10  # on a serial line: a start bit, eight data bits, a stop bit
 
 
 class FilePort:
-    """Plays the bytes of a file at a steady pace: that of a serial line at `baud`, unless `bytes_per_s` is given.
+    """Transport that plays the bytes of a file at the pace of a serial line at `baud`, or at `bytes_per_s` if given.
 
-    At the end the device is lost for good. Written bytes are discarded.
+    address: the part behind `file://`. At the end the device is lost for good. Written bytes are discarded.
     """
 
     def __init__(self, address: str, baud: int) -> None:
@@ -35,7 +35,7 @@ class FilePort:
         self._closed = threading.Event()
 
     def open(self) -> None:
-        """Open the file at its beginning; raises DeviceUnavailable."""
+        """Open the file and play it from its beginning. Raises DeviceUnavailable."""
         self.close()
         if (said := _state(self._path)) != "present":
             raise DeviceUnavailable(Code.PLACE_FAILED(place=self.place, error=said))
@@ -47,7 +47,10 @@ class FilePort:
         self._due, self._then_s = 0.0, time.monotonic()
 
     def read(self, timeout_s: float) -> Chunk:
-        """The bytes that are due; raises DeviceLost for good at the end."""
+        """Return the bytes due since the last read, after a pause of up to 10 ms.
+
+        Raises DeviceLost for good at the end of the file.
+        """
         self._closed.wait(min(timeout_s, _TURN_S))
         now_s = time.monotonic()
         self._due = min(self._due + (now_s - self._then_s) * self._bytes_per_s, self._most)
@@ -78,7 +81,10 @@ class FilePort:
 
 
 def parsed(address: str) -> tuple[Path, float]:
-    """Parse an address: file, and pace in bytes per second (0 if not given); raises ValueError if invalid."""
+    """Parse the part of an address behind `file://`: path of the file, and pace in bytes per second (0 if not given).
+
+    Raises ValueError if invalid.
+    """
     path, chosen = url.options(address, ("bytes_per_s",), EXAMPLE)
     if not path or "\0" in unquote(path):
         raise ValueError(f"{address!r} names no file: write for example {EXAMPLE!r}")
@@ -87,7 +93,7 @@ def parsed(address: str) -> tuple[Path, float]:
 
 
 def state(address: str) -> str:
-    """Whether the file exists and can be read, in a few words."""
+    """Return in a few words whether the file of an address exists and can be read; `present` if so."""
     return _state(parsed(address)[0])
 
 

@@ -29,11 +29,17 @@ _AHEAD_NS = _ahead_ns()
 
 
 def now_ns() -> int:
-    """Time in ns since the Unix epoch, by the host's clock as it was set when this program started."""
+    """Return the time in ns since the Unix epoch, by the host's clock as it was set when this program started.
+
+    It runs on evenly when the host's clock is set.
+    """
     return _steady_ns() + _AHEAD_NS
 
 
 def set_ns(before_ns: int = 0) -> int:
-    """How far the host's clock has been set forward since the start, ns; before_ns: the previous result."""
+    """Return how far the host's clock has been set forward since the program's start, ns; negative if set back.
+
+    before_ns: the previous result, which is returned again unless the clock was set by 1 ms or more since.
+    """
     by_ns = _ahead_ns() - _AHEAD_NS
     return by_ns if abs(by_ns - before_ns) >= _NOISE_NS else before_ns

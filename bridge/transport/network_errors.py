@@ -7,7 +7,10 @@ from bridge.reasons.codes import Code, Sentence
 
 
 def cause(error: OSError, place: str) -> Sentence:
-    """Why a connection cannot be made, or a port cannot be listened on."""
+    """Return a sentence on why a connection cannot be made, or a port not be listened on, from the error of trying it.
+
+    place: the address, for people.
+    """
     if isinstance(error, socket.gaierror):
         return Code.NAME_UNKNOWN(place=place)
     if isinstance(error, TimeoutError):
@@ -29,7 +32,7 @@ def cause(error: OSError, place: str) -> Sentence:
 
 
 def loss(error: OSError, place: str) -> Sentence:
-    """Why an open connection was lost."""
+    """Return a sentence on why an open network connection was lost. place: the address, for people."""
     if isinstance(error, TimeoutError) or error.errno == errno.ETIMEDOUT:
         return Code.CONNECTION_SILENT(place=place)
     return Code.CONNECTION_LOST(place=place, error=error.strerror or error)

@@ -11,7 +11,7 @@ PROC = Path("/proc")
 
 
 class Holder(NamedTuple):
-    """A process that has a port open; `name` as `ps` shows it."""
+    """A process that has a port open: process id, and name as `ps` shows it."""
 
     pid: int
     name: str
@@ -21,13 +21,16 @@ class Holder(NamedTuple):
 
 
 def holders(port: str, proc: Path = PROC) -> list[Holder]:
-    """Processes that have the port open, as far as visible: a user's own processes, all for root."""
+    """Return the processes that have the port open, as far as visible: a user's own processes, all for root.
+
+    port: path of the port. proc: the /proc folder.
+    """
     target = os.path.realpath(port)
     return [Holder(pid, _name(proc, pid)) for pid in _pids(proc) if target in _open_files(proc, pid)]
 
 
 def locked(port: str, proc: Path = PROC) -> bool:
-    """Whether any process has locked the port, as every bridge does."""
+    """Whether any process has locked the port, as every bridge does. proc: the /proc folder."""
     try:
         status = Path(port).stat()
         locks = (proc / "locks").read_text(encoding="ascii", errors="replace")
@@ -39,13 +42,13 @@ def locked(port: str, proc: Path = PROC) -> bool:
 
 
 def is_bridge(pid: int, proc: Path = PROC) -> bool:
-    """Whether a process is `truerate bridge run`, and not the shell or sudo that started it."""
+    """Whether process `pid` is `truerate bridge run`, and not the shell or sudo that started it."""
     program, *words = command(pid, proc) or [""]
     return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
 
 
 def command(pid: int, proc: Path = PROC) -> list[str]:
-    """The command line of a process, as words; empty if the process has ended."""
+    """Return the command line of process `pid` as words; empty if the process has ended."""
     try:
         return (proc / str(pid) / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
     except OSError:

@@ -16,7 +16,10 @@ _MEMORY_DEVICES = 1  # major number of /dev/null and similar devices
 
 
 def state(port: str) -> str:
-    """Whether a port could be opened now, in words. The port is not opened, because that would boot some boards."""
+    """Say in words whether a serial port could be opened now; `present` if so.
+
+    The port is not opened, because that would boot some boards.
+    """
     try:
         status = os.stat(port)  # noqa: PTH116 - a name, as everywhere in this file
     except OSError as error:
@@ -29,7 +32,7 @@ def state(port: str) -> str:
 
 
 def no_port(port: str) -> bool:
-    """Whether the path is something other than a serial port: a file, a folder, /dev/null."""
+    """Whether the path leads to something other than a serial port: a file, a folder, /dev/null."""
     try:
         return _no_port(os.stat(port))  # noqa: PTH116 - a name, as everywhere in this file
     except OSError:
@@ -37,7 +40,7 @@ def no_port(port: str) -> bool:
 
 
 def cause(error: Exception, port: str) -> Sentence:
-    """Why a port cannot be opened, from the error of opening it."""
+    """Return a sentence on why a serial port cannot be opened, with what to do, from the error of opening it."""
     number = _number(error)
     if number in _MISSING:
         return Code.PORT_MISSING(place=port)
@@ -51,12 +54,15 @@ def cause(error: Exception, port: str) -> Sentence:
 
 
 def settling(error: Exception) -> bool:
-    """Whether the port may just have been plugged in, with its name and permissions not yet settled."""
+    """Whether the error of opening may pass by itself, because the port was just plugged in.
+
+    Its name and permissions are then not yet settled.
+    """
     return _number(error) in _MISSING | _FORBIDDEN | {errno.EIO}
 
 
 def busy(port: str) -> Sentence:
-    """A sentence on the processes that have the port open, as far as visible."""
+    """Return a sentence on the processes that have the serial port open, as far as visible."""
     having = holders(port)
     if not having:
         return Code.PORT_BUSY(place=port)

@@ -34,8 +34,9 @@ class _Open(NamedTuple):
 
 
 class SerialPort:
-    """One serial port, locked for this process. Use a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not.
+    """Serial port transport of one device; the port is locked for this process.
 
+    Use a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not. baud: bits per second.
     Many boards boot when DTR falls or rises. Opening a port always raises DTR and RTS. They are never lowered
     afterwards, neither here nor by the system on close, so only the first opening after plugging in may boot the board.
     (Lowering them would silence boards with USB of their own, and reset an ESP32.)
@@ -49,7 +50,7 @@ class SerialPort:
         self._open: _Open | None = None
 
     def open(self) -> None:
-        """Open and lock the port; raises DeviceUnavailable with the cause and what to do."""
+        """Open and lock the serial port; raises DeviceUnavailable with the cause and what to do."""
         self.close()
         if not os.path.exists(self.place):  # noqa: PTH110 - called often for many missing ports: half the cost of Path
             raise DeviceUnavailable(Code.PORT_MISSING(place=self.place), soon=True)
@@ -71,7 +72,7 @@ class SerialPort:
         self._open = _Open(opened, poll, wake)
 
     def read(self, timeout_s: float) -> Chunk:
-        """Received bytes, waiting at most timeout_s for the first byte; empty if none. Raises DeviceLost.
+        """Return received bytes, waiting at most timeout_s for the first byte; empty if none. Raises DeviceLost.
 
         Same as pyserial's read(in_waiting or 1) at a third of the cost, because pyserial makes several system calls.
         """
@@ -90,7 +91,7 @@ class SerialPort:
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send data; raises DeviceLost, also if the device does not take them within a second."""
+        """Send data to the device. Raises DeviceLost, also if the device does not take them within a second."""
         opened = self._opened()
         try:
             opened.port.write(data)

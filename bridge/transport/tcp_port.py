@@ -21,7 +21,10 @@ _IDLE_S, _ASK_EVERY_S, _ASKS = 3, 1, 3
 
 
 class TcpPort:
-    """One TCP connection. All data that arrived before the device closed it are read before the loss is raised."""
+    """TCP transport: one connection to a device that is a server. address: `host:port`.
+
+    All data that arrived before the device closed the connection are read before the loss is raised.
+    """
 
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - TCP has no baud rate
         self.place = f"tcp://{address}"
@@ -30,7 +33,7 @@ class TcpPort:
         self._socket: socket.socket | None = None
 
     def open(self) -> None:
-        """Connect; raises DeviceUnavailable."""
+        """Connect to the device, within 1.5 s. Raises DeviceUnavailable."""
         self.close()
         try:
             self._socket = _connected(self._address)
@@ -39,7 +42,7 @@ class TcpPort:
             raise DeviceUnavailable(network_errors.cause(error, self.place)) from None
 
     def read(self, timeout_s: float) -> Chunk:
-        """Received bytes, waiting at most timeout_s for the first; raises DeviceLost."""
+        """Return received bytes, waiting at most timeout_s for the first; empty if none. Raises DeviceLost."""
         opened = self._opened()
         try:
             data = _received(opened, timeout_s)
@@ -54,7 +57,7 @@ class TcpPort:
         return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
-        """Send data; raises DeviceLost if they are not taken within a second.
+        """Send data to the device; raises DeviceLost if they are not taken within a second.
 
         A broken connection is reported by read, after the data that arrived before.
         """
@@ -73,7 +76,7 @@ class TcpPort:
             raise DeviceLost(network_errors.loss(error, self.place)) from None
 
     def close(self) -> None:
-        """Disconnect; this ends a read in another thread."""
+        """Disconnect from the device; this ends a read in another thread."""
         opened, self._socket = self._socket, None
         if opened is not None:
             with contextlib.suppress(OSError):
@@ -103,13 +106,13 @@ def _received(opened: socket.socket, timeout_s: float) -> bytes | None:
 
 
 def parsed(address: str) -> tuple[str, int]:
-    """Parse host and port; raises ValueError if invalid."""
+    """Parse the part of an address behind `tcp://` into host and port; raises ValueError if invalid."""
     before, _ = url.options(address, (), EXAMPLE)
     return url.host_port(before, EXAMPLE)
 
 
 def state(address: str) -> str:
-    """Whether a connection can be made now, in a few words; connects for a moment."""
+    """Return in a few words whether a TCP connection can be made now, `present` if so; connects for a moment."""
     try:
         _connected(parsed(address)).close()
     except OSError as error:

@@ -6,14 +6,14 @@ from bridge.wire.refusal import Tally
 
 
 class Chunk(NamedTuple):
-    """Bytes, and the host time (host_time.py) right after the last byte was received."""
+    """Received bytes, and the host time (`host_time.now_ns`, ns) right after the last byte was received."""
 
     data: bytes
     receive_time_ns: int
 
 
 class Transport(Protocol):
-    """One byte connection to one device. It can be reopened after a close or a loss.
+    """Connection that carries the bytes of one device. It can be reopened after a close or a loss.
 
     place: the address, for people. faults: counts dropped data by label; a driver replaces it with its own tally.
     Call read and write from one thread, close from any.
@@ -26,10 +26,13 @@ class Transport(Protocol):
         """Open the connection; raises DeviceUnavailable with the cause and what to do."""
 
     def read(self, timeout_s: float) -> Chunk:
-        """Received bytes, up to some 64 kB, waiting at most timeout_s for the first; empty if none. Raises DeviceLost."""
+        """Return received bytes, up to some 64 kB, waiting at most timeout_s for the first; empty if none.
+
+        Raises DeviceLost.
+        """
 
     def write(self, data: bytes) -> None:
-        """Send data; raises DeviceLost, also if the device does not take them within a second."""
+        """Send data to the device; raises DeviceLost, also if the device does not take them within a second."""
 
     def close(self) -> None:
         """Close the connection; this ends a read in another thread. Never raises, and may be repeated."""

@@ -24,7 +24,7 @@ Peer = tuple[Any, ...]  # as a socket gives it: host, port, and more with IPv6
 
 
 class Heard(NamedTuple):
-    """Datagrams of one host in one piece, with the last one's sender and host receive time."""
+    """One datagram as received: data, sending host, sender's socket address, and host receive time in ns."""
 
     data: bytes
     host: str
@@ -33,11 +33,15 @@ class Heard(NamedTuple):
 
 
 class Taken(Exception):
-    """Raised if the datagrams of a host already have a channel."""
+    """The datagrams of a host already have a channel; the message names the hosts."""
 
 
 class Channel:
-    """Queue of one device's received datagrams. lost: datagrams dropped for lack of room."""
+    """Queue of one device's received datagrams, up to 1 MiB.
+
+    hosts: addresses of the device; empty: any host without a channel. lost: number of datagrams dropped for lack of
+    room.
+    """
 
     def __init__(self, hosts: frozenset[str]) -> None:
         self.hosts: Final = hosts
@@ -46,7 +50,7 @@ class Channel:
         self._bytes_in = self._bytes_out = 0  # each is written by one thread only
 
     def offer(self, heard: Heard) -> None:
-        """Keep datagrams if there is room; otherwise count them as lost."""
+        """Queue a datagram if there is room; otherwise count it as lost."""
         if self._bytes_in - self._bytes_out >= _MOST_BYTES:
             self.lost += 1
             return
@@ -54,7 +58,7 @@ class Channel:
         self._waiting.append(heard)
 
     def take(self) -> list[Heard]:
-        """The waiting datagrams, up to some 64 kB."""
+        """Return the waiting datagrams, oldest first, up to some 64 kB."""
         taken, size = [], 0
         while self._waiting and size < _LONGEST:
             taken.append(self._waiting.popleft())
@@ -64,7 +68,10 @@ class Channel:
 
 
 class Listener:
-    """A bound socket with its thread and channels. `join` makes listeners and shares them."""
+    """A bound UDP socket with its thread, which sorts datagrams into the channels of devices by their sending host.
+
+    `join` makes listeners and shares them.
+    """
 
     def __init__(self, host: str, port: int) -> None:
         self.where: Final = (host, port)
@@ -82,7 +89,7 @@ class Listener:
         self._socket.sendto(data, to)
 
     def add(self, channel: Channel) -> None:
-        """Add a channel for its hosts, or for all hosts without a channel of their own; raises Taken."""
+        """Add a device's channel for its hosts, or for all hosts without a channel of their own; raises Taken."""
         taken = self._channels.keys() & channel.hosts
         if taken or (not channel.hosts and self._anyone is not None):
             raise Taken(", ".join(sorted(taken)) or "anyone")
@@ -92,14 +99,14 @@ class Listener:
             self._anyone = channel
 
     def remove(self, channel: Channel) -> bool:
-        """Remove a channel; True if no channel is left."""
+        """Remove a device's channel; return True if no channel is left."""
         self._channels = {host: other for host, other in self._channels.items() if other is not channel}
         if self._anyone is channel:
             self._anyone = None
         return not self._channels and self._anyone is None
 
     def close(self) -> None:
-        """Stop the thread and free the port."""
+        """Stop the listener's thread and free the UDP port."""
         self._closed = True
         with contextlib.suppress(OSError):  # the socket is not connected, but shutdown ends the wait for datagrams
             self._socket.shutdown(socket.SHUT_RDWR)
@@ -138,7 +145,12 @@ _listeners: dict[tuple[str, int], Listener] = {}
 
 
 def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Channel]:
-    """Wait for datagrams of these hosts, or of all other hosts if `hosts` is empty; raises OSError and Taken."""
+    """Listen for the datagrams of these hosts on a UDP port; return the shared listener and a new channel.
+
+    host: local address, empty for all. hosts: addresses of the device; empty for all hosts without a channel of their
+    own.
+    Raises OSError and Taken.
+    """
     channel = Channel(hosts)
     where = (host or ALL, port)
     with _lock:
@@ -149,7 +161,7 @@ def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Channel
 
 
 def leave(listener: Listener, channel: Channel) -> None:
-    """Remove a channel; the last one closes the port."""
+    """Remove a channel from its listener; removing the last one closes the port."""
     with _lock:
         if listener.remove(channel):
             del _listeners[listener.where]
@@ -157,7 +169,10 @@ def leave(listener: Listener, channel: Channel) -> None:
 
 
 def bound(host: str, port: int) -> socket.socket:
-    """A bound UDP socket; raises OSError. Empty host: all IPv4 addresses of this machine; `::`: all IPv4 and IPv6 addresses."""
+    """Return a UDP socket bound to a local host and port; raises OSError.
+
+    Empty host: all IPv4 addresses of this machine; `::`: all IPv4 and IPv6 addresses.
+    """
     family, kind, protocol, _, where = socket.getaddrinfo(
         host or ALL, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE
     )[0]
@@ -176,5 +191,5 @@ def bound(host: str, port: int) -> socket.socket:
 
 
 def plain(host: str) -> str:
-    """A host's address in its usual form: an IPv4-mapped IPv6 address becomes IPv4."""
+    """Return a host's address in its usual form: an IPv4-mapped IPv6 address becomes IPv4."""
     return host.removeprefix("::ffff:")

@@ -21,8 +21,9 @@ OVERFLOW, OTHERS = "datagrams_overflow", "datagrams_of_others"
 
 
 class UdpPort:
-    """One device's datagrams; without `from`, those of the first host heard, until it has been silent for 3 s.
+    """UDP transport: the datagrams of one device, joined to a stream of bytes. address: the part behind `udp://`.
 
+    Without `from`, those of the first host heard, until it has been silent for 3 s.
     Several devices may send to one port, told apart by `from`.
     """
 
@@ -34,7 +35,7 @@ class UdpPort:
         self._closed = threading.Event()
 
     def open(self) -> None:
-        """Listen; raises DeviceUnavailable."""
+        """Listen on the UDP port. Raises DeviceUnavailable."""
         self.close()
         self._peer: tuple[str, Peer] | None = None
         self._heard_ns = self._lost = 0
@@ -48,7 +49,10 @@ class UdpPort:
         self._closed.clear()
 
     def read(self, timeout_s: float) -> Chunk:
-        """The received datagrams in one piece; raises DeviceLost once closed."""
+        """Return the received datagrams as one chunk, waiting at most timeout_s for the first; empty if none.
+
+        Raises DeviceLost once closed.
+        """
         until_s = time.monotonic() + timeout_s
         while not (heard := self._heard()):
             left_s = until_s - time.monotonic()
@@ -73,14 +77,17 @@ class UdpPort:
         return heard
 
     def write(self, data: bytes) -> None:
-        """Send to the sender of the latest datagram; does nothing before the first. Raises DeviceLost once closed."""
+        """Send data to the sender of the latest datagram; does nothing before the first.
+
+        Raises DeviceLost once closed.
+        """
         listener, _ = self._opened()
         if self._peer is not None:
             with contextlib.suppress(OSError):  # a datagram may be lost
                 listener.send(data, self._peer[1])
 
     def close(self) -> None:
-        """Stop listening; this ends a read in another thread."""
+        """Stop listening on the UDP port; this ends a read in another thread."""
         joined, self._joined = self._joined, None
         self._closed.set()
         if joined is not None:
@@ -94,14 +101,20 @@ class UdpPort:
 
 
 def parsed(address: str) -> tuple[str, int, str]:
-    """Parse local host (empty: all), port, and the device's host (empty: any); raises ValueError if invalid."""
+    """Parse the part of an address behind `udp://`: local host (empty: all), port, and the device's host (empty: any).
+
+    Raises ValueError if invalid.
+    """
     where, chosen = url.options(address, ("from",), EXAMPLE)
     host, port = url.host_port(where, EXAMPLE, host_needed=False)
     return host, port, url.host(chosen["from"], EXAMPLE) if "from" in chosen else ""
 
 
 def state(address: str) -> str:
-    """Whether the port can be listened on now, in a few words; whether a device sends is unknown before opening."""
+    """Return in a few words whether the UDP port can be listened on now; `free` if so.
+
+    Whether a device sends is unknown before opening.
+    """
     host, port, _ = parsed(address)
     try:
         udp_listener.bound(host, port).close()

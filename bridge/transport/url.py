@@ -8,9 +8,9 @@ from bridge.toml.loader import nearest
 
 
 def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str, int]:
-    """Parse `10.0.0.5:8000`, `wrist-1.local:8000` or `[fe80::1]:8000`; the host may be empty if not host_needed.
+    """Parse `10.0.0.5:8000`, `wrist-1.local:8000` or `[fe80::1]:8000` into host and port (1 to 65535).
 
-    Raises ValueError.
+    The host may be empty if not host_needed. Raises ValueError with `example`.
     """
     host, colon, port = text.rpartition(":")
     if not colon or not port.isascii() or not port.isdigit() or not 1 <= int(port) <= 65_535:
@@ -25,7 +25,10 @@ def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str
 
 
 def host(text: str, example: str) -> str:
-    """Parse a host without port, with or without brackets; raises ValueError."""
+    """Parse a host without port, with or without brackets; return it without brackets.
+
+    Raises ValueError with `example`.
+    """
     bare = text.removeprefix("[").removesuffix("]")
     if not bare or not _is_host(bare):
         raise ValueError(f"{text!r} is not a host: write for example {example!r}")
@@ -33,7 +36,10 @@ def host(text: str, example: str) -> str:
 
 
 def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[str, str]]:
-    """Split off the `name=value` options behind `?`, each of a known name and given once; raises ValueError."""
+    """Split off the `name=value` options behind `?`; return the text before, and the values by name.
+
+    Raises ValueError for a name that is not in `known`, or given twice.
+    """
     before, mark, query = text.partition("?")
     if not mark:
         return before, {}
@@ -50,7 +56,7 @@ def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[st
 
 
 def number(text: str, name: str, low: float, high: float) -> float:
-    """Parse the number of an option within bounds; raises ValueError."""
+    """Parse the number of an option `name`, from low to high; raises ValueError."""
     try:
         value = float(text)
     except ValueError:

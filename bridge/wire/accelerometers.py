@@ -10,7 +10,7 @@ _MOST_BIAS, _MOST_SCALE, _MOST_VAR = 100.0, 10.0, 1e6
 
 
 def accelerometer_message(one: AccelerometerCalibration | None) -> pb.AccelerometerCalibration | None:
-    """Convert a calibration to its protobuf message."""
+    """Convert an accelerometer calibration to its protobuf message; None for None."""
     if one is None:
         return None
     return pb.AccelerometerCalibration(
@@ -25,7 +25,10 @@ def accelerometer_message(one: AccelerometerCalibration | None) -> pb.Accelerome
 
 
 def accelerometer_in(raw: pb.Status | pb.Calibration) -> AccelerometerCalibration | None:
-    """Validate and convert the accelerometer calibration of a message, None where it has none. Raises Refusal."""
+    """Validate the accelerometer calibration inside a received message and convert it; None where the message has none.
+
+    Raises Refusal.
+    """
     if not raw.HasField("accelerometer"):
         return None
     one = raw.accelerometer

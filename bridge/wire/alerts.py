@@ -12,7 +12,7 @@ MAX_ALERTS = 16
 
 
 def alert_messages(alerts: Iterable[Alert]) -> list[pb.Alert]:
-    """Convert alerts to protobuf messages."""
+    """Convert standing alerts to a list of protobuf messages; names are made printable and cut."""
     return [
         pb.Alert(
             kind=one.kind,
@@ -26,7 +26,10 @@ def alert_messages(alerts: Iterable[Alert]) -> list[pb.Alert]:
 
 
 def alerts_in(raw: pb.Status | pb.Checkpoint | pb.Owned) -> tuple[Alert, ...]:
-    """Validate and convert the alerts of a message. Raises Refusal."""
+    """Validate the standing alerts inside a received message and convert them.
+
+    Raises Refusal, also above MAX_ALERTS.
+    """
     if len(raw.alerts) > MAX_ALERTS:
         raise Refusal(Reason.LENGTH, f"alerts has {len(raw.alerts)} values; at most {MAX_ALERTS} are allowed")
     return tuple(

@@ -35,7 +35,7 @@ Float32s = NDArray[np.float32]
 
 
 def encode_samples(batch: SampleBatch) -> bytes:
-    """Encode a SampleBatch, the payload of raw/<bridge>/<device>."""
+    """Encode a SampleBatch as protobuf bytes, the payload of raw/<bridge>/<device>."""
     return columns.SampleBatch(
         version=VERSION,
         device=batch.device,
@@ -54,7 +54,7 @@ def encode_samples(batch: SampleBatch) -> bytes:
 
 
 def decode_samples(key: str, payload: bytes) -> SampleBatch:
-    """Decode a SampleBatch, published under raw/<bridge>/<device>. Raises Refusal."""
+    """Decode and validate the payload of raw/<bridge>/<device> as a SampleBatch. Raises Refusal."""
     raw, place = opened(columns.SampleBatch, "raw", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
@@ -77,7 +77,7 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
 
 
 def encode_corrected(batch: CorrectedBatch) -> bytes:
-    """Encode a CorrectedBatch, the payload of corrected/<device>."""
+    """Encode a CorrectedBatch as protobuf bytes, the payload of corrected/<device>."""
     encoder = CorrectedEncoder(batch.device, batch.epoch)
     encoder.corrected_by(batch.quality, batch.calibration, {name: getattr(batch, name) for name in TOLD})
     clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
@@ -86,13 +86,19 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
 
 
 class CorrectedEncoder:
-    """Encoder for the corrected samples of one device; common fields are set only when they change."""
+    """Encoder for the many corrected batches of one device; sets common fields only when they change.
+
+    epoch: number of the estimator's ownership of the device.
+    """
 
     def __init__(self, device: str, epoch: int = 0) -> None:
         self._message = columns.CorrectedBatch(version=VERSION, device=device, epoch=epoch)
 
     def corrected_by(self, quality: Quality, calibration: str, told: Mapping[str, Float32s]) -> None:
-        """Set quality and calibration of all following messages. told: a (3,) array for each name in TOLD."""
+        """Set quality, calibration id and uncertainties of all following messages.
+
+        told: a (3,) float32 array for each name in TOLD, in the units of CorrectedBatch.
+        """
         message = self._message
         message.quality = int(quality)
         message.calibration = clean(calibration, validation.MAX_NAME)
@@ -110,7 +116,10 @@ class CorrectedEncoder:
         rate: bytes,
         flags: bytes,
     ) -> bytes:
-        """Encode one message. ticks, rate and flags are packed columns, as of `column_of` and `packed_flags`."""
+        """Encode one corrected batch; the fields are those of CorrectedBatch.
+
+        ticks, rate and flags are packed columns: bytes as of `column_of` and `packed_flags`.
+        """
         message = self._message
         message.boot = boot
         message.sequence = sequence
@@ -124,7 +133,7 @@ class CorrectedEncoder:
 
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
-    """Decode a CorrectedBatch, published under corrected/<device>. Raises Refusal."""
+    """Decode and validate the payload of corrected/<device> as a CorrectedBatch. Raises Refusal."""
     raw, _ = opened(columns.CorrectedBatch, "corrected", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)
@@ -169,18 +178,21 @@ def decode_rates(key: str, payload: bytes) -> Rates:
 
 
 def column_of(column: NDArray[np.generic], dtype: np.dtype[Any]) -> bytes:
-    """Pack a column as bytes of the given dtype."""
+    """Pack an array column as bytes, row by row, with elements of the given dtype."""
     return column.astype(dtype, copy=False).tobytes()
 
 
 def packed_flags(flags: NDArray[np.uint32]) -> bytes:
-    """Pack flags as bytes; empty if all flags are 0."""
+    """Pack sample flags (n,) as bytes, 4 per sample; empty if all flags are 0."""
     packed = column_of(flags, _UINT32)
     return packed if packed.strip(b"\0") else b""
 
 
 def ticks_of(column: bytes) -> NDArray[np.uint64]:
-    """Unpack a read-only column of rising ticks. Raises Refusal."""
+    """Unpack a column of device ticks as a read-only (n,) uint64 array.
+
+    Raises Refusal unless there are 1 to MAX_SAMPLES ticks, each larger than the one before and below 2**63.
+    """
     n, odd = divmod(len(column), 8)
     if odd or not 1 <= n <= MAX_SAMPLES:
         raise Refusal(
@@ -195,7 +207,10 @@ def ticks_of(column: bytes) -> NDArray[np.uint64]:
 def times_of(
     raw: columns.SampleBatch | columns.CorrectedBatch | columns.OrientationBatch, ticks: NDArray[np.uint64]
 ) -> None:
-    """Check that the host times of the first and the last sample are in range; raises Refusal."""
+    """Check that the clock fields of a batch are in range, and so the host times of its first and last sample.
+
+    ticks: (n,), from the same message. Returns nothing; raises Refusal.
+    """
     start_ns = validation.time_ns(raw.start_time_ns, "start_time_ns")
     period_s = validation.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0)
     rate = validation.number(raw.clock_rate, "clock_rate", 1e-4, 1e4)
@@ -204,7 +219,10 @@ def times_of(
 
 
 def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
-    """Unpack a read-only column of n float32 with magnitudes up to limit. Raises Refusal; `name` is for its text."""
+    """Unpack a column of n float32 numbers as a read-only (n,) array; magnitudes may reach limit.
+
+    name: the field, for the error text. Raises Refusal for another length, for NaN, infinity, and larger numbers.
+    """
     if len(column) != 4 * n:
         raise Refusal(Reason.LENGTH, f"{name} has {len(column)} bytes; {4 * n} are expected")
     values = np.frombuffer(column, _FLOAT)
@@ -220,7 +238,10 @@ def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
 
 
 def stds_of(raw: columns.CorrectedBatch | columns.WindowBatch) -> NDArray[np.float32]:
-    """Unpack read-only standard deviations (5, 3): noise, bias, scale, cross-axis, flicker (0 if absent). Raises Refusal."""
+    """Unpack the standard deviations of a message as a read-only (5, 3) float32 array; none may be negative.
+
+    Rows: noise, bias, scale, cross-axis, flicker (0 if absent), in the units of CorrectedBatch. Raises Refusal.
+    """
     said = {name: getattr(raw, name) for name in ("noise_std", "bias_std", "scale_std", "cross_std")}
     said["flicker_std"] = raw.flicker_std or _NOT_SAID
     for name, column in said.items():
@@ -233,7 +254,10 @@ def stds_of(raw: columns.CorrectedBatch | columns.WindowBatch) -> NDArray[np.flo
 
 
 def flags_of(column: bytes, n: int) -> NDArray[np.uint32]:
-    """Unpack a column of n flags; an empty column means all 0. Raises Refusal."""
+    """Unpack a column of n sample flags as (n,) uint32; an empty column means all 0.
+
+    Raises Refusal for unknown bits.
+    """
     if not column:
         return np.zeros(n, np.uint32)
     if len(column) != 4 * n:

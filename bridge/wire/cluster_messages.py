@@ -21,7 +21,7 @@ _DETERMINED = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
 
 def encode_owned(owned: Owned) -> bytes:
-    """Encode an Owned message, the payload of owned/<estimator>."""
+    """Encode an Owned message (devices that an estimator owns) as bytes, the payload of owned/<estimator>."""
     return pb.Owned(
         version=VERSION,
         estimator=owned.estimator,
@@ -39,7 +39,7 @@ def encode_owned(owned: Owned) -> bytes:
 
 
 def decode_owned(key: str, payload: bytes) -> Owned:
-    """Decode an Owned message, published under owned/<estimator>. Raises Refusal."""
+    """Decode and validate the payload of owned/<estimator> as an Owned message. Raises Refusal."""
     raw, _ = opened(pb.Owned, "owned", key, payload, "estimator")
     if len(raw.holdings) > MAX_HOLDINGS or len(raw.moves) > MAX_MOVES:
         raise Refusal(
@@ -61,7 +61,10 @@ def decode_owned(key: str, payload: bytes) -> Owned:
 
 
 def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
-    """Encode a Checkpoint, the payload of checkpoint/<device>; keeps only the last MAX_ANSWERS answers."""
+    """Encode a Checkpoint as bytes, the payload of checkpoint/<device>.
+
+    Keeps only the last MAX_ANSWERS answers, and leaves out a `state` of more than MAX_STATE bytes.
+    """
     return pb.Checkpoint(
         version=VERSION,
         device=checkpoint.device,
@@ -79,7 +82,7 @@ def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
 
 
 def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
-    """Decode a Checkpoint, published under checkpoint/<device>. Raises Refusal.
+    """Decode and validate the payload of checkpoint/<device> as a Checkpoint. Raises Refusal.
 
     `state` is not checked here; restoring a session checks it.
     """

@@ -36,7 +36,7 @@ _MAX_BRIDGES = 16
 
 
 def encode_info(info: DeviceInfo) -> bytes:
-    """Encode a DeviceInfo, the payload of info/<bridge>/<device>."""
+    """Encode a DeviceInfo as bytes, the payload of info/<bridge>/<device>."""
     return pb.DeviceInfo(
         version=VERSION,
         device=info.device,
@@ -66,7 +66,7 @@ def encode_info(info: DeviceInfo) -> bytes:
 
 
 def decode_info(key: str, payload: bytes) -> DeviceInfo:
-    """Decode a DeviceInfo, published under info/<bridge>/<device>. Raises Refusal."""
+    """Decode and validate the payload of info/<bridge>/<device> as a DeviceInfo. Raises Refusal."""
     raw, place = opened(pb.DeviceInfo, "info", key, payload)
     same_id(raw.bridge, place, "bridge")
     return DeviceInfo(
@@ -112,7 +112,7 @@ def _own_in(raw: pb.DeviceCalibration) -> DeviceCalibration:
 
 
 def encode_status(status: Status) -> bytes:
-    """Encode a Status, the payload of status/<device>."""
+    """Encode a Status as bytes, the payload of status/<device>."""
     said = pb.Status()  # set field by field, in half the time: once a second for each device
     said.version = VERSION
     said.device, said.boot, said.time_ns = status.device, status.boot, status.time_ns
@@ -143,7 +143,7 @@ def encode_status(status: Status) -> bytes:
 
 
 def decode_status(key: str, payload: bytes) -> Status:
-    """Decode a Status, published under status/<device>. Raises Refusal."""
+    """Decode and validate the payload of status/<device> as a Status. Raises Refusal."""
     raw, _ = opened(pb.Status, "status", key, payload)
     axes_done = tuple(validation.whole(axis, "axes_done", 2) for axis in raw.axes_done)
     if len(axes_done) > 3:
@@ -181,12 +181,12 @@ def decode_status(key: str, payload: bytes) -> Status:
 
 
 def encode_calibration(calibration: Calibration) -> bytes:
-    """Encode a Calibration, the payload of calibration/<device>."""
+    """Encode a Calibration as bytes, the payload of calibration/<device>."""
     return calibration_message(calibration).SerializeToString()
 
 
 def calibration_message(calibration: Calibration) -> pb.Calibration:
-    """Convert a Calibration to its protobuf message."""
+    """Convert a Calibration to its protobuf message, for `encode_calibration` and for use inside a checkpoint."""
     return pb.Calibration(
         version=VERSION,
         device=calibration.device,
@@ -217,13 +217,16 @@ def calibration_message(calibration: Calibration) -> pb.Calibration:
 
 
 def decode_calibration(key: str, payload: bytes) -> Calibration:
-    """Decode a Calibration, published under calibration/<device>. Raises Refusal."""
+    """Decode and validate the payload of calibration/<device> as a Calibration. Raises Refusal."""
     raw, _ = opened(pb.Calibration, "calibration", key, payload)
     return calibration_in(raw)
 
 
 def calibration_in(raw: pb.Calibration) -> Calibration:
-    """Validate a protobuf calibration and convert it to a Calibration. Raises Refusal."""
+    """Validate a protobuf calibration, alone or inside a checkpoint, and convert it to a Calibration.
+
+    Raises Refusal.
+    """
     n = len(raw.parameters)
     if n > _MAX_PARAMETERS or len(raw.turns) > _MAX_TURNS:
         raise Refusal(Reason.LENGTH, f"{n} parameters and {len(raw.turns)} turns; at most 32 of each are allowed")
@@ -253,7 +256,7 @@ def calibration_in(raw: pb.Calibration) -> Calibration:
 
 
 def encode_note(note: Note) -> bytes:
-    """Encode a Note, the payload of note/<device>."""
+    """Encode a Note as bytes, the payload of note/<device>; its texts are made printable and cut."""
     return pb.Note(
         version=VERSION,
         device=note.device,
@@ -265,7 +268,7 @@ def encode_note(note: Note) -> bytes:
 
 
 def decode_note(key: str, payload: bytes) -> Note:
-    """Decode a Note, published under note/<device>. Raises Refusal."""
+    """Decode and validate the payload of note/<device> as a Note. Raises Refusal."""
     raw, _ = opened(pb.Note, "note", key, payload)
     return Note(
         device=raw.device,
@@ -277,7 +280,7 @@ def decode_note(key: str, payload: bytes) -> Note:
 
 
 def encode_command(command: Command) -> bytes:
-    """Encode a Command, the payload of a query to rpc/<device>/<verb>."""
+    """Encode a Command as bytes, the payload of a query to rpc/<device>/<verb>."""
     return pb.Command(
         version=VERSION,
         request_id=clean(command.request_id, validation.MAX_NAME),
@@ -288,7 +291,10 @@ def encode_command(command: Command) -> bytes:
 
 
 def decode_command(key: str, payload: bytes) -> Command:
-    """Decode a Command, sent to rpc/<device>/<verb>. Raises Refusal for a verb not in keys.VERBS, or without a request id."""
+    """Decode and validate the payload of a query to rpc/<device>/<verb> as a Command.
+
+    Raises Refusal, also for a verb not in keys.VERBS, and for a command without a request id.
+    """
     place = parse_key(key, "rpc")
     if place.ids["verb"] not in keys.VERBS:
         raise Refusal(Reason.BAD_KEY, f"unknown command {place.ids['verb']!r}: use {', '.join(keys.VERBS)}")
@@ -304,7 +310,7 @@ def decode_command(key: str, payload: bytes) -> Command:
 
 
 def encode_reply(reply: CommandReply) -> bytes:
-    """Encode the reply to a command; never empty."""
+    """Encode a CommandReply as bytes, the answer to a command's query; never empty."""
     return pb.CommandReply(
         version=VERSION,
         request_id=clean(reply.request_id, validation.MAX_NAME),
@@ -314,7 +320,7 @@ def encode_reply(reply: CommandReply) -> bytes:
 
 
 def decode_reply(payload: bytes) -> CommandReply:
-    """Decode the reply to a command. Raises Refusal."""
+    """Decode and validate the answer to a command's query as a CommandReply. Raises Refusal."""
     raw = read(pb.CommandReply, payload)
     return CommandReply(
         request_id=validation.text(raw.request_id, "request_id"),

@@ -15,7 +15,10 @@ M = TypeVar("M", bound=Message)
 
 
 def parse_key(key: str, what: str) -> Key:
-    """Parse a key of the kind `what`. Raises Refusal for any other key."""
+    """Parse a bus key and check that it is of the kind `what`, for example `status`.
+
+    Raises Refusal for any other key.
+    """
     place = keys.parse(key)
     if place.what != what:
         raise Refusal(Reason.BAD_KEY, f"{key!r} is a key of {place.what}, not of {what}")
@@ -23,7 +26,10 @@ def parse_key(key: str, what: str) -> Key:
 
 
 def read(kind: type[M], payload: bytes) -> M:
-    """Parse a payload as a protobuf message and check size and version, but no other field. Raises Refusal."""
+    """Parse a payload as a protobuf message of class `kind`, and check its size and version but no other field.
+
+    Raises Refusal.
+    """
     if len(payload) > MAX_PAYLOAD:
         raise Refusal(Reason.TOO_LARGE, f"{len(payload)} bytes; at most {MAX_PAYLOAD} are allowed")
     message = kind()
@@ -38,13 +44,19 @@ def read(kind: type[M], payload: bytes) -> M:
 
 
 def same_id(said: str, place: Key, name: str) -> None:
-    """Raise Refusal if the payload and its key have different ids. name: the kind of id, for example `device`."""
+    """Check that payload and key have the same id; raises Refusal if not.
+
+    said: the payload's id. place: the key. name: the kind of id, for example `device`.
+    """
     if said != place.ids[name]:
         raise Refusal(Reason.FOREIGN_ID, f"the payload says {name} {said[:64]!r}, the key {place.ids[name]!r}")
 
 
 def opened(kind: type[M], what: str, key: str, payload: bytes, id_: str = "device") -> tuple[M, Key]:
-    """Parse a message of the kind `what` and its key, which must name the same id. Raises Refusal."""
+    """Parse a payload and its key; both must name the same id. Returns the protobuf message and the parsed key.
+
+    kind: protobuf class. what: kind of key, for example `status`. id_: name of the id to compare. Raises Refusal.
+    """
     place = parse_key(key, what)
     message = read(kind, payload)
     same_id(getattr(message, id_), place, id_)

@@ -41,7 +41,7 @@ BY_NAME = tuple(what for what in SHAPES if what.startswith("@"))
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A parsed key: ward, kind of message (what), and ids by name."""
+    """A parsed bus key: ward, kind of message (`what`, as in SHAPES), and ids by their names in SHAPES."""
 
     ward: str
     what: str
@@ -49,7 +49,7 @@ class Key:
 
     @property
     def device(self) -> str:
-        """Device id. Raises KeyError for a kind without one: owned, alive/bridge, alive/estimator, alive/probe and config."""
+        """Device id in the key. Raises KeyError for a kind without one, such as `owned` or `alive/bridge`."""
         return self.ids["device"]
 
 
@@ -64,7 +64,10 @@ def check_id(text: object, what: str = "id") -> str:
 
 
 def build(ward: str, what: str, **ids: str) -> str:
-    """Build the key of `what`. Raises TypeError if ids are missing or extra, Refusal(BAD_ID) for an invalid id."""
+    """Build the bus key of a message kind `what` in a ward, such as status with device="chest".
+
+    Raises TypeError if ids are missing or extra, Refusal(BAD_ID) for an invalid id.
+    """
     shape = SHAPES[what]
     if set(ids) != set(shape):
         raise TypeError(f"{what} takes {shape}, got {tuple(ids)}")
@@ -72,7 +75,10 @@ def build(ward: str, what: str, **ids: str) -> str:
 
 
 def pattern(ward: str, what: str, **ids: str) -> str:
-    """Build the key expression for subscribing to `what`, with `*` for every id not given. Raises as `build` does."""
+    """Build the key pattern for subscribing to messages of a kind `what` in a ward, with `*` for every id not given.
+
+    Raises TypeError for an extra id, Refusal(BAD_ID) for an invalid one.
+    """
     shape = SHAPES[what]
     if not set(ids) <= set(shape):
         raise TypeError(f"{what} takes {shape}, got {tuple(ids)}")
@@ -80,18 +86,18 @@ def pattern(ward: str, what: str, **ids: str) -> str:
 
 
 def everything(ward: str) -> str:
-    """Build the key expression for subscribing to everything in a ward, except the kinds in BY_NAME."""
+    """Build the key pattern for subscribing to all messages of a ward, except the kinds in BY_NAME."""
     return "/".join([ROOT, check_id(ward, "ward"), "**"])
 
 
 def boot_id(boot: int) -> str:
-    """Format a boot id for a key: 16 hexadecimal digits."""
+    """Format a 64-bit boot number as a key's boot id: 16 hexadecimal digits."""
     return f"{boot:016x}"
 
 
 @functools.lru_cache(maxsize=8192)  # a ward uses the same few keys again and again
 def parse(key: str) -> Key:
-    """Parse a received key. Raises Refusal for a wildcard, an unknown shape or an invalid id.
+    """Parse a received bus key. Raises Refusal for a wildcard, an unknown kind or an invalid id.
 
     The result is cached: do not modify it.
     """

@@ -61,7 +61,7 @@ VERSION = 1
 
 
 class BootCause(IntEnum):
-    """How the bridge detected a boot: reported by the device, or assumed when the port was opened."""
+    """How the bridge noticed a boot: POWER_UP, by the device itself; PORT_OPENED, assumed when the port was opened."""
 
     UNKNOWN = 0
     POWER_UP = 1
@@ -69,7 +69,10 @@ class BootCause(IntEnum):
 
 
 class State(IntEnum):
-    """Life state of a device, from warming up through calibration to tracking."""
+    """Life state of a device: from warming up through lying still and turning (its calibration) to tracking.
+
+    DEGRADED: calibrated, but evidence is old or contradicts. LOST: the device sends nothing.
+    """
 
     UNKNOWN = 0
     WARMING = 1
@@ -82,7 +85,7 @@ class State(IntEnum):
 
 
 class Verdict(IntEnum):
-    """Verdict of a calibration."""
+    """Verdict of a calibration: ACCEPTED, REPEAT (turn again about the axes named in the reason) or REFUSED."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -92,8 +95,9 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DeviceCalibration:
-    """Calibration that a device made itself: corrected = scale (reading - bias), axis by axis. bias in rad/s.
+    """Calibration that a device made itself: corrected = scale (reading - bias), axis by axis.
 
+    scale (3,), without unit; bias (3,) rad/s. boot: number of the boot in which the device made it.
     sequence: number of the last sample it was made of, as the device counts: 32 bits.
     """
 
@@ -105,7 +109,11 @@ class DeviceCalibration:
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """Device information: identity, settings, and counts of its bridge for this boot. Rates in Hz, gyro_range in rad/s."""
+    """Device information that its bridge publishes: identity, settings, and counts of this boot.
+
+    rate_hz: as the device states it; measured_rate_hz: by the bridge, 0 until known. gyro_range: full scale in rad/s, 0
+    if unknown. time_ns: since the Unix epoch. samples: number published in this boot. dropped, events: counts by label.
+    """
 
     device: str
     bridge: str
@@ -149,9 +157,11 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Segment of SEGMENTS and side of SIDES at which a device is worn, and by whom; each may be empty, for unknown.
+    """Where on a body a device is worn, and by whom; each field may be empty, for unknown.
 
-    wearer: a bed or a pseudonym. since_ns: 0 for the ward file's. False if nobody wears the device.
+    False if nobody wears the device.
+    segment: of SEGMENTS. side: of SIDES. wearer: a bed or a pseudonym.
+    since_ns: ns since the Unix epoch; 0 for the ward file's. who: the person who said so.
     """
 
     segment: str = ""
@@ -165,7 +175,7 @@ class Placement:
 
     @property
     def body(self) -> str:
-        """Name of the body in an OpenSim model, such as `femur_r`; empty if unknown."""
+        """Name of the worn segment in an OpenSim model, such as `femur_r`; empty if unknown."""
         return f"{self.segment}_{self.side[0]}" if self.side else self.segment
 
     def __str__(self) -> str:
@@ -175,7 +185,11 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class Alert:
-    """Standing alert of a device or an estimator. acknowledged_ns: 0 until a person acknowledged it."""
+    """Standing alert of a device or an estimator; docs/alerts.md lists the kinds. Times are ns since the Unix epoch.
+
+    since_ns: when the cause began. raised_ns: when the cause had lasted for its hold time. acknowledged_ns: when the
+    person `who` acknowledged the alert; 0 until then.
+    """
 
     kind: str
     since_ns: int
@@ -184,7 +198,7 @@ class Alert:
     who: str = ""
 
 
-#: evidence_age_s of a device without a known rest
+#: evidence_age_s of a device without a known rest, s
 NO_REST_S = 1e12
 
 
@@ -192,8 +206,9 @@ NO_REST_S = 1e12
 class AccelerometerCalibration:
     """Calibration of an accelerometer by rests in different poses: corrected = scale (reading - bias), axis by axis.
 
-    bias (3) m/s²; scale (3), relative to a gravity of 9.80665 m/s²; covariance (36), row by row, of bias and scale; cross_std:
-    standard deviation of what an axis takes from each other one, relative. Without an accepted verdict they are empty and 0.
+    poses: number of different poses. bias (3) m/s²; scale (3), relative to a gravity of 9.80665 m/s².
+    covariance (36), row by row, of bias and scale. cross_std: standard deviation of the part of each other axis in an
+    axis' reading, relative. Without an accepted verdict bias, scale and covariance are empty, and cross_std is 0.
     """
 
     verdict: Verdict
@@ -206,12 +221,17 @@ class AccelerometerCalibration:
 
     @property
     def std(self) -> tuple[float, ...]:
-        """Standard deviations (6): bias, m/s², and scale."""
+        """Standard deviations (6): bias (3) in m/s², then scale (3); empty without an accepted verdict."""
         return tuple(var**0.5 for var in self.covariance[::7])
 
 
 class Receipt(NamedTuple):
-    """What the bias filter made of one measurement; innovation and its std: 1 to 3 values, rad/s; test_ratio: NIS / gate."""
+    """What the bias filter did with one measurement; innovation = measured - predicted.
+
+    time_ns: since the Unix epoch. kind: of evidence. innovation, innovation_std: 1 to 3 values, rad/s.
+    nis: normalised innovation squared. test_ratio: NIS / gate. reason: why refused, or accepted beyond the gate; or
+    empty.
+    """
 
     time_ns: int
     kind: str
@@ -225,7 +245,13 @@ class Receipt(NamedTuple):
 
 @frequent(eq=True)
 class Status:
-    """Status of a device: life state, quality, reason, bias and counts. Vectors are tuples of three, bias in rad/s."""
+    """Status of a device, sent by its estimator at every change and once a second. Times are ns since the Unix epoch.
+
+    bias, bias_std (3): rad/s. scale (3): diagonal of the matrix in use. progress: of the calibration, 0 to 1.
+    axes_done: axes of accepted turns, 0 x, 1 y, 2 z. calibrated_time_ns: 0 if never in this boot.
+    evidence_age_s: s since the last accepted rest. temperature_c: °C, NaN if unknown. rate_hz: measured sample rate.
+    samples_in = samples_out + sum of dropped, numbers of samples. dropped, events: counts by label.
+    """
 
     device: str
     boot: int
@@ -259,7 +285,10 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One turn of a calibration: axis 0 x, 1 y, 2 z; signed angle and closure error in rad, both after correction."""
+    """One turn of a calibration: signed angle and closure error in rad, both after correction.
+
+    axis: 0 x, 1 y, 2 z. duration_s: s.
+    """
 
     axis: int
     angle: float
@@ -269,9 +298,10 @@ class Turn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """Calibration result: corrected = matrix (reading - bias).
+    """Calibration result of a gyro: corrected = matrix (reading - bias), in rad/s.
 
     matrix (3, 3); bias (3,) rad/s; covariance (p, p) of the p `parameters`; noise_std (3,) rad/s of one reading.
+    gyro_range: full scale in rad/s. time_ns: since the Unix epoch. who: the person who asked for it.
     """
 
     device: str
@@ -298,9 +328,11 @@ class Calibration:
 
 
 class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five times a second
-    """A device owned by an estimator since `epoch`. Samples of this boot numbered below `next` are corrected and published.
+    """A device owned by an estimator since `epoch`.
 
-    busy: a calibration is under way; a takeover now would lose its turns.
+    Samples of this boot numbered below `next` are corrected and published.
+    epoch: number of the ownership; a higher one is later. busy: a calibration is under way; a takeover now would lose
+    its turns.
     """
 
     device: str
@@ -312,7 +344,7 @@ class Holding(NamedTuple):  # a NamedTuple for speed: hundreds of them, five tim
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Change of an estimator's devices: how many came and left, when, and why."""
+    """Change of an estimator's devices: how many came and left, when (ns since the Unix epoch), and why."""
 
     time_ns: int
     came: int
@@ -322,9 +354,9 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Owned:
-    """Devices owned by an estimator, in one or several parts.
+    """Devices owned by an estimator, published in `parts` messages; this is number `part`, counted from 0.
 
-    load: processor seconds per second of the estimator's process.
+    load: processor seconds per second of the estimator's process. time_ns: since the Unix epoch.
     """
 
     estimator: str
@@ -340,7 +372,10 @@ class Owned:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """Checkpoint of a device: all that another estimator needs to take over the device."""
+    """Checkpoint of a device: calibration, filter state and last answers, from which another estimator can take over.
+
+    epoch: number of the ownership. time_ns: since the Unix epoch.
+    """
 
     device: str
     boot: int
@@ -357,7 +392,7 @@ class Checkpoint:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Note of a person about a device, with its time."""
+    """Note of a person (`who`) about a device, with its time in ns since the Unix epoch."""
 
     device: str
     boot: int
@@ -368,7 +403,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command of a person or a program to a device's estimator; the key holds the verb."""
+    """Command of a person or a program to a device's estimator, with an id for its reply; the key holds the verb."""
 
     request_id: str
     who: str
@@ -378,7 +413,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class CommandReply:
-    """Reply to a command: accepted or not; `message` gives the reason."""
+    """Reply to the command of the same request_id: accepted or not; `message` gives the reason."""
 
     request_id: str
     accepted: bool

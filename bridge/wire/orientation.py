@@ -19,7 +19,7 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 
 
 def encode_orientation(batch: OrientationBatch) -> bytes:
-    """Encode an OrientationBatch, the payload of orientation/<device>."""
+    """Encode an OrientationBatch as bytes, the payload of orientation/<device>."""
     clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
     return encode_columns(
         batch.device,
@@ -43,9 +43,10 @@ def encode_columns(
     zero: tuple[int, str],
     quality: Quality,
 ) -> bytes:
-    """Encode an orientation from packed columns, as of `column_of`; covariance is xx, xy, xz, yy, yz, zz.
+    """Encode an orientation batch from packed columns (bytes as of `column_of`); fields as in OrientationBatch.
 
-    header: boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks.
+    header: boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks. zero: zero_sequence and zero.
+    covariance: xx, xy, xz, yy, yz, zz.
     """
     boot, sequence, start_time_ns, tick_period_s, clock_rate, ticks = header
     return columns.OrientationBatch(
@@ -68,7 +69,7 @@ def encode_columns(
 
 
 def decode_orientation(key: str, payload: bytes) -> OrientationBatch:
-    """Decode an OrientationBatch, published under orientation/<device>. Raises Refusal."""
+    """Decode and validate the payload of orientation/<device> as an OrientationBatch. Raises Refusal."""
     raw, _ = opened(columns.OrientationBatch, "orientation", key, payload)
     ticks = ticks_of(raw.ticks)
     times_of(raw, ticks)

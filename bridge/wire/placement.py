@@ -10,7 +10,10 @@ MAX_WEARER = 32
 
 
 def placement(segment: str = "", side: str = "", wearer: str = "", since_ns: int = 0, who: str = "") -> Placement:
-    """Check and build a placement; spaces around `wearer` are removed. Raises Refusal(RANGE) and says what is taken."""
+    """Check and build a Placement; spaces around `wearer` are removed.
+
+    Raises Refusal(RANGE) with the accepted values for an unknown segment or side, or a side that the segment lacks.
+    """
     if segment and segment not in SEGMENTS:
         raise Refusal(Reason.RANGE, f"unknown segment {segment[:32]!r}: use {', '.join(SEGMENTS)}")
     if side and side not in SIDES:
@@ -27,13 +30,16 @@ def placement(segment: str = "", side: str = "", wearer: str = "", since_ns: int
 
 
 def placement_message(one: Placement) -> pb.Placement:
-    """Convert a placement to its protobuf message."""
+    """Convert a Placement to its protobuf message."""
     who = validation.clean(one.who, validation.MAX_NAME)
     return pb.Placement(segment=one.segment, side=one.side, wearer=one.wearer, since_ns=one.since_ns, who=who)
 
 
 def placement_in(raw: pb.Status | pb.Checkpoint | pb.Command) -> Placement | None:
-    """Validate and convert the placement of a message; None where it has none. Raises Refusal."""
+    """Validate the placement inside a received message and convert it; None where the message has none.
+
+    Raises Refusal.
+    """
     if not raw.HasField("placement"):
         return None
     said = raw.placement

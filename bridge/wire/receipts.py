@@ -15,12 +15,15 @@ MAX_NIS, MAX_STD = 1e12, 1e6
 
 
 def receipt_messages(receipts: Iterable[Receipt]) -> list[pb.Receipt]:
-    """Convert receipts to protobuf messages."""
+    """Convert the bias filter's receipts to a list of protobuf messages."""
     return [pb.Receipt(**one._asdict()) for one in receipts]
 
 
 def receipts_in(raw: pb.Status) -> tuple[Receipt, ...]:
-    """Validate and convert the receipts of a status. Raises Refusal."""
+    """Validate the bias filter's receipts in a received status and convert them.
+
+    Raises Refusal, also above MAX_RECEIPTS.
+    """
     if len(raw.receipts) > MAX_RECEIPTS:
         raise Refusal(Reason.LENGTH, f"receipts has {len(raw.receipts)} values; at most {MAX_RECEIPTS} are allowed")
     return tuple(map(_receipt, raw.receipts))

@@ -25,7 +25,7 @@ class Reason(StrEnum):
 
 
 class Refusal(Exception):
-    """Input was refused. `reason` is for counting; `detail` says what came and what was expected."""
+    """External input was refused. `reason` is for counting; `detail` says what came and what was expected."""
 
     def __init__(self, reason: Reason, detail: str) -> None:
         super().__init__(f"{reason}: {detail}")
@@ -34,7 +34,10 @@ class Refusal(Exception):
 
 
 class Tally:
-    """Counts by label. Not thread-safe: one thread owns a tally and publishes copies."""
+    """Counts by label, for example of refused messages.
+
+    Not thread-safe: one thread owns a tally and publishes copies.
+    """
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
@@ -45,7 +48,7 @@ class Tally:
         return self._counts[label]
 
     def as_dict(self) -> dict[str, int]:
-        """Return a copy of all counts above zero."""
+        """Return all counts above zero, by label, as a copy."""
         return {label: n for label, n in self._counts.items() if n}
 
     def total(self, begin: str = "") -> int:

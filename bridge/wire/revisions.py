@@ -16,7 +16,7 @@ MAX_ELEMENT = 10.0  # magnitude of a matrix element
 
 
 def encode_revision(revision: BiasRevision) -> bytes:
-    """Encode a BiasRevision, the payload of revision/<device>."""
+    """Encode a BiasRevision as bytes, the payload of revision/<device>."""
     return pb.BiasRevision(
         version=VERSION,
         device=revision.device,
@@ -33,7 +33,7 @@ def encode_revision(revision: BiasRevision) -> bytes:
 
 
 def decode_revision(key: str, payload: bytes) -> BiasRevision:
-    """Decode a BiasRevision, published under revision/<device>. Raises Refusal."""
+    """Decode and validate the payload of revision/<device> as a BiasRevision. Raises Refusal."""
     raw, _ = opened(pb.BiasRevision, "revision", key, payload)
     n = len(raw.sequences)
     if not MIN_POINTS <= n <= MAX_POINTS:

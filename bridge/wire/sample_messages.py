@@ -23,12 +23,15 @@ STEADY = np.zeros(3, np.float32)
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def frequent(*, eq: bool) -> Callable[[type[T]], type[T]]:
-    """Declare a dataclass that is frozen for type checkers only: creating a really frozen one takes eight times as long."""
+    """Declare a dataclass for messages made very often: frozen for type checkers only.
+
+    Creating an instance of a really frozen dataclass takes eight times as long. eq: whether to generate `==`.
+    """
     return dataclass(slots=True, eq=eq)
 
 
 class SampleFlag(IntFlag):
-    """Bits of a sample's `flags`; truerate.proto defines each bit."""
+    """Bits of a sample's `flags`: after a gap, clipped, stuck, received late, temperature step. See truerate.proto."""
 
     OK = 0
     AFTER_GAP = 1
@@ -39,7 +42,12 @@ class SampleFlag(IntFlag):
 
 
 class Quality(IntEnum):
-    """Quality of a corrected rate, from NONE to GOOD; DEGRADED when evidence is old or contradicts. See truerate.proto."""
+    """Quality of a corrected rate, from NONE to GOOD; DEGRADED when evidence is old or contradicts it.
+
+    NONE: data sheet's scale, bias unknown. PRIOR: scale of an earlier boot, bias unknown. BIAS_ONLY: bias of this boot
+    known.
+    GOOD: calibrated in this boot, bias tracked.
+    """
 
     NONE = 0
     PRIOR = 1
@@ -52,9 +60,11 @@ class Quality(IntEnum):
 class SampleBatch:
     """Raw samples: n consecutive samples of one boot, without a gap.
 
-    ticks (n,) uint64, device time in ticks; gyro (n, 3) float32 rad/s; accel (n, 3) float32 m/s² or None;
-    temperature_c (n,) float32 or None; flags (n,) uint32. `sequence` is the number of the first sample since boot.
-    `bridge` is the id of the publishing bridge, from the key.
+    ticks (n,) uint64, device time in ticks of tick_period_s; gyro (n, 3) float32 rad/s; accel (n, 3) float32 m/s² or
+    None; temperature_c (n,) float32 °C or None; flags (n,) uint32 (SampleFlag). `sequence` is the number of the first
+    sample since boot. receive_time_ns and start_time_ns: host times, ns since the Unix epoch, when the batch was
+    received and the first sample was taken. clock_rate: host seconds per device second. `bridge` is the id of the
+    publishing bridge, from the key.
     """
 
     device: str
@@ -76,16 +86,16 @@ class SampleBatch:
 
     @property
     def device_time(self) -> Floats:
-        """(n,) device seconds of each sample, since the device's own zero."""
+        """Device time (n,) of each sample in s, by the device's own clock and zero."""
         return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
 
     @property
     def sample_time_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
+        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
         return _host_ns(self)
 
     def after(self, n: int) -> "SampleBatch":
-        """The batch without its first n samples."""
+        """Return the batch without its first n samples, n smaller than the batch."""
         return replace(
             self,
             sequence=self.sequence + n,
@@ -102,9 +112,10 @@ class SampleBatch:
 class OrientationBatch:
     """Attitudes of consecutive samples of one boot, from sensor to earth axes, z up (docs/orientation.md).
 
-    quat_wxyz (n, 4) float32: unit quaternions, scalar first. linear_accel (n, 3) float32 m/s²: acceleration without gravity,
-    earth axes; None without an accelerometer. covariance (3, 3) float32 rad²: of the attitude error at the last sample, a small
-    rotation about earth axes. zero_sequence: number of the sample at which the heading was zero. zero: `start`, or who reset it.
+    quat_wxyz (n, 4) float32: unit quaternions, scalar first. linear_accel (n, 3) float32 m/s²: acceleration without
+    gravity, earth axes; None without an accelerometer. covariance (3, 3) float32 rad²: of the attitude error at the
+    last sample, a small rotation about earth axes. zero_sequence: number of the sample at which the heading was zero.
+    zero: `start`, or who reset it. Other fields are as in CorrectedBatch.
     """
 
     device: str
@@ -127,12 +138,12 @@ class OrientationBatch:
 
     @property
     def sample_time_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
+        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
         return _host_ns(self)
 
     @property
     def tilt_std(self) -> float:
-        """Rms angle between the true and the estimated vertical, rad."""
+        """Standard deviation of the tilt: rms angle between the true and the estimated vertical, rad."""
         return math.sqrt(float(self.covariance[0, 0]) + float(self.covariance[1, 1]))
 
     @property
@@ -142,18 +153,18 @@ class OrientationBatch:
 
     @property
     def heading(self) -> NDArray[np.float64]:
-        """(n,) heading since its zero, rad, -π to π: the rotation about the vertical that is left when the tilt is undone."""
+        """Heading (n,) since its zero, rad, -π to π: the rotation about the vertical that is left without the tilt."""
         w, z = self.quat_wxyz[:, 0].astype(float), self.quat_wxyz[:, 3].astype(float)
         return np.asarray(np.arctan2(2 * w * z, w * w - z * z))
 
 
 @frequent(eq=False)
 class CorrectedBatch:
-    """Corrected rates of one SampleBatch, with bias and standard deviations.
+    """Corrected rates of one SampleBatch (sensor frame), with bias and standard deviations.
 
-    rate (n, 3) float32 rad/s; bias and every `_std` (3,) float32. noise_std, bias_std and flicker_std are in rad/s;
-    scale_std and cross_std are relative. bias_std is for the bias averaged over minutes, flicker_std for its flicker
-    about that average.
+    rate (n, 3) float32 rad/s; bias and every `_std` (3,) float32. bias, noise_std, bias_std and flicker_std are in
+    rad/s; scale_std and cross_std are relative. bias_std is for the bias averaged over minutes, flicker_std for its
+    flicker about that average. calibration: id of the calibration in use. The clock fields are as in SampleBatch.
     """
 
     device: str
@@ -180,16 +191,16 @@ class CorrectedBatch:
 
     @property
     def device_time(self) -> Floats:
-        """(n,) device seconds of each sample, since the device's own zero."""
+        """Device time (n,) of each sample in s, by the device's own clock and zero."""
         return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
 
     @property
     def sample_time_ns(self) -> NDArray[np.int64]:
-        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
+        """Host time (n,) int64 at which each sample was taken, ns since the Unix epoch."""
         return _host_ns(self)
 
     def after(self, n: int) -> "CorrectedBatch":
-        """The batch without its first n samples."""
+        """Return the batch without its first n samples, n smaller than the batch."""
         return replace(
             self,
             sequence=self.sequence + n,
@@ -201,7 +212,10 @@ class CorrectedBatch:
 
     @property
     def rate_std(self) -> Floats:
-        """(n, 3) standard deviation of each corrected rate, rad/s: noise, bias, flicker, scale and misalignment combined."""
+        """Standard deviation (n, 3) of each corrected rate, rad/s.
+
+        Combines noise, bias, flicker, scale and misalignment.
+        """
         return combined_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
@@ -218,9 +232,10 @@ def combined_std(
     cross_std: NDArray[np.floating],
     flicker_std: NDArray[np.floating],
 ) -> Floats:
-    """Return the (n, 3) standard deviation of corrected rates (n, 3), both rad/s.
+    """Return the (n, 3) standard deviation, rad/s, of corrected rates (n, 3) rad/s, from the parts of a CorrectedBatch.
 
-    The parts are those of a CorrectedBatch, each (3,) for all samples or (n, 3) per sample.
+    Each part is (3,) for all samples or (n, 3) per sample: noise, bias and flicker in rad/s, scale and cross-axis
+    relative.
     """
     rate_var = rate.astype(float) ** 2
     across_var = rate_var.sum(axis=1, keepdims=True) - rate_var
@@ -233,10 +248,9 @@ def combined_std(
 class BiasRevision:
     """Revised bias of past samples: m points, each at a sample, linear in time between points.
 
-    A revision applies to the CorrectedBatches of the same device, boot and calibration.
-
-    matrix: (3, 3), the matrix in use.
-    sequences: (m,) uint64, rising. times_ns: (m,) int64, host time, rising.
+    A revision applies to the CorrectedBatches of the same device, boot and calibration. time_ns: when it was made.
+    matrix: (3, 3), the calibration matrix in use.
+    sequences: (m,) uint64, sample numbers, rising. times_ns: (m,) int64, host time of these samples, rising.
     bias, bias_std: (m, 3) float32 rad/s, of the reading, not of the corrected rate.
     """
 
@@ -294,6 +308,9 @@ class WindowBatch:
 
     @property
     def rate_mean_std(self) -> Floats:
-        """(m, 3) standard deviation of each mean corrected rate, rad/s: averaging reduces noise, but not the other errors."""
+        """Standard deviation (m, 3) of each window's mean corrected rate, rad/s.
+
+        Averaging reduces noise, but not the other errors.
+        """
         noise = self.noise_std / np.sqrt(self.samples.astype(float))[:, None]
         return combined_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)

@@ -11,14 +11,18 @@ _MAX_PARAMS = 8
 
 
 def encoded(sentences: Sentences) -> Iterable[pb.Sentence]:
-    """Encode the first MAX_TEXTS sentences for a repeated field."""
+    """Yield the first MAX_TEXTS sentences as protobuf messages; parameter values are made printable and cut."""
     for code, params in sentences[:MAX_TEXTS]:
         values = {name: clean(value, MAX_SENTENCE) for name, value in params.items()}
         yield pb.Sentence(code=code, params=values)
 
 
 def decoded(raw: Sequence[pb.Sentence], name: str) -> Sentences:
-    """Decode the sentences of a repeated field. Accepts unknown codes, for later versions. Raises Refusal."""
+    """Validate and convert the sentences of a repeated protobuf field `name`.
+
+    Accepts unknown codes, for later versions.
+    Raises Refusal.
+    """
     if len(raw) > MAX_TEXTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(raw)} sentences; at most {MAX_TEXTS} are allowed")
     return tuple(_decoded(one, name) for one in raw)

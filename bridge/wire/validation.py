@@ -23,14 +23,14 @@ MAX_EPOCH = 2**62
 
 
 def clean(text: str, limit: int) -> str:
-    """Make own text fit for the wire: replace unprintable characters by blanks and cut at `limit` characters."""
+    """Make the program's own text fit for the wire: unprintable characters become blanks, cut at `limit` characters."""
     if len(text) <= limit and text.isprintable():
         return text
     return "".join(c if c.isprintable() else " " for c in text[:limit])
 
 
 def text(value: str, name: str, limit: int = MAX_NAME) -> str:
-    """Check a received text: at most `limit` printable characters, on one line."""
+    """Check a received text: at most `limit` printable characters, on one line. Returns it; raises Refusal."""
     if len(value) > limit:
         raise Refusal(Reason.LENGTH, f"{name} has {len(value)} characters; at most {limit} are allowed")
     if not value.isprintable():
@@ -39,7 +39,7 @@ def text(value: str, name: str, limit: int = MAX_NAME) -> str:
 
 
 def number(value: float, name: str, low: float, high: float) -> float:
-    """Check a finite number from low to high, both included."""
+    """Check that a received number is finite and from low to high, both included. Returns it; raises Refusal."""
     if not math.isfinite(value):
         raise Refusal(Reason.NON_FINITE, f"{name} is {value}")
     if not low <= value <= high:
@@ -48,24 +48,24 @@ def number(value: float, name: str, low: float, high: float) -> float:
 
 
 def number_or_nan(value: float, name: str, low: float, high: float) -> float:
-    """Check a number as `number` does, but accept NaN for unknown."""
+    """Check a received number as `number` does, but also accept NaN, which stands for unknown. Raises Refusal."""
     return value if math.isnan(value) else number(value, name, low, high)
 
 
 def whole(value: int, name: str, high: int) -> int:
-    """Check a whole number from 0 to high."""
+    """Check a received whole number from 0 to high, both included. Returns it; raises Refusal."""
     if not 0 <= value <= high:
         raise Refusal(Reason.RANGE, f"{name} is {value}: use 0 to {high}")
     return value
 
 
 def time_ns(value: int, name: str) -> int:
-    """Check a time in nanoseconds since the Unix epoch; 0 means none."""
+    """Check a received time in ns since the Unix epoch, up to MAX_TIME_NS; 0 means none. Returns it; raises Refusal."""
     return whole(value, name, MAX_TIME_NS)
 
 
 def member(kind: type[E], value: int, name: str) -> E:
-    """Convert a number to a known member of an enumeration."""
+    """Convert a received number to a member of the enumeration `kind`; raises Refusal if it has none of this value."""
     try:
         return kind(value)
     except ValueError:
@@ -73,7 +73,7 @@ def member(kind: type[E], value: int, name: str) -> E:
 
 
 def vector(values: Iterable[float], name: str, n: int, low: float, high: float) -> NDArray[np.float64]:
-    """Convert exactly n finite numbers from low to high to a float64 array (n,)."""
+    """Convert exactly n finite numbers from low to high to a float64 array (n,). Raises Refusal."""
     array = np.array(values, dtype=np.float64)
     if len(array) == n and all(low <= value <= high for value in array.tolist()):
         return array
@@ -88,7 +88,7 @@ def vector(values: Iterable[float], name: str, n: int, low: float, high: float) 
 
 
 def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
-    """Check strictly rising whole numbers from 0 to high."""
+    """Check that received whole numbers rise strictly, from 0 to high. Returns them; raises Refusal."""
     for before, value in pairwise((-1, *values)):
         if not before < value <= high:
             raise Refusal(
@@ -98,7 +98,7 @@ def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
 
 
 def counts(values: Mapping[str, int], name: str) -> dict[str, int]:
-    """Check counts by label: at most MAX_COUNTS labels, each a short printable text."""
+    """Check received counts by label: at most MAX_COUNTS labels, each a short printable text. Raises Refusal."""
     if len(values) > MAX_COUNTS:
         raise Refusal(Reason.LENGTH, f"{name} has {len(values)} labels; at most {MAX_COUNTS} are allowed")
     return {text(label, f"a label of {name}"): n for label, n in values.items()}

@@ -30,7 +30,7 @@ _FLOAT, _INT64, _UINT64, _UINT32 = np.dtype("<f4"), np.dtype("<i8"), np.dtype("<
 
 
 def encode_windows(batch: WindowBatch) -> bytes:
-    """Encode a WindowBatch, the payload of @windowed/<device>."""
+    """Encode a WindowBatch as bytes, the payload of @windowed/<device>."""
     return columns.WindowBatch(
         version=VERSION,
         device=batch.device,
@@ -60,7 +60,10 @@ def encode_windows(batch: WindowBatch) -> bytes:
 
 
 def decode_windows(key: str, payload: bytes) -> WindowBatch:
-    """Decode a WindowBatch, published under @windowed/<device>. Raises Refusal."""
+    """Decode and validate the payload of @windowed/<device> as a WindowBatch of 1 to MAX_WINDOWS windows.
+
+    Raises Refusal.
+    """
     raw, _ = opened(columns.WindowBatch, "@windowed", key, payload)
     sequences = np.frombuffer(_rising(raw.sequences, "sequences", MAX_SEQUENCE), _UINT64)
     m = len(sequences)
