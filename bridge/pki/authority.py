@@ -123,7 +123,7 @@ def _private(pem: bytes) -> ec.EllipticCurvePrivateKey:
     except TypeError:
         raise ValueError("the private key has a password: remove it with openssl pkey -in FILE -out NEW") from None
     if not isinstance(key, ec.EllipticCurvePrivateKey):
-        raise ValueError(f"not a key by truerate, but {type(key).__name__}: renew the certificate where it was made")  # noqa: TRY004
+        raise ValueError(f"truerate makes no {type(key).__name__}: renew the certificate where its key was made")  # noqa: TRY004
     return key
 
 

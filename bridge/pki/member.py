@@ -75,5 +75,5 @@ class Member:
             raise ValueError(refusal.detail) from None
         made = cls(Role(role), name, int(generation) if generation.isascii() and generation.isdecimal() else 1)
         if made.common_name != text:
-            raise ValueError(f"{text!r}: {colon + generation!r} is not a generation: write ':2' or higher, or nothing")
+            raise ValueError(f"{text!r}: {colon + generation!r} is no generation: write ':2' or higher, or nothing")
         return made

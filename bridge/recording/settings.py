@@ -61,7 +61,7 @@ class Recorder(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"keep_days is {self.keep_days:g}: use 0 (for ever) to 36500")
         if self.keep_gb and not 2 * self.rotate_mb / 1000 <= self.keep_gb <= 1e6:
             raise ValueError(
-                f"keep_gb is {self.keep_gb:g}: use 0 (no limit), or at least twice rotate_mb: {self.rotate_mb / 500:g}"
+                f"keep_gb is {self.keep_gb:g}: use 0 (no limit), or at least {self.rotate_mb / 500:g}, which is twice rotate_mb"
             )
         if not 0 < self.wait_s <= 86_400:
             raise ValueError(f"wait_s is {self.wait_s:g}: use a number above 0, up to 86400")

@@ -69,7 +69,7 @@ class Wearer:
         return Stretch(activity, duration_s, sway=tuple(sway), fade_s=3.0, ticks=self._passers_by(duration_s, 1.0))
 
     def moved(self, duration_s: float, size_deg: float, activity: Activity = Activity.MOVING) -> Stretch:
-        """Draw a stretch of free movement about all axes to another pose, some size_deg away; slower if longer."""
+        """Return a stretch of duration_s of free movement about all axes, to a random pose about size_deg away."""
         pose = np.radians(size_deg) * self._rng.normal(size=3) / 2
         f = self._rng.uniform(0.3, 1.2, 3)
         sway = Waves(0.1 * np.radians(size_deg) * self._rng.normal(size=(3, 3)) / f[:, None], f, self._phases(3), f)

@@ -268,7 +268,7 @@ class Problem:
 
 def _accel(rest: Rest) -> Floats:
     if rest.accel is None:
-        raise ValueError("a rest has no acceleration: the method transitions needs an accelerometer")
+        raise ValueError("a rest has no accelerometer readings, which the method transitions needs")
     return rest.accel
 
 

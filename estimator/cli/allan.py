@@ -33,7 +33,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb `allan FILE` to the command line."""
     verb = add_verb(verbs, "allan", _allan, "measure a device's noise from a recording at rest (Allan deviation)")
     verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, help="a recording: .npz, .mcap, or text of any tool; see below")
+    verb.add_argument("file", type=Path, help="a recording: .npz, .mcap, or a text file of any tool; see below")
     add_choice(verb)
     verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
     verb.add_argument(

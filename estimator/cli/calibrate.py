@@ -57,7 +57,9 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "calibrate a gyroscope from a recording of rests and turns (.npz, .mcap, .csv and other text), or live",
     )
     verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, nargs="?", help="a recording: .npz, .mcap, or text of any tool; see below")
+    verb.add_argument(
+        "file", type=Path, nargs="?", help="a recording: .npz, .mcap, or a text file of any tool; see below"
+    )
     add_live(verb)
     verb.add_argument("--method", metavar="NAME", help="calibration method (default: closure); see below")
     verb.add_argument(

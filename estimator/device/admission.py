@@ -89,9 +89,9 @@ class Admission:
         self._room = float(CROWD)
 
     def owns(self, bridge: str, heard_s: float) -> bool:
-        """Whether this bridge owns the device at steady-clock time heard_s, s.
+        """Judge a message of a bridge at steady-clock time heard_s, s; return whether the bridge owns the device.
 
-        Ownership passes to it when the owner has been silent for too long.
+        A bridge becomes the owner when the earlier owner has been silent for the time limit given at construction.
         """
         if bridge != self.owner:
             if heard_s - self._heard_s <= self._owned_s:

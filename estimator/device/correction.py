@@ -126,7 +126,10 @@ def _same_or_none(a: Floats | None, b: Floats | None) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """Gyro model before bias tracking: model, bias_std (3,) rad/s of its bias, quality, and id of the calibration."""
+    """Knowledge of a gyro before its bias is tracked: model (scale, misalignment, bias) with bias_std (3,) rad/s, and its source.
+
+    quality: best quality of rates corrected by it. calibration: id of the calibration it comes from; empty for the datasheet.
+    """
 
     model: GyroModel
     bias_std: Floats

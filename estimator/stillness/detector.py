@@ -37,7 +37,7 @@ class SpikeKnobs:
 
 @dataclass(frozen=True, slots=True)
 class StillnessKnobs:
-    """Limits within which a window is still; rates in rad/s, accelerations in m/s².
+    """Limits within which a window is still; standard deviations of rates in rad/s, of accelerations in m/s².
 
     window_s: least length of a window; min_samples: its least number of samples. accel_std: largest standard deviation
     of a still window's accelerometer readings.

@@ -138,7 +138,7 @@ class Seconds:
         return int(self._state.item(-1))
 
     def take(self, windows: Windows) -> list[tuple[int, Second]]:
-        """Add the next windows; returns the completed seconds, each with the index of the window that completes it."""
+        """Add the next windows; return the completed seconds, each with the index of its last window among these."""
         if not len(windows):
             return []
         whole = cut(windows.found, windows.first, windows.begin, self._waiting, self._state, self._numbers)

@@ -84,7 +84,7 @@ class WalkRate:
     def take(self, second: Second, celsius: float, slope: Floats, slope_var: Floats) -> None:
         """Add a second of rest; after `WalkKnobs.block` of them in a row, `pace` is learnt from their mean.
 
-        celsius: °C, NaN if unknown; slope (3,) rad/s/K, slope_var (3,): of the bias by temperature.
+        celsius: °C, NaN if unknown; slope (3,) rad/s/K of the bias by temperature, slope_var (3,) its variance.
         """
         block = self.state.block
         if block and second.start - block[-1][0] > _SAME_S:
