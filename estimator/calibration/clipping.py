@@ -30,8 +30,9 @@ class ClippingKnobs:
     #: share of the range from which a reading is clipped, and beyond which the device uses another range
     near: float = 0.99
     beyond: float = 1.02
-    #: least number of samples at the largest reading, and least ratio to those in the five steps below it
-    samples: int = 5
+    #: least number of samples at the largest reading, and least ratio to those in the five steps below it; with 5
+    #: samples one smooth turn in 2000 looks clipped, and the angle lost in 7 is below 0.01 degrees
+    samples: int = 8
     times: float = 2.0
     #: blurred end of the range: step over the largest reading; and largest scatter there, over that at rest
     blur: float = 1e-3

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from http import HTTPStatus
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,11 +128,20 @@ def test_abandoned_pictures_are_not_drawn(site: Site, monkeypatch: pytest.Monkey
     stories = site.server.desk.known.stories
     while not (len(stories) == 30 and all(len(story.trail) == 2 for story in stories.values())):
         time.sleep(0.05)
+    get, ended = site.server.desk.pictures.get, list[bool]()
+
+    async def counted(*asked: Any) -> bytes:
+        try:
+            return await get(*asked)
+        finally:
+            ended.append(True)
+
+    monkeypatch.setattr(site.server.desk.pictures, "get", counted)
     port = int(site.url.rpartition(":")[2])
     for n in range(120):
         with socket.create_connection(("127.0.0.1", port), 5) as asks:
             asks.sendall(f"GET /devices/d{n % 30:02d}/bias.png HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
-    while site.server.uvicorn.server_state.connections:
+    while len(ended) < 120:
         time.sleep(0.01)
     may_end.set()
     with urllib.request.urlopen(f"{site.url}/devices/d29/bias.png", timeout=60) as answer:
