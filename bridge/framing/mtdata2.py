@@ -11,8 +11,8 @@ import math
 import struct
 from typing import NamedTuple
 
+from bridge.framing.frame_scanner import FrameScanner
 from bridge.framing.packets import BadPacket
-from bridge.wire.refusal import Tally
 
 REQ_DEVICE, GOTO_MEASUREMENT, REQ_FIRMWARE, REQ_PRODUCT = 0x00, 0x10, 0x12, 0x1C
 GOTO_CONFIG, MTDATA2, WAKE_UP, WAKE_UP_ACK, ERROR, SET_OUTPUT = 0x30, 0x36, 0x3E, 0x3F, 0x42, 0xC0
@@ -21,7 +21,7 @@ ACCELERATION, RATE_OF_TURN, STATUS = 0x4020, 0x8020, 0xE020
 RAW, RAW_GYRO = 0xA010, 0xA020  # counts; the manual gives no sensitivity
 DELTA_V, DELTA_Q = 0x4010, 0x8030
 MTDATA = 0x32  # message kind of devices older than MTData2
-BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
+BAD_SUM = "frame_bad_sum"
 MAX_DATA = 2048
 _HEAD = b"\xfa\xff"
 _LONG = 0xFF
@@ -63,56 +63,34 @@ def encode(kind: int, data: bytes = b"") -> bytes:
     return b"\xfa" + body + bytes((-sum(body) & 0xFF,))
 
 
-class Messages:
+class Messages(FrameScanner):
     """Decoder of Xsens messages: any chunking of bytes in, messages out; counts faults, with bounded memory."""
-
-    def __init__(self, faults: Tally) -> None:
-        self.faults = faults
-        self.opened()
-
-    def opened(self) -> None:
-        """Drop an unfinished message, because the port was opened (again)."""
-        self._bytes = bytearray()
-        self._dropped = 0  # bytes dropped since the last message
 
     def feed(self, data: bytes) -> list[Message]:
         """Add received bytes; return the messages that they complete, in order."""
-        self._bytes += data
-        held, at, messages = self._bytes, 0, []
-        while (span := self._span(held, at)) is not None:
-            begin, end = span
-            if not begin:
-                at += 1
-                self._dropped += 1
-                continue
-            messages.append(Message(held[at + 2], bytes(held[begin:end])))
-            if self._dropped:
-                self.faults.add(GARBAGE, self._dropped)
-                self._dropped = 0
-            at = end + 1
-        del held[:at]
-        return messages
+        return [
+            Message(frame[2], frame[6 if frame[3] == _LONG else 4 : -1]) for frame, _ in self._frames(data)
+        ]
 
-    def _span(self, held: bytearray, at: int) -> tuple[int, int] | None:
-        """Start and end of the data of the message at `at`; (0, 0) if there is no message, None if it is not complete yet."""
-        head = held[at : at + 6]
-        if not _HEAD.startswith(head[:2]):
-            return 0, 0
-        if len(head) < 4 or (head[3] == _LONG and len(head) < 6):
-            return None
-        begin, length = at + 4, head[3]
+    def _size(self) -> int:
+        held = self._bytes
+        if not _HEAD.startswith(held[:2]):
+            return 0
+        if len(held) < 4 or (held[3] == _LONG and len(held) < 6):
+            return -1
+        begin, length = 4, held[3]
         if length == _LONG:
-            begin, length = at + 6, int.from_bytes(head[4:6], "big")
+            begin, length = 6, int.from_bytes(held[4:6], "big")
+        size = begin + length + 1
         if length > MAX_DATA:
-            return 0, 0
-        end = begin + length
-        if len(held) <= end:
-            return None
-        if sum(held[at + 1 : end + 1]) & 0xFF:
+            return 0
+        if len(held) < size:
+            return -1
+        if sum(held[1:size]) & 0xFF:
             if not self._dropped:  # only where a message was expected: among garbage anything may look like a message
                 self.faults.add(BAD_SUM)
-            return 0, 0
-        return begin, end
+            return 0
+        return size
 
 
 def decode(data: bytes) -> Data:

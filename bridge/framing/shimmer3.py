@@ -15,11 +15,12 @@ import binascii
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from bridge.framing.frame_scanner import FrameScanner
 from bridge.wire.refusal import Tally
 
 DATA, ACK, NACK, IN_STREAM = 0x00, 0xFF, 0xFE, 0x8A
 INQUIRY, VERSION, CALIBRATION, FIRMWARE, GYRO_RANGE, STATUS, BATTERY = 0x02, 0x25, 0x2D, 0x2F, 0x4A, 0x71, 0x94
-BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
+BAD_SUM = "frame_bad_sum"
 TIME_BITS, TICKS_A_S = 24, 32_768
 _SIZES = {VERSION: 1, CALIBRATION: 84, FIRMWARE: 6, GYRO_RANGE: 1}
 _IN_STREAM_SIZES = {STATUS: 1, BATTERY: 3}
@@ -51,7 +52,7 @@ class _Shape(NamedTuple):
     size: int  # bytes of data
 
 
-class ShimmerFrames:
+class ShimmerFrames(FrameScanner):
     """Decoder of Shimmer3's frames: any chunking of bytes in, frames out; counts faults, with bounded memory.
 
     checked: whether the frames carry a CRC; seen by the first acknowledgement with one.
@@ -60,42 +61,29 @@ class ShimmerFrames:
     """
 
     def __init__(self, faults: Tally) -> None:
-        self.faults = faults
         self.packet, self.period = 0, 1
-        self.opened()
+        super().__init__(faults)
 
     def opened(self) -> None:
         """Drop an unfinished frame, because the port was opened (again); a new connection begins without CRC."""
+        super().opened()
         self.checked = self.awaiting_ack = False
-        self._bytes = bytearray()
-        self._dropped = 0
 
     def feed(self, data: bytes) -> Iterator[Frame]:
         """Add received bytes; yield the frames that they complete, in order.
 
         packet, period and awaiting_ack may be set between two of them.
         """
-        self._bytes += data
-        while self._bytes and (found := self._next()) is not None:
-            frame, size = found
-            if frame is None:
-                if not self._dropped and self.checked and self._bytes[0] == DATA:
-                    self.faults.add(BAD_SUM)
-                self._dropped += 1
-            elif self._dropped:
-                self.faults.add(GARBAGE, self._dropped)
-                self._dropped = 0
-            del self._bytes[:size]
-            if frame is not None:
-                yield frame
+        for frame, _ in self._frames(data):
+            shape = self._shape
+            yield Frame(shape.kind, frame[shape.head : shape.head + shape.size])
 
-    def _next(self) -> tuple[Frame | None, int] | None:
-        """The frame at the beginning and its size; (None, 1) if there is no frame; None if more bytes are needed."""
+    def _size(self) -> int:
         held = self._bytes
         if not self.checked and held[0] == ACK:
             if len(held) < len(_ACK_AND_CRC) and _ACK_AND_CRC.startswith(held):
                 if not self.awaiting_ack or len(held) > 1:
-                    return None
+                    return -1
             elif held.startswith(_ACK_AND_CRC):
                 self.checked = True
         wait = False
@@ -106,9 +94,14 @@ class ShimmerFrames:
             end = shape.head + shape.size
             fits = self._sum_fits(end) if self.checked else self._looks_right(shape, end)
             if fits:
-                return Frame(shape.kind, bytes(held[shape.head : end])), end + 2 * self.checked
+                self._shape = shape
+                return end + 2 * self.checked
             wait |= fits is None
-        return None if wait else (None, 1)
+        if wait:
+            return -1
+        if not self._dropped and self.checked and held[0] == DATA:
+            self.faults.add(BAD_SUM)
+        return 0
 
     def _shapes(self) -> Iterator[_Shape | None]:
         """The frames that may begin here; None where the next bytes have to tell."""

@@ -12,12 +12,12 @@ vendor's C SDK.
 
 from typing import NamedTuple
 
-from bridge.wire.refusal import Tally
+from bridge.framing.frame_scanner import FrameScanner
 
 HEAD = 0x55
 TIME, ACCEL, GYRO, REGISTERS = 0x50, 0x51, 0x52, 0x5F
 MOTION, MOTION_REGISTERS = 0x61, 0x71
-BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
+BAD_SUM = "frame_bad_sum"
 _CHECKED, _UNCHECKED, _UNCHECKED_TIMED = 11, 20, 28  # bytes
 _KINDS = frozenset((*range(TIME, 0x5B), REGISTERS))
 _UNCHECKED_KINDS = frozenset((MOTION, MOTION_REGISTERS))
@@ -34,56 +34,42 @@ class Frame(NamedTuple):
     after_fault: bool
 
 
-class WitFrames:
+class WitFrames(FrameScanner):
     """Decoder of WitMotion frames: any chunking of bytes in, frames out; counts faults, with bounded memory.
 
     checked: whether the device uses the serial form with checksums; None until known.
     """
 
-    def __init__(self, faults: Tally) -> None:
-        self.faults = faults
-        self.opened()
-
     def opened(self) -> None:
         """Drop an unfinished frame and forget the form of frames: the port was opened, perhaps to another device."""
+        super().opened()
         self.checked: bool | None = None
         self._motion_size = _UNCHECKED
-        self._bytes = bytearray()
-        self._dropped = 0  # bytes dropped since the last frame
 
     def feed(self, data: bytes) -> list[Frame]:
         """Add received bytes; return the frames that they complete, in order."""
-        self._bytes += data
-        held, at, frames = self._bytes, 0, []
-        while (size := self._size(held, at)) >= 0:
-            if size == 0:
-                at += 1
-                self._dropped += 1
-                continue
-            end = at + size - (size == _CHECKED)
-            frames.append(Frame(held[at + 1], bytes(held[at + 2 : end]), self._dropped > 0))
-            self._tell_dropped()
-            at += size
-        del held[:at]
-        return frames
+        return [
+            Frame(frame[1], frame[2:-1] if len(frame) == _CHECKED else frame[2:], dropped > 0)
+            for frame, dropped in self._frames(data)
+        ]
 
-    def _size(self, held: bytearray, at: int) -> int:
-        """Size in bytes of the frame at `at`; 0 if there is no frame, -1 if it is not known yet."""
-        left = len(held) - at
-        if left > 0 and held[at] != HEAD:
+    def _size(self) -> int:
+        held = self._bytes
+        if held[0] != HEAD:
             return 0
-        if left < 2:
+        if len(held) < 2:
             return -1
-        if self.checked is not False and held[at + 1] in _KINDS:
-            return self._checked_size(held, at, left)
-        if self.checked is not True and held[at + 1] in _UNCHECKED_KINDS:
-            return self._unchecked_size(held, at, left, held[at + 1])
+        if self.checked is not False and held[1] in _KINDS:
+            return self._checked_size()
+        if self.checked is not True and held[1] in _UNCHECKED_KINDS:
+            return self._unchecked_size(held[1])
         return 0
 
-    def _checked_size(self, held: bytearray, at: int, left: int) -> int:
-        if left < _CHECKED:
+    def _checked_size(self) -> int:
+        held = self._bytes
+        if len(held) < _CHECKED:
             return -1
-        if sum(held[at : at + _CHECKED - 1]) & 0xFF == held[at + _CHECKED - 1]:
+        if sum(held[: _CHECKED - 1]) & 0xFF == held[_CHECKED - 1]:
             self.checked = True
             return _CHECKED
         # only where a frame was expected: among garbage anything may look like a frame
@@ -91,26 +77,22 @@ class WitFrames:
             self.faults.add(BAD_SUM)
         return 0
 
-    def _unchecked_size(self, held: bytearray, at: int, left: int, kind: int) -> int:
+    def _unchecked_size(self, kind: int) -> int:
         """Size of a frame without checksum, as in `_size`.
 
         Where a frame is expected, it is accepted unless something else follows; elsewhere, only if another frame
         follows.
         """
+        held = self._bytes
         if self.checked is False and not self._dropped:
             size = self._motion_size if kind == MOTION else _UNCHECKED
-            if left < size:
+            if len(held) < size:
                 return -1
-            return size if left == size or held[at + size] == HEAD else 0
+            return size if len(held) == size or held[size] == HEAD else 0
         for size in (_UNCHECKED, _UNCHECKED_TIMED) if kind == MOTION else (_UNCHECKED,):
-            if left < size + 2:
+            if len(held) < size + 2:
                 return -1
-            if held[at + size] == HEAD and held[at + size + 1] in _UNCHECKED_KINDS:
+            if held[size] == HEAD and held[size + 1] in _UNCHECKED_KINDS:
                 self.checked, self._motion_size = False, size if kind == MOTION else self._motion_size
                 return size
         return 0
-
-    def _tell_dropped(self) -> None:
-        if self._dropped:
-            self.faults.add(GARBAGE, self._dropped)
-            self._dropped = 0
