@@ -98,7 +98,7 @@ class MovellaDotDecoder:
         self._rate_hz = 0 if options is None else options.rate_hz
         self._payload = PAYLOADS["rate_quantities" if options is None else options.payload]
         self._asks = options is not None and not options.port.startswith("file://")
-        self._requests = RequestQueue(_AGAIN_S, _TIMES)
+        self._requests = RequestQueue(_AGAIN_S, _TIMES, self._unanswered)
         self._product, self._firmware = "Movella DOT", ""
         self._assembly = SampleAssembler(self.faults, self._about(), _TICK_S, _TICK_BITS)
         self.opened()
@@ -121,9 +121,7 @@ class MovellaDotDecoder:
         if self._heard_ns and receive_time_ns - self._heard_ns > _SILENT_NS:
             self._heard_ns = 0
             self._begin()
-        if self._requests.passed(receive_time_ns):
-            events.append(Notice("settings", Code.REQUEST_UNANSWERED(request=f"{self._requests.key}")))
-            self._begin()
+        events += self._requests.passed(receive_time_ns)
         return events + self._assembly.events()
 
     def finish(self) -> list[Event]:
@@ -146,6 +144,11 @@ class MovellaDotDecoder:
         control = (bytes((_RATE_ONLY,)) + bytes(23) + rate).ljust(_CONTROL_BYTES, b"\0")
         setting = [gatt_values.encode(DEVICE_CONTROL, control)] if self._rate_hz else []
         self._requests.add("start", stop, *setting, start)
+
+    def _unanswered(self) -> list[Notice]:
+        unanswered = Notice("settings", Code.REQUEST_UNANSWERED(request=f"{self._requests.key}"))
+        self._begin()
+        return [unanswered]
 
     def _answered(self, key: str) -> None:
         if self._requests.key == key and not self._requests.sending:

@@ -109,7 +109,7 @@ class MtData2Decoder:
         if message.kind == mtdata2.WAKE_UP:
             self._woke()
             return []
-        notices = self._settings.answered(message)
+        notices = self._settings.took(message)
         if message.kind == mtdata2.GOTO_MEASUREMENT + 1:
             self._counter = None  # the counter restarts
         if self._assembly is not None:

@@ -15,7 +15,7 @@ _ALWAYS = 0xFFFF  # output frequency that means: in every message
 _WARMTH_HZ = 10
 
 
-class Settings:
+class Settings(RequestQueue):
     """Queries and settings of one Xsens motion tracker, and how far they have come.
 
     rate_hz: output data rate to set, 0 to leave it.
@@ -25,40 +25,29 @@ class Settings:
     def __init__(self, rate_hz: float) -> None:
         self.model, self.firmware, self.sends_hz = "", "", 0.0
         self._wanted_hz = rate_hz
-        self._requests = RequestQueue(_AGAIN_S, _TIMES)
+        super().__init__(_AGAIN_S, _TIMES, self._unanswered)
         self._given_up = False
 
     @property
     def settled(self) -> bool:
         """Whether all queries and settings are answered, or were given up."""
-        return self._given_up or self._requests.key is None
+        return self._given_up or self.key is None
 
     def begin(self, *, woken: bool = False) -> None:
         """Start all queries and settings anew: the device was opened, or reported a boot (woken)."""
         self._given_up = False
-        self._requests.clear()
+        self.clear()
         if woken:
-            self._requests.tell(encode(mtdata2.WAKE_UP_ACK))  # otherwise the device would start to measure
+            self.tell(encode(mtdata2.WAKE_UP_ACK))  # otherwise the device would start to measure
         for kind in (mtdata2.GOTO_CONFIG, *_ASKED):
-            self._requests.add(kind, encode(kind))
+            self.add(kind, encode(kind))
         if self._wanted_hz:
-            self._requests.add(mtdata2.SET_OUTPUT, encode(mtdata2.SET_OUTPUT, self._output()))
+            self.add(mtdata2.SET_OUTPUT, encode(mtdata2.SET_OUTPUT, self._output()))
         self._back()
 
-    def command(self) -> bytes:
-        """Return the next command to send; empty if none."""
-        return self._requests.command()
-
-    def passed(self, now_ns: int) -> list[Notice]:
-        """Let time pass, to send or repeat the open query; return a notice when it is given up. now_ns: host time.
-
-        After an unanswered query all are given up, but never the return to measurement.
-        """
-        return self._failed(Code.REQUEST_UNANSWERED) if self._requests.passed(now_ns) else []
-
-    def answered(self, message: Message) -> list[Notice]:
+    def took(self, message: Message) -> list[Notice]:
         """Handle a message that is not data, such as a query's answer; return a notice if the device refused it."""
-        kind = self._requests.key
+        kind = self.key
         if kind is not None and message.kind == mtdata2.ERROR:
             return self._failed(Code.REQUEST_REFUSED, error=message.data.hex())
         if not isinstance(kind, int) or message.kind != kind + 1:
@@ -72,20 +61,24 @@ class Settings:
                 self.firmware = ".".join(map(str, message.data[:3]))
             case mtdata2.SET_OUTPUT:
                 self.sends_hz = _rate_in(message.data)
-        self._requests.answered()
+        self.answered()
         return []
 
     def measures(self) -> None:
         """Note that the device sent data: after giving up, no more commands are sent."""
         if self._given_up:
-            self._requests.clear()
+            self.clear()
 
     def _back(self) -> None:
-        self._requests.add(mtdata2.GOTO_MEASUREMENT, encode(mtdata2.GOTO_MEASUREMENT))
+        self.add(mtdata2.GOTO_MEASUREMENT, encode(mtdata2.GOTO_MEASUREMENT))
+
+    def _unanswered(self) -> list[Notice]:
+        return self._failed(Code.REQUEST_UNANSWERED)
 
     def _failed(self, code: Code, **params: str) -> list[Notice]:
-        kind = self._requests.key
-        self._requests.clear()
+        """Give up all queries after one that failed, but never the return to measurement."""
+        kind = self.key
+        self.clear()
         self._back()
         self._given_up = True
         return [Notice("settings", code(request=f"{kind:02X}", **params))]

@@ -1,7 +1,10 @@
 """Queue of requests to a device: one open at a time, repeated until answered. Pure: time is an argument."""
 
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
+
+from bridge.drivers.driver import Notice
 
 
 class _Request(NamedTuple):
@@ -14,12 +17,16 @@ class RequestQueue:
 
     again_s: seconds to wait for an answer before sending again.
     times: sends before a request is given up.
+    give_up: called when the open request was sent `times` times unanswered; it empties the queue or closes the request,
+    and returns what to tell people.
     spacing_s: minimum seconds between two commands.
     """
 
-    def __init__(self, again_s: float, times: int, spacing_s: float = 0.0) -> None:
+    def __init__(
+        self, again_s: float, times: int, give_up: Callable[[], list[Notice]], spacing_s: float = 0.0
+    ) -> None:
         self._again_ns, self._spacing_ns = round(again_s * 1e9), round(spacing_s * 1e9)
-        self._times = times
+        self._times, self._give_up = times, give_up
         self._now_ns = self._sent_ns = 0
         self.clear()
 
@@ -53,20 +60,17 @@ class RequestQueue:
         self._open.popleft()
         self._sent = 0
 
-    def passed(self, now_ns: int) -> bool:
-        """Queue the commands to be sent at now_ns; return True if the open request was sent `times` times unanswered.
-
-        The caller then gives it up, by `clear` or `answered`.
-        """
+    def passed(self, now_ns: int) -> list[Notice]:
+        """Let time pass until now_ns (host time): send the next request, repeat the open one, or give it up."""
         self._now_ns = now_ns
         if not self._open or self._commands or (self._sent and 0 <= now_ns - self._asked_ns < self._again_ns):
-            return False
+            return []
         if self._sent == self._times:
-            return True
+            return self._give_up()
         self._sent += 1
         self._asked_ns = now_ns
         self._commands += self._open[0].commands
-        return False
+        return []
 
     def command(self) -> bytes:
         """Return the next command to send; empty if none, or if spacing_s since the last command has not passed."""

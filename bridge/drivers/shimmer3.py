@@ -62,7 +62,7 @@ class Shimmer3Decoder:
         self._asks = options is not None and not options.port.startswith("file://")
         self._ticks = round(TICKS_A_S / options.rate_hz) if options is not None and options.rate_hz else 0
         self._frames = ShimmerFrames(self.faults)
-        self._requests = RequestQueue(_AGAIN_S, _TIMES)
+        self._requests = RequestQueue(_AGAIN_S, _TIMES, self._unanswered)
         self._firmware, self._rate_hz, self._range = "", 0.0, 0
         self._calibrations: dict[tuple[int, int, int], Calibration | None] = {}
         self._gyro: Reading | None = None
@@ -93,8 +93,7 @@ class Shimmer3Decoder:
         elif self._asks and self._heard_ns and receive_time_ns - self._battery_ns > _BATTERY_NS:
             self._battery_ns = receive_time_ns
             self._requests.add(framing.BATTERY, b"\x95")
-        if self._requests.passed(receive_time_ns):
-            events += self._unanswered()
+        events += self._requests.passed(receive_time_ns)
         return events + self._assembly.events()
 
     def finish(self) -> list[Event]:

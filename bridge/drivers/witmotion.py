@@ -119,7 +119,7 @@ class WitMotionDecoder:
         self._settings.begin(checked=bool(self._frames.checked))
 
     def _answered(self, data: bytes) -> Sequence[Event]:
-        events = self._settings.answered(data)
+        events = self._settings.took(data)
         if self._assembly is not None:
             self._assembly.about = self._about()
         return events

@@ -29,10 +29,9 @@ _READ = 0x27
 _SPACING_S, _AGAIN_S = 0.1, 0.5
 _TIMES = 3  # tries of a query, and of a setting that does not take effect
 _OFF_OLD, _LONGEST = 1, 0xFFFF
-_CALIBRATES = "gyro auto-calibration"
 
 
-class Settings:
+class Settings(RequestQueue):
     """Queries and settings of one WitMotion device, and how far they have come.
 
     rate_hz: output data rate to set, 0 to leave it. writes: whether settings may be changed.
@@ -44,8 +43,7 @@ class Settings:
         self._wanted_hz = rate_hz
         self._writes = writes
         self._has_battery, self._battery_ns = False, 0
-        self._noticed: Sentence | None = None
-        self._requests = RequestQueue(_AGAIN_S, _TIMES, _SPACING_S)
+        super().__init__(_AGAIN_S, _TIMES, self._unanswered, _SPACING_S)
 
     def begin(self, *, checked: bool) -> None:
         """Start all queries anew: the device was opened, or has booted.
@@ -54,46 +52,41 @@ class Settings:
         """
         self._checked, self._has_battery = checked, not checked
         self._told = {CONTENT: 0, STILL_TIME: 0}
-        self._requests.clear()
+        self.clear()
         for register in (VERSION, CONTENT, STILL_TIME):
             self._ask(register)
 
     @property
     def settled(self) -> bool:
         """Whether all queries but that of the battery are answered, and no command waits to be sent."""
-        return self._requests.key in (None, BATTERY) and not self._requests.sending
-
-    def command(self) -> bytes:
-        """Return the next command to send; empty if none, or if 0.1 s since the last command have not passed."""
-        return self._requests.command()
+        return self.key in (None, BATTERY) and not self.sending
 
     def passed(self, now_ns: int) -> list[Notice]:
-        """Let time pass, to send or repeat the open query; return a notice when all are given up. now_ns: host time.
-
-        Queries are given up after one without an answer. Once a minute the battery is queried.
-        """
-        if self._has_battery and self._requests.key is None and now_ns - self._battery_ns >= _BATTERY_NS:
+        """Let time pass, as the queue does; once a minute the battery is queried."""
+        if self._has_battery and self.key is None and now_ns - self._battery_ns >= _BATTERY_NS:
             self._battery_ns = now_ns
-            self._requests.add(BATTERY, _command(_READ, BATTERY))
-        if not self._requests.passed(now_ns):
-            return []
-        about_battery = self._requests.key == BATTERY
-        self._requests.clear()
-        return [] if about_battery else self._notice(Code.MAY_CALIBRATE_ITSELF())
+            self.add(BATTERY, _command(_READ, BATTERY))
+        return super().passed(now_ns)
 
-    def answered(self, data: bytes) -> Sequence[Notice | Battery]:
+    def _unanswered(self) -> list[Notice]:
+        """Give up all queries after one without an answer."""
+        about_battery = self.key == BATTERY
+        self.clear()
+        return [] if about_battery else _notice(Code.MAY_CALIBRATE_ITSELF())
+
+    def took(self, data: bytes) -> Sequence[Notice | Battery]:
         """Handle the data of a register answer; return the notices and battery states that follow from it.
 
         The answer is that of the open query, or of the register named in the answer where the form names it.
         """
-        register, values = self._requests.key, struct.unpack(f"<{len(data) // 2}H", data)
-        if register is None or self._requests.sending:
+        register, values = self.key, struct.unpack(f"<{len(data) // 2}H", data)
+        if register is None or self.sending:
             return []
         if not self._checked:
             if values[0] != register:
                 return []
             values = values[1:]
-        self._requests.answered()
+        self.answered()
         match register:
             case 0x2E:
                 self.firmware = str(values[0])
@@ -113,8 +106,8 @@ class Settings:
             return
         self._told[CONTENT] += 1
         if self._checked:
-            self._requests.tell(_UNLOCK, _command(CONTENT, TIME_ACCEL_GYRO))
-        self._requests.tell(_UNLOCK, _command(RATE, _CODES[self._wanted_hz]))
+            self.tell(_UNLOCK, _command(CONTENT, TIME_ACCEL_GYRO))
+        self.tell(_UNLOCK, _command(RATE, _CODES[self._wanted_hz]))
         self._ask(CONTENT)
 
     def _calibrates(self, still_time: int) -> list[Notice]:
@@ -126,23 +119,21 @@ class Settings:
         off = _OFF_OLD if still_time in (0, _OFF_OLD) else _LONGEST
         if still_time != off and self._writes and self._told[STILL_TIME] < _TIMES:
             self._told[STILL_TIME] += 1
-            self._requests.tell(_UNLOCK, _command(STILL_TIME, off))
+            self.tell(_UNLOCK, _command(STILL_TIME, off))
             self._ask(STILL_TIME)
             return []
         if still_time == _OFF_OLD:
-            return self._notice(None)
+            return _notice(None)
         if not still_time:
-            return self._notice(Code.CALIBRATES_ITSELF())
-        return self._notice(Code.CALIBRATES_ITSELF_AT_REST(duration_s=f"{1e-3 * still_time:.3g}"))
+            return _notice(Code.CALIBRATES_ITSELF())
+        return _notice(Code.CALIBRATES_ITSELF_AT_REST(duration_s=f"{1e-3 * still_time:.3g}"))
 
     def _ask(self, register: int) -> None:
-        self._requests.add(register, _UNLOCK, _command(_READ, register))
+        self.add(register, _UNLOCK, _command(_READ, register))
 
-    def _notice(self, said: Sentence | None) -> list[Notice]:
-        if said == self._noticed:
-            return []
-        self._noticed = said
-        return [Notice(_CALIBRATES, said)]
+
+def _notice(said: Sentence | None) -> list[Notice]:
+    return [Notice("gyro auto-calibration", said)]
 
 
 def _command(register: int, value: int) -> bytes:

@@ -124,7 +124,7 @@ class Ximu3Decoder:
         return []
 
     def _sample(self, sample: Inertial, receive_time_ns: int) -> None:
-        if self._fresh and not self._settings.answered:
+        if self._fresh and self._settings.key is not None:
             self._settings.ask()  # questions sent before the device's first data may have been lost
         self._fresh = False
         taken = _Held(sample, self._temperature_c, receive_time_ns)
@@ -154,7 +154,7 @@ class Ximu3Decoder:
 
     def _waits(self, now_ns: int) -> bool:
         """Whether to hold samples until the device is identified; a stored calibration is looked up by the name."""
-        if self._boot or self._settings.answered or len(self._held) >= _MOST_HELD:
+        if self._boot or self._settings.key is None or len(self._held) >= _MOST_HELD:
             return False
         if not self._held:
             self._patient_until_ns = now_ns + round(_PATIENCE_S * 1e9)

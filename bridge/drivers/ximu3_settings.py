@@ -22,7 +22,7 @@ _MAX_DIVISOR = 4000
 _MAX_TEXT = 31
 
 
-class Settings:
+class Settings(RequestQueue):
     """Queries and settings of one x-IMU3, and how far they have come.
 
     chosen_hz: output data rate to set, None to leave it. writes: whether settings may be changed.
@@ -34,39 +34,22 @@ class Settings:
         self.name = self.serial = self.firmware = self.hardware = ""
         self._divisor = None if chosen_hz is None else divisor_of(chosen_hz)
         self._may_write = writes
-        self._noticed: Sentence | None = None
-        self._requests = RequestQueue(_AGAIN_S, _TIMES)
+        super().__init__(_AGAIN_S, _TIMES, self._unanswered)
         self.ask()
 
     def ask(self) -> None:
         """Start all queries anew: the device was opened, or has booted."""
-        self._requests.clear()
+        self.clear()
         for key in _ASKED:
-            self._requests.add(plain(key), _command(key, None))
+            self.add(plain(key), _command(key, None))
         self._written = {CORRECTION: 0, DIVISOR: 0}
         self.coming_us: float | None = None
 
-    @property
-    def answered(self) -> bool:
-        """Whether no answer to a query is pending."""
-        return self._requests.key is None
-
-    def command(self) -> bytes:
-        """Return the next command to send; empty if none."""
-        return self._requests.command()
-
-    def passed(self, now_ns: int) -> list[Notice]:
-        """Let time pass, to repeat unanswered queries; return a notice when they are given up. now_ns: host time."""
-        if not self._requests.passed(now_ns):
-            return []
-        self._requests.clear()
-        return self._notice(Code.MAY_CORRECT_ITSELF())
-
     def took(self, reply: Reply) -> list[Notice]:
         """Handle the device's answer to a query or setting; return the notices that follow from it."""
-        asked = reply.key == self._requests.key
+        asked = reply.key == self.key
         if asked:
-            self._requests.answered()
+            self.answered()
         value = reply.value
         if reply.key == plain(CORRECTION):
             return self._corrects(value, asked=asked)
@@ -83,12 +66,12 @@ class Settings:
     def _corrects(self, value: object, *, asked: bool) -> list[Notice]:
         """Handle the on-board bias correction, whose bias jumps disturb a calibration: turn it off, or give a notice."""
         if value is False:
-            return self._notice(None)
+            return _notice(None)
         if not asked or (value is not True and not self._written[CORRECTION]):
             return []
         if value is True and self._write(CORRECTION, value=False):
             return []
-        return self._notice(Code.CORRECTS_ITSELF())
+        return _notice(Code.CORRECTS_ITSELF())
 
     def _divides(self, value: object) -> None:
         wanted = self._divisor
@@ -102,19 +85,21 @@ class Settings:
         if not self._may_write or self._written[key] == _WRITES:
             return False
         self._written[key] += 1
-        self._requests.add(plain(key), _command(key, value), _command("apply", None))
+        self.add(plain(key), _command(key, value), _command("apply", None))
         return True
 
-    def _notice(self, said: Sentence | None) -> list[Notice]:
-        if said == self._noticed:
-            return []
-        self._noticed = said
-        return [Notice("on-device correction", said)]
+    def _unanswered(self) -> list[Notice]:
+        self.clear()
+        return _notice(Code.MAY_CORRECT_ITSELF())
 
 
 def divisor_of(rate_hz: float) -> int:
     """Return the rate divisor, 1 to 4000, whose output data rate is nearest to rate_hz: 400 Hz / divisor."""
     return min(max(1, round(SAMPLES_HZ / rate_hz)), _MAX_DIVISOR)
+
+
+def _notice(said: Sentence | None) -> list[Notice]:
+    return [Notice("on-device correction", said)]
 
 
 def _command(key: str, value: object) -> bytes:
