@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bridge.drivers.byte_stream import OUTPUT, Holds
+from bridge.drivers.byte_stream import OUTPUT
 from bridge.drivers.driver import DriverKind, Event, Identity, Notice, Readings
 from bridge.reasons.codes import Sentence
 from bridge.toml.loader import options
@@ -106,8 +106,7 @@ def _try(candidate: Candidate, chunks: Sequence[Chunk]) -> Guess | None:
         decoder.opened()
         for chunk in chunks:
             events += decoder.feed(chunk.data, chunk.receive_time_ns)
-        if isinstance(decoder, Holds):
-            events += decoder.finish()
+        events += decoder.finish()
         faults = decoder.faults.total()
     except Exception:  # noqa: BLE001
         return None

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from msgspec import Struct
 
@@ -37,14 +37,11 @@ class Decoder(Protocol):
 
     def to_send(self) -> bytes:
         """Return the bytes to send to the device now, b"" if none; each is returned once."""
-
-
-@runtime_checkable
-class Holds(Protocol):
-    """A decoder that holds samples back until it knows more about the device, such as its rate."""
+        return b""
 
     def finish(self) -> list[Event]:
-        """Return the events of the held samples; call it at the final end of the stream."""
+        """Return the events of samples held back until more is known of the device; for the end of the stream."""
+        return []
 
 
 class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -91,7 +88,7 @@ class StreamDriver:
         try:
             return self._feed(self._transport.read(timeout_s))
         except DeviceLost as lost:
-            if lost.over and (rest := self._rest()):
+            if lost.over and (rest := self._counted(self._decoder.finish())):
                 return rest  # the next call raises DeviceLost
             raise
 
@@ -103,9 +100,6 @@ class StreamDriver:
         elif chunk.data:
             self._unread.append(chunk._replace(data=chunk.data[-_UNREAD_BYTES:]))
         return events
-
-    def _rest(self) -> list[Event]:
-        return self._counted(self._decoder.finish()) if isinstance(self._decoder, Holds) else []
 
     def _counted(self, events: list[Event]) -> list[Event]:
         self.samples_in += sum(len(event.ticks) for event in events if isinstance(event, Readings))

@@ -7,7 +7,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from bridge.drivers.byte_stream import Decoder, Holds
+from bridge.drivers.byte_stream import Decoder
 from bridge.drivers.driver import Event, Identity, Readings
 from bridge.recording.error import MAX_BYTES, RecordingError, check_file
 from bridge.recording.reading import Reading
@@ -62,7 +62,7 @@ def _decoded(decoder: Decoder, data: bytes) -> tuple[list[Event], list[str]]:
     events: list[Event] = []
     for at in range(0, len(data), _CHUNK):
         events += decoder.feed(data[at : at + _CHUNK], _SETTLED_NS + at * _NS_A_BYTE)
-    events += decoder.finish() if isinstance(decoder, Holds) else []
+    events += decoder.finish()
     new = {label: n - before.get(label, 0) for label, n in decoder.faults.as_dict().items()}
     return events, [f"{n} {label.replace('_', ' ')}" for label, n in new.items() if n]
 

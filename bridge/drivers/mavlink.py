@@ -11,7 +11,7 @@ import importlib.util
 from dataclasses import replace
 from typing import Any, Final
 
-from bridge.drivers.byte_stream import StreamOptions, stream_kind
+from bridge.drivers.byte_stream import Decoder, StreamOptions, stream_kind
 from bridge.drivers.driver import Battery, Event, Notice
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.reasons.codes import Code, Sentence
@@ -51,7 +51,7 @@ class MavlinkOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_
             raise ValueError(f"the driver 'mavlink' {NEEDS}")
 
 
-class MavlinkDecoder:
+class MavlinkDecoder(Decoder):
     """Decoder of one MAVLink system's inertial messages. A boot is detected by a clock that went back.
 
     system: id of the system, 1 to 255; 0 takes the first heard. Then the system is fixed, so that another device on the
@@ -99,10 +99,6 @@ class MavlinkDecoder:
         """Return the events of the samples still held, at the end of the stream."""
         events = self._assembly.finish()
         return events and [*self._notices(), *events]
-
-    def to_send(self) -> bytes:
-        """Return b"": this driver sends no commands."""
-        return b""
 
     def _new_parser(self) -> Any:
         parser = self._dialect.MAVLink(None)

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from bridge.drivers.byte_stream import StreamOptions, stream_kind
+from bridge.drivers.byte_stream import Decoder, StreamOptions, stream_kind
 from bridge.drivers.driver import Battery, Event, Notice
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.framing.lines import ANY_END, Line, Lines
@@ -26,7 +26,7 @@ _COUNTED_HZ = 100.0
 MAX_LINE = 1024  # bytes; a header row of many sensors has some hundreds
 
 
-class TextDecoder:
+class TextDecoder(Decoder):
     """Decoder of the lines described by one text profile.
 
     rate_hz, gyro_range (rad/s): this device's own values where they differ from the profile; 0 takes the profile's.
@@ -91,10 +91,6 @@ class TextDecoder:
         """Return the events of the samples still held, at the end of the stream, even if the rate is unknown."""
         events = self._assembly.finish()
         return [*self._notices(), *events] if events else []
-
-    def to_send(self) -> bytes:
-        """Return b"": text devices get no commands."""
-        return b""
 
     def _take(self, line: Line, receive_time_ns: int) -> list[Event]:
         """Decode one line; returns events only of a changed battery, or if a header row ends the samples before it."""

@@ -17,7 +17,7 @@ from bridge.ingest.device_info import DeviceInfoBuilder
 from bridge.ingest.sample_clock import SampleClock, SampleTimes
 from bridge.ingest.sensor_faults import SensorFaults
 from bridge.reasons.catalogue import english
-from bridge.reasons.codes import Sentence, Sentences
+from bridge.reasons.codes import Sentences
 from bridge.wire.messages import BootCause, DeviceCalibration, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
 from bridge.wire.validation import MAX_TEXTS
@@ -129,7 +129,8 @@ class Intake:
                 self.events.add(BEFORE_IDENTITY, self.samples_in)
                 self._begin()
         elif identity.rate_hz != self._identity.rate_hz:
-            self._rate_changed(self.timeline.told(self._identity.rate_hz, identity.rate_hz))
+            self.events.add(_RATE_CHANGED)
+            self.said.append(english(self.timeline.told(self._identity.rate_hz, identity.rate_hz)))
         self._identity = identity
         return released
 
@@ -191,14 +192,7 @@ class Intake:
         """Times of the good samples; `last` is the sequence number of the last one."""
         if self.timeline.observe(last, int(ticks[-1]), receive_time_ns, identity):
             self.events.add(_RATE_DIFFERS)
-        if self.timeline.changes(identity):
-            self._rate_changed(self.timeline.changed)
         return self.timeline.stamps(ticks, receive_time_ns, identity)
-
-    def _rate_changed(self, change: Sentence | None) -> None:
-        self.events.add(_RATE_CHANGED)
-        if change is not None:
-            self.said.append(english(change))
 
     def _count_silent(self) -> None:
         if missing := self.timeline.missing - self._silent:

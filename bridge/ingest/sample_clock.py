@@ -18,7 +18,6 @@ from bridge.reasons.codes import Code, Sentence, Sentences
 
 _LATE_NS = 1_000_000_000
 _ODD_CLOCK = 0.02  # relative to the host's clock
-_OTHER = 0.02  # relative change of the rate
 
 
 class SampleTimes(NamedTuple):
@@ -66,7 +65,7 @@ class SampleClock:
         self.clock = ClockFit()
         self.rate = SampleRateMeter()
         self.changed: Sentence | None = None
-        self._sent_hz = self._first_hz = 0.0  # rate last measured; rate announced first
+        self._first_hz = 0.0  # rate announced first
         self._silences, self._made = SilenceDetector(), ArrivalClock()
 
     @property
@@ -101,26 +100,11 @@ class SampleClock:
 
         The rate measurement restarts. A return to the first rate withdraws `changed`.
         """
-        self.rate, self._sent_hz = SampleRateMeter(), 0.0
+        self.rate = SampleRateMeter()
         self._first_hz = self._first_hz or before_hz
-        said = _changed(before_hz, rate_hz)
+        said = Code.RATE_CHANGED(then_hz=f"{before_hz:.3g}", now_hz=f"{rate_hz:.3g}")
         self.changed = said if rate_hz != self._first_hz else None
         return said
-
-    def changes(self, identity: Identity) -> bool:
-        """Whether a device with a clock has just been found to have changed its rate without announcing it.
-
-        `changed` then says so.
-        """
-        hz, before_hz = self.rate.steady_hz, self._sent_hz or identity.rate_hz
-        if not (identity.has_clock and hz and before_hz) or abs(hz / before_hz - 1) <= _OTHER:
-            self._sent_hz = self._sent_hz or hz
-            return False
-        was_known = self._sent_hz > 0
-        self._sent_hz = hz
-        if was_known:
-            self.changed = _changed(before_hz, hz)
-        return was_known
 
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> SampleTimes:
         """Return the times of good samples from unwrapped, rising ticks (n,); the last one was observed before."""
@@ -146,7 +130,3 @@ class SampleClock:
             if identity.has_clock and abs(clock.rate - 1) > _ODD_CLOCK:
                 notices.append(Code.CLOCK_DIFFERS(times=f"{1 / clock.rate:.4g}"))
         return tuple(notices)
-
-
-def _changed(before_hz: float, now_hz: float) -> Sentence:
-    return Code.RATE_CHANGED(then_hz=f"{before_hz:.3g}", now_hz=f"{now_hz:.3g}")

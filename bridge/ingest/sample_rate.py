@@ -8,13 +8,11 @@ class SampleRateMeter:
     """Measures the sample rate of one boot, and compares it with the nominal rate.
 
     hz: samples per host second over about the last ten seconds, missing samples included; 0 until known.
-    steady_hz: rate on which two consecutive windows of ten seconds last agreed; 0 until they do.
     differs: whether hz is more than 2 % off the nominal rate.
     """
 
     def __init__(self) -> None:
-        self.hz = self.steady_hz = 0.0
-        self._whole_hz = 0.0  # of the last complete window
+        self.hz = 0.0
         self.differs = False
         self._since: tuple[int, float] | None = None  # sequence and device time at the start of the window
 
@@ -31,9 +29,6 @@ class SampleRateMeter:
         self.hz = (sequence - since) / ((device_s - since_s) * clock_rate)
         if device_s - since_s >= _WINDOW_S:
             self._since = (sequence, device_s)
-            if abs(self.hz - self._whole_hz) < _DIFFERS * self.hz:
-                self.steady_hz = self.hz
-            self._whole_hz = self.hz
         before, off = self.differs, abs(self.hz / nominal_hz - 1) if nominal_hz else 0.0
         self.differs = off > (_AGREES if before else _DIFFERS)
         return self.differs and not before

@@ -4,7 +4,7 @@ import os
 import termios
 from collections.abc import Callable
 
-from bridge.drivers.byte_stream import StreamOptions, stream_kind
+from bridge.drivers.byte_stream import Decoder, StreamOptions, stream_kind
 from bridge.drivers.driver import Event
 from bridge.drivers.native import KIND as NATIVE
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
@@ -17,7 +17,7 @@ class LineOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_onl
     sign: str = "$"
 
 
-class LineDecoder:
+class LineDecoder(Decoder):
     def __init__(self, options: LineOptions | None) -> None:
         self.faults = Tally()
         self._sign = options.sign if options else "$"
@@ -40,9 +40,6 @@ class LineDecoder:
             except ValueError:
                 self.faults.add("line")
         return self._assembly.events()
-
-    def to_send(self) -> bytes:
-        return b""
 
 
 LINE = stream_kind("line", "lines for tests", LineOptions, LineDecoder)

@@ -89,20 +89,6 @@ def test_another_rate_in_a_boot_is_no_boot_and_is_measured_anew() -> None:
     account(intake)
 
 
-def test_a_rate_that_changes_untold_is_said_once_it_is_known() -> None:
-    intake = made()
-    intake.take(HELLO)
-    ticks = np.cumsum(np.repeat([DT, 2 * DT], [3000, 2500]))
-    for i in range(0, len(ticks), 5):
-        came = NOW + int(ticks[i + 4]) * 1000
-        intake.take(replace(readings(i), ticks=ticks[i : i + 5].astype(np.uint32), receive_time_ns=came))
-    info = intake.info(NOW, {})
-    changed = Code.RATE_CHANGED(then_hz="100", now_hz="50")
-    assert intake.said == [english(changed)]
-    assert info.notices == (changed, Code.RATE_DIFFERS(measured_hz="50", told_hz="100"))
-    assert info.events == {"rate_differs": 1, "rate_changed": 1}
-
-
 def test_nothing_is_published_before_the_device_said_who_it_is() -> None:
     intake = made()
     assert intake.take(readings(0)) == []
