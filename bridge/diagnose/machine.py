@@ -1,24 +1,18 @@
-"""Checks of the machine: clock, disk, Python, packages, and bridges that run twice."""
+"""Checks of the machine: clock, disk, and bridges that run twice."""
 
 import ctypes
 import os
 import shutil
-import sys
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from importlib.metadata import PackageNotFoundError, requires, version
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from packaging.requirements import Requirement
-
-from bridge.diagnose.finding import Finding, Level, ok, trouble, warning
+from bridge.diagnose.finding import Finding, ok, trouble, warning
 from bridge.transport.port_holders import PROC, command, is_bridge
 
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC of adjtimex(2)
 _LITTLE_BYTES, _NONE_BYTES = 2_000_000_000, 100_000_000
-_WATCHED = ("eclipse-zenoh", "protobuf", "filterpy")
-_OLDEST = (3, 11)
 
 
 class _Timex(ctypes.Structure):
@@ -95,37 +89,6 @@ def bridges(proc: Path = PROC) -> list[Finding]:
         )
         for file, pids in twice.items()
     ] or [ok("bridges", f"{len(files)} running" if files else "none running")]
-
-
-def packages(
-    wanted: Sequence[str] | None = None,
-    installed: Callable[[str], str] = version,
-    python: tuple[int, ...] = sys.version_info[:3],
-) -> list[Finding]:
-    """Check whether Python and the installed packages meet truerate's requirements.
-
-    Findings that are ok are returned only for a few packages. wanted: requirements; None for truerate's own.
-    """
-    findings = []
-    if python < _OLDEST:
-        findings.append(trouble("Python", ".".join(map(str, python)), "install Python 3.11 or newer"))
-    for requirement in map(Requirement, requires("truerate") or () if wanted is None else wanted):
-        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
-            continue
-        findings.append(_package(requirement, installed))
-    kept = [finding for finding in findings if finding.level is not Level.OK or finding.check in _WATCHED]
-    return kept or [ok("packages", "as asked for")]
-
-
-def _package(requirement: Requirement, installed: Callable[[str], str]) -> Finding:
-    do = f"pip install '{requirement.name}{requirement.specifier}', or make a new environment"
-    try:
-        found = installed(requirement.name)
-    except PackageNotFoundError:
-        return trouble(requirement.name, "not installed", do)
-    if requirement.specifier.contains(found, prereleases=True):
-        return ok(requirement.name, found)
-    return trouble(requirement.name, f"{found}, but {requirement.specifier} is needed", do)
 
 
 def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:

@@ -1,15 +1,15 @@
-"""Checks of serial ports: permissions, other programs that hold them, ModemManager."""
+"""Checks of serial ports: whether they can be opened, ModemManager, and devices that share a port."""
 
-import grp
 import os
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from bridge.diagnose.finding import Finding, ok, trouble, warning
+from bridge.reasons.catalogue import english
+from bridge.reasons.codes import Code
 from bridge.terminal.plurals import count
 from bridge.transport import serial_errors
-from bridge.transport.port_holders import PROC, Holder, holders, is_bridge
+from bridge.transport.port_holders import PROC
 
 RULES = "configs/udev/99-truerate.rules"
 _INSTALL = f"sudo cp {RULES} /etc/udev/rules.d/ && sudo udevadm control --reload && sudo udevadm trigger"
@@ -17,35 +17,19 @@ _RULE_FOLDERS = (Path("/etc/udev/rules.d"), Path("/run/udev/rules.d"))
 _IGNORED = "ID_MM_DEVICE_IGNORE"
 
 
-@dataclass(frozen=True, slots=True)
-class Me:
-    """The asking user: user id, and group ids of this login."""
-
-    uid: int
-    gids: frozenset[int]
+#: reasons that need no action yet: the device is not plugged in, or a program of another user, mostly a bridge, reads it
+_MINOR = (Code.PORT_MISSING, Code.PORT_BUSY)
 
 
-def me() -> Me:
-    """Return user id and group ids of the user who runs this process."""
-    return Me(os.geteuid(), frozenset({os.getegid(), *os.getgroups()}))
-
-
-def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
-    """Check whether the user may open each serial port that exists. ports: paths."""
-    there = [(port, os.stat(port)) for port in ports if os.path.exists(port)]  # noqa: PTH110, PTH116 - names, as everywhere
-    closed = [(port, status) for port, status in there if not _may(status, who)]
-    if not there:
-        return [ok("permissions", "no serial port is plugged in")]
-    if not closed:
-        return [ok("permissions", f"{count(len(there), 'serial port')} can be opened")]
-    groups = " ".join(sorted({_group(status.st_gid) for _, status in closed}))
-    return [
-        trouble(
-            "permissions",
-            f"{', '.join(port for port, _ in closed)}: no permission to open",
-            f"sudo usermod -aG {groups} $USER, then log out and in again (a running service: restart it)",
-        )
-    ]
+def usable(ports: Sequence[str]) -> list[Finding]:
+    """Check whether each serial port can be opened, or is read by a bridge; one finding for each port that cannot."""
+    found = []
+    for port in ports:
+        said = serial_errors.fault(port)
+        if said is not None and said.code != Code.PORT_READ_BY_BRIDGE:
+            words, _, do = english(said).partition(". ")
+            found.append((warning if said.code in _MINOR else trouble)("serial ports", words, do))
+    return found or [ok("serial ports", f"no fault at {count(len(ports), 'port')}")]
 
 
 def modem_manager(proc: Path = PROC, rules: Collection[Path] = _RULE_FOLDERS) -> list[Finding]:
@@ -74,39 +58,6 @@ def _read(path: Path) -> str:
         return ""
 
 
-def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
-    """Check whether each serial port has at most one reader, which is a bridge.
-
-    Only root sees other users' programs.
-    """
-    findings = []
-    for port in ports:
-        having = holders(port, proc)
-        others = [holder for holder in having if not is_bridge(holder.pid, proc)]
-        if others:
-            findings.append(_taken(port, others))
-        elif len(having) > 1:
-            findings.append(
-                trouble(
-                    "busy ports",
-                    f"{port}: {', '.join(map(str, having))} have it open, so each gets only part of the bytes",
-                    f"stop all but one: kill {having[-1].pid}",
-                )
-            )
-    return findings or [ok("busy ports", "no port is open in another program")]
-
-
-def present(devices: dict[str, str]) -> list[Finding]:
-    """Check whether the serial ports of the configured devices, {id: port}, exist; [] if all do."""
-    missing = {device: port for device, port in devices.items() if "://" not in port and not os.path.exists(port)}  # noqa: PTH110
-    wrong = {device: port for device, port in devices.items() if "://" not in port and serial_errors.no_port(port)}
-    advice = "find its name with `truerate bridge scan` and put it into the ward's file"
-    return [
-        warning(f"device {device}", f"{port} does not exist", f"plug it in; or {advice}")
-        for device, port in missing.items()
-    ] + [trouble(f"device {device}", f"{port} is not a serial port", advice) for device, port in wrong.items()]
-
-
 def doubled(devices: dict[str, str]) -> list[Finding]:
     """Check whether two configured devices, {id: port}, are on one serial port under two names."""
     real: dict[str, list[str]] = {}
@@ -122,30 +73,3 @@ def doubled(devices: dict[str, str]) -> list[Finding]:
         )
         for port, names in twice.items()
     ] or [ok("ports", "each device has its own port" if devices else "no device of the file has a port")]
-
-
-def _taken(port: str, others: list[Holder]) -> Finding:
-    return trouble(
-        "busy ports",
-        f"{port}: {', '.join(map(str, others))} {'have' if len(others) > 1 else 'has'} it open",
-        f"close it there, or kill {others[0].pid}",
-    )
-
-
-def _may(status: os.stat_result, who: Me) -> bool:
-    if who.uid == 0:
-        return True
-    if status.st_uid == who.uid:
-        wanted = 0o600
-    elif status.st_gid in who.gids:
-        wanted = 0o060
-    else:
-        wanted = 0o006
-    return status.st_mode & wanted == wanted
-
-
-def _group(gid: int) -> str:
-    try:
-        return grp.getgrgid(gid).gr_name
-    except KeyError:
-        return str(gid)

@@ -1,7 +1,6 @@
 """Probes one port: opens it at one speed after another, until a driver understands its bytes."""
 
 import contextlib
-import os
 import string
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -10,10 +9,8 @@ from dataclasses import dataclass
 from bridge.diagnose.protocol_guess import Candidate, Guess, booted_by, guesses
 from bridge.diagnose.serial_ports import Found
 from bridge.reasons.catalogue import english
-from bridge.reasons.codes import Code
 from bridge.transport import address, host_time, serial_errors
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
-from bridge.transport.port_holders import holders
 from bridge.transport.transport import Chunk, Transport
 
 COMMON_BAUDS = (115_200, 9600, 57_600, 230_400, 460_800, 921_600, 38_400, 19_200)
@@ -51,10 +48,8 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
     speeds: baud rates. seconds: to listen at each of them. say: gets progress messages.
     """
     is_serial = "://" not in found.port
-    if is_serial and serial_errors.no_port(found.port):
-        return Verdict(found, None, 0, english(Code.NOT_A_SERIAL_PORT(place=found.port)))
-    if is_serial and any(holder.pid != os.getpid() for holder in holders(found.port)):
-        return Verdict(found, None, 0, english(serial_errors.busy(found.port)))
+    if is_serial and (said := serial_errors.fault(found.port)) is not None:
+        return Verdict(found, None, 0, english(said))
     opened_ns = host_time.now_ns()
     heard: dict[int, list[Chunk]] = {}
     try:

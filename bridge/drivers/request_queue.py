@@ -22,9 +22,7 @@ class RequestQueue:
     spacing_s: minimum seconds between two commands.
     """
 
-    def __init__(
-        self, again_s: float, times: int, give_up: Callable[[], list[Notice]], spacing_s: float = 0.0
-    ) -> None:
+    def __init__(self, again_s: float, times: int, give_up: Callable[[], list[Notice]], spacing_s: float = 0.0) -> None:
         self._again_ns, self._spacing_ns = round(again_s * 1e9), round(spacing_s * 1e9)
         self._times, self._give_up = times, give_up
         self._now_ns = self._sent_ns = 0

@@ -68,9 +68,7 @@ class Messages(FrameScanner):
 
     def feed(self, data: bytes) -> list[Message]:
         """Add received bytes; return the messages that they complete, in order."""
-        return [
-            Message(frame[2], frame[6 if frame[3] == _LONG else 4 : -1]) for frame, _ in self._frames(data)
-        ]
+        return [Message(frame[2], frame[6 if frame[3] == _LONG else 4 : -1]) for frame, _ in self._frames(data)]
 
     def _size(self) -> int:
         held = self._bytes

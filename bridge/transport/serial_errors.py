@@ -16,19 +16,26 @@ _MEMORY_DEVICES = 1  # major number of /dev/null and similar devices
 
 
 def state(port: str) -> str:
-    """Say in words whether a serial port could be opened now; `present` if so.
+    """Say in words whether a serial port could be opened now; `present` if so."""
+    said = fault(port)
+    return english(said) if said is not None else "present"
+
+
+def fault(port: str) -> Sentence | None:
+    """Return a sentence on why a serial port could not be opened now, with what to do; None if it could be.
 
     The port is not opened, because that would boot some boards.
     """
     try:
         status = os.stat(port)  # noqa: PTH116 - a name, as everywhere in this file
     except OSError as error:
-        return english(cause(error, port))
+        return cause(error, port)
     if _no_port(status):
-        return english(Code.NOT_A_SERIAL_PORT(place=port))
+        return Code.NOT_A_SERIAL_PORT(place=port)
     if not os.access(port, os.R_OK | os.W_OK):
-        return english(Code.PORT_FORBIDDEN(place=port))
-    return english(busy(port)) if locked(port) else "present"
+        return Code.PORT_FORBIDDEN(place=port)
+    others = any(holder.pid != os.getpid() for holder in holders(port))
+    return busy(port) if others or locked(port) else None
 
 
 def no_port(port: str) -> bool:

@@ -22,7 +22,6 @@ from bridge.diagnose.serial_ports import find
 from bridge.ingest import duplicate_bridges
 from bridge.reasons.catalogue import english
 from bridge.terminal.console import plain_console
-from bridge.transport import serial_errors
 from estimator.cli import reload
 from estimator.client import Client
 from estimator.config.schema import Ward
@@ -39,7 +38,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "doctor",
         _doctor,
-        "check this machine (ports, clock, disk, packages) and a ward, and advise on each fault",
+        "check this machine (ports, clock, disk) and a ward, and advise on each fault",
     )
     verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="a ward file (.toml) to check as well")
     verb.add_argument(
@@ -83,18 +82,14 @@ def look(path: Path | None) -> Iterable[Finding]:
             )
             said = [trouble("config", str(error), do)]
     devices = _ports(ward)
-    named = (port for port in devices.values() if "://" not in port and not serial_errors.no_port(port))
-    serial = list(dict.fromkeys([*plugged, *named]))
-    yield from port_access.permissions(serial, port_access.me())
+    named = (port for port in devices.values() if "://" not in port)
+    yield from port_access.usable(list(dict.fromkeys([*plugged, *named])))
     yield from port_access.modem_manager()
-    yield from port_access.busy(serial)
     yield from machine.bridges()
     yield from machine.clock(machine.clock_status())
-    yield from machine.packages()
     yield _loops()
     yield from said
     if ward is not None:
-        yield from port_access.present(devices)
         for words in capture_files.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
             yield trouble("files", words, "correct the path in the ward file, or copy the file there")
         yield from port_access.doubled(devices)

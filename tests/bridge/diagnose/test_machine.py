@@ -1,7 +1,6 @@
 """Checks of the machine and of the router."""
 
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
@@ -57,25 +56,6 @@ def test_two_bridges_of_one_file_are_seen(tmp_path: Path) -> None:
     assert level is Level.TROUBLE
     assert said == f"{tmp_path}/a/ward.toml: 2 bridges use this file, processes 1, 4"
     assert do == "stop all but one: kill 4"
-
-
-def test_packages_are_as_asked_for_or_not() -> None:
-    have = {"filterpy": "2.0.0", "eclipse-zenoh": "1.9.0", "numpy": "2.1"}
-
-    def installed(name: str) -> str:
-        if name not in have:
-            raise PackageNotFoundError(name)
-        return have[name]
-
-    wanted = ["filterpy>=2.0,<3", "eclipse-zenoh<1.11,>=1.10", "numpy>=2", "protobuf>=7", 'pylsl>=1; extra == "lsl"']
-    found = {f.check: (f.level, f.said) for f in machine.packages(wanted, installed, (3, 10))}
-    assert found == {
-        "Python": (Level.TROUBLE, "3.10"),
-        "filterpy": (Level.OK, "2.0.0"),
-        "eclipse-zenoh": (Level.TROUBLE, "1.9.0, but <1.11,>=1.10 is needed"),
-        "protobuf": (Level.TROUBLE, "not installed"),
-    }
-    assert all(finding.level is Level.OK for finding in machine.packages())
 
 
 def test_a_router_is_reached_or_not() -> None:

@@ -1,13 +1,12 @@
 """Checks of ports against made-up machines: each says how it is, and what to do."""
 
-import os
 from pathlib import Path
 
 import pytest
 
 from bridge.diagnose import port_access
 from bridge.diagnose.finding import Finding, Level
-from bridge.diagnose.port_access import Me
+from bridge.reasons.codes import Code, Sentence
 
 RULES = Path(__file__).parents[3] / "configs/udev/99-truerate.rules"
 
@@ -27,40 +26,6 @@ def process(proc: Path, pid: int, name: str, *files: Path, command: str = "") ->
         (fds / str(number)).symlink_to(file)
 
 
-@pytest.mark.parametrize(
-    ("mode", "who", "level"),
-    [
-        (0o660, "nobody", Level.TROUBLE),
-        (0o660, "group", Level.OK),
-        (0o640, "group", Level.TROUBLE),
-        (0o600, "owner", Level.OK),
-        (0o066, "owner", Level.TROUBLE),
-        (0o666, "nobody", Level.OK),
-        (0o000, "root", Level.OK),
-    ],
-)
-def test_who_may_open_a_port(tmp_path: Path, mode: int, who: str, level: Level) -> None:
-    port = tmp_path / "ttyUSB0"
-    port.touch()
-    port.chmod(mode)
-    mine = port.stat()
-    uid, gid = mine.st_uid + 1, mine.st_gid + 1
-    asking = {
-        "nobody": Me(uid, frozenset({gid})),
-        "group": Me(uid, frozenset({gid, mine.st_gid})),
-        "owner": Me(mine.st_uid or 4711, frozenset({gid})),
-        "root": Me(0, frozenset()),
-    }[who]
-    if who == "owner" and mine.st_uid == 0:
-        os.chown(port, 4711, -1)
-    found, said, do = only(port_access.permissions([str(port), str(tmp_path / "gone")], asking))
-    assert found is level
-    if level is Level.TROUBLE:
-        assert str(port) in said
-        assert do.startswith("sudo usermod -aG ")
-        assert "log out and in again" in do
-
-
 def test_modem_manager_is_fine_only_with_a_rule(tmp_path: Path) -> None:
     rules, proc = tmp_path / "rules.d", tmp_path / "proc"
     rules.mkdir()
@@ -76,23 +41,6 @@ def test_modem_manager_is_fine_only_with_a_rule(tmp_path: Path) -> None:
     assert only(port_access.modem_manager(proc, [rules]))[0] is Level.OK
 
 
-def test_a_port_is_for_one_bridge(tmp_path: Path) -> None:
-    proc, port, name = tmp_path / "proc", tmp_path / "ttyUSB0", tmp_path / "by-id"
-    port.touch()
-    name.symlink_to(port)
-    run = "/venv/bin/python /venv/bin/truerate bridge run ward.toml"
-    process(proc, 5, "truerate", port, command=run)
-    process(proc, 6, "bash", command=f"bash -c {run}")
-    assert only(port_access.busy([str(name)], proc))[:2] == (Level.OK, "no port is open in another program")
-    process(proc, 8, "truerate", port, command=run)
-    level, said, do = only(port_access.busy([str(name)], proc))
-    assert (level, do) == (Level.TROUBLE, "stop all but one: kill 8")
-    assert "truerate (process 5), truerate (process 8) have it open, so each gets only part of the bytes" in said
-    process(proc, 9, "minicom", port)
-    level, said, do = only(port_access.busy([str(name)], proc))
-    assert (level, said) == (Level.TROUBLE, f"{name}: minicom (process 9) has it open")
-
-
 def test_one_port_under_two_names_is_seen(tmp_path: Path) -> None:
     port = tmp_path / "ttyUSB0"
     port.touch()
@@ -105,16 +53,23 @@ def test_one_port_under_two_names_is_seen(tmp_path: Path) -> None:
     assert only(port_access.doubled({}))[0] is Level.OK
 
 
-def test_a_device_that_is_not_plugged_in_is_told(tmp_path: Path) -> None:
-    master, terminal = os.openpty()
-    assert port_access.present({"a": "tcp://h:1", "b": os.ttyname(terminal)}) == []
-    os.close(master)
-    os.close(terminal)
-    level, said, _ = only(port_access.present({"a": "/dev/null"}))
-    assert (level, said) == (Level.TROUBLE, "/dev/null is not a serial port")
-    level, said, do = only(port_access.present({"a": str(tmp_path / "gone")}))
-    assert (level, said) == (Level.WARNING, f"{tmp_path}/gone does not exist")
-    assert "truerate bridge scan" in do
+@pytest.mark.parametrize(
+    ("code", "level"),
+    [
+        (Code.PORT_MISSING(place="/dev/x"), Level.WARNING),
+        (Code.PORT_BUSY(place="/dev/x"), Level.WARNING),
+        (Code.PORT_FORBIDDEN(place="/dev/x"), Level.TROUBLE),
+        (Code.PORT_HELD(place="/dev/x", holders="minicom (process 9)"), Level.TROUBLE),
+        (Code.NOT_A_SERIAL_PORT(place="/dev/x"), Level.TROUBLE),
+        (Code.PORT_READ_BY_BRIDGE(place="/dev/x", holders="truerate (process 5)"), Level.OK),
+        (None, Level.OK),
+    ],
+)
+def test_a_port_that_cannot_be_opened_is_told_with_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, code: Sentence | None, level: Level
+) -> None:
+    monkeypatch.setattr("bridge.transport.serial_errors.fault", lambda _: code)
+    assert only(port_access.usable(["/dev/x"]))[0] is level
 
 
 def test_the_rules_are_of_the_form_udev_takes() -> None:

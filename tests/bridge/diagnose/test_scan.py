@@ -70,7 +70,7 @@ def test_nothing_and_nonsense_have_their_own_words(tmp_path: Path) -> None:
         assert "text that no driver understands at 115200, such as 'ax=1 ay=2 az=3'" in scan(text.link, 0.2).words
     assert scan(tmp_path / "gone").words.startswith(f"{tmp_path / 'gone'} is missing. Plug the device in")
     (tmp_path / "file").touch()
-    assert scan(tmp_path / "file").words == f"{tmp_path / 'file'} is not a serial port."
+    assert scan(tmp_path / "file").words.startswith(f"{tmp_path / 'file'} is not a serial port.")
 
 
 def test_a_port_that_somebody_has_is_left_alone(tmp_path: Path) -> None:

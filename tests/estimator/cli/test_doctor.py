@@ -53,10 +53,10 @@ def test_a_ward_that_is_well(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         assert code == 0
         assert main(["doctor", str(config)]) == 0
     assert found["router"] == ("ok", f"answers at {endpoint}")
-    assert found["device gone"] == ("warning", f"{tmp_path}/gone does not exist")
+    assert found["serial ports"] == ("warning", f"{tmp_path}/gone is missing")
     assert found["config"][0] == found["disk, store"][0] == found["ports"][0] == "ok"
     shown = capsys.readouterr().out
-    assert f"! device gone: {tmp_path}/gone does not exist\n    do: plug it in" in shown
+    assert f"! serial ports: {tmp_path}/gone is missing\n    do: Plug the device in" in shown
 
 
 def test_a_store_that_an_estimator_could_not_use_is_found_before_it_is_started(
@@ -111,6 +111,6 @@ def test_trouble_is_an_exit_code(
     assert "did you mean 'bridge'?" in found["config"][1]
     assert "router" not in found
     assert look(capsys)[0] == 0
-    monkeypatch.setattr(port_access, "busy", lambda _: [trouble("busy ports", "[taken]", "close it")])
+    monkeypatch.setattr(port_access, "usable", lambda _: [trouble("serial ports", "[taken]", "close it")])
     assert main(["doctor"]) == 1
-    assert "✗ busy ports: [taken]\n    do: close it\n" in capsys.readouterr().out
+    assert "✗ serial ports: [taken]\n    do: close it\n" in capsys.readouterr().out
