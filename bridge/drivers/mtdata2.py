@@ -64,7 +64,7 @@ class MtData2Decoder:
         self._settings = Settings(self._options.rate_hz)
         self._messages = Messages(self.faults)
         self._timed = TimePresence()
-        self._assembly: SampleAssembler | None = None
+        self._assembly = SampleAssembler(self.faults, self._about(), None)  # replaced once settled
         self._celsius: float | None = None
         self._without_rate = 0
         self.opened()
@@ -72,8 +72,7 @@ class MtData2Decoder:
     def opened(self) -> None:
         """Reset for a newly opened port, and query the device anew if configured."""
         self._messages.opened()
-        if self._assembly is not None:
-            self._assembly.opened()
+        self._assembly.opened()
         self._counter: int | None = None
         self._before: tuple[int, int] | None = None  # time and counter of the previous message
         self._step = 0  # ticks from one message to the next
@@ -87,11 +86,11 @@ class MtData2Decoder:
         for message in self._messages.feed(data):
             events += self._took(message, receive_time_ns)
         events += self._settings.passed(receive_time_ns)
-        return events + ([] if self._assembly is None else self._assembly.events())
+        return events + self._assembly.events()
 
     def finish(self) -> list[Event]:
         """Return the events of the samples still held, at the end of the stream."""
-        return [] if self._assembly is None else self._assembly.finish()
+        return self._assembly.finish()
 
     def to_send(self) -> bytes:
         """Return the next command to the device; b"" if none."""
@@ -112,15 +111,13 @@ class MtData2Decoder:
         notices = self._settings.took(message)
         if message.kind == mtdata2.GOTO_MEASUREMENT + 1:
             self._counter = None  # the counter restarts
-        if self._assembly is not None:
-            self._assembly.about = self._about()
+        self._assembly.about = self._about()
         return notices
 
     def _woke(self) -> None:
         """Handle the WakeUp message: the device has booted."""
         self._counter, self._lost = None, 0
-        if self._assembly is not None:
-            self._assembly.rebooted()
+        self._assembly.rebooted()
         if self._asks:
             self._settings.begin(woken=True)
 
@@ -144,8 +141,8 @@ class MtData2Decoder:
         if not fits and self._settings.settled and self._timed.settle():
             self._assembly = SampleAssembler(self.faults, self._about(), TICK_S if self._timed.tells else None, 32)
             fits = True
-        if self._assembly is None or not fits:
-            self.faults.add(UNSETTLED if self._assembly is None else UNTIMED)
+        if not fits:
+            self.faults.add(UNSETTLED if self._timed.tells is None else UNTIMED)
             return notices
         self._assembly.add(
             data.time or 0,

@@ -56,6 +56,7 @@ class _Sample(NamedTuple):
 class SampleAssembler:
     """Turns single samples into identities and readings, for devices that number neither boots nor samples.
 
+    boot: number of the latest sample's boot, 0 before the first sample.
     `about` describes the device and may be replaced at any time; the identity is then announced again.
     tick_period_s: seconds per tick of the device's clock, None without a clock. The clock wraps at 2**tick_bits.
     With a clock, a missing sample is detected and takes up a sequence number; without a clock it goes unseen.
@@ -142,7 +143,7 @@ class SampleAssembler:
 
     def _begin(self) -> None:
         """Reset the state that belongs to one boot."""
-        self._boot, self._cause = self._boots.number, self._boots.cause
+        self.boot, self._cause = self._boots.number, self._boots.cause
         self._last_tick: int | None = None
         self._steps: list[int] = []
         self._held: list[_Sample] = []
@@ -217,7 +218,7 @@ class SampleAssembler:
         ticks = range(first, self._run_end) if self._period_s is None else [sample.tick for sample in run]
         self._events.append(
             Readings(
-                boot=self._boot,
+                boot=self.boot,
                 sequence=first,
                 receive_time_ns=run[-1].receive_time_ns,
                 ticks=np.array([tick % _LARGEST for tick in ticks], np.uint64),
@@ -231,7 +232,7 @@ class SampleAssembler:
     def _introduce(self, *, has_accel: bool, has_temperature: bool) -> None:
         """Emit the identity at a boot, and whenever it differs from the one last announced."""
         identity = Identity(
-            boot=self._boot,
+            boot=self.boot,
             boot_cause=self._cause,
             model=self.about.model,
             firmware=self.about.firmware,

@@ -5,7 +5,7 @@ from enum import StrEnum
 from math import log
 
 from bridge.drivers.byte_stream import OUTPUT, StreamOptions, stream_kind
-from bridge.drivers.driver import Event, Identity, Notice
+from bridge.drivers.driver import Event, Notice
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.drivers.time_presence import TimePresence
 from bridge.drivers.witmotion_samples import GYRO_RANGE, Cycles, Sample
@@ -71,17 +71,16 @@ class WitMotionDecoder:
         self._settings = Settings(self._options.rate_hz, writes=not self._options.keep_settings)
         self._frames = WitFrames(self.faults)
         self._cycles = Cycles(self.faults)
-        self._assembly: SampleAssembler | None = None
         self._timed = TimePresence()
-        self._boot = 0  # number of the boot last announced
+        self._assembly = SampleAssembler(self.faults, DeviceDescription(_MODEL), None)  # replaced once settled
+        self._boot = 0
         self.opened()
 
     def opened(self) -> None:
         """Reset for a newly opened port; the device is queried anew."""
         self._frames.opened()
         self._cycles.opened()
-        if self._assembly is not None:
-            self._assembly.opened()
+        self._assembly.opened()
         self._asked = False
         self._counted, self._since_ns = 0, 0
         self._without_rate = 0  # frames since the last sample
@@ -108,7 +107,7 @@ class WitMotionDecoder:
 
     def finish(self) -> list[Event]:
         """Return the events of the samples still held, at the end of the stream."""
-        return [] if self._assembly is None else self._assembly.finish()
+        return self._assembly.finish()
 
     def to_send(self) -> bytes:
         """Return the next command to the sensor; b"" if none."""
@@ -120,32 +119,28 @@ class WitMotionDecoder:
 
     def _answered(self, data: bytes) -> Sequence[Event]:
         events = self._settings.took(data)
-        if self._assembly is not None:
-            self._assembly.about = self._about()
+        self._assembly.about = self._about()
         return events
 
     def _take(self, sample: Sample, receive_time_ns: int) -> None:
-        assembly = self._decided(timed=sample.time_ms is not None, now_ns=receive_time_ns)
-        if assembly is None:
-            self.faults.add(UNSETTLED if self._assembly is None else UNTIMED)
+        if not self._fits(timed=sample.time_ms is not None, now_ns=receive_time_ns):
+            self.faults.add(UNSETTLED if self._timed.tells is None else UNTIMED)
             return
-        time_ms = sample.time_ms or 0
         celsius = self._celsius(sample)
-        assembly.add(time_ms, sample.gyro, sample.accel, celsius, receive_time_ns=receive_time_ns)
+        self._assembly.add(sample.time_ms or 0, sample.gyro, sample.accel, celsius, receive_time_ns=receive_time_ns)
 
-    def _decided(self, *, timed: bool, now_ns: int) -> SampleAssembler | None:
-        """Sample assembler for a timed or untimed sample; None while undecided, or if the sample does not fit the decision."""
-        assembly = self._assembly
+    def _fits(self, *, timed: bool, now_ns: int) -> bool:
+        """Whether a timed or untimed sample can be assembled: once it is decided whether the device sends its time."""
         if self._timed.fits(timed=timed):
-            return assembly
-        if assembly is not None and not timed and self._timed.in_a_row == _FORGOTTEN and self._asked:
-            assembly.rebooted()  # it was set to send its time, and the setting is lost with power
+            return True
+        if self._timed.tells and self._timed.in_a_row == _FORGOTTEN and self._asked:
+            self._assembly.rebooted()  # it was set to send its time, and the setting is lost with power
             self._ask()
         rate_hz = 0.0 if timed else self._promised_hz(now_ns)
         if not self._settled or not (timed or rate_hz) or not self._timed.settle():
-            return None
+            return False
         self._assembly = SampleAssembler(self.faults, self._about(rate_hz), 1e-3 if timed else None)
-        return self._assembly
+        return True
 
     @property
     def _settled(self) -> bool:
@@ -167,17 +162,14 @@ class WitMotionDecoder:
         return min(RATES_HZ.values(), key=lambda rate_hz: abs(log(rate_hz / max(counted_hz, 0.1))))
 
     def _assembled(self) -> list[Event]:
-        events = [] if self._assembly is None else self._assembly.events()
-        for event in events:
-            if isinstance(event, Identity) and event.boot != self._boot:
-                if self._boot and self._asked:
-                    self._ask()  # settings are lost in a reboot
-                self._boot = event.boot
-        return events
+        if self._asked and self._boot not in (0, self._assembly.boot):
+            self._ask()  # settings are lost in a reboot
+        self._boot = self._assembly.boot
+        return self._assembly.events()
 
     def _about(self, rate_hz: float | None = None) -> DeviceDescription:
         if rate_hz is None:
-            rate_hz = 0.0 if self._timed.tells or self._assembly is None else self._assembly.about.rate_hz
+            rate_hz = 0.0 if self._timed.tells else self._assembly.about.rate_hz
         return DeviceDescription(_MODEL, self._settings.firmware, GYRO_RANGE, rate_hz, divided_hz=_FASTEST_HZ)
 
     def _celsius(self, sample: Sample) -> float | None:

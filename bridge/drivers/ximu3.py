@@ -5,7 +5,7 @@ from math import radians
 from typing import NamedTuple
 
 from bridge.drivers.byte_stream import StreamOptions, stream_kind
-from bridge.drivers.driver import Battery, Event, Identity, Notice
+from bridge.drivers.driver import Battery, Event, Notice
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler, Vector
 from bridge.drivers.ximu3_settings import SAMPLES_HZ, Settings
 from bridge.framing.lines import Line, Lines
@@ -63,7 +63,7 @@ class Ximu3Decoder:
         self._said = {error: deque[str](maxlen=_REMEMBERED) for error in (False, True)}
         self._temperature_c: float | None = None
         self._time_us = 0  # device time of the latest sample
-        self._boot = 0  # number of the boot last announced
+        self._boot = 0
         self._fresh = True  # no sample since the port was opened
         self._held: list[_Held] = []  # samples held until the device's identity is known
         self._patient_until_ns = 0
@@ -161,13 +161,10 @@ class Ximu3Decoder:
         return now_ns < self._patient_until_ns
 
     def _assembled(self) -> list[Event]:
-        events = self._assembly.events()
-        for event in events:
-            if isinstance(event, Identity) and event.boot != self._boot:
-                if self._boot:
-                    self._settings.ask()  # unsaved settings are lost in a reboot
-                self._boot = event.boot
-        return events
+        if self._boot not in (0, self._assembly.boot):
+            self._settings.ask()  # unsaved settings are lost in a reboot
+        self._boot = self._assembly.boot
+        return self._assembly.events()
 
     def _about(self) -> DeviceDescription:
         settings = self._settings

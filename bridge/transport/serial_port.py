@@ -1,4 +1,4 @@
-"""Serial port transport; the only file that imports pyserial.
+"""Serial port transport, by pyserial.
 
 Not every fault of a port is a SerialException: `in_waiting` of an unplugged port raises a plain OSError, and the
 terminal's own calls raise termios.error, which is not an OSError.

@@ -3,41 +3,27 @@
 from pathlib import Path
 
 import pytest
+from serial.tools.list_ports_common import ListPortInfo
 
 from bridge.diagnose.serial_ports import Found, find
 
 
-@pytest.fixture
-def machine(tmp_path: Path) -> tuple[Path, Path]:
-    """Four ports: one known by its id, two of one make without serial numbers, an old one on a board."""
-    dev, sys = tmp_path / "dev", tmp_path / "sys"
-    (dev / "serial/by-id").mkdir(parents=True)
-    (dev / "serial/by-path").mkdir()
-    for name in ("ttyUSB0", "ttyUSB2", "ttyUSB10", "ttyACM0", "ttyS0"):
-        (dev / name).touch()
-    (dev / "serial/by-id/usb-Silicon_Labs_CP2102_7-if00-port0").symlink_to("../../ttyUSB0")
-    (dev / "serial/by-id/usb-1a86_USB_Serial-if00-port0").symlink_to("../../ttyUSB2")
-    (dev / "serial/by-id/usb-left-over").symlink_to("../../ttyUSB9")
-    for socket, name in (("1", "ttyUSB0"), ("2", "ttyUSB2"), ("3", "ttyUSB10")):
-        (dev / f"serial/by-path/pci-usb-0:{socket}").symlink_to(f"../../{name}")
-    device = sys / "devices/pci/usb1/1-1"
-    (device / "1-1:1.0/ttyUSB0").mkdir(parents=True)
-    for name, text in (("manufacturer", "Silicon Labs\n"), ("product", "CP2102 [x]\n"), ("serial", "7\n")):
-        (device / name).write_text(text)
-    (sys / "class/tty/ttyUSB0").mkdir(parents=True)
-    (sys / "class/tty/ttyUSB0/device").symlink_to(device / "1-1:1.0/ttyUSB0")
-    return dev, sys
-
-
-def test_a_port_is_called_by_its_most_stable_name(machine: tuple[Path, Path]) -> None:
-    dev, sys = machine
-    assert find(dev, sys) == [
-        Found(f"{dev}/serial/by-id/usb-1a86_USB_Serial-if00-port0", ""),
-        Found(f"{dev}/serial/by-id/usb-Silicon_Labs_CP2102_7-if00-port0", "Silicon Labs CP2102 [x] 7"),
-        Found(f"{dev}/serial/by-path/pci-usb-0:3", ""),
-        Found(f"{dev}/ttyACM0", ""),
+def test_a_port_is_called_by_its_most_stable_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder in ("by-id", "by-path"):
+        (tmp_path / "serial" / folder).mkdir(parents=True)
+    ports = {
+        name: ListPortInfo(str(tmp_path / name)) for name in ("ttyUSB10", "ttyUSB2", "ttyUSB0", "ttyACM0", "ttyS0")
+    }
+    known = ports["ttyUSB0"]
+    known.manufacturer, known.product, known.serial_number = "Silicon Labs", "CP2102 [x]", "7"
+    monkeypatch.setattr("bridge.diagnose.serial_ports.comports", lambda: list(ports.values()))
+    (tmp_path / "serial/by-id/usb-Silicon_Labs_CP2102_7-if00-port0").symlink_to("../../ttyUSB0")
+    (tmp_path / "serial/by-id/usb-left-over").symlink_to("../../ttyUSB9")
+    for socket, name in (("1", "ttyUSB0"), ("2", "ttyUSB2")):
+        (tmp_path / f"serial/by-path/pci-usb-0:{socket}").symlink_to(f"../../{name}")
+    assert find(tmp_path) == [
+        Found(f"{tmp_path}/ttyACM0"),
+        Found(f"{tmp_path}/serial/by-id/usb-Silicon_Labs_CP2102_7-if00-port0", "Silicon Labs CP2102 [x] 7"),
+        Found(f"{tmp_path}/serial/by-path/pci-usb-0:2"),
+        Found(f"{tmp_path}/ttyUSB10"),
     ]
-
-
-def test_a_machine_without_ports_has_none(tmp_path: Path) -> None:
-    assert find(tmp_path, tmp_path) == []
