@@ -4,8 +4,9 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from bridge.transport.ble_port import BleLink, Inbox, device_address
+from bridge.transport.ble_port import BleLink, device_address
 from bridge.transport.ble_radio import Connection
+from bridge.transport.inbox import Inbox
 
 
 class Codec(NamedTuple):

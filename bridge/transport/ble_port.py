@@ -4,20 +4,20 @@ import asyncio
 import contextlib
 import re
 import threading
-from collections import deque
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import CancelledError, Future
 from typing import Final, NamedTuple
 
 from bridge.reasons.codes import Code
-from bridge.transport import ble_loop, ble_radio, host_time, url
+from bridge.transport import ble_loop, ble_radio, url
 from bridge.transport.ble_radio import BleakRadio, Connection, Radio, RadioFault
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
+from bridge.transport.inbox import Inbox, joined
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 
 EXAMPLE: Final = "ble://C4:64:E3:12:34:56/ffe4?write=ffe9"
-OVERFLOW, NOT_SENT = "ble_bytes_lost", "ble_bytes_not_sent"
+OVERFLOW, NOT_SENT = "notifications_overflow", "ble_bytes_not_sent"
 _MOST_BYTES = 65_536  # enough for seconds of any device
 _ACT_S = 1.0
 _PATIENCE_S = 3 * ble_radio.SEARCH_S
@@ -63,7 +63,7 @@ class BleLink:
     def open(self) -> None:
         """Connect, after other devices' connection attempts. Raises DeviceUnavailable."""
         self.close()
-        inbox = Inbox()
+        inbox = Inbox(_MOST_BYTES)
         with self._lock:
             opening = self._opening = ble_loop.run(_connected(self._address, self._listeners(inbox), inbox.end))
             self._inbox = inbox
@@ -88,12 +88,12 @@ class BleLink:
         inbox = self._inbox
         if inbox is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
-        chunk = inbox.take(timeout_s)
-        if lost := inbox.lost_bytes():
+        heard = inbox.take(timeout_s)
+        if lost := inbox.lost():
             self.faults.add(OVERFLOW, lost)
-        if chunk is None and inbox.over:
+        if not heard and inbox.over:
             raise DeviceLost((Code.CLOSED if self._inbox is not inbox else Code.BLE_LOST)(place=self.place))
-        return chunk or Chunk(b"", host_time.now_ns())
+        return joined(heard)
 
     def write(self, data: bytes) -> None:
         """Send data to the device. Raises DeviceLost, also if sending takes over a second."""
@@ -127,11 +127,11 @@ class BleLink:
             with contextlib.suppress(TimeoutError, CancelledError):
                 ble_loop.run(connection.close()).result(_ACT_S)
 
-    def _listeners(self, inbox: "Inbox") -> Mapping[str, Callable[[bytes], None]]:
+    def _listeners(self, inbox: Inbox) -> Mapping[str, Callable[[bytes], None]]:
         """Return the functions that take the notifications, by the identifier of their characteristic."""
         raise NotImplementedError
 
-    def _send(self, connection: Connection, inbox: "Inbox", data: bytes) -> Coroutine[None, None, None] | None:
+    def _send(self, connection: Connection, inbox: Inbox, data: bytes) -> Coroutine[None, None, None] | None:
         """Return a coroutine that sends data to the device; None if the address names no characteristic to write to."""
         raise NotImplementedError
 
@@ -147,59 +147,11 @@ class BlePort(BleLink):
         self._at = parsed(address)
         super().__init__(f"ble://{address}", self._at.address)
 
-    def _listeners(self, inbox: "Inbox") -> Mapping[str, Callable[[bytes], None]]:
+    def _listeners(self, inbox: Inbox) -> Mapping[str, Callable[[bytes], None]]:
         return {self._at.notify: inbox.put}
 
-    def _send(self, connection: Connection, inbox: "Inbox", data: bytes) -> Coroutine[None, None, None] | None:  # noqa: ARG002
+    def _send(self, connection: Connection, inbox: Inbox, data: bytes) -> Coroutine[None, None, None] | None:  # noqa: ARG002
         return connection.write(self._at.write, data) if self._at.write else None
-
-
-class Inbox:
-    """Notifications from the BLE thread to the device's thread, at most 64 KiB. over: no more will come."""
-
-    def __init__(self) -> None:
-        self.over = False
-        self._news = threading.Condition()
-        self._chunks: deque[Chunk] = deque()
-        self._bytes = self._lost = 0
-
-    def put(self, data: bytes) -> None:
-        """Add a notification with its receive time; if the inbox is full, the oldest are dropped."""
-        receive_time_ns = host_time.now_ns()
-        with self._news:
-            self._chunks.append(Chunk(data, receive_time_ns))
-            self._bytes += len(data)
-            while self._bytes > _MOST_BYTES:
-                gone = len(self._chunks.popleft().data)
-                self._bytes -= gone
-                self._lost += gone
-            self._news.notify()
-
-    def end(self) -> None:
-        """Mark the end: no more notifications will come. Wakes a waiting `take`."""
-        with self._news:
-            self.over = True
-            self._news.notify()
-
-    def take(self, timeout_s: float) -> Chunk | None:
-        """Return all waiting notifications as one chunk; None if there are none.
-
-        Waits at most timeout_s for the first, unless the connection is over.
-        """
-        with self._news:
-            self._news.wait_for(lambda: self._chunks or self.over, timeout_s)
-            if not self._chunks:
-                return None
-            chunk = Chunk(b"".join(part.data for part in self._chunks), self._chunks[-1].receive_time_ns)
-            self._chunks.clear()
-            self._bytes = 0
-            return chunk
-
-    def lost_bytes(self) -> int:
-        """Return the number of bytes dropped for lack of room since the last call."""
-        with self._news:
-            lost, self._lost = self._lost, 0
-            return lost
 
 
 def parsed(address: str) -> Place:

@@ -6,11 +6,12 @@ import select
 import socket
 import threading
 import time
-from collections import deque
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-from bridge.transport import host_time
+from bridge.transport.inbox import Inbox
 
+#: key of the inbox for all hosts without an inbox of their own
+ANYONE = "anyone"
 ALL = "0.0.0.0"  # noqa: S104 - devices are on other machines
 _LONGEST = 65_535
 _BUFFER_BYTES = 1 << 21
@@ -23,52 +24,12 @@ _log = logging.getLogger(__name__)
 Peer = tuple[Any, ...]  # as a socket gives it: host, port, and more with IPv6
 
 
-class Heard(NamedTuple):
-    """One datagram as received: data, sending host, sender's socket address, and host receive time in ns."""
-
-    data: bytes
-    host: str
-    sender: Peer
-    receive_time_ns: int
-
-
 class Taken(Exception):
-    """The datagrams of a host already have a channel; the message names the hosts."""
-
-
-class Channel:
-    """Queue of one device's received datagrams, up to 1 MiB.
-
-    hosts: addresses of the device; empty: any host without a channel. lost: number of datagrams dropped for lack of
-    room.
-    """
-
-    def __init__(self, hosts: frozenset[str]) -> None:
-        self.hosts: Final = hosts
-        self.lost = 0
-        self._waiting: deque[Heard] = deque()
-        self._bytes_in = self._bytes_out = 0  # each is written by one thread only
-
-    def offer(self, heard: Heard) -> None:
-        """Queue a datagram if there is room; otherwise count it as lost."""
-        if self._bytes_in - self._bytes_out >= _MOST_BYTES:
-            self.lost += 1
-            return
-        self._bytes_in += len(heard.data)
-        self._waiting.append(heard)
-
-    def take(self) -> list[Heard]:
-        """Return the waiting datagrams, oldest first, up to some 64 kB."""
-        taken, size = [], 0
-        while self._waiting and size < _LONGEST:
-            taken.append(self._waiting.popleft())
-            size += len(taken[-1].data)
-        self._bytes_out += size
-        return taken
+    """The datagrams of a host already have an inbox; the message names the hosts."""
 
 
 class Listener:
-    """A bound UDP socket with its thread, which sorts datagrams into the channels of devices by their sending host.
+    """A bound UDP socket with its thread, which sorts datagrams into the inboxes of devices by their sending host.
 
     `join` makes listeners and shares them.
     """
@@ -77,8 +38,7 @@ class Listener:
         self.where: Final = (host, port)
         self._warned = False
         self._closed = False
-        self._channels: dict[str, Channel] = {}
-        self._anyone: Channel | None = None
+        self._inboxes: dict[str, Inbox] = {}
         self._socket = bound(host, port)
         self._socket.settimeout(0)
         self._thread = threading.Thread(target=self._run, name=f"udp port {port}", daemon=True)
@@ -88,22 +48,17 @@ class Listener:
         """Send a datagram to a device, from the port that the device sends to; raises OSError."""
         self._socket.sendto(data, to)
 
-    def add(self, channel: Channel) -> None:
-        """Add a device's channel for its hosts, or for all hosts without a channel of their own; raises Taken."""
-        taken = self._channels.keys() & channel.hosts
-        if taken or (not channel.hosts and self._anyone is not None):
-            raise Taken(", ".join(sorted(taken)) or "anyone")
+    def add(self, inbox: Inbox, hosts: frozenset[str]) -> None:
+        """Add a device's inbox for its hosts; ANYONE stands for all hosts without an inbox of their own. Raises Taken."""
+        if taken := self._inboxes.keys() & hosts:
+            raise Taken(", ".join(sorted(taken)))
         # a new dict, because the thread reads the old one
-        self._channels = self._channels | dict.fromkeys(channel.hosts, channel)
-        if not channel.hosts:
-            self._anyone = channel
+        self._inboxes = self._inboxes | dict.fromkeys(hosts, inbox)
 
-    def remove(self, channel: Channel) -> bool:
-        """Remove a device's channel; return True if no channel is left."""
-        self._channels = {host: other for host, other in self._channels.items() if other is not channel}
-        if self._anyone is channel:
-            self._anyone = None
-        return not self._channels and self._anyone is None
+    def remove(self, inbox: Inbox) -> bool:
+        """Remove a device's inbox; return True if no inbox is left."""
+        self._inboxes = {host: other for host, other in self._inboxes.items() if other is not inbox}
+        return not self._inboxes
 
     def close(self) -> None:
         """Stop the listener's thread and free the UDP port."""
@@ -131,9 +86,9 @@ class Listener:
             self._sort(data, plain(sender[0]), sender)
 
     def _sort(self, data: bytes, host: str, sender: Peer) -> None:
-        channel = self._channels.get(host, self._anyone)
-        if channel is not None:
-            channel.offer(Heard(data, host, sender, host_time.now_ns()))
+        inbox = self._inboxes.get(host, self._inboxes.get(ANYONE))
+        if inbox is not None:
+            inbox.put(data, sender)
             return
         if not self._warned:
             self._warned = True
@@ -144,26 +99,25 @@ _lock = threading.Lock()
 _listeners: dict[tuple[str, int], Listener] = {}
 
 
-def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Channel]:
-    """Listen for the datagrams of these hosts on a UDP port; return the shared listener and a new channel.
+def join(host: str, port: int, hosts: frozenset[str]) -> tuple[Listener, Inbox]:
+    """Listen for the datagrams of these hosts on a UDP port; return the shared listener and a new inbox.
 
-    host: local address, empty for all. hosts: addresses of the device; empty for all hosts without a channel of their
-    own.
+    host: local address, empty for all. hosts: addresses of the device, or ANYONE.
     Raises OSError and Taken.
     """
-    channel = Channel(hosts)
+    inbox = Inbox(_MOST_BYTES)
     where = (host or ALL, port)
     with _lock:
         listener = _listeners.get(where) or Listener(*where)
-        listener.add(channel)
+        listener.add(inbox, hosts)
         _listeners[where] = listener
-    return listener, channel
+    return listener, inbox
 
 
-def leave(listener: Listener, channel: Channel) -> None:
-    """Remove a channel from its listener; removing the last one closes the port."""
+def leave(listener: Listener, inbox: Inbox) -> None:
+    """Remove an inbox from its listener; removing the last one closes the port."""
     with _lock:
-        if listener.remove(channel):
+        if listener.remove(inbox):
             del _listeners[listener.where]
             listener.close()
 

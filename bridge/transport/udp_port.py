@@ -2,20 +2,18 @@
 
 import contextlib
 import socket
-import threading
-import time
 
 from bridge.reasons.catalogue import english
 from bridge.reasons.codes import Code
-from bridge.transport import host_time, network_errors, udp_listener, url
+from bridge.transport import network_errors, udp_listener, url
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
+from bridge.transport.inbox import Inbox, Received, joined
 from bridge.transport.transport import Chunk
-from bridge.transport.udp_listener import Channel, Heard, Listener, Peer, Taken
+from bridge.transport.udp_listener import ANYONE, Listener, Peer, Taken
 from bridge.wire.refusal import Tally
 
 EXAMPLE = "udp://:8000?from=10.0.0.5"
 _FORGOTTEN_NS = 3_000_000_000
-_TURN_S = 0.01
 # Labels of `faults`, counted in datagrams: no room; from another device.
 OVERFLOW, OTHERS = "datagrams_overflow", "datagrams_of_others"
 
@@ -31,46 +29,41 @@ class UdpPort:
         self.place = f"udp://{address}"
         self.faults = Tally()
         self._host, self._port, self._from = parsed(address)
-        self._joined: tuple[Listener, Channel] | None = None
-        self._closed = threading.Event()
+        self._joined: tuple[Listener, Inbox] | None = None
 
     def open(self) -> None:
         """Listen on the UDP port. Raises DeviceUnavailable."""
         self.close()
         self._peer: tuple[str, Peer] | None = None
-        self._heard_ns = self._lost = 0
+        self._heard_ns = 0
         try:
-            hosts = _numbers(self._from) if self._from else frozenset[str]()
+            hosts = _numbers(self._from) if self._from else frozenset({ANYONE})
             self._joined = udp_listener.join(self._host, self._port, hosts)
         except OSError as error:
             raise DeviceUnavailable(network_errors.cause(error, self.place)) from None
         except Taken as taken:
             raise DeviceUnavailable(Code.PORT_TAKEN(place=self.place, taken=taken, example=EXAMPLE)) from None
-        self._closed.clear()
 
     def read(self, timeout_s: float) -> Chunk:
         """Return the received datagrams as one chunk, waiting at most timeout_s for the first; empty if none.
 
         Raises DeviceLost once closed.
         """
-        until_s = time.monotonic() + timeout_s
-        while not (heard := self._heard()):
-            left_s = until_s - time.monotonic()
-            if left_s <= 0:
-                return Chunk(b"", host_time.now_ns())
-            self._closed.wait(min(left_s, _TURN_S))
-        return Chunk(b"".join(part.data for part in heard), heard[-1].receive_time_ns)
+        _, inbox = self._opened()
+        heard = self._own(inbox.take(timeout_s))
+        if lost := inbox.lost():
+            self.faults.add(OVERFLOW, lost)
+        if not heard:
+            self._opened()
+        return joined(heard)
 
-    def _heard(self) -> list[Heard]:
+    def _own(self, received: list[Received]) -> list[Received]:
         """Datagrams of the current device only: two devices must not be mixed in one stream."""
-        _, channel = self._opened()
-        if channel.lost > self._lost:
-            self.faults.add(OVERFLOW, channel.lost - self._lost)
-            self._lost = channel.lost
         heard = []
-        for one in channel.take():
-            if self._peer is None or one.host == self._peer[0] or one.receive_time_ns - self._heard_ns >= _FORGOTTEN_NS:
-                self._peer, self._heard_ns = (one.host, one.sender), one.receive_time_ns
+        for one in received:
+            host = udp_listener.plain(one.sender[0])
+            if self._peer is None or host == self._peer[0] or one.receive_time_ns - self._heard_ns >= _FORGOTTEN_NS:
+                self._peer, self._heard_ns = (host, one.sender), one.receive_time_ns
                 heard.append(one)
             else:
                 self.faults.add(OTHERS)
@@ -88,16 +81,16 @@ class UdpPort:
 
     def close(self) -> None:
         """Stop listening on the UDP port; this ends a read in another thread."""
-        joined, self._joined = self._joined, None
-        self._closed.set()
-        if joined is not None:
-            udp_listener.leave(*joined)
+        was, self._joined = self._joined, None
+        if was is not None:
+            was[1].end()
+            udp_listener.leave(*was)
 
-    def _opened(self) -> tuple[Listener, Channel]:
-        joined = self._joined
-        if joined is None:
+    def _opened(self) -> tuple[Listener, Inbox]:
+        opened = self._joined
+        if opened is None:
             raise DeviceLost(Code.CLOSED(place=self.place))
-        return joined
+        return opened
 
 
 def parsed(address: str) -> tuple[str, int, str]:
