@@ -1,16 +1,13 @@
 """Enrolled devices of a ward: the [devices] table, and an optional separate file that may change at any time."""
 
 from collections.abc import Iterable
-from pathlib import Path
 
 from msgspec import Struct
 
 from bridge.runtime import os_errors
+from bridge.runtime.regular_file import content
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
-
-#: largest size of the file of ids; a larger file is refused
-MOST_BYTES = 1_000_000
 
 
 class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -38,14 +35,9 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """
         if not self.file:
             return places(self.enrolled)
-        if words := os_errors.unreadable(Path(self.file)):
-            raise ValueError(f"file {self.file!r}: {words}")
         try:
-            with Path(self.file).open("rb") as file:
-                text = file.read(MOST_BYTES + 1)
-            if len(text) > MOST_BYTES:
-                raise ValueError(f"more than {MOST_BYTES} bytes: shorten the list")
-            lines = (line.partition("#")[0].strip() for line in text.decode("utf-8-sig").splitlines())
+            text = content(self.file).decode("utf-8-sig")
+            lines = (line.partition("#")[0].strip() for line in text.splitlines())
             return places((*self.enrolled, *filter(None, lines)))
         except UnicodeDecodeError:
             raise ValueError(f"file {self.file!r} is not UTF-8 text: save it as UTF-8 in your editor") from None

@@ -27,7 +27,6 @@ __all__ = [
     "lasts_of",
     "member_of",
     "signer",
-    "verified",
 ]
 
 #: prefix of an issuer's common name, before the common name of its member
@@ -74,11 +73,16 @@ def hosts_of(certificate: x509.Certificate) -> list[str]:
 
 
 def signer(path: str) -> bytes:
-    """Return the second certificate of a PEM file as PEM bytes: the issuer of the first. The file must hold two.
+    """Return the second certificate of a PEM file as PEM bytes: the issuer of the first.
 
-    Raises ValueError for an unreadable file.
+    Raises ValueError for an unreadable file, and for one with a single certificate.
     """
-    return certificates(path)[1].public_bytes(Encoding.PEM)
+    found = certificates(path)
+    if len(found) < 2:
+        raise ValueError(
+            f"{path} holds one certificate, and its issuer's should follow: restore the file, or run `truerate pki renew`"
+        )
+    return found[1].public_bytes(Encoding.PEM)
 
 
 def member_of(identity: Identity) -> Member:
@@ -90,15 +94,6 @@ def member_of(identity: Identity) -> Member:
         return Member.parse(common_name(certificates(identity.certificate)[0]))
     except ValueError as error:
         raise ValueError(f"{identity.certificate}: its common name names no role: {error}") from None
-
-
-def verified(certificate: str, ca: str) -> bool:
-    """Whether an authority in the file `ca` signed a certificate, directly or through issuers in `certificate`.
-
-    certificate, ca: paths of PEM files.
-    Dates are ignored. Raises ValueError for a file that is not PEM.
-    """
-    return bool(_chain(certificates(certificate), certificates(ca))[1])
 
 
 def lasts(identity: Identity) -> Validity:

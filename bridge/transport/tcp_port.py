@@ -1,7 +1,6 @@
 """TCP transport for a device that is a server: `tcp://host:port`."""
 
 import contextlib
-import select
 import socket
 
 from bridge.reasons.catalogue import english
@@ -37,7 +36,6 @@ class TcpPort:
         self.close()
         try:
             self._socket = _connected(self._address)
-            self._socket.settimeout(0.0)
         except OSError as error:
             raise DeviceUnavailable(network_errors.cause(error, self.place)) from None
 
@@ -45,12 +43,13 @@ class TcpPort:
         """Return received bytes, waiting at most timeout_s for the first; empty if none. Raises DeviceLost."""
         opened = self._opened()
         try:
-            data = _received(opened, timeout_s)
+            opened.settimeout(timeout_s)
+            data = opened.recv(_MOST_BYTES)
         except OSError as error:
             self._opened()
+            if _waited(error):
+                return Chunk(b"", host_time.now_ns())
             raise DeviceLost(network_errors.loss(error, self.place)) from None
-        if data is None:
-            return Chunk(b"", host_time.now_ns())
         if not data:
             self._opened()
             raise DeviceLost(Code.CONNECTION_CLOSED(place=self.place))
@@ -64,10 +63,7 @@ class TcpPort:
         opened = self._opened()
         try:
             opened.settimeout(_WRITE_S)
-            try:
-                opened.sendall(data)
-            finally:
-                opened.settimeout(0.0)
+            opened.sendall(data)
         except TimeoutError:
             raise DeviceLost(Code.NOT_TAKEN(place=self.place)) from None
         except ConnectionError:
@@ -90,19 +86,9 @@ class TcpPort:
         return opened
 
 
-def _received(opened: socket.socket, timeout_s: float) -> bytes | None:
-    """Received bytes; None if none came within timeout_s, empty if the connection has ended."""
-    try:
-        return opened.recv(_MOST_BYTES)  # usually data are waiting
-    except BlockingIOError:
-        fd = opened.fileno()
-        if fd >= 0:  # otherwise another thread has closed the socket
-            poll = select.poll()
-            poll.register(fd, select.POLLIN)
-            poll.poll(timeout_s * 1e3)
-    with contextlib.suppress(BlockingIOError):
-        return opened.recv(_MOST_BYTES)
-    return None
+def _waited(error: OSError) -> bool:
+    """Whether no data came in time. A connection whose device no longer answers has an error number."""
+    return isinstance(error, BlockingIOError) or (isinstance(error, TimeoutError) and error.errno is None)
 
 
 def parsed(address: str) -> tuple[str, int]:

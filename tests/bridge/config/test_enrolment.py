@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from bridge.config.enrolment import MOST_BYTES, Enrolment, places
+from bridge.config.enrolment import Enrolment, places
 from bridge.config.schema import ConfigError, Root, load
+from bridge.runtime.regular_file import MAX_BYTES
 from tests.bridge.wire.test_keys import HOSTILE
 
 
@@ -39,13 +40,13 @@ def test_two_bridges_of_one_device_are_a_mistake() -> None:
         ('enrolled = ["A"]', "'A' is not valid"),
         ('file = "/nowhere/at/all"', "there is no such file"),
         ('file = "{broken}"', "'a/..' is not valid"),
-        ('file = "{huge}"', f"more than {MOST_BYTES} bytes"),
+        ('file = "{huge}"', f"larger than {MAX_BYTES} bytes"),
         ('file = "{binary}"', "is not UTF-8 text: save it as UTF-8"),
         ('devices = ["a"]', "unknown key 'devices'"),
     ],
 )
 def test_what_is_wrong_is_said(tmp_path: Path, table: str, words: str) -> None:
-    for name, text in (("broken", b"a/../b\n"), ("huge", b"a\n" * MOST_BYTES), ("binary", b"\xff")):
+    for name, text in (("broken", b"a/../b\n"), ("huge", b"a\n" * MAX_BYTES), ("binary", b"\xff")):
         (tmp_path / name).write_bytes(text)
         table = table.replace(f"{{{name}}}", str(tmp_path / name))
     path = tmp_path / "w.toml"

@@ -141,6 +141,14 @@ def test_what_lacks_of_an_authority_is_named_and_not_made_anew(pki: Path, capsys
     assert run(pki, "init") == 2
 
 
+def test_a_certificate_without_its_issuer_s_is_said(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
+    path, end = pki / "bridge.b1.pem", "-----END CERTIFICATE-----\n"
+    path.write_text(path.read_text().partition(end)[0] + end)
+    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 2
+    assert f"{path} holds one certificate" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("spoilt", "words"),
     [
