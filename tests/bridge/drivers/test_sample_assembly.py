@@ -2,8 +2,6 @@
 
 import itertools
 
-import pytest
-
 from bridge.drivers.driver import Identity, Readings
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler
 from bridge.wire.refusal import Tally
@@ -39,16 +37,6 @@ def steps(first: int, n: int) -> list[int]:
     return list(range(first, first + n * STEP, STEP))
 
 
-def test_without_a_clock_samples_are_counted() -> None:
-    one = assembly(50.0, None)
-    send(one, [0, 0, 0])
-    events = one.events()
-    assert isinstance(events[0], Identity)
-    assert (events[0].has_clock, events[0].tick_period_s) == (False, 0.02)
-    assert isinstance(events[1], Readings)
-    assert events[1].ticks.tolist() == [0, 1, 2]
-
-
 def test_without_a_clock_every_opened_port_is_a_boot() -> None:
     one = assembly(100.0, None)
     send(one, [0])
@@ -68,23 +56,6 @@ def test_a_changed_rate_is_told_in_the_same_boot() -> None:
     send(one, [1200, 1220])
     first = words[-1].split(":")[1].split("+")
     assert told(one) == [f"1:{int(first[0]) + int(first[1])}+2"]
-
-
-def test_a_device_that_was_told_another_rate_misses_nothing() -> None:
-    one = assembly()
-    send(one, steps(0, 40))
-    one.paced(25.0)
-    send(one, [430 + 40 * i for i in range(40)])
-    assert told(one) == ["1 PORT_OPENED 100", "1:0+40", "1 PORT_OPENED 25", "1:40+40"]
-    assert one.faults.as_dict() == {}
-
-
-@pytest.mark.parametrize(("step", "hz"), [(10, "100"), (13, "76.9231"), (40, "25")])
-def test_a_measured_rate_is_told_as_the_nominal_one_near_it(step: int, hz: str) -> None:
-    one = SampleAssembler(Tally(), DeviceDescription("m", divided_hz=401.0), 1e-3, 64, itertools.count(1).__next__)
-    send(one, [i * step for i in range(40)])
-    nominal = {"100": "100.25", "25": "25.0625"}.get(hz, hz)
-    assert told(one)[0] == f"1 PORT_OPENED {nominal}"
 
 
 def test_a_clock_that_stands_still_keeps_nothing_for_ever_and_all_is_counted() -> None:

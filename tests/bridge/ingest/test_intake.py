@@ -43,19 +43,6 @@ def spans(batches: list[SampleBatch]) -> list[tuple[int, int]]:
     return [(batch.sequence, len(batch)) for batch in batches]
 
 
-def test_consecutive_readings_come_out_as_they_are() -> None:
-    intake = made()
-    assert intake.take(HELLO) == []
-    batches = [batch for i in range(4) for batch in intake.take(readings(5 * i))]
-    assert spans(batches) == [(0, 5), (5, 5), (10, 5), (15, 5)]
-    assert not any(batch.flags.any() for batch in batches)
-    for batch in batches:
-        codec.decode_samples(KEY, codec.encode_samples(batch))
-    info = intake.info(NOW, {})
-    assert (info.boot, info.samples, info.dropped, info.events) == (7, 20, {}, {})
-    account(intake)
-
-
 def test_a_calibration_of_the_device_s_own_is_told_while_its_boot_lasts() -> None:
     intake, own = made(), DeviceCalibration(7, 3, (0.9, 1.0, 1.1), (0.0, -0.25, 0.5))
     intake.take(own)
@@ -100,16 +87,6 @@ def test_nothing_is_published_before_the_device_said_who_it_is() -> None:
     intake.take(HELLO)
     assert intake.take(readings(5))[0].sequence == 5
     assert intake.events.as_dict() == {"before_identity": 5}
-    account(intake)
-
-
-def test_a_hole_is_flagged_and_counted() -> None:
-    intake = made()
-    intake.take(HELLO)
-    intake.take(readings(0))
-    (batch,) = intake.take(readings(8))
-    assert batch.flags.tolist() == [SampleFlag.AFTER_GAP, 0, 0, 0, 0]
-    assert intake.events.as_dict() == {"gaps": 1, "missing_samples": 3}
     account(intake)
 
 

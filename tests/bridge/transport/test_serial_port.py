@@ -14,6 +14,7 @@ from bridge.transport import serial_errors
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
 from bridge.transport.port_holders import Holder, holders, locked
 from bridge.transport.serial_port import SerialPort
+from tests.bridge.diagnose.test_port_access import process
 
 
 @pytest.fixture
@@ -95,20 +96,12 @@ def test_closing_while_another_thread_reads_and_opens_leaves_nothing_behind(pty:
     assert open_files() == before
 
 
-def process(proc: Path, pid: int, name: str, *files: str) -> None:
-    fds = proc / str(pid) / "fd"
-    fds.mkdir(parents=True)
-    (proc / str(pid) / "comm").write_text(f"{name}\n")
-    for number, file in enumerate(files):
-        (fds / str(number)).symlink_to(file)
-
-
 def test_who_has_a_port_is_found_by_its_real_name(tmp_path: Path) -> None:
     proc, port, name = tmp_path / "proc", tmp_path / "ttyUSB0", tmp_path / "by-id"
     port.touch()
     name.symlink_to(port)
-    process(proc, 7, "ModemManager", "/dev/null", str(port))
-    process(proc, 12, "cat", "/dev/null", "socket:[1]")
+    process(proc, 7, "ModemManager", Path("/dev/null"), port)
+    process(proc, 12, "cat", Path("/dev/null"), Path("socket:[1]"))
     (proc / "self").mkdir()
     assert holders(str(name), proc) == [Holder(7, "ModemManager")]
     assert str(Holder(7, "ModemManager")) == "ModemManager (process 7)"
