@@ -1,15 +1,13 @@
-"""Checks of the machine: clock, disk, and bridges that run twice."""
+"""Checks of the machine: clock and disk."""
 
 import ctypes
 import os
 import shutil
-from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryFile
 
 from bridge.diagnose.finding import Finding, ok, trouble, warning
-from bridge.transport.port_holders import PROC, command, is_bridge
 
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC of adjtimex(2)
 _LITTLE_BYTES, _NONE_BYTES = 2_000_000_000, 100_000_000
@@ -73,24 +71,6 @@ def recordings(folder: Path) -> list[Finding]:
     return [warning("recordings", f"{folder} does not exist, and the recorder does not make it", f"mkdir -p {folder}")]
 
 
-def bridges(proc: Path = PROC) -> list[Finding]:
-    """Check whether two bridges run with the same ward file: they would compete for its ports. proc: folder /proc."""
-    files: dict[str, list[int]] = defaultdict(list)
-    for entry in proc.glob("[0-9]*"):
-        pid = int(entry.name)
-        if is_bridge(pid, proc):
-            files[_served(pid, proc)].append(pid)
-    twice = {file: sorted(pids) for file, pids in files.items() if len(pids) > 1}
-    return [
-        trouble(
-            "bridges",
-            f"{file}: {len(pids)} bridges use this file, processes {', '.join(map(str, pids))}",
-            f"stop all but one: kill {pids[-1]}",
-        )
-        for file, pids in twice.items()
-    ] or [ok("bridges", f"{len(files)} running" if files else "none running")]
-
-
 def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
     check = f"disk, {what}"
     # Path.exists raises an error where access is denied.
@@ -109,14 +89,3 @@ def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
     if bytes_free < _LITTLE_BYTES:
         return warning(check, said, "make room soon, or choose another place")
     return ok(check, said)
-
-
-def _served(pid: int, proc: Path) -> str:
-    """The ward's file of a bridge process, with its folder if known."""
-    words = command(pid, proc)
-    after = words[words.index("run") + 1 :] if "run" in words else []  # the process may have ended meanwhile
-    file = next((word for word in after if not word.startswith("-")), "")
-    try:
-        return str((proc / str(pid) / "cwd").readlink() / file)
-    except OSError:
-        return file

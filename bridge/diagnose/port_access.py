@@ -17,10 +17,6 @@ _RULE_FOLDERS = (Path("/etc/udev/rules.d"), Path("/run/udev/rules.d"))
 _IGNORED = "ID_MM_DEVICE_IGNORE"
 
 
-#: reasons that need no action yet: the device is not plugged in, or a program of another user, mostly a bridge, reads it
-_MINOR = (Code.PORT_MISSING, Code.PORT_BUSY)
-
-
 def usable(ports: Sequence[str]) -> list[Finding]:
     """Check whether each serial port can be opened, or is read by a bridge; one finding for each port that cannot."""
     found = []
@@ -28,7 +24,7 @@ def usable(ports: Sequence[str]) -> list[Finding]:
         said = serial_errors.fault(port)
         if said is not None and said.code != Code.PORT_READ_BY_BRIDGE:
             words, _, do = english(said).partition(". ")
-            found.append((warning if said.code in _MINOR else trouble)("serial ports", words, do))
+            found.append((warning if said.code == Code.PORT_MISSING else trouble)("serial ports", words, do))
     return found or [ok("serial ports", f"no fault at {count(len(ports), 'port')}")]
 
 

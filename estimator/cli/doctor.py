@@ -85,7 +85,6 @@ def look(path: Path | None) -> Iterable[Finding]:
     named = (port for port in devices.values() if "://" not in port)
     yield from port_access.usable(list(dict.fromkeys([*plugged, *named])))
     yield from port_access.modem_manager()
-    yield from machine.bridges()
     yield from machine.clock(machine.clock_status())
     yield _loops()
     yield from said

@@ -9,7 +9,7 @@ from bridge.bus.contract import Bus, BusError
 from bridge.diagnose import machine
 from bridge.diagnose.finding import Level
 from bridge.diagnose.router import router
-from tests.bridge.diagnose.test_port_access import only, process
+from tests.bridge.diagnose.test_port_access import only
 from tests.memory_bus import MemoryBroker, MemoryBus
 
 
@@ -39,23 +39,6 @@ def test_a_missing_folder_of_recordings_is_seen(tmp_path: Path) -> None:
     level, _, do = only(machine.recordings(tmp_path / "a" / "b"))
     assert (level, do) == (Level.WARNING, f"mkdir -p {tmp_path}/a/b")
     assert machine.recordings(tmp_path) == machine.recordings(Path("recordings")) == []
-
-
-def test_two_bridges_of_one_file_are_seen(tmp_path: Path) -> None:
-    def bridge(pid: int, folder: str, file: str) -> None:
-        process(tmp_path, pid, "truerate", command=f"/v/bin/python /v/bin/truerate bridge run {file}")
-        (tmp_path / str(pid) / "cwd").symlink_to(tmp_path / folder)
-
-    assert only(machine.bridges(tmp_path))[:2] == (Level.OK, "none running")
-    bridge(1, "a", "ward.toml")
-    bridge(2, "b", "ward.toml")
-    process(tmp_path, 3, "sudo", command="sudo truerate bridge run ward.toml")
-    assert only(machine.bridges(tmp_path))[:2] == (Level.OK, "2 running")
-    bridge(4, "b", str(tmp_path / "a/ward.toml"))
-    level, said, do = only(machine.bridges(tmp_path))
-    assert level is Level.TROUBLE
-    assert said == f"{tmp_path}/a/ward.toml: 2 bridges use this file, processes 1, 4"
-    assert do == "stop all but one: kill 4"
 
 
 def test_a_router_is_reached_or_not() -> None:

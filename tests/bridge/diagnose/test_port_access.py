@@ -57,7 +57,6 @@ def test_one_port_under_two_names_is_seen(tmp_path: Path) -> None:
     ("code", "level"),
     [
         (Code.PORT_MISSING(place="/dev/x"), Level.WARNING),
-        (Code.PORT_BUSY(place="/dev/x"), Level.WARNING),
         (Code.PORT_FORBIDDEN(place="/dev/x"), Level.TROUBLE),
         (Code.PORT_HELD(place="/dev/x", holders="minicom (process 9)"), Level.TROUBLE),
         (Code.NOT_A_SERIAL_PORT(place="/dev/x"), Level.TROUBLE),

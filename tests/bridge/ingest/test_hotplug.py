@@ -17,7 +17,9 @@ def test_a_device_that_is_pulled_often_always_comes_back(tmp_path: Path) -> None
     listener = Listener(broker)
 
     def there() -> bool:
-        return dict(listener.alive).get(keys.build("w", "alive/device", device="pulled", boot=keys.boot_id(boot)), False)
+        return dict(listener.alive).get(
+            keys.build("w", "alive/device", device="pulled", boot=keys.boot_id(boot)), False
+        )
 
     with (
         PtyPort(demo_device("pulled", 1), tmp_path / "pulled") as port,

@@ -12,7 +12,7 @@ from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.transport import serial_errors
 from bridge.transport.errors import DeviceLost, DeviceUnavailable
-from bridge.transport.port_holders import Holder, holders, locked
+from bridge.transport.port_holders import Holder, holders
 from bridge.transport.serial_port import SerialPort
 from tests.bridge.diagnose.test_port_access import process
 
@@ -58,13 +58,11 @@ def test_the_lines_are_not_lowered_on_close_at_any_speed(pty: PtyPort, baud: int
 
 def test_a_second_reader_is_told_who_has_the_port(pty: PtyPort) -> None:
     first, second = SerialPort(str(pty.link), 9600), SerialPort(str(pty.link), 9600)
-    assert (serial_errors.state(str(pty.link)), locked(str(pty.link))) == ("present", False)
+    assert serial_errors.state(str(pty.link)) == "present"
     first.open()
-    assert locked(os.path.realpath(pty.link))
     with pytest.raises(DeviceUnavailable, match=rf"is busy: \S+ \(process {os.getpid()}\) has it open") as busy:
         second.open()
     assert not busy.value.soon
-    assert serial_errors.state(str(pty.link)).startswith(f"{pty.link} is busy: ")
     first.close()
     second.open()
     second.close()
@@ -106,16 +104,3 @@ def test_who_has_a_port_is_found_by_its_real_name(tmp_path: Path) -> None:
     assert holders(str(name), proc) == [Holder(7, "ModemManager")]
     assert str(Holder(7, "ModemManager")) == "ModemManager (process 7)"
     assert holders(str(tmp_path / "other"), proc) == []
-
-
-def test_a_lock_of_anybody_is_seen(tmp_path: Path) -> None:
-    port = tmp_path / "port"
-    port.touch()
-    status = port.stat()
-    place = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
-    lines = [f"1: POSIX  ADVISORY  WRITE 5 {place} 0 EOF", "2: FLOCK  ADVISORY  WRITE 5 00:01:1 0 EOF"]
-    (tmp_path / "locks").write_text("\n".join(lines))
-    assert not locked(str(port), tmp_path)
-    (tmp_path / "locks").write_text("\n".join([*lines, f"3: FLOCK  ADVISORY  WRITE 9 {place} 0 EOF"]))
-    assert locked(str(port), tmp_path)
-    assert not locked(str(tmp_path / "gone"), tmp_path)

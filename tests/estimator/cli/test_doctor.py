@@ -34,12 +34,6 @@ store = "{folder}/store/t.sqlite3"
 """
 
 
-@pytest.fixture(autouse=True)
-def machine_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What others run here meanwhile is not ours to judge."""
-    monkeypatch.setattr("bridge.diagnose.machine.bridges", list)
-
-
 def look(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, tuple[str, str]]]:
     code = main(["doctor", "--json", *arguments])
     return code, {f["check"]: (f["level"], f["said"]) for f in json.loads(capsys.readouterr().out)}
