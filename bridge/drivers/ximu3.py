@@ -9,8 +9,8 @@ from bridge.drivers.driver import Battery, Event, Notice
 from bridge.drivers.sample_assembly import DeviceDescription, SampleAssembler, Vector
 from bridge.drivers.ximu3_settings import SAMPLES_HZ, Settings
 from bridge.framing.lines import Line, Lines
-from bridge.framing.packets import BadPacket
-from bridge.framing.ximu3 import LONGEST, Charge, Inertial, Message, Reply, Said, Temperature, decode
+from bridge.framing.packets import BadPacket, Charge
+from bridge.framing.ximu3 import LONGEST, Inertial, Message, Reply, Said, Temperature, decode
 from bridge.reasons.codes import Code
 from bridge.wire.refusal import Tally
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from bridge.framing.packets import BadPacket
+from bridge.framing.packets import BadPacket, Charge
 
 LONGEST = 4096  # bytes; the limit of x-io's own reader
 Vector = tuple[float, float, float]
@@ -49,13 +49,6 @@ class Temperature(NamedTuple):
     """An x-IMU3's temperature message: sensor temperature in °C."""
 
     celsius: float
-
-
-class Charge(NamedTuple):
-    """An x-IMU3's battery message: charge, 0 to 100 %, and whether it charges."""
-
-    percent: float
-    charging: bool
 
 
 class Said(NamedTuple):

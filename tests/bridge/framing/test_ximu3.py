@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from bridge.framing.lines import Lines
-from bridge.framing.packets import BadPacket
-from bridge.framing.ximu3 import Charge, Inertial, Message, Reply, Said, Temperature, decode
+from bridge.framing.packets import BadPacket, Charge
+from bridge.framing.ximu3 import Inertial, Message, Reply, Said, Temperature, decode
 from tests.bridge.drivers import xio
 from tests.bridge.framing import ximu3_encode
 
