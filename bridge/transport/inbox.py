@@ -27,7 +27,7 @@ class Inbox:
     def __init__(self, most_bytes: int) -> None:
         self.over = False
         self._most_bytes = most_bytes
-        self._news = threading.Condition()
+        self._news = threading.Condition(threading.Lock())
         self._waiting: deque[Received] = deque()
         self._bytes = self._lost = 0
 
